@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 from quadlog.errors import CannotWrite, ExitCode
 from quadlog.pipelines.executor.progress import Progress, StageClock
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.record import InputRecord, describe_input
-from quadlog.results.saved.run_folder import RunFolder, place_of_new, publish_new, remove_new
-from quadlog.results.saved.stage_marks import MARKS_FILE
-from quadlog.results.saved.stages import reused_words
+from quadlog.results.places import claim, place_of_new, publish_new, remove_new
+from quadlog.results.record import InputRecord, describe_input, is_finished
+from quadlog.results.stage_marks import MARKS_FILE
+from quadlog.results.stages import reused_words
 from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:
@@ -45,8 +45,8 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
 def _placed(request: ReplayRequest) -> ReplayRequest:
     """The request with the folder to work in; unchanged where that is the run itself."""
     place = place_of_new(request.run)
-    if request.existing is Existing.FORCE and (request.run / "run.json").is_file():
-        RunFolder.claim(request.run, replace=True)  # raises for what must not be replaced
+    if request.existing is Existing.FORCE and is_finished(request.run):
+        claim(request.run, replace=True)  # raises for what must not be replaced
         return replace(request, run=place)
     if request.existing is Existing.RESUME and (place / MARKS_FILE).is_file():
         from quadlog.pipelines.stages.resume import find_reusable

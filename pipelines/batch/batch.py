@@ -33,8 +33,9 @@ from quadlog.pipelines.executor.pool import Workers, open_executor
 from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, peak_memory_mb, worker_name
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.results.saved.run_folder import place_of_new
-from quadlog.results.saved.stages import reused_words
+from quadlog.results.places import place_of_new
+from quadlog.results.record import is_finished
+from quadlog.results.stages import reused_words
 from quadlog.storage.atomic_write import is_full, remove_stale_parts
 
 SHOWN_FAILURES = 20
@@ -130,7 +131,7 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
     forget_peak_memory()
     told.begin("open", None)
     try:
-        if refuses and (request.run / "run.json").is_file() and finished_outcome(request) is None:
+        if refuses and is_finished(request.run) and finished_outcome(request) is None:
             raise RunExists(request.run)
         outcome = replay_anywhere(request, told)
     except (AlreadyExists, RunOfAnother) as error:

@@ -16,8 +16,8 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
-from quadlog.results.record import describe_input, input_bytes, own_files, read_record
-from quadlog.results.saved.names import is_absent, run_name, run_names
+from quadlog.results.find_runs import is_absent, run_name, run_names
+from quadlog.results.record import describe_input, input_bytes, is_finished, own_files, read_record
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
@@ -136,7 +136,7 @@ def _preview(planned: Planned) -> Previewed:
     request = planned.request
     if request.existing is not Existing.RESUME:
         return Previewed(planned, "replace" if request.existing is Existing.FORCE else "refuse")
-    if (request.run / "run.json").is_file():
+    if is_finished(request.run):
         described = describe_input(request.recording)
         if outcome_there(request, described) is not None:
             return Previewed(planned, "skip")

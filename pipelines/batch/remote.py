@@ -1,4 +1,4 @@
-"""Runs behind a URL: made in a local folder and uploaded when they are complete, `run.json` last.
+"""Runs behind a URL: made in a local folder and uploaded when they are complete, the finished record last.
 
 Object storage has no rename, but a PUT appears whole or not at all.
 """
@@ -15,8 +15,8 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.results.saved.find_runs import is_run, own_files
-from quadlog.results.saved.names import FAILED, run_name
+from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
+from quadlog.results.record import read_record, write_record
 from quadlog.storage.remote_path import RemotePath
 
 _RECORD = "run.json"
@@ -50,7 +50,9 @@ def _replay_there(request: ReplayRequest, run: RemotePath, progress: Progress) -
         outcome = replay(replace(request, run=local, existing=Existing.REFUSE), progress)
         names = {path.relative_to(local).as_posix() for path in local.rglob("*") if path.is_file()}
         gone = own_files(there).keys() - names
-        for name in [_RECORD, *sorted(gone - {_RECORD})]:
+        write_record(Path(scratch), read_record(local), finished=False)
+        run.upload_all(Path(scratch), [_RECORD])
+        for name in sorted(gone):
             (run / name).unlink()
         run.upload_all(local, sorted(names - {_RECORD}))
         run.upload_all(local, [_RECORD])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -10,12 +11,11 @@ from typing import Any, cast
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
+from quadlog.results.find_runs import FAILED, fetch, run_name
 from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
-from quadlog.results.record import read_object, read_record
-from quadlog.results.saved.find_runs import fetch
-from quadlog.results.saved.names import FAILED, run_name
-from quadlog.results.saved.run_folder import RunFolder, read_metrics, to_json
-from quadlog.results.saved.tables import TABLES, has_table, read_table, write_table
+from quadlog.results.places import claim
+from quadlog.results.record import is_finished, read_metrics, read_object, read_record
+from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath
 
@@ -26,14 +26,14 @@ _DRAWN = ("poses.parquet", "target.parquet", "control.parquet")
 
 def note_failure(outcome: ReplayOutcome) -> None:
     """Leave the reason in the folder of a run that failed, if that can be written; it is printed, too."""
-    content = {"recording": str(outcome.recording), "reason": outcome.reason}
+    content = json.dumps({"recording": str(outcome.recording), "reason": outcome.reason}, indent=2).encode()
     with suppress(QuadlogError, OSError), tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
         if isinstance(outcome.run, RemotePath):
-            Path(scratch, FAILED).write_bytes(to_json(content))
+            Path(scratch, FAILED).write_bytes(content)
             outcome.run.upload_all(Path(scratch), [FAILED])
         else:
-            RunFolder.claim(outcome.run, replace=True)  # nobody else's folder
-            write_whole(outcome.run / FAILED, to_json(content))
+            claim(outcome.run, replace=True)  # nobody else's folder
+            write_whole(outcome.run / FAILED, content)
 
 
 def summarise(folder: Path, progress: Progress) -> None:
@@ -72,7 +72,7 @@ def rebuild_summary(folder: Path) -> Path:
 def _names(folder: Path) -> set[str]:
     """The folders that hold a finished run or the reason of a failure."""
     inside = [entry for entry in folder.iterdir() if entry.is_dir() and entry.name == run_name(entry.name)]
-    return {entry.name for entry in inside if any((entry / name).is_file() for name in ("run.json", FAILED))}
+    return {entry.name for entry in inside if (entry / FAILED).is_file() or is_finished(entry)}
 
 
 def _row(run: Path) -> dict[str, Any] | None:

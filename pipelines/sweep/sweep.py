@@ -16,10 +16,10 @@ from quadlog.pipelines.stages.stage import stages_for
 from quadlog.pipelines.sweep.grid import Combination
 from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stages, take_over
 from quadlog.results.page.runs_page import write_sweep_page
-from quadlog.results.record import InputRecord, describe_input
-from quadlog.results.saved.run_folder import place_of_new
-from quadlog.results.saved.stage_marks import read_marks
-from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
+from quadlog.results.places import place_of_new
+from quadlog.results.record import InputRecord, describe_input, is_finished
+from quadlog.results.stage_marks import read_marks
+from quadlog.results.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
 _FLAGS = "--force to replace it or --resume to continue"
@@ -154,7 +154,7 @@ class _Sweeping:
         wanted = min(base.depth, len(read_marks(source)))
         if may_have and place.is_dir() and len(find_reusable(replace(request, run=place), self._identity)) >= wanted:
             return
-        if not may_have and (place / "run.json").is_file():
+        if not may_have and is_finished(place):
             place = place_of_new(request.run)
         take_over(source, place, self._stages[: base.depth], request.config)
         self._begun.add(number)

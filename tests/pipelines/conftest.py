@@ -31,7 +31,8 @@ from quadlog.pipelines.executor.progress import Silent, send_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
-from quadlog.results.saved.tables import read_table
+from quadlog.results.record import is_finished
+from quadlog.results.tables import read_table
 from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -73,14 +74,14 @@ class CommandResult:
 
 @pytest.fixture
 def replay_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., CommandResult]:
-    """`quadlog replay` in this process: it prints no traceback, and there is a run.json where the exit code says so."""
+    """`quadlog replay` in this process: it prints no traceback, and the run is finished where the exit code says so."""
 
     def go(recording: Path, *flags: str) -> CommandResult:
         code = run_cli(["replay", str(recording), "-o", str(tmp_path / "runs"), *flags])
         err = capsys.readouterr().err
         assert "Traceback" not in err
         result = CommandResult(code, err, tmp_path / "runs" / recording.stem)
-        assert (result.run / "run.json").exists() == (code in (0, 3))
+        assert is_finished(result.run) == (code in (0, 3))
         return result
 
     return go

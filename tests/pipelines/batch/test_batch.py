@@ -26,7 +26,7 @@ from quadlog.pipelines.batch.summary import rebuild_summary
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay as really_replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
-from quadlog.results.saved.tables import COST_NAMES
+from quadlog.results.tables import COST_NAMES
 from quadlog.storage.atomic_write import part_prefix
 
 

@@ -20,11 +20,12 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.pipelines.stages.stage import stages_for
+from quadlog.results.find_runs import OWN_FILES, runs_here
+from quadlog.results.places import claim
 from quadlog.results.record import RunRecord, StageRecord, describe_input
-from quadlog.results.saved.find_runs import runs_here
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.stage_marks import StageMark, mark_files, write_marks
-from quadlog.results.saved.tables import read_table
+from quadlog.results.run import Run
+from quadlog.results.stage_marks import StageMark, mark_files, write_marks
+from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 
@@ -57,7 +58,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
     there = follow_request(tmp_path / "walk", until="map")
     local = replay(there, Silent())
     assert outcome.metrics.keys() == local.metrics.keys()
-    with runs_here([request_there.run]) as (here,):
+    with runs_here([request_there.run], OWN_FILES) as (here,):
         ours, theirs = saved(here), saved(tmp_path / "walk")
         assert names(bucket) == theirs.keys()
         pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them
@@ -73,26 +74,26 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
 
 def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     """A run of a few bytes: what is published, and when, does not depend on what is in it."""
-    folder = RunFolder.create(request.run, force=request.existing is not Existing.REFUSE)
-    folder.write_config({})
-    for name in FILES_UNTIL[request.options.until]:
-        (folder.path / name).write_bytes(name.encode())
-    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
-    marks[0].files.extend(mark_files(folder.path, ["fixes.parquet"]))
-    write_marks(folder.path, marks)
-    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
-    folder.write_metrics(metrics)
     record = RunRecord(
         quadlog_version=__version__,
         command=request.command,
-        config=request.config.model_dump(exclude_none=True),
+        config=request.config,
         options=request.options.to_dict(),
         input=describe_input(request.recording),
         seed=0,
         recorded_s=1.0,
         stages=[StageRecord(name="ingest", seconds=2.0, peak_memory_mb=300.0)],
     )
-    folder.write_run_json(record)
+    claim(request.run, replace=request.existing is not Existing.REFUSE)
+    run = Run.create(request.run, record)
+    for name in FILES_UNTIL[request.options.until]:
+        (run.path / name).write_bytes(name.encode())
+    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
+    marks[0].files.extend(mark_files(run.path, ["fixes.parquet"]))
+    write_marks(run.path, marks)
+    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
+    run.write("metrics", metrics)
+    run.finish(record)
     return ReplayOutcome(request.recording, request.run, 0, metrics=metrics)
 
 
@@ -154,7 +155,7 @@ def test_what_is_interrupted_leaves_what_was_there(
     assert {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")} == before
 
 
-def test_the_record_goes_first_and_comes_last(
+def test_the_record_says_first_that_the_run_is_unfinished_and_comes_last(
     small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replay_anywhere(small, Silent())
@@ -167,8 +168,8 @@ def test_the_record_goes_first_and_comes_last(
     )
     monkeypatch.setattr(RemotePath, "unlink", lambda at, *_, **__: (done.append(("delete", at.name)), unlink(at)))
     replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
-    assert [each for each in done if each[1] == "run.json"] == [done[0], done[-2]]
-    assert (done[0][0], done[-2][0]) == ("delete", "put")
+    assert [each for each in done if each[1] == "run.json"] == [("put", "run.json")] * 2
+    assert done[0] == done[-2] == ("put", "run.json")
     assert done[-1] == ("delete", "failed.json")
 
 

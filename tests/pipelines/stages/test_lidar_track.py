@@ -17,7 +17,7 @@ from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
 from quadlog.positioning.lidar_odometry import LidarOdometry
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
