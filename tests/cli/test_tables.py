@@ -58,12 +58,6 @@ def test_the_page_shows_numbers_pictures_and_errata_and_says_that_it_is_fast(mad
     assert "Errata of the four papers" in page
 
 
-def test_a_second_run_writes_the_same_bytes(made, tmp_path):
-    assert run(["tables", "following-uwb", "-o", str(tmp_path / "again"), "--fast"]) == 0
-    for path in made.iterdir():
-        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
-
-
 def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
     code, out, err = quadlog("tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2")
     lines = out.splitlines()
@@ -87,22 +81,6 @@ def test_where_the_paper_prints_nothing_all_of_ours_is_printed():
     assert "0.125 to 0.5" in first
     assert second.split()[-1] == "3"
     assert last == "the paper prints none; 2 quantities in all"
-
-
-def test_what_was_measured_before_is_printed_again_and_not_measured(made, quadlog, monkeypatch):
-    first = quadlog("tables", "following-uwb", "-o", made, "--fast", "--force")
-    before = {path.name: path.read_bytes() for path in made.iterdir()}
-    monkeypatch.setattr(following_uwb, "make_table", None)
-    second = quadlog("tables", "following-uwb", "-o", made, "--fast")
-    assert (first.code, second.code, second.out) == (0, 0, first.out)
-    assert second.err == "measured before, and nothing has changed since: following-uwb\n"
-    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
-
-
-def test_nothing_is_overwritten_without_force(made, refused):
-    before = {path.name: path.read_bytes() for path in made.iterdir()}
-    assert "--force" in refused(1, "tables", "following-uwb", "-o", made, "--fast", "--seed", "5")
-    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
 
 
 def test_every_table_is_offered(tmp_path, ok, refused):

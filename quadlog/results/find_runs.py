@@ -1,0 +1,263 @@
+"""Find runs in folders and recordings that failed, name runs and their files, and copy them from remote storage."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import cast
+
+from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, NotARun, TooLarge, UsageError
+from quadlog.recordings.file_names import stem
+from quadlog.results.stages import STAGE_FILES
+from quadlog.results.tables import TABLES, has_table, read_table
+from quadlog.storage.atomic_write import is_part
+from quadlog.storage.remote_path import RemotePath, copy_object
+
+# Files that quadlog writes into a run folder; `--force` removes only these.
+FAILED = "failed.json"
+"""The reason why a recording was not replayed. A folder without other files counts as absent."""
+OWN_FILES = frozenset(
+    {
+        *(f"{name}.parquet" for name in TABLES if name != "summary"),
+        *(file for files in STAGE_FILES.values() for file in files),
+        *("run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"),
+        FAILED,
+    }
+)
+
+_TAKEN = {"summary.parquet", "report.html"}  # files in a folder of runs
+_MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
+
+
+def is_absent(name: str) -> bool:
+    """Whether a folder with files of such names alone counts as absent: a failure, and what was not finished."""
+    return name == FAILED or is_part(name)
+
+
+def run_name(name: str) -> str:
+    """`name` as the name of one folder: no separator, no control character, no leading dot or dash, not too long."""
+    safe = re.sub(r"[/\\:\x00-\x1f\x7f]", "_", name).lstrip(".-").strip()
+    safe = safe.encode("utf-8", "replace")[:_MAX_BYTES].decode("utf-8", "ignore").rstrip(". ")
+    if safe.casefold() in _TAKEN:
+        return f"{safe}_"
+    return safe or "recording"
+
+
+def run_names(recordings: Sequence[Path]) -> list[str]:
+    """A folder name for each recording: its stem, with its extension where two would collide.
+
+    Recordings of the same name from different folders are numbered in the order given.
+    Case is ignored, as some file systems do.
+    """
+    short = [run_name(path.resolve().name if path.is_dir() else stem(path)) for path in recordings]
+    often = Counter(name.casefold() for name in short)
+    names = [
+        name if often[name.casefold()] == 1 else run_name(path.name)
+        for name, path in zip(short, recordings, strict=True)
+    ]
+    taken: set[str] = set()
+    for i, name in enumerate(names):
+        number = 2
+        while names[i].casefold() in taken:
+            names[i] = f"{name}-{number}"
+            number += 1
+        taken.add(names[i].casefold())
+    return names
+
+
+_DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
+
+
+def find_runs(paths: Sequence[Path]) -> list[Path]:
+    """The paths that are runs, and the runs in other folders, sorted by name; each run once.
+
+    A folder with a run.json is a run, finished or not. Hidden folders and `files_beside_runs` are left out. Raises
+    NotARun for a path without runs.
+    """
+    found: dict[Path, Path] = {}
+    beside = files_beside_runs(paths)
+    for path in paths:
+        if path in beside:
+            continue
+        if not path.is_dir():
+            raise NotARun(path, "is no folder" if path.exists() else "no such folder")
+        inside = [path] if is_run(path) else list(_runs_in(path, _DEEPEST))
+        if not inside:
+            raise NotARun(path, "is not a run and contains none")
+        for run in inside:
+            found.setdefault(run.resolve(), run)
+    return list(found.values())
+
+
+def files_beside_runs(paths: Sequence[Path]) -> list[Path]:
+    """The plain files among the paths that lie beside a folder among them, as in a shell's `runs/*`."""
+    folders = {path.parent for path in paths if isinstance(path, Path) and path.is_dir()}
+    return [path for path in paths if isinstance(path, Path) and path.parent in folders and path.is_file()]
+
+
+def is_run(folder: Path) -> bool:
+    """Whether there is a run in this folder, finished or not."""
+    return (folder / "run.json").is_file()
+
+
+def run_labels(runs: Iterable[Path]) -> list[str]:
+    """Short distinct names of the runs: their paths without the leading folders that all share."""
+    places = [Path(os.path.abspath(run)) for run in runs]  # noqa: PTH100 - links keep the names they were given by
+    if len(places) < 2:
+        return [place.name for place in places]
+    shared = len(Path(os.path.commonpath([place.parent for place in places])).parts)
+    return [Path(*place.parts[shared:]).as_posix() for place in places]
+
+
+def _runs_in(folder: Path, depth: int) -> Iterator[Path]:
+    try:
+        inside = sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+    except OSError:
+        return
+    for each in inside:
+        if is_run(each):
+            yield each
+        elif depth > 1:
+            yield from _runs_in(each, depth - 1)
+
+
+def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
+    """Run folders that are missing because the replay failed, with the reason, by the summaries of the folders.
+
+    A path may also be a summary.parquet, as in a shell's `runs/*`. Runs and folders without a summary have none.
+    """
+    failed: dict[Path, str] = {}
+    for path in folders:
+        folder = path.parent if path.name == "summary.parquet" and path.is_file() else path
+        if is_run(folder) or not has_table(folder, "summary"):
+            continue
+        try:
+            summary = read_table(folder, "summary", ["recording", "exit_code", "reason"])
+        except NotARun:
+            continue  # not quadlog's
+        for name, code, reason in zip(summary["recording"], summary["exit_code"], summary["reason"], strict=True):
+            if code == ExitCode.FAILED and name == run_name(name) and not is_run(folder / name):
+                failed[folder / name] = f"{folder / name}: was not replayed: {reason}"
+    return failed
+
+
+PLOTS = "plots"
+_SUMMARY = "summary.parquet"
+# Small files that describe a run.
+RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
+# Files that metrics are computed from.
+MEASURED = RECORDS.union(name for name in OWN_FILES if name.endswith(".parquet"))
+# Largest size of runs to copy.
+MAX_BYTES = 1 << 36
+
+
+def files_ending(*ends: str) -> frozenset[str]:
+    """Names of quadlog's files of a run that end so."""
+    return frozenset(name for name in OWN_FILES if name.endswith(ends))
+
+
+class RunsHere(list[Path]):
+    """Local paths in place of the given ones."""
+
+    def __init__(self, paths: Iterable[Path], given: Sequence[Path]) -> None:
+        super().__init__(paths)
+        self._given = list(given)
+
+    def as_given(self, path: Path | str) -> str:
+        """A local path, or a path in it, as the user gave it."""
+        for here, given in zip(self, self._given, strict=True):
+            if isinstance(given, RemotePath) and Path(path).is_relative_to(here):
+                return "/".join([str(given).rstrip("/"), *Path(path).relative_to(here).parts])
+        return str(path)
+
+
+@contextmanager
+def runs_here(paths: Sequence[Path], names: Collection[str]) -> Iterator[RunsHere]:
+    """The paths; each URL among them is replaced by a local copy of its run, or runs, with these files.
+
+    Copies are removed when the block ends. Raises NotARun, TooLarge, StorageFailed.
+    """
+    if not any(isinstance(path, RemotePath) for path in paths):
+        yield RunsHere(paths, paths)
+        return
+    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
+        here = [
+            fetch_runs(path, Path(scratch) / str(number), names) if isinstance(path, RemotePath) else path
+            for number, path in enumerate(paths)
+        ]
+        yield RunsHere(here, paths)
+
+
+def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str]) -> Path:
+    """Copy these files of a run, or of a folder of runs with its summary, to a new folder, which is returned.
+
+    Raises as runs_here.
+    """
+    top = scratch / run_name(remote.name)
+    if not remote.is_web() and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
+        fetch({_SUMMARY: remote / _SUMMARY}, top)
+    for run in _runs_at(remote):
+        inside = [run_name(name) for name in run.url.removeprefix(remote.url.rstrip("/")).strip("/").split("/") if name]
+        fetch(_files_at(run, names), top.joinpath(*inside))
+    return top
+
+
+def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
+    """Quadlog's files in a run folder, by relative name."""
+    found: dict[str, RemotePath] = {}
+    for each in entries:
+        if each.name in OWN_FILES and each.is_file():
+            found[each.name] = each
+        elif each.name == PLOTS and each.is_dir():
+            found |= {f"{PLOTS}/{plot.name}": plot for plot in each.iterdir() if _is_plot(plot)}
+    return found
+
+
+def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
+    """Copy files, by relative name, into a folder. Raises TooLarge, StorageFailed."""
+    objects = {name: remote.open_object() for name, remote in files.items()}
+    total = sum(each.told.size_bytes or 0 for each in objects.values())
+    if total > MAX_BYTES:
+        raise TooLarge(f"{folder.name}: bytes of a run to copy", total, MAX_BYTES)
+    for name, each in objects.items():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        copy_object(each, target)
+
+
+def _runs_at(remote: RemotePath) -> list[RemotePath]:
+    if remote.is_web():
+        if not (remote / "run.json").is_file():
+            raise NotARun(str(remote), "is no finished run: it has no run.json")
+        return [remote]
+    return [cast(RemotePath, run) for run in find_runs([cast(Path, remote)])]
+
+
+def _files_at(run: RemotePath, names: Collection[str]) -> dict[str, RemotePath]:
+    """The files of these names. A web server cannot list files, so each that a run may have is tried."""
+    there = (run / name for name in sorted(names)) if run.is_web() else run.iterdir()
+    return {file.name: file for file in there if file.name in names and file.is_file()}
+
+
+def _is_plot(path: RemotePath) -> bool:
+    return path.suffix == ".png" and path.name == run_name(path.name) and path.is_file()
+
+
+def refuse_existing(path: Path, force: bool) -> None:
+    """Raises AlreadyExists for a file that is there, unless `force`; it replaces regular files alone.
+
+    Raises CannotWrite for a link, a folder, a FIFO or a device, UsageError for a file of a run, there or not.
+    """
+    folder = path.resolve().parent
+    if (path.name in OWN_FILES and is_run(folder)) or (folder.name == PLOTS and is_run(folder.parent)):
+        raise UsageError(f"{path} is a file of the run {folder}; choose another place by -o")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
+        raise CannotWrite(path, f"it is {kind}")
+    if path.exists() and not force:
+        raise AlreadyExists(path)

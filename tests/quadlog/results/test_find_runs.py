@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.cli.main import run as run_cli
+from quadlog.errors import NotARun
+from quadlog.results import find_runs as find_runs_module
+from quadlog.results.find_runs import (
+    RECORDS,
+    failed_recordings,
+    find_runs,
+    is_run,
+    run_labels,
+    run_name,
+    run_names,
+    runs_here,
+)
+from quadlog.results.tables import TABLES, write_table
+from quadlog.storage.remote_path import to_path
+from tests.lab.runs import begin_run
+
+
+def make_run(path: Path) -> Path:
+    return begin_run(path).path
+
+
+def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path / name) for name in ("b", "a", "line-fpmw/seed-000", "line-fpmw/seed-001")]
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "report.html").write_text("")
+    make_run(tmp_path / ".hidden")
+    make_run(runs[0] / "copy")
+    make_run(tmp_path / "deeper" / "than" / "three" / "folders")
+    assert find_runs([tmp_path]) == [runs[1], runs[0], *runs[2:]]
+    assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
+
+
+def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "m")
+    for name in ("a.txt", "report.html", "summary.parquet"):
+        (tmp_path / name).write_text("")
+    assert find_runs(sorted(tmp_path.iterdir())) == [run]
+    (tmp_path / "no run").mkdir()
+    with pytest.raises(NotARun, match="no run"):
+        find_runs(sorted(tmp_path.iterdir()))
+
+
+def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "made" / "a")
+    link = tmp_path / "chosen" / "fast"
+    link.parent.mkdir()
+    link.symlink_to(run)
+    (tmp_path / "made" / "loop").symlink_to(tmp_path / "made")
+    assert find_runs([link.parent]) == [link]
+    assert find_runs([tmp_path / "made", link]) == [run]
+
+
+def test_what_is_no_run_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "empty").mkdir()
+    for name, words in (("none", "no such folder"), ("file", "is no folder"), ("empty", "contains none")):
+        with pytest.raises(NotARun, match=f"{name}: .*{words}"):
+            find_runs([tmp_path / name])
+
+
+def test_a_folder_is_a_run_by_what_its_files_say(tmp_path: Path) -> None:
+    (tmp_path / "config.toml").write_text("[mine]\n")
+    assert not is_run(tmp_path)
+    (tmp_path / "run.json").write_text("{damaged")
+    assert is_run(tmp_path)
+
+
+def test_labels_are_as_short_as_they_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run_labels([Path("runs/walk")]) == ["walk"]
+    assert run_labels([Path("runs/a"), Path("runs/b")]) == ["a", "b"]
+    assert run_labels([Path("sim/line/seed-000"), Path("sim/circle/seed-000")]) == ["line/seed-000", "circle/seed-000"]
+    assert run_labels([Path("runs/a"), tmp_path / "a"]) == ["runs/a", "a"]
+    assert run_labels([Path(), Path("runs")]) == [tmp_path.name, f"{tmp_path.name}/runs"]
+    assert run_labels([]) == []
+
+
+@given(
+    st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple), min_size=2, max_size=8, unique=True)
+)
+def test_labels_tell_all_runs_apart(parts: list[tuple[str, ...]]) -> None:
+    labels = run_labels([Path("/", *each) for each in parts])
+    assert len(set(labels)) == len(labels)
+    assert all(f"/{'/'.join(each)}".endswith(f"/{label}") for each, label in zip(parts, labels, strict=True))
+
+
+def write_summary(folder: Path, codes: Mapping[str, int]) -> None:
+    columns: dict[str, Any] = dict.fromkeys(TABLES["summary"].names, np.nan)
+    columns |= {"recording": list(codes), "exit_code": list(codes.values()), "reason": "no bag", "worker": ""}
+    write_table(folder / "summary.parquet", TABLES["summary"], columns)
+
+
+def test_those_without_a_run_are_told_with_their_reason(tiny_run: Path, tmp_path: Path) -> None:
+    season = tmp_path / "season"
+    shutil.copytree(tiny_run, season / "walk")
+    write_summary(season, {"walk": 1, "broken": 1, "lossy": 3, "fine": 0, "../outside": 1})
+    assert failed_recordings([season]) == {season / "broken": f"{season / 'broken'}: was not replayed: no bag"}
+    assert failed_recordings([season / "walk"]) == {}  # its last replay failed, and harmed no earlier run
+    (season / "summary.parquet").write_bytes(b"mine")
+    assert failed_recordings([season, tmp_path]) == {}
+
+
+def test_they_are_told_of_a_bucket_too(tiny_run: Path, tmp_path: Path, bucket: Any) -> None:
+    write_summary(tmp_path, {"walk": 0, "broken": 1})
+    bucket.put_file(str(tmp_path / "summary.parquet"), f"{bucket.name}/season/summary.parquet")
+    for name in ("run.json", "config.toml", "metrics.json"):
+        bucket.put_file(str(tiny_run / name), f"{bucket.name}/season/walk/{name}")
+    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as here:
+        (failed,) = failed_recordings(here)
+        assert here.as_given(failed) == f"s3://{bucket.name}/season/broken"
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("walk 2024.05", "walk 2024.05"),
+        ("..", "recording"),
+        ("../../etc/passwd", "_.._etc_passwd"),
+        (".hidden", "hidden"),
+        ("-rf", "rf"),
+        ("a\nb\x00c", "a_b_c"),
+        ("C:\\x", "C__x"),
+        ("", "recording"),
+        ("report.html", "report.html_"),
+        ("é" * 200, "é" * 60),
+    ],
+)
+def test_a_name_is_made_safe(name: str, safe: str) -> None:
+    assert run_name(name) == safe
+
+
+@given(st.text())
+def test_any_name_stays_one_folder_below(name: str) -> None:
+    safe = run_name(name)
+    assert Path("runs", safe).parent == Path("runs")
+    assert Path("/runs", safe).resolve().parent == Path("/runs")
+    assert len(safe.encode()) <= 121
+    assert not safe.startswith((".", "-"))
+
+
+def test_the_extension_tells_recordings_apart_where_it_must(tmp_path: Path) -> None:
+    (tmp_path / "rosbag2_2024.05.01").mkdir()
+    recordings = ["a/walk.mcap", "a/walk.bag", "a/run.mcap", "b/Run.mcap", "c/run.mcap", "d/alone.db3"]
+    names = run_names([*map(Path, recordings), tmp_path / "rosbag2_2024.05.01"])
+    assert names == ["walk.mcap", "walk.bag", "run.mcap", "Run.mcap-2", "run.mcap-3", "alone", "rosbag2_2024.05.01"]
+
+
+@given(st.lists(st.text(st.sampled_from("aA.b/-"), min_size=1), max_size=12))
+def test_no_two_recordings_share_a_folder(stems: list[str]) -> None:
+    names = run_names([Path(f"{stem}.mcap") for stem in stems])
+    assert len({name.casefold() for name in names}) == len(stems)
+
+
+@pytest.mark.parametrize(
+    ("command", "copied"),
+    [
+        (["export", "--to", "tum"], {"run.json", "poses.parquet", "trajectory.tum"}),
+        (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
+        (
+            ["compare-planners", "--planner", "astar"],
+            {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"},
+        ),
+        (["metrics"], RECORDS),
+    ],
+)
+def test_a_command_copies_only_the_files_that_it_reads(
+    tiny_run: Path, tmp_path: Path, bucket: Any, monkeypatch: pytest.MonkeyPatch, command: list[str], copied: set[str]
+) -> None:
+    for path in tiny_run.iterdir():
+        bucket.put_file(str(path), f"{bucket.name}/runs/walk/{path.name}")
+    copy_object, names = find_runs_module.copy_object, set[str]()
+    monkeypatch.setattr(
+        find_runs_module, "copy_object", lambda remote, to: (names.add(to.name), copy_object(remote, to))
+    )
+    monkeypatch.chdir(tmp_path)
+    assert run_cli([command[0], f"s3://{bucket.name}/runs/walk", *command[1:]]) == 0
+    assert names == copied

@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from aiohttp import web as http
+
+from quadlog.config.schema import Config
+from quadlog.errors import NotARun, RecordingNotFound, UnknownRunFormat
+from quadlog.results.record import (
+    InputRecord,
+    RunRecord,
+    describe_input,
+    describe_input_aside,
+    input_bytes,
+    read_metrics,
+    read_record,
+)
+from quadlog.results.run import Run
+from quadlog.storage.remote_path import to_path
+
+REQUIRED: dict[str, Any] = {"quadlog_version": "1", "config": Config(), "options": {}, "seed": 0, "recorded_s": 1.0}
+
+
+def test_a_record_comes_back(tiny_run: Path, tiny_record: RunRecord) -> None:
+    assert read_record(tiny_run).to_dict() == tiny_record.to_dict() == json.loads((tiny_run / "run.json").read_text())
+    assert tiny_record.packages["numpy"] == np.__version__
+
+
+def test_a_name_that_is_no_text_comes_back_and_secrets_are_not_saved(tmp_path: Path) -> None:
+    typed = ["quadlog", "replay", "https://me:SECRET@h/x?sig=SECRET", "\udcff", "-o", "s3://b/runs"]
+    record = RunRecord(command=typed, input=InputRecord(path="\udcff", size_bytes=1, sha256="ab"), **REQUIRED)
+    Run(tmp_path, record).finish(record)
+    back = read_record(tmp_path)
+    assert back.command == ["quadlog", "replay", "https://h/x?...", "\udcff", "-o", "s3://b/runs"]
+    assert back.input == record.input
+
+
+LONG = "x\n" * 5000
+DAMAGE: list[dict[str, Any]] = [
+    *({"config": each} for each in (3, None, [[1] * 1000], {LONG: 1}, {"planner": {"name": LONG}})),
+    *({"config": {"uwb": {"anchors": [[[each] * 99]]}}} for each in (1, "x", None)),
+    *({"counts": each} for each in ({LONG: "x"}, {"scans": 1.5}, [1])),
+    *({"input": each} for each in (None, [], {}, {"path": 3, "size_bytes": 1}, {"size_bytes": 1})),
+    *({"seed": LONG}, {"command": LONG}, {"losses": [LONG]}),
+]
+NUMBERS = ("1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", "Infinity", "NaN")
+BYTES = (b"", b"{", b"{}", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"config":' * 9000)
+
+
+@pytest.mark.parametrize(("place", "number"), [("seed", each) for each in NUMBERS] + [("options", "1e999")])
+def test_a_number_out_of_range_is_damage(tiny_run: Path, place: str, number: str) -> None:
+    value = {"x": "N"} if place == "options" else "N"
+    text = json.dumps(json.loads((tiny_run / "run.json").read_text()) | {place: value})
+    refuse(tiny_run, text.replace('"N"', number).encode(), "(too large a|no finite) number")
+
+
+@pytest.mark.parametrize("damage", [*DAMAGE, *BYTES])
+def test_damage_is_one_short_line(tiny_run: Path, damage: dict[str, Any] | bytes) -> None:
+    if isinstance(damage, dict):
+        damage = json.dumps(json.loads((tiny_run / "run.json").read_text()) | damage).encode()
+    refuse(tiny_run, damage, "is damaged")
+
+
+def refuse(run: Path, content: bytes, match: str) -> None:
+    (run / "run.json").write_bytes(content)
+    with pytest.raises(NotARun, match=match) as raised:
+        read_record(run)
+    assert len(str(raised.value).removeprefix(str(run))) < 300
+    assert str(raised.value).isprintable()
+
+
+SOUND = {"value": 2, "n": 5, "unit": "m"}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *("", "{", "[]", "[" * 100_000, '{"eta_m": 3}', json.dumps({"x\n" * 5000: {}})),
+        *(f'{{"eta_m": {{"value": {value}, "n": 5, "unit": "m"}}}}' for value in ("true", "null", "[]", *NUMBERS)),
+        *(json.dumps({"eta_m": SOUND | {name: "x"}}) for name in ("value", "n", "low", "high", "worst", "worst_t_ns")),
+        *(json.dumps({"eta_m": SOUND | wrong}) for wrong in ({"n": -1}, {"n": 1.5}, {"unit": 3})),
+    ],
+)
+def test_damaged_metrics_are_one_short_line(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "metrics.json").write_text(damage)
+    with pytest.raises(NotARun, match=r"metrics\.json: is damaged: [^\n]{1,300}$"):
+        read_metrics(tmp_path)
+
+
+@pytest.mark.parametrize("found", [2, 0, -1, "1\n", 1.0, True, None, [1] * 1000])
+def test_another_format_is_refused_by_name_whatever_else_it_has(tmp_path: Path, found: object) -> None:
+    (tmp_path / "run.json").write_text(json.dumps({"run_format": found, "quadlog_version": "9.8.7"}))
+    with pytest.raises(UnknownRunFormat, match=r"a run of format .*by quadlog 9\.8\.7; this .* reads format 1") as told:
+        read_record(tmp_path)
+    assert len(str(told.value)) < 400
+
+
+def test_earlier_records_and_fields_of_later_ones_are_read(tiny_run: Path) -> None:
+    content = json.loads((tiny_run / "run.json").read_text())
+    del content["run_format"]
+    (tiny_run / "run.json").write_text(json.dumps(content | {"of_later": 1}))
+    assert read_record(tiny_run).run_format == 1
+
+
+def test_a_files_hash_is_that_of_sha256sum_in_a_thread_too(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 10_000
+    (tmp_path / "walk.mcap").write_bytes(content)
+    found = describe_input(tmp_path / "walk.mcap")
+    assert (found.size_bytes, found.sha256) == (len(content), hashlib.sha256(content).hexdigest())
+    assert describe_input_aside(tmp_path / "walk.mcap").result() == found
+    with pytest.raises(RecordingNotFound, match=r"gone\.mcap: no such file"):
+        describe_input_aside(tmp_path / "gone.mcap").result()
+    with pytest.raises(RecordingNotFound, match="no regular file"):
+        describe_input(Path("/dev/zero"))
+
+
+def test_a_folders_hash_is_of_names_borders_and_contents_of_its_recordings(tmp_path: Path) -> None:
+    def described(**files: bytes) -> str | None:
+        folder = tmp_path / "-".join(["of", *files, *(each.decode() for each in files.values())])
+        folder.mkdir()
+        for name, content in files.items():
+            (folder / f"{name}.mcap").write_bytes(content)
+        (folder / "runs").mkdir()
+        before = describe_input(folder)
+        for name in ("notes.txt", "runs/derived.mcap"):
+            (folder / name).write_text("no part of the recording")
+        assert describe_input(folder) == before
+        return before.sha256
+
+    assert len({described(a=b"xy", b=b""), described(a=b"x", b=b"y"), described(a=b"xy", c=b""), described()}) == 4
+
+
+def test_a_file_behind_a_url_has_size_and_etag(web: Any) -> None:
+    (web.folder / "walk.mcap").write_bytes(b"12345")
+    path = to_path(f"{web.url}/walk.mcap?sig=SECRET")
+    found = describe_input(path)
+    assert (found.path, found.size_bytes, found.sha256) == (f"{web.url}/walk.mcap?...", 5, None)
+    assert found.identity == describe_input(path).identity
+    assert web.sent_bytes == 2
+    (web.folder / "walk.mcap").write_bytes(b"54321")
+    assert describe_input(path).identity != found.identity
+    with pytest.raises(RecordingNotFound):
+        describe_input(to_path(f"{web.url}/gone"))
+
+
+@pytest.mark.parametrize(("headers", "same"), [({"Last-Modified": "Sun, 22 Nov 2026 07:19:15 GMT"}, True), ({}, False)])
+def test_without_an_etag_the_date_counts_and_without_either_nothing_does(
+    web: Any, headers: dict[str, str], same: bool
+) -> None:
+    web.answer = lambda _: http.Response(body=b"12345", headers=headers)
+    first, second = (describe_input(to_path(f"{web.url}/walk.mcap")) for _ in range(2))
+    assert first.etag is None
+    assert (first.identity == second.identity) is same
+
+
+def test_a_file_of_unknown_size_is_never_the_same(web: Any) -> None:
+    async def endless(request: http.Request) -> http.StreamResponse:
+        response = http.StreamResponse(headers={"ETag": '"x"'})
+        await response.prepare(request)
+        await response.write(b"12345")
+        return response
+
+    web.answer = endless
+    path = to_path(f"{web.url}/walk.mcap")
+    assert input_bytes([path]) == 0
+    assert describe_input(path).identity != describe_input(path).identity
+
+
+def test_a_bag_folder_in_a_bucket_is_all_its_files(bucket: Any) -> None:
+    for number in range(2):
+        bucket.pipe_file(f"{bucket.name}/bag/bag_{number}.mcap", b"%d" % number)
+    path = to_path(f"s3://{bucket.name}/bag")
+    found = describe_input(path)
+    assert found.size_bytes == input_bytes(path.iterdir()) == 2
+    assert describe_input(to_path(f"s3://{bucket.name}/bag")) == found
+    bucket.pipe_file(f"{bucket.name}/bag/bag_1.mcap", b"2")
+    assert describe_input(to_path(f"s3://{bucket.name}/bag")).identity != found.identity

@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import re
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as stn
+
+from quadlog.errors import NotARun, TooLarge, UnknownName
+from quadlog.results import tables
+from quadlog.results.tables import (
+    COST_NAMES,
+    TABLES,
+    TableWriter,
+    has_table,
+    read_table,
+    start_ns,
+    write_table,
+)
+
+
+def poses(n: int) -> dict[str, Any]:
+    names = ("x_m", "y_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad")
+    random = np.random.default_rng(0).random((6, n))
+    return {"t_ns": np.arange(n), "source": ["uwb"] * n} | dict(zip(names, random, strict=True))
+
+
+def cut(columns: dict[str, Any], first: int, last: int) -> dict[str, Any]:
+    return {name: values[first:last] for name, values in columns.items()}
+
+
+@given(
+    t_ns=stn.arrays(np.int64, st.shared(st.integers(0, 40), key="n")),
+    x_m=stn.arrays(
+        np.float64, st.shared(st.integers(0, 40), key="n"), elements=st.floats(-1e149, 1e149) | st.just(np.nan)
+    ),
+    source=stn.arrays(object, st.shared(st.integers(0, 40), key="n"), elements=st.text(st.characters(codec="utf-8"))),
+)
+def test_any_table_comes_back(tmp_path_factory: pytest.TempPathFactory, t_ns: Any, x_m: Any, source: Any) -> None:
+    run = tmp_path_factory.mktemp("run")
+    write_table(
+        run / "target.parquet", TABLES["target"], {"t_ns": t_ns, "x_m": x_m, "y_m": x_m[::-1], "source": source}
+    )
+    back = read_table(run, "target")
+    assert list(back) == ["t_ns", "x_m", "y_m", "source"]
+    assert back["t_ns"].dtype == np.int64
+    np.testing.assert_array_equal(back["t_ns"], t_ns)
+    np.testing.assert_array_equal(back["x_m"], x_m)
+    np.testing.assert_array_equal(back["y_m"], x_m[::-1])
+    assert back["source"].tolist() == source.tolist()
+
+
+def test_the_file_depends_on_the_rows_alone(tmp_path: Path) -> None:
+    columns = poses(40_000)
+    write_table(tmp_path / "whole", TABLES["poses"], columns)
+    with TableWriter(tmp_path / "batches", TABLES["poses"]) as table:
+        for first in range(0, 40_000, 777):
+            table.append(cut(columns, first, min(first + 777, 40_000)))
+    with TableWriter(tmp_path / "rows", TABLES["poses"]) as table:
+        table.append(cut(columns, 0, 10_000))
+        for i in range(10_000, 40_000):
+            table.add_row({name: values[i] for name, values in columns.items()})
+    whole = (tmp_path / "whole").read_bytes()
+    assert (tmp_path / "batches").read_bytes() == whole
+    assert (tmp_path / "rows").read_bytes() == whole
+    assert pq.ParquetFile(tmp_path / "whole").metadata.num_row_groups == 3
+
+
+def test_memory_stays_bounded_while_writing(tmp_path: Path) -> None:
+    def peak(batches: int) -> int:
+        tracemalloc.start()
+        with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
+            for _ in range(batches):
+                table.append(poses(5000))
+        try:
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(1)
+    assert peak(60) < 1.2 * peak(20)
+    assert len(read_table(tmp_path, "poses")["t_ns"]) == 100_000
+
+
+def test_columns_are_checked_by_name(tmp_path: Path) -> None:
+    good = poses(3)
+    for change, error, match in [
+        ({"t_ns": np.array([1.0, 2.0, 3.0])}, TypeError, "t_ns: float64"),
+        ({"t_ns": np.array([1, 2, 2**63], np.uint64)}, TypeError, "t_ns: uint64"),
+        ({"x_m": np.zeros(2)}, ValueError, "one length"),
+        ({"x_m": np.zeros((3, 2))}, ValueError, "one-dimensional"),
+        ({"x": 0.0}, ValueError, r"unknown: \['x'\]"),
+        ({"source": 3}, TypeError, "source: int64"),
+    ]:
+        with pytest.raises(error, match=match):
+            write_table(tmp_path / "poses.parquet", TABLES["poses"], {**good, **change})
+    del good["y_m"]
+    with pytest.raises(ValueError, match=r"missing: \['y_m'\]"):
+        write_table(tmp_path / "poses.parquet", TABLES["poses"], good)
+    with (
+        pytest.raises(ValueError, match=r"missing: \['source'\]"),
+        TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table,
+    ):
+        table.add_row(dict.fromkeys(("x_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad"), 0.0) | {"t_ns": 1, "y_m": None})
+    assert [each.name for each in tmp_path.iterdir()] == []
+
+
+def test_values_left_out_and_nan_are_null_in_the_file(tmp_path: Path) -> None:
+    with TableWriter(tmp_path / "summary.parquet", TABLES["summary"]) as table:
+        table.add_row({"recording": "a", "exit_code": 0, "reason": "", "eta_m": 0.1})
+        table.add_row({"recording": "b\udcff", "exit_code": 1, "reason": "damaged", "uwb_rmse_m": np.nan})
+    assert pq.read_table(tmp_path / "summary.parquet").column("uwb_rmse_m").null_count == 2
+    back = read_table(tmp_path, "summary", ["recording", "eta_m"])
+    assert back["recording"].tolist() == ["a", "b?"]
+    np.testing.assert_array_equal(back["eta_m"], [0.1, np.nan])
+
+
+def test_columns_that_a_summary_of_before_lacks_are_without_values(tmp_path: Path) -> None:
+    lacked = (*COST_NAMES, "worker", "duty_factor")
+    before = pa.schema([each for each in TABLES["summary"] if each.name not in lacked])
+    write_table(
+        tmp_path / "summary.parquet", before, {"recording": ["a", "b"], "exit_code": [0, 1], "reason": ["", "x"]}
+    )
+    back = read_table(tmp_path, "summary")
+    assert list(back) == TABLES["summary"].names
+    assert back["worker"].tolist() == ["", ""]
+    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in (*COST_NAMES, "duty_factor"))
+    without_reason = pa.schema([each for each in before if each.name != "reason"])
+    write_table(tmp_path / "summary.parquet", without_reason, {"recording": ["a"], "exit_code": [0]})
+    with pytest.raises(NotARun, match="has no column reason"):
+        read_table(tmp_path, "summary")
+
+
+def test_unknown_tables_and_columns_are_named(tiny_run: Path, tmp_path: Path) -> None:
+    with pytest.raises(UnknownName, match="'fix'"):
+        read_table(tiny_run, "fix")
+    with pytest.raises(UnknownName, match="column of poses 'height_m'"):
+        read_table(tiny_run, "poses", ["height_m"])
+    with pytest.raises(NotARun, match=r"has no poses\.parquet"):
+        read_table(tmp_path, "poses")
+    assert has_table(tiny_run, "poses")
+    assert not has_table(tmp_path, "poses")
+
+
+@given(place=st.integers(0, 10_000), flip=st.integers(1, 255), end=st.integers(0, 10_000))
+def test_a_damaged_table_is_refused_or_right(
+    tmp_path_factory: pytest.TempPathFactory, place: int, flip: int, end: int
+) -> None:
+    run = tmp_path_factory.mktemp("run")
+    path = run / "poses.parquet"
+    write_table(path, TABLES["poses"], poses(100))
+    content = bytearray(path.read_bytes())
+    whole = {name: column.tolist() for name, column in read_table(run, "poses").items()}
+    content[place % len(content)] ^= flip
+    for damaged in (content, content[: end % len(content)]):
+        path.write_bytes(damaged)
+        try:
+            back = read_table(run, "poses")
+        except (NotARun, TooLarge) as error:
+            assert re.search(r"poses\.parquet: [^\n]+$", str(error))  # noqa: PT017 - either outcome is right
+        else:
+            # Page headers and statistics carry no checksum; the values do.
+            assert {name: column.tolist() for name, column in back.items()} == whole
+
+
+def test_foreign_tables_are_refused(tmp_path: Path) -> None:
+    pq.write_table(pa.table({"t_ns": [1.5], "x": [1]}), tmp_path / "poses.parquet")
+    with pytest.raises(NotARun, match="has no column t_ns of type int64"):
+        read_table(tmp_path, "poses")
+    holes = {"t_ns": [1, None], "x_m": [1.0, 2.0], "y_m": [1.0, 2.0], "yaw_rad": [1.0, 2.0], "source": ["a", "b"]}
+    pq.write_table(pa.table(holes), tmp_path / "poses.parquet")
+    with pytest.raises(NotARun, match="t_ns has missing values"):
+        read_table(tmp_path, "poses")
+    columns = {"t_ns": [1], "x_m": [1.0], "y_m": [1.0], "yaw_rad": [1.0]}
+    odd = pa.array([b"\xff\xfe"]).view(pa.string())
+    pq.write_table(pa.table(columns | {"source": odd}), tmp_path / "poses.parquet")
+    with pytest.raises(NotARun, match=r"poses\.parquet: is damaged"):
+        read_table(tmp_path, "poses")
+
+
+def test_a_table_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_table(tmp_path / "poses.parquet", TABLES["poses"], poses(100))
+    monkeypatch.setattr(tables, "_MAX_VALUES", 799)
+    with pytest.raises(TooLarge, match="800"):
+        read_table(tmp_path, "poses")
+
+
+def test_a_run_starts_at_the_first_instant_of_its_sound_tables(tmp_path: Path) -> None:
+    columns = {"x_m": 0.0, "y_m": 0.0, "source": "uwb"}
+    write_table(tmp_path / "target.parquet", TABLES["target"], columns | {"t_ns": [7, 9]})
+    write_table(tmp_path / "poses.parquet", TABLES["poses"], poses(2) | {"t_ns": [3, 5]})
+    assert start_ns(tmp_path) == 3
+    (tmp_path / "fixes.parquet").write_bytes(b"damaged")
+    assert start_ns(tmp_path) == 3
+    assert start_ns(tmp_path / "none") == 0
