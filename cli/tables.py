@@ -37,7 +37,7 @@ HELP = f"""Measure the tables of the papers; print the results beside the printe
     "--output",
     type=LOCAL_PATH,
     default=Path("tables"),
-    help="Folder for report.html, and CSV, LaTeX and pictures of each table.",
+    help="Folder for report.html, and CSV, LaTeX, JSON and a picture of each table.",
 )
 @click.option("--fast", is_flag=True, help="Use fewer random samples (wider intervals).")
 @seed_option()
