@@ -18,7 +18,7 @@ WITHIN = 0.2
 """A printed number reproduces where our whole interval lies within this share of it."""
 NEGLIGIBLE = 0.1
 """Less than this share of a printed difference counts as none, however sure it is."""
-RESAMPLES = 1999
+RESAMPLES = 999
 
 
 @dataclass(frozen=True)

@@ -215,10 +215,9 @@ def table(fast: bool, seed: int) -> Table:
     factors = {"preset": PRESETS, "density_per_m2": DENSITIES_PER_M2, "number": range(walks), "planner": PLANNERS}
     return Table(
         title="Lengths and times of the ways of A* and IA* [Planning, Table 1]",
-        caption="Two robots walk through the same forest to the same goal, one led by A*, one by IA*. Who walks "
-        "farther, and who longer? The paper prints ten pairs of walks of a simulated quadruped in a forest of its own. "
-        "Ours stand at random, 0.1 or 0.2 trees to a square metre, with goals 15 to 25 m away, and a kinematic robot "
-        "walks.",
+        caption="Two robots walk through the same forest to the same goal, one led by A*, one by IA*. The paper prints "
+        "ten pairs of walks of a simulated quadruped in a forest of its own. Our trees stand at random, 0.1 or 0.2 to "
+        "a square metre, with goals 15 to 25 m away, and a kinematic robot walks.",
         sizes=f"{walks} walks of each planner through each forest and preset, seed {seed}.",
         study=Study(through_forest, grid(**factors, seed=[seed])),
         groups=[
@@ -226,29 +225,25 @@ def table(fast: bool, seed: int) -> Table:
                 Group(
                     f"Table 1, preset {preset}",
                     f"{PRESETS[preset].words} Each leads its own walk through the same forests. A kinematic robot "
-                    f"follows the smoothed path by pure pursuit, looking {LOOKAHEAD_M:g} m ahead at {SPEED_MPS:g} m/s "
-                    f"and no more than {MAX_YAW_RATE_RADPS:g} rad/s, and replans each {TICK_S * TICKS_PER_REPLAN:g} s; "
-                    "lengths are those of the way it really walks. That speed is the mean speed of A* in Table 1, the "
-                    "rest is our choice. Two samples are compared, ours and the printed ten, by permutations. "
-                    "Intervals: Student; shares after Wilson.",
+                    f"follows the smoothed path by pure pursuit, looking {LOOKAHEAD_M:g} m ahead at {SPEED_MPS:g} m/s, "
+                    "the mean speed of A* in Table 1; the rest is our choice. Two samples are compared, ours and the "
+                    "printed ten, by permutations. Intervals: Student; shares after Wilson.",
                     [row for density in DENSITIES_PER_M2 for row in length_rows(preset, density)],
                 )
                 for preset in PRESETS
             ),
             Group(
                 "Arrives with no collision",
-                "With A* the robot may collide with an obstacle, the paper says, while IA*'s route gets to the target "
-                "with no collision; it shows one pair of walks in a picture. A walk collides where the robot's body of "
-                f"{BODY_M[0]:g} by {BODY_M[1]:g} m, as printed, touches a trunk on the way that it walks. Difference: "
-                "in the same forests, Student; shares after Wilson.",
+                "With A* the robot may collide, the paper says, while IA*'s route gets there with no collision; it "
+                "shows one pair of walks. One collides where the robot's body of "
+                f"{BODY_M[0]:g} by {BODY_M[1]:g} m, as printed, touches a trunk. Intervals: Student; shares: Wilson.",
                 [row for setting in SETTINGS for row in collision_rows(*setting)],
             ),
             Group(
                 "Coherence of the paths [Planning, Fig. 5]",
                 "IA*'s paths are more coherent than A*'s, the paper says, so that the robot's orientation fluctuates "
-                "less; its conclusions say that IA* changes the course more often. It prints no number. Ours: the mean "
-                "distance of a path from the one before, as far as that reached, and how much the direction of the "
-                "first step changes from one plan to the next, cell by cell. Intervals: Student, in pairs.",
+                "less; its conclusions say that IA* changes the course more often. Ours: the mean distance of a path "
+                "from the one before, and how much the direction of the first step changes. Intervals: Student.",
                 [row for setting in SETTINGS for row in coherence_rows(*setting)],
             ),
         ],

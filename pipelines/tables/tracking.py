@@ -42,25 +42,18 @@ FIGURES = {
 """What a row calls them, unit last."""
 
 
-STEERINGS = {
-    "FpMW": ("fpmw", 2.0),
-    "FpM": ("fpm", 2.0),
-    "pMW": ("pmw", 2.0),
-    "fixed l, 0.2 m": ("pmw", 0.2),
-    "fixed l, 0.6 m": ("pmw", 0.6),
-}
-"""Controller, and l or the fuzzy rules' l0. Of six fixed l 0.2 m was best in ideal walks, 0.6 m in disturbed ones."""
+LOOKAHEAD_M = 2.0
+"""l, or l0 of the fuzzy rules, as printed."""
 
 
 def config_of(terrain: str, steering: str, disturbed: bool, turning_share: float | None = None) -> Config:
     """As a file of `quadlog simulate` would have it."""
-    controller, lookahead_m = STEERINGS[steering]
-    disturbances = asdict(DISTURBED) if disturbed else {}
+    simulation = {"controller": steering.lower(), "terrain": terrain}
     return Config.model_validate(
         {
             "mpc": {} if turning_share is None else {"turning_share": turning_share},
-            "pursuit": {"lookahead_m": lookahead_m},
-            "simulation": {"controller": controller, "terrain": terrain, "disturbances": disturbances},
+            "pursuit": {"lookahead_m": LOOKAHEAD_M},
+            "simulation": {**simulation, "disturbances": asdict(DISTURBED) if disturbed else {}},
         }
     )
 

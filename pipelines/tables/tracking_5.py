@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quadlog.pipelines.tables.claims import Claim, Group, Ratio, Table, order
+from quadlog.pipelines.tables.claims import Claim, Group, Table, order
 from quadlog.pipelines.tables.judge import SIZE, not_comparable
 from quadlog.pipelines.tables.study import Study, grid, held_out_seeds
 from quadlog.pipelines.tables.tracking import CONDITIONS, ERRORS, FIGURES, GROUNDS, figure_rows, track
@@ -15,7 +15,6 @@ CLAIMS = {"eta_m": "η", "sigma_m": "σ", "eta_time_m": "η", "sigma_time_m": "�
 ELSEWHERE = "The paper walked outdoors, one walk each; its course and pose source are not printed."
 PAUSES = "The lengths of the paper's course and its pauses are not printed; ours is 30.8 m at 0.5 m/s."
 OURS = ("heading_rmse_rad", "torque_max_nm", "lookahead_mean_m")
-BEST_FIXED = {"ideal": "fixed l, 0.2 m", "disturbed": "fixed l, 0.6 m"}
 SHARES = (0.3, 1.0)
 """Of mpc.turning_share, 0.6 by default."""
 
@@ -50,14 +49,6 @@ def order_rows(condition: str) -> list[Claim]:
     return rows
 
 
-def rule_rows(condition: str) -> list[Claim]:
-    """Fuzzy rules against the best fixed look-ahead, with MPC and whole-body control throughout."""
-    best, where = BEST_FIXED[condition], {"condition": condition, "turning_share": None}
-    quantity, sides = f"{condition}: η, FpMW / {best} (1)", ({"steering": "FpMW"}, {"steering": best})
-    rows = figure_rows(f"{condition}, {best}", _where(condition, best), ("eta_m",))
-    return [*rows, Ratio(quantity, "eta_m", where, part=sides[0], whole=sides[1])]
-
-
 def share_rows(name: str, share: float) -> list[Claim]:
     """What a constant of ours decides."""
     where = {"condition": "ideal", "steering": name, "turning_share": share}
@@ -72,9 +63,6 @@ def table(fast: bool, seed: int) -> Table:
     points += grid(
         **course, steering=NAMES[:2], condition=["ideal"], seed=seeds[: 1 if fast else 5], turning_share=SHARES
     )
-    if not fast:
-        for condition, best in BEST_FIXED.items():
-            points += grid(**course, steering=[best], condition=[condition], seed=seeds)
     return Table(
         title="Three controllers on an S-curve [Tracking, Table 5]",
         caption="A quadruped follows an S-curve, up 15° and down 20°, by fuzzy pure pursuit with MPC and whole-body "
@@ -97,16 +85,9 @@ def table(fast: bool, seed: int) -> Table:
                 [row for condition in CONDITIONS for row in order_rows(condition)],
             ),
             Group(
-                "Do the fuzzy rules help?",
-                "pMW looks 2 m ahead and FpMW less: part of its gain a fixed look-ahead has, too, of six from 0.2 "
-                "to 1.4 m on seeds that are not reported. Below 1 the rules help. Intervals: Student.",
-                [row for condition in CONDITIONS for row in rule_rows(condition)],
-            ),
-            Group(
                 "What a constant of ours decides",
                 "Turning share (mpc.turning_share, 0.6 by default): the share of the standing robot's inertia that the "
-                "MPC takes to turn with the trunk, which the paper does not print. Without whole-body control (FpM) it "
-                "decides whether the robot stays on its feet. Intervals: Student; shares after Wilson.",
+                "MPC takes to turn with the trunk, which is not printed. Intervals: Student; shares after Wilson.",
                 [row for name in NAMES[:2] for share in SHARES for row in share_rows(name, share)],
             ),
         ],
