@@ -117,7 +117,7 @@ def table(fast: bool, seed: int) -> Table:
             Group(
                 "Other robots, of our own making",
                 "The same curve, planned without what the robot carries. First what it does without y(t), with its "
-                "sign; then what y(t) changes of the sizes, on the same seeds. They judge nothing: no paper has them.",
+                "sign; then what y(t) changes of the sizes, on the same seeds. They judge nothing. Intervals: Student.",
                 [row for robot in ROBOTS if robot != SYMMETRIC for row in change_rows(robot)],
             ),
         ],

@@ -34,9 +34,14 @@ class Statistic:
     is_drawn: bool = True
 
 
+def _alike(values: Float) -> bool:
+    """But for rounding."""
+    return float(np.ptp(values)) <= 1e-9 * float(np.abs(values).max())
+
+
 def student(values: Float) -> Interval | None:
     """Of the mean of about normal values."""
-    if len(values) < 2 or np.ptp(values) == 0:
+    if len(values) < 2 or _alike(values):
         return None
     # Not stats.t.interval, which warns about what is nearly alike.
     mean, half = float(np.mean(values)), float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
@@ -55,7 +60,7 @@ def _student_of_logarithms(values: Float) -> Interval | None:
 
 def _median_interval(values: Float) -> Interval | None:
     found = stats.quantile_test(values, q=0, p=0.5).confidence_interval()
-    is_known = math.isfinite(found.low) and math.isfinite(found.high) and np.ptp(values) > 0
+    is_known = math.isfinite(found.low) and math.isfinite(found.high) and not _alike(values)
     return (float(found.low), float(found.high)) if is_known else None
 
 
@@ -98,7 +103,7 @@ def extreme(runs: int, smallest: bool) -> Statistic:
     def of_tables(values: Float) -> Interval | None:
         drawn = values[np.random.default_rng(0).integers(len(values), size=(RESAMPLES, runs))]
         low, high = np.percentile((np.min if smallest else np.max)(drawn, axis=1), [2.5, 97.5])
-        return (float(low), float(high)) if np.ptp(values) > 0 else None
+        return (float(low), float(high)) if not _alike(values) else None
 
     return Statistic(mean_extreme, of_tables)
 

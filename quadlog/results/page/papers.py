@@ -24,25 +24,17 @@ from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTa
 from quadlog.results.words import State
 
 LOOKS: dict[Verdict, tuple[str, State, str]] = {
-    Verdict.NO: (
-        "Do not",
-        "bad",
-        "what is printed is not of the kind of ours, or our interval is beyond the claim's side; a note says why",
-    ),
+    Verdict.NO: ("Do not", "bad", "print and ours are not of one kind, or ours is beyond the claim; a note says why"),
     Verdict.UNDECIDED: (
         "Undecided",
         "warn",
-        "our interval holds the printed number or claim and its contrary, or settings contradict each other",
+        "our interval holds it and its contrary, or settings contradict each other",
     ),
-    Verdict.YES: (
-        "Reproduce",
-        "good",
-        "our interval holds the number and leaves out the contrary, or is within a fifth of it, or on the claim's side",
-    ),
+    Verdict.YES: ("Reproduce", "good", "our interval holds the number and not its contrary, or is on the claim's side"),
     Verdict.NOT_COMPARABLE: (
         "Not comparable",
         "",
-        "the paper does not say how it came about, ours rests on that very number, or holds by construction",
+        "its origin is not said, ours rests on it, or it holds by construction",
     ),
 }
 """Word, colour and rule of each verdict, worst first."""
