@@ -16,7 +16,7 @@ from benchmarks.reading import SCANS, write_clouds
 
 ROUNDS, REPEATS, SMALL_PER_SCAN = 7, 8, 20
 IMPORTS = "import quadlog.cli.main, quadlog.cli.info, quadlog.config.file, quadlog.pipelines.info"
-IMPORTS += ", quadlog.cli.terminal.progress_bars, quadlog.recordings.containers.open"
+IMPORTS += ", quadlog.cli.progress, quadlog.recordings.containers.open"
 
 
 def measure(folder: Path) -> Iterator[Figure]:

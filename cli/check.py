@@ -2,47 +2,39 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import AS_JSON, LOCAL_PATH, PATH_OR_URL, examples, report_skipped
+from quadlog.cli import options
+from quadlog.cli.progress import print_json, report_skipped, say
 
 
-@click.command(
-    name="check",
-    short_help="Check metrics of runs against bounds, for CI.",
-    epilog=examples(
-        "quadlog check runs/yesterday --expect bounds.toml --write",
-        "quadlog check runs --expect bounds.toml --junit checks.xml",
-    ),
-)
-@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=PATH_OR_URL)
-@click.option("--expect", type=LOCAL_PATH, required=True, metavar="FILE.toml", help="File of bounds.")
+@options.command("check", "runs/yesterday --expect bounds.toml --write", "runs --expect bounds.toml --junit checks.xml")
+@click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=options.PATH_OR_URL)
+@click.option("--expect", type=options.LOCAL_PATH, required=True, metavar="FILE.toml", help="File of bounds.")
 @click.option("--write", is_flag=True, help="Propose bounds from the runs and write them to a new FILE.toml.")
-@click.option("--junit", type=LOCAL_PATH, metavar="FILE.xml", help="Write JUnit XML, too.")
-@AS_JSON
+@click.option("--junit", type=options.LOCAL_PATH, metavar="FILE.xml", help="Write JUnit XML, too.")
+@options.AS_JSON
 @click.option("--force", is_flag=True, help="Replace FILE.xml; with --write, FILE.toml.")
 def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | None, as_json: bool, force: bool) -> int:
-    """Check the saved metrics of each RUN, a run folder or a folder of runs, against the bounds in FILE.toml.
+    """Check metrics of runs against bounds, for CI.
+
+    A RUN is a run folder or a folder of runs; nothing is measured again. FILE.toml has:
 
     \b
     [default]                                    for every run
     success_rate = { min = 0.99 }
-    [recordings.follow]                          for runs of that name
-    eta_m = { max = 0.05 }
+    [recordings.follow]                          for runs in folders of that name
     following_distance_mean_m = { min = 1.5, max = 2.5 }
 
-    A run is named by its folder. Simulated walks in seed folders are named by the folder above, as in line-fpmw;
-    "line-fpmw/seed-000" names a single seed. A bound under a name replaces the bound of [default] on the same
-    metric; {} removes it. A check fails if the run lacks the metric, or if no bounds apply to the run.
+    Simulated walks are named by the folder above their seeds, as in line-fpmw, or by both: "line-fpmw/seed-000". A
+    bound under a name replaces that of [default]; {} removes it. A metric that was not measured, and a run without
+    bounds, fail.
 
-    --write makes FILE.toml: each metric is bounded on the worse side, or on both where neither is better (uwb_nees,
-    uwb_coverage_95), 10 % beyond the worst run of that name (0.01 for shares, 0 for falls and contacts);
-    realtime_factor is left out. A bound that accepts a contact or a fall is named on stderr and has a comment. An
-    existing file is replaced only with --force.
+    --write bounds metrics on the worse side, or on both where neither is better, 10 % beyond the worst run of that
+    name (0.01 for shares, 0 for falls and contacts, which are named on stderr if a bound accepts them).
 
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click reads \b as: keep the lines of this paragraph
@@ -56,21 +48,18 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
         raise UsageError("--write proposes bounds and checks none: leave out --junit and --json")
     with runs_here(runs, RECORDS) as found:
         if write:
-            said = propose_bounds(found, expect, force, lambda text: click.echo(printable(text), err=True))
-            for name, count in said.items():
+            for name, count in propose_bounds(found, expect, force, say).items():
                 click.echo(f"{printable(expect)}: {count} bounds for {printable(name)}")
             return ExitCode.DONE
-        checks = check_runs(found, expect, junit, force, lambda text: click.echo(printable(text), err=True))
+        checks = check_runs(found, expect, junit, force, say)
         checks = [replace(check, run=found.as_given(check.run)) for check in checks]
-    text = (
-        json.dumps([check.to_dict() for check in checks], indent=2, allow_nan=False) + "\n"
-        if as_json
-        else check_text(checks)
-    )
-    click.echo(text, nl=False)
+    if as_json:
+        print_json([check.to_dict() for check in checks])
+    else:
+        click.echo(check_text(checks), nl=False)
     errors = [check.error for check in checks if check.error is not None]
     for error in errors:
-        click.echo(f"quadlog: {printable(error)}", err=True)
+        say(f"quadlog: {error}")
     if errors:
         return ExitCode.FAILED
     return ExitCode.DONE if all(check.holds for check in checks) else ExitCode.CHECK_FAILED

@@ -2,46 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
 
-from quadlog.cli.terminal.parameters import AS_JSON, PATH_OR_URL, examples
-from quadlog.errors import printable
+from quadlog.cli import options
+from quadlog.errors import ExitCode, UsageError, printable
 
 _AMOUNT = click.FloatRange(min=0)
 
 
-@click.command(
-    name="diff",
-    short_help="Find the first difference between two runs.",
-    epilog=examples(
-        "quadlog diff runs/before runs/after",
-        "quadlog diff runs/before runs/after --tolerance 1e-6 --json",
-    ),
-)
-@click.argument("run_a", metavar="RUN_A", type=PATH_OR_URL)
-@click.argument("run_b", metavar="RUN_B", type=PATH_OR_URL)
+@options.command("diff", "runs/before runs/after", "runs/before runs/after --tolerance 1e-6 --json")
+@click.argument("run_a", metavar="RUN_A", type=options.PATH_OR_URL)
+@click.argument("run_b", metavar="RUN_B", type=options.PATH_OR_URL)
 @click.option("--tolerance", metavar="X", type=_AMOUNT, default=0.0, help="Absolute tolerance.")
 @click.option("--relative", metavar="X", type=_AMOUNT, default=0.0, help="Relative tolerance.")
-@AS_JSON
+@options.AS_JSON
 def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json: bool) -> int:
-    """Compare two run folders: how they were made, then the saved results stage by stage.
+    """Find the first difference between two runs.
 
-    The first difference is named by stage, result, column, time and both values; then each column that differs, with
-    the number of rows, the first values, and the largest difference. Rows are matched by their time stamps.
-    --json prints the list of differences.
+    It is named by stage, result, column, time and both values; then each column that differs, with the number of
+    rows, the first values, and the largest difference. Rows are matched by their time stamps. --json prints the list.
 
     Exit code 0: all saved results are the same, 4: one differs, 1: a run is unfinished, or a file is damaged.
-    Differences in config, seed, options, versions and input are listed, but do not change the exit code, so that
-    two versions of quadlog can be compared.
+    Differences in config, seed, options, versions and input are listed, but do not change the exit code.
 
-    Not compared: durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap, which repeat what the
-    tables hold. NaN equals NaN. With both tolerances, numbers within either of them are the same.
+    Durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap are not compared. NaN equals NaN. With
+    both tolerances, numbers within either of them are the same.
     """
-    import math
-
-    from quadlog.errors import ExitCode, UsageError
     from quadlog.results.diff import COLUMNS, COMPARED, diff_runs, diff_text, of_results
     from quadlog.results.run import Run
     from quadlog.results.saved.find_runs import runs_here

@@ -6,28 +6,21 @@ from pathlib import Path
 
 import click
 
+from quadlog.cli import options
 from quadlog.cli.info import report_health
-from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, MSG_PATH, PATH_OR_URL, examples
 from quadlog.errors import ExitCode
 
 
-@click.command(
-    name="init",
-    short_help="Write a commented configuration for a recording.",
-    epilog=examples(
-        "quadlog init walk.mcap",
-        "quadlog init walk.mcap -o lab.toml --force",
-    ),
-)
-@click.argument("recording", type=PATH_OR_URL)
-@click.option("-o", "--output", type=LOCAL_PATH, default=Path("quadlog.toml"), help="File to write.")
+@options.command("init", "walk.mcap", "walk.mcap -o lab.toml --force")
+@click.argument("recording", type=options.PATH_OR_URL)
+@options.output_option("File to write.", "quadlog.toml")
 @click.option("--all", "everything", is_flag=True, help="Write all sections, including unused ones.")
-@MSG_PATH
-@FORCE
+@options.MSG_PATH
+@options.FORCE
 def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Path, ...], force: bool) -> int:
-    """Write a commented configuration file, with detected topics, tags and anchors filled in.
+    """Write a commented configuration for a recording.
 
-    Keys that are commented out have their default values.
+    Detected topics, tags and anchors are filled in. Keys that are commented out have their default values.
     """
     from quadlog.pipelines.init import propose_config, write_new
     from quadlog.results.saved.outputs import refuse_existing

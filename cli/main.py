@@ -10,7 +10,8 @@ import time
 
 import click
 
-from quadlog.cli.terminal.parameters import examples
+from quadlog.cli.options import examples
+from quadlog.cli.progress import say
 from quadlog.errors import ExitCode, Interrupted, QuadlogError, clipped, printable
 from quadlog.pipelines.executor.machine import ignore_interrupts, is_out_of_memory, take_one_interrupt
 from quadlog.version import __version__
@@ -64,11 +65,7 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
-    epilog=examples(
-        "quadlog info walk.mcap",
-        "quadlog replay walk.mcap -c quadlog.toml",
-        "quadlog metrics runs/walk --explain ate_rmse_m",
-    ),
+    epilog=examples("info walk.mcap", "replay walk.mcap -c quadlog.toml", "metrics runs/walk --explain ate_rmse_m"),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.option(
@@ -115,10 +112,10 @@ def run(arguments: list[str]) -> int:
         error.show()
         return error.exit_code
     except (Interrupted, KeyboardInterrupt, click.Abort) as error:
-        click.echo(f"quadlog: {printable(_interrupted_words(error, arguments, started_s))}", err=True)
+        say(f"quadlog: {_interrupted_words(error, arguments, started_s)}")
         return ExitCode.FAILED
     except QuadlogError as error:
-        click.echo(f"quadlog: {printable(clipped(error, _MAX_MESSAGE))}", err=True)
+        say(f"quadlog: {clipped(error, _MAX_MESSAGE)}")
         return error.exit_code
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: redirect stdout, so that the interpreter exits without an error.
@@ -126,14 +123,12 @@ def run(arguments: list[str]) -> int:
         return ExitCode.FAILED
     except OSError as error:
         # A full disk or a missing permission, which the user can fix.
-        where = f"{error.filename}: " if error.filename else ""
-        click.echo(f"quadlog: {printable(where)}{error.strerror or error}", err=True)
+        say(f"quadlog: {f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
         return ExitCode.FAILED
     except Exception as error:
         if not is_out_of_memory(error):
             raise
-        details = f" ({printable(clipped(error))})" if str(error) else ""
-        click.echo(f"quadlog: out of memory{details}", err=True)
+        say(f"quadlog: out of memory{f' ({clipped(error)})' if str(error) else ''}")
         return ExitCode.FAILED
 
 

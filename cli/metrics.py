@@ -4,70 +4,51 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
-from quadlog.cli.terminal.parameters import FORMAT, LOCAL_PATH, PATH_OR_URL, examples, report_skipped
+from quadlog.cli import options
+from quadlog.cli.progress import report_skipped, say
+from quadlog.errors import UsageError
 
 
-@click.command(
-    name="metrics",
-    short_help="Print, compare and explain the metrics of runs.",
-    epilog=examples(
-        "quadlog metrics runs/walk --explain ate_rmse_m",
-        "quadlog metrics runs --format csv",
-        "quadlog metrics runs --reference truth.tum --fail-if 'ate_rmse_m>0.3'",
-    ),
+@options.command(
+    "metrics",
+    "runs/walk --explain ate_rmse_m",
+    "runs --format csv",
+    "runs --reference truth.tum --fail-if 'ate_rmse_m>0.3'",
 )
-@click.argument("runs", nargs=-1, metavar="RUN...", type=PATH_OR_URL)
-@click.option("--reference", type=LOCAL_PATH, metavar="FILE.tum", help="Ground-truth trajectory.")
+@click.argument("runs", nargs=-1, metavar="RUN...", type=options.PATH_OR_URL)
+@click.option("--reference", type=options.LOCAL_PATH, metavar="FILE.tum", help="Ground-truth trajectory.")
 @click.option("--t-offset", type=float, default=0.0, metavar="S", help="Added to the runs' time stamps.")
-@click.option(
-    "--t-max-diff",
-    type=click.FloatRange(min=0),
-    default=0.01,
-    metavar="S",
-    help="Maximum time difference when pairing poses.",
-)
+@click.option("--t-max-diff", type=click.FloatRange(0), default=0.01, metavar="S", help="Most between paired poses.")
 @click.option("--align", is_flag=True, help="Align each trajectory with the reference first.")
 @click.option("--project-to-plane", type=click.Choice(["xy"]), help="Ignore height, roll and pitch.")
-@FORMAT
-@click.option(
-    "--fail-if", "fail_if", multiple=True, metavar="CONDITION", help="Exit with 4 if it holds, as in 'eta_m>0.3'."
-)
+@options.FORMAT
+@click.option("--fail-if", multiple=True, metavar="CONDITION", help="Exit with 4 if it holds, as in 'eta_m>0.3'.")
 @click.option("--explain", metavar="METRIC", help="Explain a metric and list the worst instants of each run.")
 def command(
-    runs: tuple[Path, ...],
-    reference: Path | None,
-    t_offset: float,
-    t_max_diff: float,
-    align: bool,
-    project_to_plane: str | None,
-    to: str,
-    fail_if: tuple[str, ...],
-    explain: str | None,
+    runs: tuple[Path, ...], reference: Path | None, to: str, fail_if: tuple[str, ...], explain: str | None, **how: Any
 ) -> int:
-    """Print the metrics of each RUN, a run folder or a folder of runs, from its saved files; nothing is written.
+    """Print, compare and explain the metrics of runs.
 
-    One run is shown with 95 % intervals, several side by side and with their mean. json prints a flat object per run,
-    csv a row per run and metric, with the statistics of its samples.
+    A RUN is a run folder or a folder of runs; its saved files are read, nothing is written. One run is shown with
+    95 % intervals, several side by side and with their mean. json prints a flat object per run, csv a row per run and
+    metric, with the statistics of its samples.
 
     --t-offset and --align are those of evo. A CONDITION is NAME OPERATOR NUMBER with > >= < <= == or !=; a run that
     lacks the metric also fails.
     """
-    from quadlog.errors import UsageError
     from quadlog.metrics.conditions import check_metric, parse_condition
 
     conditions = [parse_condition(text) for text in fail_if]
     if explain is not None:
         check_metric(explain)
-    if not runs and explain is None:
+        if to != "table":
+            raise UsageError(f"--explain prints text; leave out  --format {to}")
+    if not runs and (explain is None or conditions):
         raise UsageError("quadlog metrics needs a RUN, a run folder or a folder of runs; see  quadlog metrics --help")
-    if not runs and conditions:
-        raise UsageError("--fail-if needs a RUN")
-    if explain is not None and to != "table":
-        raise UsageError(f"--explain prints text; leave out  --format {to}")
-    from quadlog.errors import printable
     from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
     from quadlog.pipelines.evaluation.reference import OnTime, Reference
     from quadlog.results.saved.find_runs import MEASURED, RECORDS, runs_here
@@ -77,19 +58,19 @@ def command(
     if not runs:
         click.echo(explain_runs(str(explain), [], None), nl=False)
         return 0
-    how = OnTime(t_max_diff, t_offset, align, project_to_plane is not None)
-    truth = None if reference is None else Reference.read(reference, how)
+    on_time = OnTime(how["t_max_diff"], how["t_offset"], how["align"], how["project_to_plane"] is not None)
+    truth = None if reference is None else Reference.read(reference, on_time)
     has_samples = to == "csv"
     report_skipped(runs)
     with runs_here(runs, MEASURED if has_samples or truth or explain else RECORDS) as found:
         outcome = measure_runs(found, truth, conditions, has_samples)
         for line in (*outcome.said, *outcome.problems):
-            click.echo(printable(line), err=True)
+            say(line)
         if explain is None:
             shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
             click.echo(metrics_text(shown, to, outcome.differing), nl=False)
         else:
             click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
     for line in outcome.failing:
-        click.echo(f"--fail-if {printable(line)}", err=True)
+        say(f"--fail-if {line}")
     return outcome.exit_code

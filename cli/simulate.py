@@ -2,102 +2,75 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from quadlog.cli.terminal import parameters
+from quadlog.cli import options
+from quadlog.cli.progress import open_progress, print_json
 from quadlog.config.controllers import CONTROLLERS
+from quadlog.errors import UsageError
 
 TERRAINS = ("flat", "3cm", "6cm")
 TROT = "trot-32s"
 
 
-def _terrain(_context: click.Context, _option: click.Parameter, terrain: str | None) -> str | None:
+def terrain_of(text: str) -> str:
     """The terrain as --set takes it: a folder gets a leading ./, so that its name is never read as another value."""
-    if terrain is None or terrain in TERRAINS:
-        return terrain
-    if not Path(terrain).is_dir():
-        raise click.BadParameter(f"{terrain!r} is neither one of {', '.join(TERRAINS)} nor a run folder.")
-    return terrain if Path(terrain).is_absolute() else f"./{terrain}"
+    if text in TERRAINS:
+        return text
+    if not Path(text).is_dir():
+        raise click.BadParameter(f"{text!r} is neither one of {', '.join(TERRAINS)} nor a run folder.")
+    return text if Path(text).is_absolute() else f"./{text}"
 
 
-@click.command(
-    name="simulate",
-    short_help="Walk a course with a simulated quadruped (MuJoCo).",
-    epilog=parameters.examples(
-        "quadlog simulate s-curve --controller fpmw --seeds 10",
-        "quadlog simulate path.csv --terrain 3cm --disturbed --json",
-    ),
-)
-@click.argument("course", metavar="COURSE", shell_complete=parameters.files("line", "circle", "s-curve", TROT))
-@parameters.controller_option(*CONTROLLERS)
+@options.command("simulate", "s-curve --controller fpmw --seeds 10", "path.csv --terrain 3cm --disturbed --json")
+@click.argument("course", metavar="COURSE", shell_complete=options.files("line", "circle", "s-curve", TROT))
+@options.named("--controller", choices=CONTROLLERS, what="Controller")
 @click.option(
-    "--terrain",
-    metavar=f"{'|'.join(TERRAINS)}|RUN",
-    callback=_terrain,
-    shell_complete=parameters.files(*TERRAINS),
-    help="Terrain, or a run folder with a ground map. Default: flat.",
+    "--terrain", type=terrain_of, metavar="|".join([*TERRAINS, "RUN"]), shell_complete=options.files(*TERRAINS)
 )
-@click.option("--speed", "speed_mps", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
+@click.option("--speed", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
 @click.option("--disturbed", is_flag=True, help="Add pushes, mass and velocity errors, pose noise and lag.")
-@parameters.seed_option("First random seed.")
-@parameters.seeds_option("Number of walks, one per seed.")
-@parameters.CONFIG
-@parameters.set_option("mpc.mu=0.5")
-@click.option("-o", "--output", type=parameters.LOCAL_PATH, default=Path("runs"), help="Folder for the run folders.")
-@parameters.jobs_option("Walks")
-@parameters.FORCE
-@parameters.AS_JSON
+@options.SEED
+@options.SEEDS
+@options.CONFIG
+@options.set_option("mpc.mu=0.5")
+@options.output_option("Folder for the run folders.", "runs")
+@options.JOBS
+@options.FORCE
+@options.NO_PLOTS
+@options.AS_JSON
 def command(
-    course: str,
-    controller: str | None,
-    terrain: str | None,
-    speed_mps: float | None,
-    disturbed: bool,
-    seed: int,
-    seeds: int,
-    config_path: Path | None,
-    overrides: tuple[str, ...],
-    output: Path,
-    jobs: int | None,
-    force: bool,
-    as_json: bool,
+    course: str, disturbed: bool, seed: int, seeds: int, no_plots: bool, as_json: bool, jobs: int | None, **given: Any
 ) -> None:
-    """Walk a course with a simulated quadruped, one run folder per seed.
+    """Walk a course with a simulated quadruped (MuJoCo).
 
     A COURSE is line, circle, s-curve (on its own terrain), trot-32s, or a path: a TUM trajectory, or a CSV file with
-    the columns x_m and y_m.
+    the columns x_m and y_m. Each seed has a run folder.
 
     Controllers: fpmw (fuzzy look-ahead, MPC, whole-body control), fpm (without whole-body control), pmw (fixed
-    look-ahead), kinematic (a point without a body). A fall is a result, not an error.
+    look-ahead), kinematic (a point without a body). A RUN is a run folder with a ground map; the default terrain is
+    flat. A fall is a result, not an error.
 
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.
     """
-    from quadlog.cli.terminal.progress_bars import open_progress
-    from quadlog.config.file import Flag, configure
     from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate, trot_32s
     from quadlog.results.text import values_text
 
-    if course == TROT and (controller or terrain or speed_mps is not None or disturbed):
-        raise click.UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help.")
-
-    flags = [
-        Flag("--controller", "simulation.controller", controller),
-        Flag("--terrain", "simulation.terrain", terrain),
-        Flag("--speed", "pursuit.speed_mps", speed_mps),
-    ]
-    settings = [*(DISTURBED_OVERRIDES if disturbed else ()), *overrides]
-    config = configure(config_path, settings, flags=flags).config
-    walked, line = range(seed, seed + seeds), ("quadlog", *sys.argv[1:])
+    keys = {"controller": "simulation.controller", "terrain": "simulation.terrain", "speed": "pursuit.speed_mps"}
+    if course == TROT and (disturbed or any(given[name] is not None for name in keys)):
+        raise UsageError(f"{TROT} takes no --controller, --terrain, --speed or --disturbed; see --help")
+    given["overrides"] = [*(DISTURBED_OVERRIDES if disturbed else ()), *given["overrides"]]
+    config, how = options.configured(given, **keys).config, {"command": ("quadlog", *sys.argv[1:]), **given}
+    request = SimulateRequest(course, config, range(seed, seed + seeds), plots=not no_plots, **how)
     with open_progress() as progress:
-        walk = trot_32s if course == TROT else simulate
-        runs = walk(SimulateRequest(course, config, walked, output, force, line), jobs, progress)
+        runs = (trot_32s if course == TROT else simulate)(request, jobs, progress)
     if as_json:
-        click.echo(json.dumps([each.to_dict() for each in runs], indent=2, allow_nan=False))
+        print_json([each.to_dict() for each in runs])
         return
     for name in dict.fromkeys(each.controller for each in runs):
         mine = [each for each in runs if each.controller == name]

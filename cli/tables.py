@@ -8,43 +8,31 @@ from typing import TYPE_CHECKING
 
 import click
 
-from quadlog.cli.terminal.parameters import FORCE, LOCAL_PATH, examples, seed_option
+from quadlog.cli import options
+from quadlog.cli.progress import open_progress
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
     from quadlog.results.papers.table import PaperTable
 
-NAMES = f"TABLE is any of {', '.join(TABLES)}. Default: all."
-HELP = f"""Measure the tables of the papers; print the results beside the printed values.
+NAMES = textwrap.fill(f"TABLE is any of {', '.join(TABLES)}. Default: all.", 76, break_on_hyphens=False)
+HELP = f"""Measure the tables of the papers.
+
+The results are printed beside the papers' values, and written with pictures, as a page, CSV and LaTeX.
 
 \b
-{textwrap.fill(NAMES, 76, break_on_hyphens=False)}
+{NAMES}
 """
 
 
-@click.command(
-    name="tables",
-    short_help="Measure the tables of the papers.",
-    help=HELP,
-    epilog=examples(
-        "quadlog tables --fast",
-        "quadlog tables planning-1 tracking-5 -o tables",
-    ),
-)
+@options.command("tables", "--fast", "planning-1 tracking-5 -o tables", help=HELP)
 @click.argument("names", metavar="[TABLE]...", nargs=-1, type=click.Choice(list(TABLES)))
-@click.option(
-    "-o",
-    "--output",
-    type=LOCAL_PATH,
-    default=Path("tables"),
-    help="Folder for report.html, and CSV, LaTeX, JSON and a picture of each table.",
-)
+@options.output_option("Folder for report.html, and the files of each table.", "tables")
 @click.option("--fast", is_flag=True, help="Use fewer random samples (wider intervals).")
-@seed_option()
-@FORCE
+@options.SEED
+@options.FORCE
 def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: bool) -> int:
     """Measure, write and print the tables."""
-    from quadlog.cli.terminal.progress_bars import open_progress
     from quadlog.pipelines.tables.make_tables import make_tables
 
     with open_progress() as progress:

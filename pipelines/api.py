@@ -36,12 +36,14 @@ def replay(
     msg_path: Sequence[Path | str] = (),
     force: bool = False,
     resume: bool = False,
+    plots: bool = True,
 ) -> Run:
     """Replay one recording into a run folder below `output`, and load it. Prints nothing. Both may be URLs.
 
     config: a quadlog.toml. settings: keys that override the file and the environment: `{"planner.name": "astar"}` or
-    `{"planner": {"name": "astar"}}`. The other arguments are the options of `quadlog replay` of the same names.
-    Choices, warnings and losses are in the run's `record`; a damaged recording that can be read in part is no error.
+    `{"planner": {"name": "astar"}}`. plots: in plots/, beside the page. The other arguments are the options of
+    `quadlog replay` of the same names. Choices, warnings and losses are in the run's `record`; a damaged recording
+    that can be read in part is no error.
 
     Raises a QuadlogError: UsageError and UnknownName for wrong options, those of the configuration, AlreadyExists for
     an existing run without `force` and `resume`, and those of opening and replaying the recording.
@@ -60,6 +62,7 @@ def replay(
         existing=existing,
         command=("quadlog.replay", str(recording)),
         notes=configured.notes,
+        plots=plots,
     )
     outcome = replay_anywhere(request, Silent())
     summarise({request.run.parent}, [outcome], Silent())

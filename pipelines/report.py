@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from quadlog.errors import UsageError
+
 if TYPE_CHECKING:
     from quadlog.results.page.runs_page import Compared
     from quadlog.results.run import Run
@@ -22,7 +24,7 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
     from quadlog.results.page.runs_page import write_sweep_page
     from quadlog.results.run import Run
     from quadlog.results.saved.find_runs import files_beside_runs, is_run
-    from quadlog.results.sweep.table import TABLE
+    from quadlog.results.sweep import TABLE
 
     beside = files_beside_runs(runs)
     for path in (path for path in runs if path not in beside):
@@ -38,14 +40,16 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
 def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
     """Write a page with finished runs, the first one being what the others are compared with; returns its path.
 
-    force: replace an existing file. Raises AlreadyExists, UsageError for an output that is a file of one of the runs,
-    CannotWrite, and what reading the runs raises: NotARun, TooLarge, UnreadableFile.
+    force: replace an existing file. Raises AlreadyExists, CannotWrite, UsageError for a run that is given twice and for
+    an output that is a file of one of the runs, and what reading the runs raises: NotARun, TooLarge, UnreadableFile.
     """
     from quadlog.results.page.blocks import write_page
     from quadlog.results.page.runs_page import side_by_side_page
     from quadlog.results.saved.outputs import refuse_existing
     from quadlog.storage.atomic_write import new_folder
 
+    if len({path.resolve() for path in runs}) < max(len(runs), 2):
+        raise UsageError("--side-by-side takes two runs or more, and none twice")
     refuse_existing(output, force)
     compared, notes = _compare(runs)
     page = side_by_side_page(" and ".join(dict.fromkeys(run.title for run in compared.runs.values())), compared, notes)

@@ -43,7 +43,7 @@ Walked = TypeVar("Walked")
 
 @dataclass(frozen=True, slots=True)
 class SimulateRequest:
-    """course: a name or a file; TROT for trot_32s. seeds: of the walks, one each."""
+    """course: a name or a file; TROT for trot_32s. seeds: of the walks, one each. plots: in plots/, beside the page."""
 
     course: str
     config: Config
@@ -51,6 +51,7 @@ class SimulateRequest:
     output: Path = Path("runs")
     force: bool = False
     command: tuple[str, ...] = ("quadlog", "simulate")
+    plots: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +134,10 @@ def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
     """One seed from its ground to its folder."""
     ground = make_ground(each.request.course, each.course, each.config, each.seed)
     simulated = walk_once(each.course, each.config, ground, each.seed)
-    description = WalkDescription(
-        each.request.course, each.course, ground, each.remarks, each.config, each.seed, each.request.command, startup_s
-    )
-    with RunFolder.create_whole(each.run, each.request.force) as folder:
+    request = each.request
+    made_by = each.seed, request.command, startup_s, request.plots
+    description = WalkDescription(request.course, each.course, ground, each.remarks, each.config, *made_by)
+    with RunFolder.create_whole(each.run, request.force) as folder:
         metrics = fill_folder(folder, description, simulated)
     ended = walk_verdict(simulated)
     progress.say(f"{each.run}: {ended or 'done'}")
@@ -194,7 +195,7 @@ def _walk_pair(request: SimulateRequest, seed: int, startup_s: float, progress: 
 def _save(
     request: SimulateRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
 ) -> SimulatedRun:
-    description = TrotDescription(curve, request.config, seed, request.command, startup_s)
+    description = TrotDescription(curve, request.config, seed, request.command, startup_s, request.plots)
     run = _trot_folder(request, curve, seed)
     with RunFolder.create_whole(run, request.force) as folder:
         metrics = fill_trot_folder(folder, description, walk)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from quadlog.errors import ExitCode
 from quadlog.metrics.comparison.planner_verdict import notes, verdict
-from quadlog.metrics.planning import Comparison, compare_planners
-from quadlog.pipelines.comparison.problems import CompareOptions, ProblemSource, counted
-from quadlog.pipelines.comparison.run_planners import Answers, ask_everything, repeats_for
+from quadlog.metrics.planning import compare_planners
+from quadlog.pipelines.comparison.problems import CompareOptions, counted
+from quadlog.pipelines.comparison.run_planners import ask_everything, repeats_for, scenarios_of
 from quadlog.pipelines.comparison.sources import open_sources
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
-from quadlog.results.page.planners import MOST_DRAWN
-from quadlog.results.planner_comparison.folder import ComparisonFiles
-from quadlog.results.planner_comparison.shown_questions import QuestionSample
+from quadlog.results.page.planners import MOST_DRAWN, ComparedSource, earlier_files, write_comparison
+from quadlog.results.planners import QuestionSample
+from quadlog.storage.atomic_write import new_folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,38 +45,31 @@ def compare(
     anything is asked; PluginUnusable also later.
     """
     names = options.names
-    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch, ExitStack() as stack:
-        files = None
-        if folder is not None:
-            files = stack.enter_context(ComparisonFiles(folder, force, has_queries=options.scen is not None))
-        sources, losses = open_sources(arguments, options, Path(scratch), progress)
-        outcome = CompareOutcome([], [], [*rule_lines(names, options)], ExitCode.WITH_LOSS if losses else ExitCode.DONE)
-        kept = min(len(sources), MOST_DRAWN) if files is not None else 0
-        for source, comparison, answers in _compared(sources, names, options, progress, kept):
-            outcome.rows.extend(_plain(comparison))
-            outcome.findings.append(verdict(comparison))
-            outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(answers.columns)])
-            if files is not None:
-                files.add(comparison, answers.columns, answers.scenarios, answers.sample)
-        if files is not None:
-            files.finish(outcome.rows, outcome.about, losses)
-    return outcome
-
-
-def _compared(
-    sources: Sequence[ProblemSource], names: Sequence[str], options: CompareOptions, progress: Progress, kept: int
-) -> Iterator[tuple[ProblemSource, Comparison, Answers]]:
-    """kept: of how many sources questions are kept for the page, the first ones."""
     incremental = [name for name in names if planner_type(name).incremental]
-    for number, source in enumerate(sources):
-        progress.begin("compare", source.count)
-        step = "query" if source.is_static else "replan"
-        sample = QuestionSample(step, source.row_zero_on_top, kept) if number < kept else None
-        repeats = repeats_for(source, len(names))
-        answers = ask_everything(source, names, options.rules, progress, repeats, sample=sample)
-        rng = np.random.default_rng([options.seed, number, *b"intervals"])
-        table = answers.columns | {"us_repeats": answers.us_repeats}
-        yield source, compare_planners(table, rng, options.baseline, counted(options), incremental), answers
+    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch, ExitStack() as stack:
+        if folder is not None:
+            earlier_files(folder, force)
+            stack.enter_context(new_folder(folder))
+        sources, losses = open_sources(arguments, options, Path(scratch), progress)
+        outcome = CompareOutcome([], [], rule_lines(names, options), ExitCode.WITH_LOSS if losses else ExitCode.DONE)
+        compared, drawn = [], min(len(sources), MOST_DRAWN) if folder is not None else 0
+        for number, source in enumerate(sources):
+            progress.begin("compare", source.count)
+            step = "query" if source.is_static else "replan"
+            sample = QuestionSample(step, source.row_zero_on_top, drawn) if number < drawn else None
+            repeats = repeats_for(source, len(names))
+            columns, us_repeats = ask_everything(source, names, options.rules, progress, repeats, sample=sample)
+            rng = np.random.default_rng([options.seed, number, *b"intervals"])
+            table = columns | {"us_repeats": us_repeats}
+            comparison = compare_planners(table, rng, options.baseline, counted(options), incremental)
+            outcome.rows.extend(map(asdict, comparison.rows))
+            outcome.findings.append(verdict(comparison))
+            outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(columns)])
+            if folder is not None:
+                compared.append(ComparedSource(comparison, columns, scenarios_of(source, columns), sample))
+        if folder is not None:
+            write_comparison(folder, compared, outcome.rows, outcome.about, losses)
+    return outcome
 
 
 def rule_lines(names: Sequence[str], options: CompareOptions) -> list[str]:
@@ -99,7 +92,3 @@ def failures(columns: Mapping[str, NDArray[Any]]) -> list[str]:
             told = ", ".join(f"{reason} in {count}" for reason, count in sorted(reasons.items()))
             groups.setdefault(told, []).append(planner)
     return [f"Replans without a path of {', '.join(members)}: {told}." for told, members in groups.items()]
-
-
-def _plain(comparison: Comparison) -> list[dict[str, Any]]:
-    return [asdict(row) for row in comparison.rows]

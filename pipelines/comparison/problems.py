@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from quadlog.config.schema import Config
-from quadlog.planning.protocol import Bool
+from quadlog.planning.protocol import Bool, Cell
 from quadlog.planning.query import NoQuery, Query
 from quadlog.planning.registry import planner_names, planner_type
 from quadlog.planning.replan import ReplanSettings
@@ -21,10 +21,11 @@ class Question(NamedTuple):
 
     t_ns: int
     query: Query | NoQuery
-    occupied: Bool | None = None
+    occupied: Bool
 
 
 Episode = Iterable[Question]
+Ends = tuple[Cell, Cell]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +70,11 @@ class CompareOptions:
     episodes: int = 40
     seed: int = 0
     config: Config = field(default_factory=Config)
+
+    @property
+    def ends(self) -> Ends | None:
+        """Start and goal, where both are given."""
+        return None if self.start_cell is None or self.goal_cell is None else (self.start_cell, self.goal_cell)
 
     @property
     def rules(self) -> Rules:

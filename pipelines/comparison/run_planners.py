@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,59 +17,20 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.planner_comparison.shown_questions import QuestionSample
-from quadlog.results.planner_comparison.tables import REPLANS, SCENARIOS
+from quadlog.results.planners import REPLANS, QuestionSample
 
-Columns = dict[str, list[Any]]
+Columns = dict[str, NDArray[Any]]
+FEWEST_REPEATS = 3
 
 
-@dataclass(slots=True)
-class Answers:
-    """columns: of replans.parquet, planner by planner at each question; scenarios: of scenarios.parquet.
+class Answers(NamedTuple):
+    """columns: of replans.parquet, planner by planner at each question.
 
     us_repeats (N, K): microseconds of each time that a row's question was asked, of which column us has the median.
-    sample: questions for the page, None where none were to be kept.
     """
 
-    columns: dict[str, NDArray[Any]]
-    scenarios: dict[str, NDArray[Any]]
+    columns: Columns
     us_repeats: NDArray[np.float64]
-    sample: QuestionSample | None = None
-
-
-@dataclass(slots=True)
-class _Notebook:
-    """What has been answered so far. at: the row of replans.parquet that comes next; a later pass adds times alone."""
-
-    source: ProblemSource
-    sample: QuestionSample | None = None
-    replans: Columns = field(default_factory=lambda: {name: [] for name in REPLANS.names})
-    scenarios: Columns = field(default_factory=lambda: {name: [] for name in SCENARIOS.names})
-    us_repeats: list[list[float]] = field(default_factory=list)
-    at: int = 0
-
-    def add(self, number: int, at: tuple[int, int], question: Question, answers: Sequence[Answer]) -> None:
-        """The answers to the number-th question, at an episode and replan."""
-        is_first_pass = self.at == len(self.us_repeats)
-        for answer in answers:
-            if not is_first_pass:
-                self.us_repeats[self.at] += answer.us_repeats
-            else:
-                self._add_row(*at, question, answer)
-            self.at += 1
-        if is_first_pass and self.sample is not None:
-            _keep(self.sample, number, at, question, answers)
-
-    def _add_row(self, episode: int, replan: int, question: Question, answer: Answer) -> None:
-        self.us_repeats.append(list(answer.us_repeats))
-        for name, value in _replan_row(self.source.name, episode, replan, question, answer).items():
-            self.replans[name].append(value)
-        if self.source.queries:
-            for name, value in _scenario_row(self.source, episode, answer).items():
-                self.scenarios[name].append(value)
-
-
-FEWEST_REPEATS = 3
 
 
 def repeats_for(source: ProblemSource, planners: int) -> int:
@@ -99,90 +59,58 @@ def ask_everything(
     curvatures: of smoothed paths, which take longer than the plans; static sources have none. sample: keeps questions
     for the page.
     """
-    book = _Notebook(source, sample)
+    rows: list[dict[str, Any]] = []
+    us: dict[tuple[str, int], list[float]] = {}
     smoothing = source.smoothing if curvatures and not source.is_static else None
     passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
-    for number in range(passes):
-        book.at = 0
-        for members in [[name] for name in names] if source.is_static else [list(names)]:
-            planners, *doubles = ([make_planner(name, rules) for name in members] for _ in range(rounds))
-            panel, asked = Panel(planners, smoothing, doubles), itertools.count()
-            for episode, questions in enumerate(source.episodes()):
-                panel.begin_episode()
-                for replan, question in enumerate(questions):
-                    book.add(next(asked), (episode, replan), question, panel.ask(question.query))
-                if number == 0 and members[0] == names[0]:
-                    progress.advance()
-    columns, us_repeats = _arrays(book.replans), _repeats(book.us_repeats, repeats)
+    for turn, members in itertools.product(range(passes), [[name] for name in names] if source.is_static else [names]):
+        planners, *doubles = ([make_planner(name, rules) for name in members] for _ in range(rounds))
+        panel, numbers = Panel(planners, smoothing, doubles), itertools.count()
+        for episode, questions in enumerate(source.episodes()):
+            panel.begin_episode()
+            for replan, question in enumerate(questions):
+                number, answers = next(numbers), panel.ask(question.query)
+                for answer in answers:
+                    us.setdefault((answer.planner, number), []).extend(answer.us_repeats)
+                if turn == 0:
+                    at = {"source": source.name, "episode": episode, "replan": replan}
+                    rows += [at | _row(question, answer) for answer in answers]
+                    # There is no map of what could not be asked.
+                    if sample is not None and isinstance(question.query, Query):
+                        paths = {each.planner: each.plan.cells for each in answers}
+                        sample.add(number, (episode, replan), question.query, question.occupied, paths)
+            if turn == 0 and members[0] == names[0]:
+                progress.advance()
+    columns = {name: np.array([row[name] for row in rows]) for name in REPLANS.names}
+    us_repeats = np.array([times or [math.nan] * repeats for times in us.values()])
     timed = np.isfinite(us_repeats).all(axis=1)
     columns["us"][timed] = np.median(us_repeats[timed], axis=1)
-    return Answers(columns, _arrays(book.scenarios), us_repeats, sample)
+    return Answers(columns, us_repeats)
 
 
-def _keep(
-    sample: QuestionSample, number: int, at: tuple[int, int], question: Question, answers: Sequence[Answer]
-) -> None:
-    """What there was to plan, with every path; there is no map of what could not be asked."""
-    query = question.query
-    if isinstance(query, Query) and question.occupied is not None:
-        layers, ends = (question.occupied, query.blocked), (query.start, query.goal)
-        sample.add(number, at, query.window, layers, ends, {each.planner: each.plan.cells for each in answers})
-
-
-def _repeats(us: list[list[float]], repeats: int) -> NDArray[np.float64]:
-    """(N, repeats), NaN where nobody was asked."""
-    table = np.full((len(us), repeats), np.nan)
-    for row, mine in zip(table, us, strict=True):
-        row[: len(mine)] = mine
-    return table
-
-
-def _replan_row(source: str, episode: int, replan: int, question: Question, answer: Answer) -> dict[str, Any]:
+def _row(question: Question, answer: Answer) -> dict[str, Any]:
     query, plan = question.query, answer.plan
-    ends = (0, 0, 0, 0)
+    ends, is_projected = np.zeros((2, 2), int), False
     if isinstance(query, Query):
-        col0, row0 = query.window.col0, query.window.row0
-        ends = (query.start[0] + col0, query.start[1] + row0, query.goal[0] + col0, query.goal[1] + row0)
+        ends = np.add([query.start, query.goal], [query.window.col0, query.window.row0])
+        is_projected = query.goal_projected
+    same = ("planner", "why_not", "optimal_cost", "length_m", "turn_rad", "curvature_max_1pm", "us")
+    counts = ("found", "expanded", "generated", "touched", "from_scratch", "reused_cells")
     return {
-        "source": source,
-        "episode": episode,
-        "replan": replan,
         "t_ns": question.t_ns,
-        "planner": answer.planner,
-        "found": plan.found,
-        "why_not": answer.why_not,
-        "expanded": plan.expanded,
-        "generated": plan.generated,
-        "touched": plan.touched,
+        **{name: getattr(answer, name) for name in same},
+        **{name: getattr(plan, name) for name in counts},
         "cost": plan.cost if plan.found else math.nan,
-        "optimal_cost": answer.optimal_cost,
-        "from_scratch": plan.from_scratch,
-        "reused_cells": plan.reused_cells,
-        **dict(zip(("start_col", "start_row", "goal_col", "goal_row"), ends, strict=True)),
-        "goal_projected": isinstance(query, Query) and query.goal_projected,
-        "length_m": answer.length_m,
-        "turn_rad": answer.turn_rad,
-        "curvature_max_1pm": answer.curvature_max_1pm,
-        "us": answer.us,
+        **dict(zip(("start_col", "start_row", "goal_col", "goal_row"), ends.ravel().tolist(), strict=True)),
+        "goal_projected": is_projected,
     }
 
 
-def _scenario_row(source: ProblemSource, episode: int, answer: Answer) -> dict[str, Any]:
-    listed = source.queries[episode]
-    return {
-        "map": source.name,
-        "planner": answer.planner,
-        "start_col": listed.start[0],
-        "start_row": listed.start[1],
-        "goal_col": listed.goal[0],
-        "goal_row": listed.goal[1],
-        "listed_cost": listed.listed_cost,
-        "cost": answer.length_m,
-        "expanded": answer.plan.expanded,
-        "us": answer.us,
-        "found": answer.plan.found,
-    }
-
-
-def _arrays(columns: Mapping[str, list[Any]]) -> dict[str, NDArray[Any]]:
-    return {name: np.array(values) for name, values in columns.items()}
+def scenarios_of(source: ProblemSource, columns: Columns) -> Columns | None:
+    """The columns of scenarios.parquet: those of a query and its answers; None without a .scen file."""
+    if not source.queries:
+        return None
+    listed = np.array([query.listed_cost for query in source.queries])[columns["episode"]]
+    alike = ("planner", "start_col", "start_row", "goal_col", "goal_row", "expanded", "us", "found")
+    named = {"map": columns["source"], "listed_cost": listed, "cost": columns["length_m"]}
+    return named | {name: columns[name] for name in alike}

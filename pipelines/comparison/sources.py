@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,13 @@ from quadlog.config.schema import Config
 from quadlog.errors import MissingInput, UsageError
 from quadlog.mapping.grid import Window, window_at
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.problems import Episode, ProblemSource, Question
+from quadlog.pipelines.comparison.problems import CompareOptions, Ends, Episode, ProblemSource, Question
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.context import RobotTrack, TargetTrack
 from quadlog.pipelines.stages.plan import growth_of, planned_as, recorded_maps
-from quadlog.planning.protocol import Bool, Cell
+from quadlog.planning.protocol import Bool
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
@@ -37,9 +37,6 @@ from quadlog.storage.formats.movingai import check_scen, read_movingai_map, read
 from quadlog.storage.formats.ros_map import read_rosmap
 from quadlog.storage.remote_path import RemotePath, to_path
 
-if TYPE_CHECKING:
-    from quadlog.pipelines.comparison.problems import CompareOptions
-
 PREFIX = "forest:"
 
 
@@ -48,7 +45,12 @@ def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation:
 
     dilation: of `inflation.INFLATIONS`. Raises UsageError for a density that is none.
     """
-    density_per_m2 = _density(name)
+    try:
+        density_per_m2 = float(name.removeprefix(PREFIX))
+    except ValueError:
+        density_per_m2 = -1.0
+    if not 0 <= density_per_m2 <= MOST_PER_M2:
+        raise UsageError(f"{name}: trees per m² between 0 and {MOST_PER_M2:g}, as in  forest:0.2")
 
     def walks() -> Iterator[Episode]:
         for number in range(episodes):
@@ -73,18 +75,7 @@ def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
         yield Question(instant.t_ns, query, occupied)
 
 
-def _density(name: str) -> float:
-    try:
-        density_per_m2 = float(name.removeprefix(PREFIX))
-    except ValueError:
-        density_per_m2 = -1.0
-    if not 0 <= density_per_m2 <= MOST_PER_M2:
-        raise UsageError(f"{name}: trees per m² between 0 and {MOST_PER_M2:g}, as in  forest:0.2")
-    return density_per_m2
-
-
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-Ends = tuple[Cell, Cell]
 
 
 def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None) -> ProblemSource:
@@ -94,22 +85,18 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
     """
     blocked = read_movingai_map(path)
     rows, cols = blocked.shape
+    window = Window(0, 0, 1.0, (rows, cols))
     about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
     if scen is None:
-        return _single(name, f"{about}, one query", blocked, Window(0, 0, 1.0, (rows, cols)), _needed(name, ends), True)
+        source = _on_map(name, f"{about}, one query", window, (blocked, blocked), [_checked(name, ends, blocked.shape)])
+        return replace(source, row_zero_on_top=True)
     queries = read_movingai_scen(scen)
     check_scen(queries, (rows, cols), scen)
     if not queries:
         raise UsageError(f"{scen}: holds no query")
-
-    def episodes() -> Iterator[Episode]:
-        for query in queries:
-            yield [_question(blocked, Window(0, 0, 1.0, (rows, cols)), (query.start, query.goal), blocked)]
-
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
-    return ProblemSource(
-        name, about, episodes, len(queries), is_static=True, queries=tuple(queries), row_zero_on_top=True
-    )
+    source = _on_map(name, about, window, (blocked, blocked), [(query.start, query.goal) for query in queries])
+    return replace(source, queries=tuple(queries), row_zero_on_top=True)
 
 
 def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, dilation: str) -> ProblemSource:
@@ -126,28 +113,29 @@ def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, 
         "unknown cells blocked, one query"
     )
     window = window_at(ros_map.origin_m, ros_map.cell_m, blocked.shape)
-    return _single(name, about, blocked, window, _needed(name, ends), False, ros_map.blocked | unknown)
+    return _on_map(name, about, window, (ros_map.blocked | unknown, blocked), [_checked(name, ends, blocked.shape)])
 
 
-def _single(
-    name: str, about: str, blocked: Bool, window: Window, ends: Ends, on_top: bool, occupied: Bool | None = None
-) -> ProblemSource:
-    rows, cols = blocked.shape
-    for option, (col, row) in zip(("--start-cell", "--goal-cell"), ends, strict=True):
-        if not (0 <= col < cols and 0 <= row < rows):
-            raise UsageError(f"{option} {col},{row} lies outside {name}, whose cells are 0,0 to {cols - 1},{rows - 1}")
-    question = _question(blocked, window, ends, blocked if occupied is None else occupied)
-    return ProblemSource(name, about, lambda: iter([[question]]), 1, is_static=True, row_zero_on_top=on_top)
+def _on_map(name: str, about: str, window: Window, layers: tuple[Bool, Bool], asked: Sequence[Ends]) -> ProblemSource:
+    """An episode for each start and goal on one map: occupied, and blocked after obstacles were grown."""
+    occupied, blocked = layers
+
+    def episodes() -> Iterator[Episode]:
+        for start, goal in asked:
+            yield [Question(0, Query(window, blocked, start, goal, False, NO_CELLS), occupied)]
+
+    return ProblemSource(name, about, episodes, len(asked), is_static=True)
 
 
-def _question(blocked: Bool, window: Window, ends: Ends, occupied: Bool) -> Question:
-    return Question(0, Query(window, blocked, ends[0], ends[1], False, NO_CELLS), occupied)
-
-
-def _needed(name: str, ends: Ends | None) -> Ends:
+def _checked(name: str, ends: Ends | None, shape: tuple[int, int]) -> Ends:
+    """Start and goal. Raises UsageError where they are missing or outside the map."""
     if ends is None:
         other = " or --scen FILE.scen" if name.endswith(".map") else ""
         raise UsageError(f"{name}: where from and where to? Give --start-cell COL,ROW and --goal-cell COL,ROW{other}")
+    rows, cols = shape
+    for option, (col, row) in zip(("--start-cell", "--goal-cell"), ends, strict=True):
+        if not (0 <= col < cols and 0 <= row < rows):
+            raise UsageError(f"{option} {col},{row} lies outside {name}, whose cells are 0,0 to {cols - 1},{rows - 1}")
     return ends
 
 
@@ -161,28 +149,26 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
     robot, target = RobotTrack.read(run), TargetTrack.read(run)
     rows, cols = maps.shape
-    about = f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
     dilation_m, shape = growth_of(config)
 
-    def episodes() -> Iterator[Episode]:
-        yield _questions(run, config, robot, target)
+    def questions() -> Iterator[Question]:
+        """One for each map at which it is known where robot and target were."""
+        is_empty = True
+        for instant in recorded_maps(run):
+            pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
+            target_m = target.at(np.array([instant.t_ns]))[0]
+            if pose is not None and np.isfinite(target_m).all():
+                query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
+                is_empty = False
+                yield Question(instant.t_ns, query, instant.occupied)
+        if is_empty:
+            raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
 
-    return ProblemSource(name, f"{about}{dilation_m:g} m ({shape})", episodes, 1, smoothing=planned_as(config))
-
-
-def _questions(run: Path, config: Config, robot: RobotTrack, target: TargetTrack) -> Iterator[Question]:
-    """One for each map at which it is known where robot and target were; MissingInput where there is none."""
-    dilation_m, shape = growth_of(config)
-    is_empty = True
-    for instant in recorded_maps(run):
-        pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
-        target_m = target.at(np.array([instant.t_ns]))[0]
-        if pose is not None and np.isfinite(target_m).all():
-            query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
-            is_empty = False
-            yield Question(instant.t_ns, query, instant.occupied)
-    if is_empty:
-        raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
+    about = (
+        f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
+        f"{dilation_m:g} m ({shape})"
+    )
+    return ProblemSource(name, about, lambda: iter([questions()]), 1, smoothing=planned_as(config))
 
 
 def recording_source(
@@ -214,43 +200,33 @@ def open_sources(
     which come last.
     """
     _check_fit(arguments, options)
-    sources: list[ProblemSource] = []
-    losses: list[str] = []
-    recordings: list[str] = []
-    for name in dict.fromkeys(arguments):
-        source = _open(name, options, scratch / str(len(sources)))
-        if source is None:
-            recordings.append(name)
-        else:
-            sources.append(source)
+    names = list(dict.fromkeys(arguments))
+    opened = {name: _open(name, options, scratch / str(number)) for number, name in enumerate(names)}
+    sources = [source for source in opened.values() if source is not None]
+    recordings = [name for name, source in opened.items() if source is None]
     found = find_recordings(recordings) if recordings else []
+    losses = []
     for recording, run in zip(found, run_names(found), strict=True):
-        source, loss = recording_source(
-            recording, str(recording), options.config, scratch / run, options.seed, progress
-        )
-        sources.append(source)
-        losses += [loss] if loss else []
+        asked = recording_source(recording, str(recording), options.config, scratch / run, options.seed, progress)
+        sources.append(asked[0])
+        losses += [asked[1]] if asked[1] else []
     return sources, losses
 
 
 def _check_fit(arguments: Sequence[str], options: CompareOptions) -> None:
     """Raises UsageError for a query that no source takes."""
-    has_cells = [cell is not None for cell in (options.start_cell, options.goal_cell)]
-    if any(has_cells) != all(has_cells):
+    if (options.start_cell is None) != (options.goal_cell is None):
         raise UsageError("--start-cell and --goal-cell go together")
-    if options.scen is not None and any(has_cells):
+    if options.scen is not None and options.ends is not None:
         raise UsageError("--scen has starts and goals of its own, without --start-cell and --goal-cell")
     if options.scen is not None and not all(name.endswith(".map") for name in arguments):
         raise UsageError("--scen FILE.scen is for MovingAI .map files")
-    if any(has_cells) and not all(name.endswith((".map", *YAML)) for name in arguments):
+    if options.ends is not None and not all(name.endswith((".map", *YAML)) for name in arguments):
         raise UsageError("--start-cell and --goal-cell are for MovingAI .map and ROS map_server .yaml files")
 
 
 def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | None:
     """The source, None for what is to be looked for as a recording. A run behind a URL is copied to `scratch`."""
-    ends = None
-    if options.start_cell is not None and options.goal_cell is not None:
-        ends = options.start_cell, options.goal_cell
     path, given = to_path(name), options.config.model_dump(exclude_unset=True)
     if isinstance(path, RemotePath):
         return run_source(fetch_runs(path, scratch), str(path), given) if is_run(to_path(name)) else None
@@ -260,9 +236,9 @@ def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | 
         forest = forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
         return replace(forest, smoothing=planned_as(options.config))
     if path.suffix == ".map":
-        return movingai_source(path, name, options.scen, ends)
+        return movingai_source(path, name, options.scen, options.ends)
     if path.suffix in YAML:
-        return ros_map_source(path, name, ends, dilation_m, dilation)
+        return ros_map_source(path, name, options.ends, dilation_m, dilation)
     if (path / "run.json").is_file() or (path / "maps.npz").is_file():
         return run_source(path, name, given)
     return None

@@ -167,7 +167,7 @@ def open_cluster(address: str, listener: Listener) -> Iterator[Cluster]:
     try:
         dask = import_module("distributed")
     except ImportError:
-        raise ClusterUnusable(address, "needs Dask: pip install 'quadlog[cluster]'") from None
+        raise ClusterUnusable(address, "needs Dask: pip install distributed bokeh") from None
     _check_scheduler(dask, address)
     with _silent_loggers(), dask.Client(address, timeout=ANSWER_S, set_as_default=False) as client:
         cluster = Cluster(client, address, listener)

@@ -45,6 +45,7 @@ class TrotDescription:
     seed: int
     command: tuple[str, ...]
     startup_s: float
+    plots: bool = True
 
 
 def fill_trot_folder(folder: RunFolder, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
@@ -57,12 +58,12 @@ def fill_trot_folder(folder: RunFolder, description: TrotDescription, trotted: T
         _write_trajectory(run, control)
 
     record = partial(_trot_record, description, trotted, clock)
-    return _fill(folder, description.config, trot_metrics(trotted), write_results, clock, record)
+    return _fill(folder, description, trot_metrics(trotted), write_results, clock, record)
 
 
 def _fill(
     folder: RunFolder,
-    config: Config,
+    description: TrotDescription | WalkDescription,
     metrics: Metrics,
     write_results: Callable[[], None],
     clock: StageClock,
@@ -71,11 +72,12 @@ def _fill(
     """Write config, metrics and results, then plots and the page on them; `run.json` last."""
     saved = saved_metrics(metrics)
     with clock.stage("report"):
-        folder.write_config(config.model_dump(exclude_none=True))
+        folder.write_config(description.config.model_dump(exclude_none=True))
         folder.write_metrics(saved)
         write_results()
         drawings = drawings_of(Run(folder.path, record()))
-        write_plots(folder.path, drawings)
+        if description.plots:
+            write_plots(folder.path, drawings)
     finished = record()
     write_run_page(Run(folder.path, finished), drawings)
     folder.write_run_json(finished)
@@ -153,6 +155,7 @@ class WalkDescription:
     seed: int
     command: tuple[str, ...]
     startup_s: float
+    plots: bool = True
 
 
 def fill_folder(folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
@@ -166,7 +169,7 @@ def fill_folder(folder: RunFolder, description: WalkDescription, simulated: Simu
         write_derived(results)
         write_layout(results)
 
-    return _fill(folder, description.config, walk_metrics(simulated), write_results, clock, record)
+    return _fill(folder, description, walk_metrics(simulated), write_results, clock, record)
 
 
 def walk_metrics(simulated: SimulatedWalk) -> Metrics:

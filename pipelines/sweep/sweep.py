@@ -19,7 +19,7 @@ from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.record import InputRecord, describe_input
 from quadlog.results.saved.run_folder import place_of_new
 from quadlog.results.saved.stage_marks import read_marks
-from quadlog.results.sweep.table import PAGE, TABLE, SweepRow, write_sweep_table
+from quadlog.results.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
 _FLAGS = "--force to replace it or --resume to continue"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -199,7 +198,9 @@ def _frame(run: Run, name: str) -> DataFrame:
         metrics = {key: of for key, of in run.metrics.items() if key not in TIMINGS}
         return _one_row({f"{key}.{part}": getattr(of, part) for key, of in metrics.items() for part in ("value", "n")})
     if suffix == "yaml":
-        return _one_row(dict(line.partition(": ")[::2] for line in _text_of(run.path / name).splitlines()))
+        return _one_row(
+            dict(line.partition(": ")[::2] for line in (run.path / name).read_text("utf-8", "replace").splitlines())
+        )
     if name == "maps.npz":
         return _map_frame(run.maps)
     if suffix == "npz":
@@ -207,10 +208,6 @@ def _frame(run: Run, name: str) -> DataFrame:
         return DataFrame(arrays).rename(columns={"t_ns": "at_ns"}).rename_axis("index").reset_index()
     content = np.frombuffer((run.path / name).read_bytes(), np.uint8)
     return DataFrame({"index": np.arange(len(content)), "byte": content})
-
-
-def _text_of(path: Path) -> str:
-    return path.read_text(encoding="utf-8", errors="replace")
 
 
 def _one_row(values: dict[str, Any]) -> DataFrame:

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 import foxglove.messages as fox
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from numpy.typing import NDArray
 
 from quadlog.errors import NotARun
 from quadlog.geometry import quat_from_euler
 from quadlog.results.run import Run
 from quadlog.results.scenes import CLASSES
-from quadlog.results.view import COLORS, look, thin_evenly
+from quadlog.results.view import COLORS, look
 from quadlog.results.words import value_text
 from quadlog.storage.atomic_write import whole_file, write_whole
 from quadlog.version import __version__
@@ -43,13 +44,13 @@ PLOTTED = (
 )
 """Title, table, topic, and the columns that are x, y and z: Foxglove has no schema for bare numbers."""
 RESIDUAL = "/quadlog/uwb/residual"
-MOST_RESIDUALS = 1000
-"""Of an anchor; those of a longer or faster log are thinned, for they would take most of the time and the file."""
+MOST_RESIDUALS = 4000
+"""Of all anchors together; of a longer or faster log every k-th of each anchor: they would take most of the time."""
 TIMINGS = ("realtime_factor",)
 _FLAT = ["t_ns", "x_m", "y_m", "yaw_rad"]
-_BODY = [*_FLAT, "z_m", "roll_rad", "pitch_rad"]
 _FLOAT, _BYTE = fox.PackedElementFieldNumericType.Float32, fox.PackedElementFieldNumericType.Uint8
-_POINT = {"x": _FLOAT, "y": _FLOAT, "z": _FLOAT, **dict.fromkeys(("label", "red", "green", "blue", "alpha"), _BYTE)}
+_RGBA = ["red", "green", "blue", "alpha"]
+_POINT = np.dtype([*((name, "<f4") for name in "xyz"), *((name, "u1") for name in ["label", *_RGBA])])
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 _TEMPLATE = Path(__file__).parent / "templates" / "foxglove-layout.json"
 
@@ -65,15 +66,11 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     with whole_file(path) as part, part.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(library=f"quadlog {__version__}")
-        topics = list(_topics(run))
-        channels = [_register(writer, name, kind) for name, kind, _ in topics]
-        sequence = [0] * len(topics)
         # Merged as streams, so that the maps of a long run are not in memory at once.
-        streams = [_numbered(number, stream) for number, (_, _, stream) in enumerate(topics)]
+        streams = [_numbered(_register(writer, name, kind), stream) for name, kind, stream in _topics(run)]
         try:
-            for t_ns, number, message in heapq.merge(*streams, key=lambda entry: entry[:2]):
-                writer.add_message(channels[number], t_ns, message.encode(), t_ns, sequence[number])
-                sequence[number] += 1
+            for t_ns, channel, sequence, message in heapq.merge(*streams):
+                writer.add_message(channel, t_ns, message.encode(), t_ns, sequence)
         except (OverflowError, struct.error) as error:
             words = f"has a time that Foxglove cannot show, before 1970 or after 2106: {error}"
             raise NotARun(run.path, words) from error
@@ -86,27 +83,28 @@ def _register(writer: Writer, name: str, kind: Any) -> int:
     return writer.register_channel(name, "protobuf", writer.register_schema(schema.name, "protobuf", schema.data))
 
 
-def _numbered(number: int, stream: Stream) -> Iterator[tuple[int, int, Any]]:
-    """The messages with the number of their topic: those of equal time are in the order of the topics."""
-    for t_ns, message in stream:
-        yield t_ns, number, message
+def _numbered(channel: int, stream: Stream) -> Iterator[tuple[int, int, int, Any]]:
+    """The messages with their channel and number: those of equal time are in the order of the topics."""
+    for sequence, (t_ns, message) in enumerate(stream):
+        yield t_ns, channel, sequence, message
 
 
 def _topics(run: Run) -> Iterator[Topic]:
     poses, control, target = run.table("poses"), run.table("control"), run.table("target")
+    walk = control if poses is None else poses[_FLAT]
+    if walk is not None:
+        yield "/quadlog/tf", fox.FrameTransform, _transforms(walk, BASE_FRAME)
     if poses is not None:
-        yield "/quadlog/tf", fox.FrameTransform, _transforms(poses[_FLAT], BASE_FRAME)
         yield "/quadlog/pose", fox.PoseInFrame, _poses(poses[_FLAT])
-    elif control is not None:
-        yield "/quadlog/tf", fox.FrameTransform, _transforms(control[_BODY], BASE_FRAME)
     yield from _mount(run)
     if target is not None:
         yield "/quadlog/target", fox.PoseInFrame, _poses(target)
     yield from _uwb_topics(run)
     if run.maps is not None:
         yield "/quadlog/map", fox.Grid, _grids(run)
-    if (run.path / "cloud_samples.npz").is_file():
-        yield "/quadlog/scan", fox.PointCloud, _scans(run)
+    samples = run.arrays("cloud_samples")
+    if samples is not None:
+        yield "/quadlog/scan", fox.PointCloud, _scans(samples)
     for name, prefix, color in (("paths", "/quadlog", "plan"), ("resim_paths", "/quadlog/resim", "resim")):
         paths = run.table(name)
         if paths is not None:
@@ -114,8 +112,8 @@ def _topics(run: Run) -> Iterator[Topic]:
             yield f"{prefix}/path_smooth", fox.SceneUpdate, _paths(paths, "smooth_", color)
     if control is not None:
         if poses is not None:
-            yield "/quadlog/resim/tf", fox.FrameTransform, _transforms(control[_BODY], RESIM_FRAME)
-        yield "/quadlog/resim/pose", fox.PoseInFrame, _poses(control[_BODY])
+            yield "/quadlog/resim/tf", fox.FrameTransform, _transforms(control, RESIM_FRAME)
+        yield "/quadlog/resim/pose", fox.PoseInFrame, _poses(control)
     for _, name, topic, columns in PLOTTED:
         table = run.table(name)
         if table is not None:
@@ -129,8 +127,9 @@ def _uwb_topics(run: Run) -> Iterator[Topic]:
         yield "/quadlog/uwb/anchors", fox.SceneUpdate, _anchors(links, run.start_ns)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
         yield f"/quadlog/uwb/fix/{number}", fox.PoseInFrame, _poses(rows)
+    step = 1 if ranges is None else math.ceil(len(ranges) / MOST_RESIDUALS)
     for (tag, anchor), rows in () if ranges is None else ranges.groupby(["tag", "anchor"]):
-        some = rows.iloc[thin_evenly(len(rows), MOST_RESIDUALS)]
+        some = rows.iloc[::step]
         residuals = some.assign(residual_m=some["range_m"] - some["predicted_m"])
         yield f"{RESIDUAL}/{tag}/{anchor}", fox.Vector2, _vectors(residuals, ("residual_m", "weight"))
 
@@ -174,46 +173,31 @@ def _grids(run: Run) -> Stream:
     """One byte a cell, 1 where occupied."""
     maps = run.maps
     assert maps is not None
-    columns = maps.shape[1]
-    form: dict[str, Any] = {
-        "column_count": columns,
-        "row_stride": columns,
-        "cell_stride": 1,
-        "cell_size": fox.Vector2(x=maps.cell_m, y=maps.cell_m),
-        "fields": [fox.PackedElementField(name="occupied", offset=0, type=_BYTE)],
-    }
+    columns, size = maps.shape[1], fox.Vector2(x=maps.cell_m, y=maps.cell_m)
+    form: dict[str, Any] = {"column_count": columns, "row_stride": columns, "cell_stride": 1, "cell_size": size}
+    form["fields"] = [fox.PackedElementField(name="occupied", offset=0, type=_BYTE)]
     for t, (x, y), occupied in maps:
         pose, data = _upright(float(x), float(y)), occupied.astype(np.uint8).tobytes()
         yield t, fox.Grid(timestamp=_time(t), frame_id=MAP_FRAME, pose=pose, data=data, **form)
 
 
-def _scans(run: Run) -> Stream:
+def _scans(samples: dict[str, NDArray[Any]]) -> Stream:
     """The sample scans whose pose is known: points in base with label and colour of their class, and that pose."""
-    kind = np.dtype([(name, "<f4" if field is _FLOAT else "u1") for name, field in _POINT.items()])
-    offsets = [kind.fields[name][1] for name in _POINT]  # type: ignore[index]
-    form: dict[str, Any] = {
-        "point_stride": kind.itemsize,
-        "fields": [
-            fox.PackedElementField(name=name, offset=at, type=_POINT[name])
-            for name, at in zip(_POINT, offsets, strict=True)
-        ],
-    }
-    saved = run.arrays("cloud_samples") or {}
-    try:
-        colors = np.array([_rgba(CLASSES.get(str(name).lower(), "soft")) for name in saved["classes"]], np.uint8)
-        poses = np.column_stack([saved[name] for name in ("x_m", "y_m", "yaw_rad")])
-        clouds = list(zip(saved["t_ns"].tolist(), poses.tolist(), pairwise(saved["offset"].tolist()), strict=True))
-        points = np.empty(len(saved["xyz_m"]), kind)
-        points["x"], points["y"], points["z"] = saved["xyz_m"].T
-        points["label"] = saved["label"]
-        for number, name in enumerate(("red", "green", "blue", "alpha")):
-            points[name] = colors[saved["label"], number]
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise NotARun(run.path / "cloud_samples.npz", f"is damaged: {error}") from error
-    for t, (x, y, yaw_rad), (first, last) in clouds:
+    kinds = [(name, _FLOAT if name in "xyz" else _BYTE) for name in _POINT.names or ()]
+    fields = [fox.PackedElementField(name=name, offset=_POINT.fields[name][1], type=kind) for name, kind in kinds]  # type: ignore[index]
+    label = samples["label"]
+    points = np.empty(len(label), _POINT)
+    points["x"], points["y"], points["z"] = samples["xyz_m"].T
+    points["label"] = label
+    colors = np.array([_rgba(CLASSES.get(name.lower(), "soft")) for name in samples["classes"].tolist()], np.uint8)
+    for number, name in enumerate(_RGBA):
+        points[name] = colors[label, number]
+    places = zip(*(samples[name].tolist() for name in ("t_ns", "x_m", "y_m", "yaw_rad")), strict=True)
+    for (t, x, y, yaw_rad), (first, last) in zip(places, pairwise(samples["offset"].tolist()), strict=True):
         if np.isfinite((x, y, yaw_rad)).all():
-            pose, data = _upright(x, y, yaw_rad=yaw_rad), points[first:last].tobytes()
-            yield t, fox.PointCloud(timestamp=_time(t), frame_id=MAP_FRAME, pose=pose, data=data, **form)
+            form: dict[str, Any] = {"frame_id": MAP_FRAME, "pose": _upright(x, y, yaw_rad=yaw_rad), "fields": fields}
+            data = points[first:last].tobytes()
+            yield t, fox.PointCloud(timestamp=_time(t), point_stride=_POINT.itemsize, data=data, **form)
 
 
 def _paths(paths: DataFrame, prefix: str, color: str) -> Stream:
@@ -262,20 +246,16 @@ def _vectors(table: DataFrame, columns: tuple[str, ...]) -> Stream:
 
 def _log(run: Run) -> Stream:
     """Losses, warnings and metrics at the start of the run, so that they are always shown."""
-    lines = [
-        *(
-            (fox.LogLevel.Error, "loss", f"{loss.detail} ({loss.topic})" if loss.topic else loss.detail)
-            for loss in run.record.losses
-        ),
-        *((fox.LogLevel.Warning, "warning", warning) for warning in run.record.warnings),
-    ]
-    for name, metric in sorted(run.metrics.items()):
+    level = fox.LogLevel
+    losses = [f"{loss.detail} ({loss.topic})" if loss.topic else loss.detail for loss in run.record.losses]
+    lines = [*((level.Error, "loss", text) for text in losses)]
+    lines += [(level.Warning, "warning", text) for text in run.record.warnings]
+    for name, of in sorted(run.metrics.items()):
         if name not in TIMINGS:
-            value = f"{value_text(name, metric.value, metric.unit, 6)} (n = {metric.n})"
-            lines.append((fox.LogLevel.Info, "metric", f"{name} = {value}"))
-    for level, name, text in lines:
+            lines.append((level.Info, "metric", f"{name} = {value_text(name, of.value, of.unit, 6)} (n = {of.n})"))
+    for kind, name, text in lines:
         text = text.encode("utf-8", "replace").decode()  # lone surrogates cannot be encoded
-        yield run.start_ns, fox.Log(timestamp=_time(run.start_ns), level=level, message=text, name=name)
+        yield run.start_ns, fox.Log(timestamp=_time(run.start_ns), level=kind, message=text, name=name)
 
 
 def _upright(x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> fox.Pose:
@@ -327,14 +307,9 @@ def write_layout(run: Run) -> Path:
 
 def _plot(title: str, shown: list[tuple[str, str]]) -> dict[str, Any]:
     """shown: the value and the label of each curve."""
+    form = {"enabled": True, "timestampMethod": "receiveTime"}
     series = [
-        {
-            "value": value,
-            "label": label,
-            "color": COLORS[look(number)["color"]],
-            "enabled": True,
-            "timestampMethod": "receiveTime",
-        }
+        {"value": value, "label": label, "color": COLORS[look(number)["color"]], **form}
         for number, (value, label) in enumerate(shown)
     ]
     axes = {"xAxisVal": "timestamp", "showXAxisLabels": True, "showYAxisLabels": True, "isSynced": True}

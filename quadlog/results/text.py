@@ -1,4 +1,4 @@
-"""Tables for terminals, papers and scripts: one printer of header and rows, and the tables of metrics and sweeps."""
+"""Tables for terminals, papers and scripts: one printer of header and rows, and the tables of metrics."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from string import ascii_uppercase
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from quadlog.errors import ExitCode, csv_table, printable
+from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.summary import MeasuredRun, spread
 from quadlog.results.numbers import minus, sig
-
-if TYPE_CHECKING:
-    from quadlog.results.sweep.table import SweepRow
 
 _STYLES = {"table": "plain", "plain": "plain", "markdown": "pipe", "latex": "latex_booktabs"}
 FORMATS = (*_STYLES, "csv", "json")
@@ -47,7 +44,7 @@ def print_table(
     from tabulate import tabulate
 
     escape = escape_markdown if to == "markdown" else printable
-    cells = [[escape(cell) if isinstance(cell, str) else _shown(cell) for cell in row] for row in rows]
+    cells = [[escape(cell) if isinstance(cell, str) else shown(cell) for cell in row] for row in rows]
     cells = cells or [[""] * len(header)]
     columns = zip(*cells, strict=True)
     right = [any(column) and all(_NUMBER.fullmatch(cell) or not cell for cell in column) for column in columns]
@@ -68,7 +65,8 @@ def _exists(value: Any) -> bool:
     return value is not None and not (isinstance(value, float) and not math.isfinite(value))
 
 
-def _shown(cell: Any) -> str:
+def shown(cell: Any) -> str:
+    """A cell as readers see it."""
     if not _exists(cell):
         return ""
     return sig(cell, 4) if isinstance(cell, float) else minus(str(cell))
@@ -245,27 +243,3 @@ def _run_lines(run: RunAtWorst, unit: str) -> list[str]:
     rows = [(each.t_ns, f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
     table = print_table(("t_ns", "s from start", f"sample {unit}".rstrip()), rows)
     return [f"{title}; worst, at least 1 s apart:", *(f"  {line}" for line in table.splitlines()), *details]
-
-
-MOST_METRICS = 4
-BEST = "*"
-
-
-def sweep_text(rows: Sequence[SweepRow]) -> str:
-    """The combinations with up to MOST_METRICS metrics, means over seeds; `*` marks a best by SweepSummary.best."""
-    from quadlog.results.sweep.summary import summarise_sweep
-    from quadlog.results.sweep.table import text_of
-
-    summary = summarise_sweep(rows)
-    metrics = summary.varying[:MOST_METRICS]
-    lines = []
-    for number, setting in enumerate(summary.settings):
-        failed = sum(row.exit_code == ExitCode.FAILED for row in setting.rows)
-        means = [summary.over[name][number].mean for name in metrics]
-        best = [summary.best.get(name) == number for name in metrics]
-        cells = [_shown(mean) + BEST * mark for mean, mark in zip(means, best, strict=True)]
-        lines.append([*map(text_of, setting.values.values()), f"{failed}/{len(setting.rows)}", *cells])
-    left_out = len(summary.varying) - len(metrics)
-    more = [f"and {left_out} more metrics that differ, in report.html"] if left_out > 0 else []
-    table = print_table([*summary.keys, "failed", *metrics], lines, width=terminal_width())
-    return "\n".join([table.rstrip("\n"), *more, *summary.notes()])

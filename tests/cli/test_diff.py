@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,18 +12,20 @@ import pytest
 from quadlog.cli.main import run
 from quadlog.results.diff import COLUMNS, MADE, merge_frames
 from quadlog.results.saved.tables import TABLES, read_table, write_table
+from tests.cli.conftest import FOLLOW
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
+SHORT = ["--until", "map", "--duration", "0.5", "--no-plots"]
 
 
-@pytest.fixture(scope="module")
-def other(tmp_path_factory):
+@pytest.fixture
+def other(once):
     """A run of the same seconds that sees less of them."""
-    folder = tmp_path_factory.mktemp("other")
-    recording = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml"), "--until", "map"]
-    what = ["--duration", "0.5", "-o", str(folder), "--set", "grid.min_height_m=0.3", "--no-plots"]
-    assert run(["replay", *recording, *what]) == 0
-    return folder / "follow"
+
+    def make(folder):
+        assert run(["replay", *FOLLOW, "-o", str(folder), *SHORT, "--set", "grid.min_height_m=0.3"]) == 0
+        return folder / "follow"
+
+    return once("other", make)
 
 
 @pytest.fixture
@@ -58,6 +59,9 @@ def test_another_seed_alone_is_listed_and_is_no_difference(follow, copy, quadlog
     (row,) = listed(quadlog, follow, copy)
     assert row == {"stage": MADE, "result": "run.json", "column": "seed", "rows": 1, "a": 0, "b": 3}
     assert listed(quadlog, follow, follow) == []
+    edit(copy, "run.json", lambda record: record["topics"][0].update(topic="/\x1b[31mred\nline"))
+    done = quadlog("diff", copy, follow)
+    assert (done.code, "\x1b" in done.out, "red line" in done.out) == (4, False, True)
 
 
 def test_a_difference_is_found_in_its_stage_and_in_a_terminal(follow, other, quadlog):
@@ -88,22 +92,14 @@ def test_one_column_of_one_row(follow, copy, quadlog):
     assert first.endswith(" (by 0.25)")
 
 
-def test_a_row_that_one_tag_lacks_is_no_difference_of_another_tag(follow, copy, quadlog):
-    other = shutil.copytree(copy, copy.with_name("b"))
-    table = {"t_ns": np.repeat(read_table(follow, "innovations")["t_ns"][:1], 2), "tag": np.arange(2), "n_ranges": 4}
-    table["nis"] = np.array([0.5, 2.0])
-    alter(copy, "innovations", lambda _: table)
-    alter(other, "innovations", lambda _: {name: np.atleast_1d(values)[-1:] for name, values in table.items()})
-    (row,) = listed(quadlog, copy, other)
-    assert (row["result"], row["column"], row["rows"]) == ("innovations", "rows only in A", 1)
-
-
-def test_a_result_that_only_one_run_has_comes_first(follow, copy, quadlog):
+def test_a_result_that_only_one_run_has_comes_first_and_a_damaged_one_is_an_error(follow, copy, quadlog, refused):
     alter(copy, "fixes", lambda table: table | {"x_m": table["x_m"] + 1})
     (copy / "poses.parquet").unlink()
     rows = listed(quadlog, follow, copy)
     assert (rows[0]["result"], rows[0]["a"], rows[0]["b"]) == ("poses.parquet", "saved", "missing")
     assert [row["result"] for row in rows[1:]] == ["fixes"]
+    (copy / "scans.parquet").write_bytes(b"PAR1")
+    assert "scans.parquet" in refused(1, "diff", copy, follow, "--json")
 
 
 @pytest.mark.parametrize(
@@ -126,6 +122,16 @@ def test_values_are_equal_within_the_tolerance(a, b, tolerances, differs):
     assert bool(list(merge_frames("x", *frames, ["t_ns"], **tolerances))) is differs
 
 
+def test_a_row_that_one_tag_lacks_is_no_difference_of_another_tag(follow, copy, quadlog):
+    other = shutil.copytree(copy, copy.with_name("b"))
+    table = {"t_ns": np.repeat(read_table(follow, "innovations")["t_ns"][:1], 2), "tag": np.arange(2), "n_ranges": 4}
+    table["nis"] = np.array([0.5, 2.0])
+    alter(copy, "innovations", lambda _: table)
+    alter(other, "innovations", lambda _: {name: np.atleast_1d(values)[-1:] for name, values in table.items()})
+    (row,) = listed(quadlog, copy, other)
+    assert (row["result"], row["column"], row["rows"]) == ("innovations", "rows only in A", 1)
+
+
 def test_angles_are_apart_by_the_shorter_way():
     frames = [pd.DataFrame({"t_ns": [0], "yaw_rad": [yaw]}) for yaw in (np.pi - 0.01, 0.01 - np.pi)]
     (row,) = merge_frames("poses", *frames, ["t_ns"])
@@ -145,19 +151,6 @@ def test_tolerances_of_the_command(follow, copy, quadlog):
 def test_a_tolerance_is_a_finite_amount(follow, value, refused):
     for flag in ("--tolerance", "--relative"):
         refused(2, "diff", follow, follow, flag, value)
-
-
-def test_what_is_no_run_or_damaged_is_named_in_one_line(follow, copy, tmp_path, refused):
-    refused(1, "diff", follow, tmp_path / "nothing")
-    refused(1, "diff", follow.parent, follow)
-    (copy / "scans.parquet").write_bytes(b"PAR1")
-    assert "scans.parquet" in refused(1, "diff", copy, follow, "--json")
-
-
-def test_names_from_a_recording_cannot_command_the_terminal(follow, copy, quadlog):
-    edit(copy, "run.json", lambda record: record["topics"][0].update(topic="/\x1b[31mred\nline"))
-    done = quadlog("diff", copy, follow)
-    assert (done.code, "\x1b" in done.out, "red line" in done.out) == (4, False, True)
 
 
 def test_of_a_remote_run_only_what_is_compared_is_asked_for(follow, web, quadlog):

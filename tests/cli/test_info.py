@@ -1,38 +1,32 @@
+"""`quadlog info` and `quadlog init` on small recordings and on the committed one."""
+
 from __future__ import annotations
 
 import json
 import os
 import shlex
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.writer import Writer
 
-from quadlog.cli.info import dilution_lines, link_table, reach_lines, tag_lines
+from quadlog.cli.info import info_lines
 from quadlog.config.file import load_config
 from quadlog.recordings.containers.container import EXCERPT
+from tests.cli.conftest import FOLLOW
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
 STRING = b"\0\1\0\0\1\0\0\0\0"
-SCHEMAS = {
-    "std_msgs/msg/String": b"string data",
-    "nav_msgs/msg/Odometry": b"",
-    "gtec_msgs/msg/Ranging": b"",
-}
+SCHEMAS = {"std_msgs/msg/String": b"string data", "nav_msgs/msg/Odometry": b"", "gtec_msgs/msg/Ranging": b""}
 RANGE = b"\0\1\0\0" + b"".join(n.to_bytes(4, "little") for n in (4, 1, 2500, 0)) + bytes(16)
 
-Messages = list[tuple[str, str, int, bytes]]
 
-
-def write(path: Path, messages: Messages, **options: Any) -> Path:
+def write(path, messages, **options):
     """A recording of messages: topic, type, time, payload."""
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start()
         schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in SCHEMAS.items()}
-        channels: dict[str, int] = {}
+        channels = {}
         for topic, kind, t_ns, payload in messages:
             if topic not in channels:
                 channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
@@ -42,46 +36,35 @@ def write(path: Path, messages: Messages, **options: Any) -> Path:
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    messages: Messages = [("/chat\x1b[31mter", "std_msgs/msg/String", i * 10**9, STRING) for i in range(3)]
+def recording(tmp_path):
+    messages = [("/chat\x1b[31mter", "std_msgs/msg/String", i * 10**9, STRING) for i in range(3)]
     return write(tmp_path / "walk.mcap", [*messages, ("/odom", "nav_msgs/msg/Odometry", 10**9, b"\0\1\0\0")])
 
 
 @pytest.fixture
-def ranging(tmp_path: Path) -> Path:
+def ranging(tmp_path):
     return write(tmp_path / "walk.mcap", [("/gtec", "gtec_msgs/msg/Ranging", 10**9, RANGE)])
 
 
-def test_table_on_stdout_losses_on_stderr_and_exit_code(recording: Path, quadlog: Callable[..., Any]) -> None:
+def test_text_or_one_object_on_stdout_losses_on_stderr_and_exit_code(recording, quadlog, refused):
     code, out, err = quadlog("info", recording)
-    assert code == 3
-    for words in ("4 messages in 2.0 s", "std_msgs/msg/String", "1..1"):
-        assert words in out
-    assert "\x1b" not in out + err
+    assert (code, "\x1b" in out + err) == (3, False)
+    assert all(words in out for words in ("4 messages in 2.0 s", "std_msgs/msg/String", "1..1"))
     assert "lost: /odom: 1 messages could not be decoded" in err
-
-
-def test_json_is_one_object(recording: Path, quadlog: Callable[..., Any]) -> None:
     info = json.loads(quadlog("info", "--json", recording).out)
     assert {"path", "messages", "start_ns", "end_ns", "losses", "warnings", "topics"} <= set(info)
     assert {"name", "type", "messages", "hz_min", "hz_max", "gaps", "role", "why"} <= set(info["topics"][0])
-
-
-def test_errors_are_one_line(tmp_path: Path, recording: Path, refused: Callable[..., str]) -> None:
-    assert "absent.mcap" in refused(1, "info", tmp_path / "absent.mcap")
     assert "/points is not in the recording" in refused(1, "info", recording, "--set", "topics.lidar=/points")
 
 
-def test_a_file_that_may_not_be_read_is_no_wrong_usage(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
-) -> None:
+def test_a_file_that_may_not_be_read_is_no_wrong_usage(recording, tmp_path, monkeypatch, refused):
     """Permissions do not stop an administrator, so the refusal is simulated, as click and as quadlog see it."""
     really = Path.open
 
-    def refuse(path: Path, *arguments: object, **options: object) -> object:
+    def refuse(path, *arguments, **options):
         if path == recording:
             raise PermissionError(13, "Permission denied", str(path))
-        return really(path, *arguments, **options)  # type: ignore[call-overload]
+        return really(path, *arguments, **options)
 
     monkeypatch.setattr(os, "access", lambda *_, **__: False)
     monkeypatch.setattr(Path, "open", refuse)
@@ -89,9 +72,9 @@ def test_a_file_that_may_not_be_read_is_no_wrong_usage(
         assert "walk.mcap" in refused(1, *command)
 
 
-def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path: Path, quadlog: Callable[..., Any]) -> None:
+def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path, quadlog):
     topics = ["/my odom; ls", "/odom'\x1b[31m"]
-    messages: Messages = [(topic, "nav_msgs/msg/Odometry", 10**9, b"\0\1\0\0") for topic in topics]
+    messages = [(topic, "nav_msgs/msg/Odometry", 10**9, b"\0\1\0\0") for topic in topics]
     path = write(tmp_path / "walk.mcap", messages)
     _, out, err = quadlog("info", path)
     assert "\x1b" not in out + err
@@ -99,135 +82,94 @@ def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path: Path, quadlo
     flags = line.split("choose with  ")[1].split("  or  ")
     for flag, topic in zip(flags, topics, strict=True):
         info = json.loads(quadlog("info", "--json", path, *shlex.split(flag)).out)
-        assert info["roles"]["odometry"]["topics"] == [topic]
-        assert info["ambiguous"] == {}
+        assert (info["roles"]["odometry"]["topics"], info["ambiguous"]) == ([topic], {})
 
 
-def test_a_sample_is_said_and_full_reads_all(tmp_path: Path, quadlog: Callable[..., Any]) -> None:
+def test_a_sample_is_said_and_full_reads_all(tmp_path, quadlog):
     """Progress goes to stderr only, and not where that is no terminal."""
-    messages: Messages = [("/chatter", "std_msgs/msg/String", i * 10**7, STRING) for i in range(EXCERPT.messages + 1)]
+    messages = [("/chatter", "std_msgs/msg/String", i * 10**7, STRING) for i in range(EXCERPT.messages + 1)]
     path = write(tmp_path / "walk.mcap", messages, chunk_size=5000)
-    code, out, err = quadlog("info", path)
-    assert (code, err) == (0, "")
-    (line,) = [line for line in out.splitlines() if line.startswith("sampled: ")]
-    assert "--full reads all" in line
-    assert f"{EXCERPT.messages + 1} messages" in out
-    code, out, err = quadlog("info", path, "--full")
-    assert (code, err, "sampled" in out) == (0, "", False)
+    for full, sampled in ([], True), (["--full"], False):
+        code, out, err = quadlog("info", path, *full)
+        assert (code, err, "--full reads all" in out) == (0, "", sampled)
 
 
-def test_init_writes_a_config_that_loads(
-    ranging: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ok: Callable[..., str]
-) -> None:
+def test_init_writes_a_config_that_loads_and_overwrites_none(ranging, tmp_path, monkeypatch, ok, refused):
     monkeypatch.chdir(tmp_path)
     assert ok("init", ranging) == "quadlog.toml\n"
     assert load_config(Path("quadlog.toml")).topics.uwb == ["/gtec"]
     text = Path("quadlog.toml").read_text()
-    assert "# id = 4\n" in text
-    assert "# id = 1\n" in text
+    assert all(line in text for line in ("# id = 4\n", "# id = 1\n"))
+    Path("quadlog.toml").write_text("keep")
+    assert "--force" in refused(1, "init", ranging)
+    assert Path("quadlog.toml").read_text() == "keep"
+    ok("init", ranging, "--force")
+    assert Path("quadlog.toml").read_text() == text
 
 
-def test_init_refuses_to_overwrite(
-    ranging: Path, tmp_path: Path, ok: Callable[..., str], refused: Callable[..., str]
-) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("keep")
-    assert "--force" in refused(1, "init", ranging, "-o", path)
-    assert path.read_text() == "keep"
-    ok("init", ranging, "-o", path, "--force")
-    assert path.read_text() != "keep"
-
-
-def test_init_reports_damage_as_info_does(ranging: Path, tmp_path: Path, quadlog: Callable[..., Any]) -> None:
+def test_init_reports_damage_as_info_does(ranging, tmp_path, quadlog):
     ranging.write_bytes(ranging.read_bytes()[:-30])
     info = quadlog("info", ranging)
-    assert info.code == 3
-    assert "lost: " in info.err
+    assert (info.code, "lost: " in info.err) == (3, True)
     output = tmp_path / "new.toml"
     assert quadlog("init", ranging, "-o", output) == (3, f"{output}\n", info.err)
     assert load_config(output).topics.uwb == ["/gtec"]
 
 
-LINK: dict[str, Any] = {"tag": 0, "anchor": 3, "n": 584, "residual_m": 0.241, "residual_median_m": -0.0736}
-LINK |= {"bias_m": -0.023, "bias_std_m": 0.087, "bias_applied": False, "why_not": "known to 0.09 m only"}
-LINK |= {"nlos_share": 0.0749, "weak_first_path_share": None}
-REACH: dict[str, Any] = {"topic": "/uwb", "tag": 2, "anchor": 3, "n": 10, "range_min_m": 1.0, "range_max_m": 7.256}
-TAG: dict[str, Any] = {"tag": 2, "role": "robot", "epochs": 600, "fixes": 590, "too_few_ranges": 8, "degenerate": 2}
-TAG |= {"hdop_median": 1.034, "ellipse_major_median_m": 0.199, "ellipse_minor_median_m": 0.156, "reference": "/truth"}
-TAG |= {"fix_error": {"rmse_m": 0.342, "bias_x_m": 0.003, "bias_y_m": -0.153, "share_in_ellipse": 0.599, "nees": 9.34}}
-TAG |= {"track_error": None, "nis": 0.514, "calibration": "why they are applied"}
+@pytest.fixture(scope="module")
+def info():
+    """The object of the committed recording."""
+    from quadlog.pipelines.info import describe_recording
+
+    return describe_recording(Path(FOLLOW[0]), load_config(Path(FOLLOW[2])))
 
 
-def test_a_rejected_bias_says_why_and_an_applied_one_that_it_is() -> None:
-    none = LINK | {"bias_m": None, "bias_std_m": None, "why_not": "calibration is off"}
-    _, (rejected, applied, off) = link_table([LINK, LINK | {"bias_applied": True, "why_not": ""}, none])
-    assert rejected[:6] == ["0", "3", "584", "0.241", "-0.074", "7.5 %"]
-    assert rejected[6:] == ["-0.023 +- 0.087", "not applied: known to 0.09 m only"]
-    assert applied[-1] == "applied"
-    assert off[-2:] == ["", "not applied: calibration is off"]
+def below(lines, *header):
+    """The cells of the row below this header, and of the next."""
+    (at,) = [at for at, line in enumerate(lines) if line.split()[: len(header)] == list(header)]
+    return lines[at + 1].split(), lines[at + 2].split()
 
 
-def test_first_paths_have_a_column_only_where_a_radio_tells() -> None:
-    columns, _ = link_table([LINK])
-    assert "weak path" not in columns
-    columns, rows = link_table([LINK, LINK | {"weak_first_path_share": 0.125}])
-    assert [row[columns.index("weak path")] for row in rows] == ["", "12.5 %"]
-    assert {len(row) for row in rows} == {len(columns)}
-
-
-def test_a_tag_says_what_it_claims_and_what_the_reference_says() -> None:
-    claims = "median HDOP 1.03, median 95 % semi-axes 0.199 x 0.156 m"
-    assert list(tag_lines(TAG)) == [
-        f"tag 2 (robot): 590 fixes in 600 epochs (8 with too few ranges, 2 degenerate); {claims}",
-        "  normalised innovation squared 0.51 per range (1 where uwb.range_std_m is right)",
-        "  biases: why they are applied",
-        "  fixes against /truth: RMSE 0.342 m, bias (+0.003, -0.153) m, 59.9 % in their 95 % ellipses, NEES 9.3",
-    ]
-    nothing = {"role": None, "fixes": 0, "too_few_ranges": 600, "degenerate": 0, "hdop_median": None, "fix_error": None}
-    nothing |= {"nis": None, "calibration": "why they are not"}
-    assert list(tag_lines(TAG | nothing)) == [
-        "tag 2: 0 fixes in 600 epochs (600 with too few ranges)",
-        "  biases: why they are not",
+def test_the_health_of_ranges_fits_a_terminal(info):
+    lines = list(info_lines(info))
+    assert max(map(len, lines[: lines.index("")])) <= 80
+    assert max(len(line) for line in lines if not line.startswith("biases")) <= 80
+    link, _ = below(lines, "tag", "anchor", "ranges", "residual")
+    row = info["uwb"][0]
+    assert link[:3] == ["0", "0", str(row["n"])]
+    assert float(link[3]) == pytest.approx(row["residual_m"], rel=1e-3)
+    assert link[-1] == "applied"
+    robot, person = below(lines, "tag", "role")
+    assert (robot[:4], person[:2]) == (["0", "robot", "600", "598"], ["1", "person"])
+    fixes, track = below(lines, "tag", "RMSE")
+    assert (fixes[:2], track[:2]) == (["0", "fixes"], ["0", "track"])
+    assert float(track[2]) == pytest.approx(info["uwb_tags"][0]["track_error"]["rmse_m"], rel=1e-3)
+    assert "errors against /truth/robot/pose:" in lines
+    assert sum("30% is needed" in line for line in lines) == 2
+    at = lines.index(next(line for line in lines if line.startswith("HDOP (")))
+    grid = [line.split() for line in lines[at + 2 : -1]]
+    assert [float(row[0]) for row in grid] == sorted((float(row[0]) for row in grid), reverse=True), "north up"
+    assert [[float(cell) for cell in row[1:]] for row in grid[::-1]] == [
+        [pytest.approx(value, abs=0.005) for value in row] for row in info["dilution"]["hdop"]
     ]
 
 
-def test_the_map_has_north_up_and_its_axes_at_the_cells_middles() -> None:
-    place = {"origin_x_m": -3.0, "origin_y_m": 1.5, "cell_m": 1.5, "tag_height_m": 0.6}
-    head, *lines = dilution_lines(place | {"hdop": [[0.7, 1.0, None], [12.0, 0.75, 2.0]]})
-    assert head.startswith("HDOP")
-    assert lines == [
-        " y m",
-        "3.75 |   >10  0.75  2.00",
-        "2.25 |  0.70  1.00     -",
-        "     +------------------",
-        " x m   -2.25 -0.75  0.75",
-    ]
+def test_what_is_rejected_or_missing_says_so_and_long_tables_are_cut(info):
+    row = info["uwb"][0] | {"bias_applied": False, "why_not": "known to 0.09 m only"}
+    off = row | {"bias_m": None, "bias_std_m": None, "why_not": info["uwb_tags"][0]["calibration"]}
+    hdop = info["dilution"] | {"hdop": [[None, 12.0]]}
+    few = info | {"uwb": [row, off], "links": info["links"] * 10, "tf": info["tf"] * 9, "dilution": hdop}
+    text = "\n".join(info_lines(few))
+    assert "not applied: known to 0.09 m only" in " ".join(text.split())
+    assert "weak path" not in text
+    assert "  and 40 more, all of them in --json\n" in text
+    assert text.splitlines()[-2].split()[1:] == ["-", ">10"]
+    weak = "\n".join(info_lines(info | {"uwb": [row | {"weak_first_path_share": 0.125}]}))
+    assert all(words in weak for words in ("weak path", "12.5"))
 
 
-def test_info_prints_all_of_it(ok: Callable[..., str]) -> None:
-    out = ok("info", FIXTURES / "follow.mcap", "-c", FIXTURES / "follow.toml")
-    assert out.count("  applied") == 8
-    assert out.count("30% is needed") == 2
-    claims = ("tag 0 (robot): 598 fixes in 600 epochs", "track against /truth/robot/pose: RMSE")
-    for words in (*claims, "HDOP", " y m", " x m"):
-        assert words in out, words
-    assert max(len(line) for line in out[out.index("HDOP (") :].splitlines()) < 80
-
-
-def test_a_log_whose_tags_hear_too_little_still_says_so(ok: Callable[..., str]) -> None:
+def test_a_log_whose_tags_hear_too_little_still_says_so(ok):
     """Only one of the three configured anchors is in the log."""
     anchors = ", ".join(f"{{id={i}, x_m={x}, y_m={y}, z_m=1.0}}" for i, x, y in ((0, 1.0, 1.0), (11, 9, 0), (12, 0, 9)))
-    out = ok("info", FIXTURES / "follow.mcap", "--set", f"uwb.anchors=[{anchors}]")
-    assert "with too few ranges" in out
-    assert "residual m" not in out
-
-
-def test_each_link_has_a_line_until_there_are_too_many() -> None:
-    none = REACH | {"anchor": 4, "range_min_m": None, "range_max_m": None}
-    one, other = reach_lines([REACH, none])
-    assert one == "  /uwb  tag 2  anchor 3  10 ranges  1.00..7.26 m"
-    assert other.startswith("  /uwb  tag 2  anchor 4  10 ranges  no")
-    assert len(list(reach_lines([REACH] * 40))) == 40
-    *lines, last = reach_lines([REACH] * 43)
-    assert len(lines) == 40
-    assert last == "  and 3 more links, all of them in --json"
+    row, _ = below(ok("info", FOLLOW[0], "--set", f"uwb.anchors=[{anchors}]").splitlines(), "tag", "role")
+    assert row[3:5] == ["0", row[2]]

@@ -1,23 +1,31 @@
+"""`quadlog replay` of one recording and of several, as typed."""
+
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
-import time
+import re
+import shutil
 from pathlib import Path
 
 import pytest
 
-FIXTURES = Path(__file__).parents[2] / "fixtures"
-FOLLOW = [str(FIXTURES / "follow.mcap"), "-c", str(FIXTURES / "follow.toml")]
+from quadlog.pipelines.executor import dask_cluster
+from tests.cli.conftest import FIXTURES, FOLLOW
+
+
+@pytest.fixture
+def two(tmp_path):
+    """Arguments that replay two copies of the committed recording."""
+    for name in ("a", "b"):
+        shutil.copy(FOLLOW[0], tmp_path / f"{name}.mcap")
+    recordings = [str(tmp_path / f"{name}.mcap") for name in "ab"]
+    return [*recordings, "--no-plots", *FOLLOW[1:], "-o", str(tmp_path / "runs"), "--until", "ingest"]
 
 
 def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     arguments = ["replay", "--no-plots", *FOLLOW, "-o", tmp_path / "runs", "--until", "position", "--duration", "1"]
     rows = json.loads(ok(*arguments, "--dry-run", "--json"))
-    assert rows[0]["action"] == "run"
-    assert not (tmp_path / "runs").exists()
+    assert (rows[0]["action"], (tmp_path / "runs").exists()) == ("run", False)
     code, out, err = quadlog(*arguments)
     assert code == 0
     first, *sentences, page = out.splitlines()
@@ -25,31 +33,31 @@ def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     assert sentences[0].startswith("  Positions: ")  # the worst first
     assert any(line.startswith("  Recorded walk: The robot ") for line in sentences)
     assert page == str(tmp_path / "runs" / "follow" / "report.html")
-    assert "robot position from uwb" in err
-    assert "robot position" not in out
+    assert ("robot position from uwb" in err, "robot position" in out) == (True, False)
     (row,) = json.loads(ok(*arguments, "--json", "--force"))
     assert (row["run"], row["exit_code"]) == (str(tmp_path / "runs" / "follow"), 0)
-    assert isinstance(row["uwb_residual_m"], float)
-    assert "eta_m" not in row
+    assert (type(row["uwb_residual_m"]), "eta_m" in row) == (float, False)
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (["--force", "--resume"], 2, "exclude each other"),
-        (["--until", "mapp"], 2, "mapp"),
-        (["--set", "uwb.tag_heigth_m=1"], 1, "did you mean uwb.tag_height_m"),
-        (["--planner", "a_star"], 2, "'a_star' is not one of 'astar', "),
-        (["--controller", "mpc"], 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'none'"),
-        (["--preset", "papers"], 2, "'paper"),
-        (["--planner", "astar", "--set", "planner.name=lpa_star"], 2, "--planner astar and --set planner."),
-        (["--controller", "fpm", "--set", "simulation.controller=none"], 2, "--controller fpm and --set simulation."),
-        (["--set", "topics.lidar=/points"], 1, "/lidar/points"),
-        (["--set", "topics.lidar=/odom"], 1, "/odom is nav_msgs/msg/Odometry"),
+        ("--force --resume", 2, "exclude each other"),
+        ("--until mapp", 2, "mapp"),
+        ("--set uwb.tag_heigth_m=1", 1, "did you mean uwb.tag_height_m"),
+        ("--planner a_star", 2, "'a_star' is not one of 'astar', "),
+        ("--controller mpc", 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'none'"),
+        ("--preset papers", 2, "'paper"),
+        ("--planner astar --set planner.name=lpa_star", 2, "--planner astar and --set planner."),
+        ("--controller fpm --set simulation.controller=none", 2, "--controller fpm and --set simulation."),
+        ("--set topics.lidar=/points", 1, "/lidar/points"),
+        ("--set topics.lidar=/odom", 1, "/odom is nav_msgs/msg/Odometry"),
+        ("--scheduler tcp://127.0.0.1:1 --jobs 2", 2, "--scheduler and --jobs exclude each other"),
+        ("--scheduler no:address", 1, "no:address"),
     ],
 )
 def test_mistakes_name_the_remedy(tmp_path, refused, arguments, code, says):
-    assert says in refused(code, "replay", *FOLLOW, "-o", tmp_path / "runs", *arguments)
+    assert says in refused(code, "replay", *FOLLOW, "-o", tmp_path / "runs", *arguments.split())
     assert not (tmp_path / "runs" / "follow" / "run.json").exists()
 
 
@@ -76,37 +84,35 @@ def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, 
     assert not any(note.startswith("preset") for note in records[0]["notes"])
 
 
-def start(tmp_path, *arguments):
-    command = [sys.executable, "-m", "quadlog", "replay", *FOLLOW, "-o", str(tmp_path / "runs"), *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_estimates_the_time(tmp_path, two, quadlog, ok):
+    out = ok("replay", *two, "--dry-run")
+    assert "2 of 2 to replay, " in out.splitlines()[-1]
+    assert "unknown until one has been replayed" in out
+    bad = [str(tmp_path / f"{name}.bag") for name in ("broken", "empty")]
+    for path in bad:
+        Path(path).write_text("no bag")
+    done = quadlog("replay", *bad, two[0], *two[2:], "--jobs", "1")
+    assert done.code == 3
+    first, *last = done.err.splitlines()[-3:]
+    assert first == "2 of 3 recordings failed:"
+    assert [line.split(": ")[0].strip() for line in last] == bad
+    run, page = done.out.splitlines()
+    assert (run.split(": ")[0], page) == (str(tmp_path / "runs" / "a"), str(tmp_path / "runs" / "report.html"))
+    again = ["replay", *two, "--dry-run"]
+    lines = ok(*again, "--resume", "--jobs", "2").splitlines()
+    assert [line.split()[0] for line in lines[:2]] == ["skip", "run"]
+    # A second worker would have nothing to do.
+    assert re.fullmatch(r"1 of 2 to replay, .*; about .* with 1 worker", lines[-1])
+    assert ok(*again, "--force", "--jobs", "1000000000").endswith(" with 2 workers\n")
+    done = quadlog(*again, "--resume", "--json")
+    kept, new = json.loads(done.out)
+    assert kept["expected_s"] == 0 < new["expected_s"]
+    assert new["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size
+    assert "1 of 2 to replay" in done.err
 
 
-def wait_for(path: Path, process: subprocess.Popen) -> None:
-    """Until a file is there: the process is in the middle of its work then. No clock decides anything."""
-    while not any(path.parent.glob(path.name)):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.002)
-
-
-@pytest.mark.parametrize(
-    "blow",
-    [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.nightly) for each in (signal.SIGKILL, signal.SIGTERM))],
-)
-def test_a_stopped_run_leaves_nothing_half_written_and_resumes(tmp_path, blow, ok):
-    process = start(tmp_path)
-    run_folder = tmp_path / "runs" / "follow"
-    wait_for(run_folder / "fixes.parquet", process)
-    process.send_signal(blow)
-    _, err = process.communicate()
-    assert process.returncode == (-blow if blow is signal.SIGKILL else 1)
-    assert "Traceback" not in err
-    assert not (run_folder / "run.json").exists()
-    visible = {path.name for path in run_folder.iterdir() if not path.name.startswith(".")}
-    assert "maps.npz" not in visible
-    if blow is not signal.SIGKILL:
-        assert err.splitlines()[-1].startswith("quadlog: interrupted")
-        assert visible == {path.name for path in run_folder.iterdir()}
-
-    ok("replay", "--no-plots", *FOLLOW, "-o", tmp_path / "runs", "--until", "map", "--resume")
-    assert (run_folder / "run.json").exists()
-    assert not [path.name for path in run_folder.iterdir() if path.name.startswith(".")]
+def test_a_scheduler_that_does_not_answer_is_one_line(two, refused, monkeypatch, closed_port):
+    monkeypatch.setattr(dask_cluster, "ANSWER_S", 0.2)
+    address = f"tcp://127.0.0.1:{closed_port}"
+    said = refused(1, "replay", *two, "--scheduler", address)
+    assert said == f"quadlog: --scheduler {address}: no Dask scheduler has answered within 0.2 s\n"

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,29 +14,36 @@ import time
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results.planner_comparison import folder
-from quadlog.results.planner_comparison import tables as comparison_text
+from quadlog.results import planners as comparison_text
+from quadlog.results.page import planners as comparison_page
+from tests.cli.conftest import FOLLOW
 
 # They would take hours.
 ENDLESS = {
-    "synthesize": ["synthesize", "follow", "-o", "walk.mcap", "--duration", "3600"],
-    "compare-planners": ["compare-planners", "forest:0.2", "-o", "out", "--episodes", "100000"],
+    "synthesize": "synthesize follow -o walk.mcap --duration 3600",
+    "compare-planners": "compare-planners forest:0.2 -o out --episodes 100000",
 }
 SHORT = {
-    "synthesize": ["synthesize", "follow", "-o", "other.mcap", "--duration", "0.2", "--azimuth-steps", "16"],
-    "compare-planners": ["compare-planners", "forest:0.1", "-o", "out", "--episodes", "1", "--planner", "ia_star"],
+    "synthesize": "synthesize follow -o other.mcap --duration 0.2 --azimuth-steps 16",
+    "compare-planners": "compare-planners forest:0.1 -o out --episodes 1 --planner ia_star",
 }
+REPLAY = ["replay", *FOLLOW, "-o", "runs", "--no-plots"]
+NIGHTLY = pytest.mark.nightly
 
 
-def ended(name, number, folder):
-    """The exit code and the lines on stderr of an endless command, once it has begun a file and got the signal."""
-    words = [sys.executable, "-m", "quadlog", *ENDLESS[name]]
-    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not list(folder.rglob("*.part")):
+def ended(words, number, place, begun, group=False, **options):
+    """Exit code and lines on stderr of a command that gets the signal once there is such a file. No clock decides."""
+    command = [sys.executable, "-m", "quadlog", *words]
+    process = subprocess.Popen(
+        command, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **options
+    )
+    while begun and not list(place.rglob(begun)):
         assert process.poll() is None, process.communicate()
         time.sleep(0.005)
-    process.send_signal(number)
-    _, err = process.communicate()
+    if begun:
+        (os.killpg if group else os.kill)(process.pid, number)
+    _, err = process.communicate()  # ends when the last process that could write has ended
+    assert "Traceback" not in err
     return process.returncode, err.splitlines()
 
 
@@ -45,7 +56,7 @@ def ended(name, number, folder):
     ],
 )
 def test_a_stopped_command_says_so_in_a_line_and_leaves_nothing(name, number, words, tmp_path):
-    code, lines = ended(name, number, tmp_path)
+    code, lines = ended(ENDLESS[name].split(), number, tmp_path, "*")
     assert (code, lines) == (1, [f"quadlog: {words}; nothing half-written was left"])
     assert list(tmp_path.iterdir()) == []
 
@@ -53,11 +64,64 @@ def test_a_stopped_command_says_so_in_a_line_and_leaves_nothing(name, number, wo
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", ENDLESS)
 def test_the_next_start_removes_what_a_killed_one_left(name, tmp_path, monkeypatch, capsys):
-    assert ended(name, signal.SIGKILL, tmp_path) == (-signal.SIGKILL, [])
-    assert list(tmp_path.rglob("*.part"))
+    assert ended(ENDLESS[name].split(), signal.SIGKILL, tmp_path, "*") == (-signal.SIGKILL, [])
     monkeypatch.chdir(tmp_path)
-    assert run(SHORT[name]) == 0, capsys.readouterr().err
-    assert not list(tmp_path.rglob("*.part"))
+    assert run(SHORT[name].split()) == 0, capsys.readouterr().err
+    assert not list(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, *(pytest.param(each, marks=NIGHTLY) for each in (signal.SIGKILL, signal.SIGTERM))]
+)
+def test_a_stopped_replay_leaves_nothing_half_written_and_resumes(tmp_path, number, ok):
+    code, lines = ended([*REPLAY, "--until", "map"], number, tmp_path, "fixes.parquet")
+    assert code == (-number if number is signal.SIGKILL else 1)
+    here = tmp_path / "runs" / "follow"
+    visible = {path.name for path in here.iterdir() if not path.name.startswith(".")}
+    assert not {"run.json", "maps.npz"} & visible
+    if number is not signal.SIGKILL:
+        assert lines[-1].startswith("quadlog: interrupted")
+        assert visible == {path.name for path in here.iterdir()}
+    resumed = ["--until", "position", "--resume", "-o", tmp_path / "runs"]
+    ok(*REPLAY, *resumed)
+    assert (here / "run.json").exists()
+    assert not [path.name for path in here.iterdir() if path.name.startswith(".")]
+
+
+@pytest.fixture
+def two(tmp_path):
+    for name in ("a", "b"):
+        shutil.copy(FOLLOW[0], tmp_path / f"{name}.mcap")
+    return ["replay", "a.mcap", "b.mcap", *REPLAY[2:]]
+
+
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=NIGHTLY), signal.SIGINT])
+def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path, two, ok, number, monkeypatch):
+    """Ctrl-C as a terminal sends it: to the workers, too."""
+    words = [*two, "--jobs", "2", "--until", "map"]
+    code, lines = ended(words, number, tmp_path, "fixes.parquet", group=number is signal.SIGINT)
+    assert code == 1
+    assert any("interrupted with 0 of 2 recordings done" in line for line in lines)
+    assert lines[-1].endswith("nothing half-written was left, and --resume goes on")
+    assert not [*(tmp_path / "runs").rglob("*.part"), *(tmp_path / "runs").rglob("run.json")]
+    monkeypatch.chdir(tmp_path)
+    ok(*two, "--jobs", "1", "--until", "ingest", "--resume")
+
+
+@pytest.mark.nightly
+def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, ok, monkeypatch):
+    """A limit on the size of files stands for the disk: more than the page has, less than a run's ranges."""
+    words, size = [*two, "--jobs", "1", "--until", "position"], (40_000, 40_000)
+    limit = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, size)}
+    code, lines = ended(words, None, tmp_path, None, **limit)
+    err = "\n".join(lines)
+    assert (code, err.count("\nstopping: disk full") + err.startswith("stopping: disk full")) == (1, 1)
+    # One task is given out ahead, so the second may have begun by the time the first has failed.
+    assert re.search(r"b\.mcap: (not started|stopped): disk full", err), err
+    assert "--resume goes on" in err
+    assert not list((tmp_path / "runs").rglob("run.json"))
+    monkeypatch.chdir(tmp_path)
+    ok(*words, "--resume")
 
 
 def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_path, monkeypatch, capsys):
@@ -65,15 +129,14 @@ def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_p
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
-    assert folder.format_rows is comparison_text.format_rows  # imported before it is replaced
+    assert comparison_page.format_rows is comparison_text.format_rows  # imported before it is replaced
     monkeypatch.setattr(comparison_text, "format_rows", interrupted)  # what is printed on stdout in the end
-    assert run(SHORT["compare-planners"]) == 1
+    assert run(SHORT["compare-planners"].split()) == 1
     assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
     assert (tmp_path / "out" / "report.html").is_file()
 
 
-def test_a_signal_that_a_destructor_swallows_comes_again():
-    code = """
+SWALLOWED = """
 import os, signal, click
 from quadlog.cli import main
 class Swallows:
@@ -87,21 +150,24 @@ def command():
 main.LazyGroup.get_command = lambda *_: command
 main.main()
 """
-    done = subprocess.run([sys.executable, "-c", code, "info"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "quadlog: interrupted by SIGTERM; nothing half-written was left\n"
+GENERATED = """
+import os, signal, sys
+from quadlog.pipelines.executor.machine import take_one_interrupt
+take_one_interrupt()
+try:
+    exec('os.kill(os.getpid(), signal.SIGTERM)\\nwhile True: pass')
+except KeyboardInterrupt as error:
+    sys.exit(f'{error}')
+"""
 
 
-def test_an_interrupt_within_generated_code_has_the_same_exit_code(tmp_path):
-    """Python marks a plain KeyboardInterrupt that leaves `exec`, and then ends a `python -m` by SIGINT."""
-    (tmp_path / "stopped.py").write_text(
-        "import os, signal, sys\n"
-        "from quadlog.pipelines.executor.machine import take_one_interrupt\n"
-        "take_one_interrupt()\n"
-        "try:\n"
-        "    exec('os.kill(os.getpid(), signal.SIGTERM)\\nwhile True: pass')\n"
-        "except KeyboardInterrupt as error:\n"
-        "    sys.exit(f'{error}')\n"
-    )
-    found = subprocess.run([sys.executable, "-m", "stopped"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stderr) == (1, "SIGTERM\n")
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [(SWALLOWED, "quadlog: interrupted by SIGTERM; nothing half-written was left\n"), (GENERATED, "SIGTERM\n")],
+    ids=["a signal that a destructor swallows comes again", "within exec, after which python -m would end by SIGINT"],
+)
+def test_a_signal_within_odd_code_ends_it_with_exit_code_1(tmp_path, code, said):
+    (tmp_path / "stopped.py").write_text(code)
+    words = [sys.executable, "-m", "stopped", "info"]
+    found = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout, found.stderr) == (1, "", said)

@@ -47,6 +47,7 @@ def lias() -> Path:
     return folder
 
 
+@pytest.mark.nightly  # walks in a circle hold the same against known places
 def test_the_trolley_finds_its_anchors(lias, tmp_path, quadlog):
     """Motion capture as odometry, three tags. Measured 0.08 m from the places that its authors surveyed."""
     tags = "".join(TABLE.format(tag, *lever) for tag, lever in enumerate(LIAS_LEVERS_M))
@@ -100,9 +101,9 @@ def circle(tmp_path):
 
     def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M, ahead_m=0.0) -> Path:
         rng, messages = np.random.default_rng(0), []
-        for step in range(600):
-            t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / (300 if ahead_m else 500)
-            side = -1 if ahead_m and step >= 300 else 1
+        for step in range(400):
+            t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / (200 if ahead_m else 350)
+            side = -1 if ahead_m and step >= 200 else 1
             place_m = np.array([radius_m * np.sin(angle), side * radius_m * (1 - np.cos(angle)), 0.0])
             if radius_m == 0:
                 place_m = np.array([0.02 * step, 0.0, 0.0])
@@ -126,14 +127,6 @@ def circle(tmp_path):
 KNOWN = "[[uwb.anchors]]\nid = {}\nx_m = {}\ny_m = {}\nz_m = {}\n"
 
 
-def test_two_anchors_are_surveyed_and_are_not_enough(circle, quadlog):
-    done = quadlog("survey", circle(ANCHORS_M[:2]), "--json")
-    rows = json.loads(done.out)["anchors"]
-    assert (done.code, [row["observed"] for row in rows]) == (0, [True, True])
-    assert "fewer than three anchors are surveyed: that is not enough for positions" in done.err
-    np.testing.assert_allclose([[row["x_m"], row["y_m"]] for row in rows], ANCHORS_M[:2, :2], atol=0.3)
-
-
 def test_a_tag_ahead_of_base_is_named_beside_a_delay_of_the_stamps(circle, quadlog):
     """At a constant speed they fit alike."""
     said = quadlog("survey", circle(ahead_m=-0.3), "--json").err
@@ -142,31 +135,31 @@ def test_a_tag_ahead_of_base_is_named_beside_a_delay_of_the_stamps(circle, quadl
     assert float(found[1]) < -0.05
 
 
-def test_ranges_that_are_no_numbers_are_counted(circle, quadlog):
-    done = quadlog("survey", circle(spoiled=np.nan), "--json")
+def test_what_is_left_out_or_not_enough_is_said(circle, quadlog):
+    done = quadlog("survey", circle(ANCHORS_M[:2]), "--json")
+    rows = json.loads(done.out)["anchors"]
+    assert (done.code, [row["observed"] for row in rows]) == (0, [True, True])
+    assert "fewer than three anchors are surveyed: that is not enough for positions" in done.err
+    np.testing.assert_allclose([[row["x_m"], row["y_m"]] for row in rows], ANCHORS_M[:2, :2], atol=0.3)
+    done = quadlog("survey", circle(spoiled=np.nan, tags=(0, *[0] * 200, *range(1, 200))))
     assert done.code == 0
-    assert "60 ranges that are no numbers" in done.err
-
-
-def test_of_200_tags_one_is_the_robots_and_the_rest_are_counted(circle, quadlog):
-    done = quadlog("survey", circle(tags=(0, *[0] * 200, *range(1, 200))), "--json")
+    assert "ranges that are no numbers" in done.err
     assert "tag 0 is taken to be the robot's, 199 other tags are not used" in done.err
+    header, *lines = done.out.splitlines()
+    assert (header.split()[:3], [line.split()[0] for line in lines[:1]]) == (["anchor", "x", "m"], ["0"])
 
 
-def test_200_tags_on_the_robot_are_too_many(tmp_path, circle, refused):
+def test_a_straight_line_and_too_many_tags_are_refused(tmp_path, circle, refused):
     (tmp_path / "c.toml").write_text("".join(TABLE.format(tag, 0.0, 0.0) for tag in range(200)))
     recording = circle(np.vstack([ANCHORS_M, ANCHORS_M + 1]), tags=range(200))
     assert "1600 exceeds the limit of 1024" in refused(1, "survey", recording, "-c", tmp_path / "c.toml")
-
-
-def test_a_straight_line_is_refused(circle, refused):
     assert "straight line" in refused(1, "survey", circle(radius_m=0))
 
 
 @pytest.mark.parametrize(
     ("known", "as_configured"),
-    [([0], [0]), ([0, 1], [0, 1]), ([0, 1, 2, 3, 7, 8], [7, 8]), ([0, 7], [0, 7])],
-    ids=["one_known", "two_known", "all_known_and_some_unheard", "one_known_and_one_unheard"],
+    [([0, 1], [0, 1]), ([0, 1, 2, 3, 7, 8], [7, 8]), ([0, 7], [0, 7])],
+    ids=["two_known", "all_known_and_some_unheard", "one_known_and_one_unheard"],
 )
 def test_known_anchors_stay_in_a_config_that_loads(tmp_path, circle, quadlog, known, as_configured):
     places_m = np.vstack([ANCHORS_M, np.full((5, 3), [4.0, 20.0, 2.0])])

@@ -15,32 +15,14 @@ def test_writes_a_recording_lists_it_and_never_overwrites(tmp_path, scenario, ok
     out = ok(*arguments)
     assert out.splitlines()[0].startswith(f"{tmp_path / 'walk.mcap'}: ")
     assert "/lidar/points  2" in out
-    assert (tmp_path / "walk.mcap").exists()
     assert "--force" in refused(1, *arguments)
     ok(*arguments, "--force")
 
 
-def test_with_a_body_the_same_seed_gives_the_same_bytes_and_joints(tmp_path, ok):
-    for name in ("one", "two"):
-        out = ok("synthesize", "follow", "--body", "-o", tmp_path / f"{name}.mcap", *SMALL)
-    assert "/joint_states  100" in out
-    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["moon", "-o", "walk.mcap"],
-        ["follow"],
-        ["follow", "-o", "walk.mcap", "--duration", "-1"],
-        ["follow", "-o", "walk.mcap", "--azimuth-steps", "999999"],
-        ["follow", "-o", "walk.txt", *SMALL],
-        ["follow", "-o", "walk.mcap", "--format", "bag", *SMALL],
-    ],
-)
+@pytest.mark.parametrize("arguments", ["--duration -1", "--azimuth-steps 999999", "-o walk.txt", "--format bag"])
 def test_wrong_usage(tmp_path, monkeypatch, refused, arguments):
     monkeypatch.chdir(tmp_path)
-    refused(2, "synthesize", *arguments)
+    refused(2, "synthesize", "follow", "-o", "walk.mcap", *SMALL, *arguments.split())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -49,3 +31,9 @@ def test_choices_are_those_there_are_and_help_describes_them(ok):
     assert choices == {"scenario": list(SCENARIOS), "container": list(WRITERS)}
     described = ok("synthesize", "--help")
     assert all(f"\n  {scenario} " in described for scenario in SCENARIOS)
+
+
+def test_with_a_body_the_same_seed_gives_the_same_bytes_and_joints(tmp_path, ok):
+    for name in ("one", "two"):
+        assert "/joint_states  100" in ok("synthesize", "follow", "--body", "-o", tmp_path / f"{name}.mcap", *SMALL)
+    assert (tmp_path / "one.mcap").read_bytes() == (tmp_path / "two.mcap").read_bytes()

@@ -57,12 +57,6 @@ def test_the_page_shows_numbers_and_pictures_and_says_that_it_is_fast(made):
     assert "errata: docs/errata.md" in page
 
 
-def test_a_second_run_writes_the_same_bytes(made, tmp_path):
-    assert run(["tables", "following-uwb", "-o", str(tmp_path / "again"), "--fast"]) == 0
-    for path in made.iterdir():
-        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
-
-
 def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
     code, out, err = quadlog("tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2")
     lines = out.splitlines()
@@ -95,12 +89,6 @@ def test_what_was_measured_before_is_printed_again_and_not_measured(made, quadlo
     second = quadlog("tables", "following-uwb", "-o", made, "--fast")
     assert (first.code, second.code, second.out) == (0, 0, first.out)
     assert second.err == "measured before, and nothing has changed since: following-uwb\n"
-    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
-
-
-def test_nothing_is_overwritten_without_force(made, refused):
-    before = {path.name: path.read_bytes() for path in made.iterdir()}
-    assert "--force" in refused(1, "tables", "following-uwb", "-o", made, "--fast", "--seed", "5")
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
 
 

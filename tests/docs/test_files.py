@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from quadlog.results.papers.folder import COLUMNS
-from quadlog.results.planner_comparison.tables import PLANNERS, REPLANS, SCENARIOS
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.saved.names import OWN_FILES
 from quadlog.results.saved.tables import METRIC_NAMES, TABLES

@@ -27,12 +27,11 @@ SHORT = ["--duration", "1.5", "--until", "plan", "--seed", "3"]
 def replayed(tmp_path_factory, fixtures):
     output = tmp_path_factory.mktemp("runs")
     config, settings = fixtures / "follow.toml", {"planner.name": "astar", "grid": {"size_cells": np.int64(120)}}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("quadlog.pipelines.stages.report.write_plots", lambda run, drawings: None)
-        run = quadlog.replay(
-            str(fixtures / "follow.mcap"), config=config, settings=settings, output=output,
-            duration_s=np.float32(1.5), until="plan", seed=np.int64(3),
-        )  # fmt: skip
+    run = quadlog.replay(
+        str(fixtures / "follow.mcap"), config=config, settings=settings, output=output,
+        duration_s=np.float32(1.5), until="plan", seed=np.int64(3), plots=False,
+    )  # fmt: skip
+    assert not (run.path / "plots").exists()
     return run, output
 
 

@@ -115,6 +115,7 @@ def test_names_stay_text(runs: Any, show: Any, tmp_path: Path) -> None:
     ("arguments", "code", "words"),
     [
         (("A", "--side-by-side", "-o", "new.html"), 2, "two runs or more"),
+        (("A", "B", "A", "--side-by-side", "-o", "new.html"), 2, "none twice"),
         (("A", "B", "--side-by-side"), 2, "needs -o"),
         (("A", "B", "-o", "new.html"), 2, "--side-by-side"),
         (("A", "missing", "--side-by-side", "-o", "new.html"), 1, "no such folder"),

@@ -1,15 +1,16 @@
-"""The page of a comparison of planners: what came out, ratios, paths on the map question by question, and a table."""
+"""The folder of a comparison of planners, and its page: what came out, ratios, paths question by question, a table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.errors import printable
+from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
 from quadlog.metrics.intervals import FEWEST_VALUES
 from quadlog.metrics.planning import Comparison, PlannerRow
@@ -28,12 +29,19 @@ from quadlog.results.page.blocks import (
     Table,
     Text,
     Verdict,
+    render,
 )
 from quadlog.results.page.pack import Pack
-from quadlog.results.planner_comparison.shown_questions import QuestionSample, ShownQuestion
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, ShownQuestion, format_rows
 from quadlog.results.saved.maps import MapSequence
+from quadlog.results.saved.outputs import refuse_existing
+from quadlog.results.saved.tables import write_table
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
 from quadlog.results.words import State
+from quadlog.storage.atomic_write import uninterrupted, write_whole
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MOST_DRAWN = 8
 """Sources with paths and charts, the first ones; the others have their verdict and their table."""
@@ -41,15 +49,67 @@ MOST_SOURCES = 200
 LOG_FROM = 20
 """Values of a larger ratio than this get a logarithmic axis."""
 Columns = Mapping[str, NDArray[Any]]
+PAGE = "report.html"
+TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
+TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedSource:
-    """A source's comparison, its columns of replans.parquet, and the questions to show, if any."""
+    """A source's comparison, its columns of replans.parquet and scenarios.parquet, and the questions to show."""
 
     comparison: Comparison
     replans: Columns
+    scenarios: Columns | None = None
     sample: QuestionSample | None = None
+
+
+def earlier_files(folder: Path, force: bool) -> list[Path]:
+    """The files of an earlier comparison, report.html first. Raises AlreadyExists unless `force`, CannotWrite."""
+    named = (folder / name for name in (PAGE, *TEXTS, *TABLES))
+    found = [*(path for path in named if path.exists()), *sorted((folder / "plots").glob("source-[0-9]*-*.png"))]
+    for path in found:
+        refuse_existing(path, force)
+    return found
+
+
+def write_comparison(
+    folder: Path,
+    sources: Sequence[ComparedSource],
+    rows: Sequence[Mapping[str, Any]],
+    about: Sequence[str],
+    losses: Sequence[str] = (),
+) -> None:
+    """All files in place of an earlier comparison's, report.html last; signals are delayed until then.
+
+    planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex,
+    plots/source-N-ratios.png, report.html. rows: of planners.parquet; about, losses: as of planners_page.
+    Raises CannotWrite.
+    """
+    from quadlog.results import mpl  # slow to import, and not needed where nothing is written
+
+    panels = [ratio_panel(source.comparison) for source in sources]
+    files = {f"plots/source-{n}-ratios.png": mpl.render([panel]) for n, panel in enumerate(panels, 1) if panel}
+    files |= {name: format_rows(rows, to, about).encode() for name, to in TEXTS.items()}
+    files[PAGE] = render(planners_page(sources, about, losses))
+    scenarios = [source.scenarios for source in sources if source.scenarios is not None]
+    with uninterrupted():
+        try:
+            (folder / "plots").mkdir(exist_ok=True)
+            for path in earlier_files(folder, force=True):
+                path.unlink()
+        except OSError as error:
+            raise CannotWrite(folder, error.strerror or str(error)) from error
+        write_table(folder / TABLES[0], PLANNERS, {name: [row[name] for row in rows] for name in PLANNERS.names})
+        write_table(folder / TABLES[1], REPLANS, _joined([source.replans for source in sources]))
+        if scenarios:
+            write_table(folder / TABLES[2], SCENARIOS, _joined(scenarios))
+        for name, content in files.items():
+            write_whole(folder / name, content)
+
+
+def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
 
 
 def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> Page:
@@ -150,24 +210,24 @@ def question_scene(sample: QuestionSample, names: Sequence[str]) -> Scene:
     """Start, goal, map and every planner's path of each question, from step 1."""
     shown = list(sample.kept.values())
     steps = np.arange(1.0, len(shown) + 1)
-    new = [k for k, of in enumerate(shown) if k == 0 or of.map is not shown[k - 1].map]
-    maps = [shown[k].map for k in new]
+    new = [k for k, of in enumerate(shown) if k == 0 or of.bits is not shown[k - 1].bits]
+    maps = [shown[k] for k in new]
     origin, cell, columns = np.array([of.origin for of in maps]), maps[0].cell, maps[0].columns
     layers: list[Layer] = []
-    if any(len(of.bits) > 1 for of in maps):
-        grown = MapSequence.of(origin, cell, np.stack([of.bits[-1] for of in maps]), columns)
-        layers.append(Windows("kept clear of", "wall", steps[new], grown))
-    obstacles = MapSequence.of(origin, cell, np.stack([of.bits[0] for of in maps]), columns)
-    layers.append(Windows("obstacle", "cell", steps[new], obstacles))
+    for label, color, layer in (("kept clear of", "wall", -1), ("obstacle", "cell", 0)):
+        if layer == 0 or any(len(of.bits) > 1 for of in maps):
+            grids = MapSequence.of(origin, cell, np.stack([of.bits[layer] for of in maps]), columns)
+            layers.append(Windows(label, color, steps[new], grids))
     layers += [_paths(shown, name, steps, number) for number, name in enumerate(names)]
     for label, color, shape, places in (
         ("goal", "target", "star", np.array([of.goal for of in shown])),
         ("start", "text", "dot", np.array([of.start for of in shown])),
     ):
         layers.append(Track(label, color, steps, places[:, 0], places[:, 1], shape=shape, trail=False))  # type: ignore[arg-type]
-    far = origin + cell * np.array([columns, obstacles.shape[0]])
+    size = cell * np.array([columns, maps[0].bits.shape[1]])
+    far = origin + size
     extent = extent_of((origin[:, 0], origin[:, 1]), (far[:, 0], far[:, 1]))
-    unit, window = sample.unit, cell * max(columns, obstacles.shape[0])
+    unit, window = sample.unit, float(size.max())
     near = 1.1 * window if max(extent[1] - extent[0], extent[3] - extent[2]) > 3 * window else 0.0
     return Scene(layers, extent, unit, (f"x ({unit})", f"y ({unit})"), step=sample.step, near=near)
 
@@ -181,27 +241,23 @@ def _paths(shown: Sequence[ShownQuestion], name: str, steps: NDArray[Any], numbe
     )
 
 
-def _answers(replans: Columns, sample: QuestionSample, names: Sequence[str]) -> dict[str, dict[str, NDArray[Any]]]:
-    """Columns of replans.parquet by planner, (N,) each, a row for each question shown."""
-    place = {of.at: k for k, of in enumerate(sample.kept.values())}
-    at = zip(replans["episode"].tolist(), replans["replan"].tolist(), strict=True)
-    row_of = np.array([place.get(pair, -1) for pair in at])
-    found = {}
-    for name in names:
-        mine = np.flatnonzero((replans["planner"] == name) & (row_of >= 0))
-        mine = mine[np.argsort(row_of[mine])]
-        found[name] = {column: np.asarray(values)[mine] for column, values in replans.items()}
-    return found
+def _answers(replans: Columns, sample: QuestionSample, names: Sequence[str]) -> dict[str, DataFrame]:
+    """Rows of replans.parquet by planner, one for each question shown."""
+    from pandas import DataFrame, MultiIndex
+
+    table = DataFrame(dict(replans)).set_index(["episode", "replan"])
+    shown = MultiIndex.from_tuples([of.at for of in sample.kept.values()])
+    return {name: table[table["planner"] == name].loc[shown] for name in names}
 
 
-def answer_panels(answers: Mapping[str, Columns], step: str, counted: str) -> list[Panel]:
+def answer_panels(answers: Mapping[str, DataFrame], step: str, counted: str) -> list[Panel]:
     """Cells, time and extra cost of every planner at each question, over its step."""
-    excess = {name: 100 * (of["cost"] / of["optimal_cost"] - 1) for name, of in answers.items()}
+    excess = {name: 100 * (of["cost"] / of["optimal_cost"] - 1).to_numpy() for name, of in answers.items()}
     excess = {name: np.where(np.abs(values) < 1e-6, 0.0, values) for name, values in excess.items()}
     what = "neighbours" if counted == "touched" else "cells"
     panels = [
-        question_panel(f"{what} {counted}", {name: of[counted] for name, of in answers.items()}, step),
-        question_panel("time (µs)", {name: of["us"] for name, of in answers.items()}, step),
+        question_panel(f"{what} {counted}", {name: of[counted].to_numpy() for name, of in answers.items()}, step),
+        question_panel("time (µs)", {name: of["us"].to_numpy() for name, of in answers.items()}, step),
     ]
     if any((values > 0).any() for values in excess.values()):
         panels.append(question_panel("cost above the optimum (%)", excess, step, zero=True))
@@ -209,10 +265,10 @@ def answer_panels(answers: Mapping[str, Columns], step: str, counted: str) -> li
 
 
 def question_panel(what: str, values: Mapping[str, NDArray[Any]], step: str, zero: bool = False) -> Panel:
+    """A curve for each planner over the questions from 1; on a logarithmic axis 0 is left out."""
     every = np.concatenate([np.asarray(of, float) for of in values.values()])
     positive = every[np.isfinite(every) & (every > 0)]
     log = not zero and len(positive) > 0 and bool(positive.max() > LOG_FROM * positive.min())
-    """A curve for each planner over the questions from 1; on a logarithmic axis 0 is left out."""
     style: Any = "points" if step == "query" else "line"
     series = []
     for number, (name, of) in enumerate(values.items()):

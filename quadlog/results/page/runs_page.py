@@ -43,8 +43,7 @@ from quadlog.results.saved.find_runs import find_runs, is_run
 from quadlog.results.saved.names import run_name
 from quadlog.results.saved.tables import read_table
 from quadlog.results.scenes import walk_scene
-from quadlog.results.sweep.summary import SweepSummary, summarise_sweep
-from quadlog.results.sweep.table import read_sweep_table, text_of
+from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
 from quadlog.results.view import Moment, Panel, Raster, Scene, Series, Track, merge_panels, merge_scenes
 from quadlog.results.words import STATES, State, bounds_of, interval_text, is_alarming, label_of, value_text
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-import re
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +10,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, RecordingNotFound, UnknownName
-from quadlog.pipelines.comparison import compare as compare_planners
-from quadlog.pipelines.comparison.compare import compare, failures, rule_lines
+from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, RecordingNotFound, UnknownName, UsageError
+from quadlog.pipelines.comparison.compare import compare, failures
 from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.comparison.sources import open_sources
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import PLANNERS as ALL_PLANNERS
-from quadlog.planning.replan import Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.planner_comparison.tables import PLANNERS, REPLANS, SCENARIOS
+from quadlog.results.page import planners as page
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
+from quadlog.storage.atomic_write import complete_folders
 
 SMALL = CompareOptions(planners=("ia_star", "mt_d_star_lite"), episodes=2)
 # Figures that the clock decides.
@@ -61,16 +62,13 @@ def test_a_folder_holds_tables_texts_and_plots(tmp_path):
     assert planners["source"].to_pylist() == ["forest:0.1"] * 3 + ["forest:0.2"] * 3
     assert planners.to_pylist() == outcome.rows
     assert sum(planners["replans"].to_pylist()) == replans.num_rows
+    table = replans.to_pandas()
     for row in outcome.rows:
-        mine = [
-            each for each in replans.to_pylist() if (each["source"], each["planner"]) == (row["source"], row["planner"])
-        ]
-        assert row["replans"] == len(mine)
-        assert row["episodes"] == len({each["episode"] for each in mine}) == 2
+        mine = table[(table["source"] == row["source"]) & (table["planner"] == row["planner"])]
+        assert (row["replans"], row["episodes"], row["success_rate"]) == (len(mine), 2, mine["found"].mean())
         for count in ("expanded", "generated", "touched"):
-            assert row[f"{count}_total"] == sum(each[count] for each in mine)
-        assert row["success_rate"] == np.mean([each["found"] for each in mine]) == 1
-        assert row["length_m_total"] == pytest.approx(sum(each["length_m"] for each in mine))
+            assert row[f"{count}_total"] == mine[count].sum()
+        assert row["length_m_total"] == pytest.approx(mine["length_m"].sum())
     assert len(outcome.findings) == 2
     shown = json.loads((folder / "planners.json").read_text())
     assert [each["expanded_total"] for each in shown] == planners["expanded_total"].to_pylist()
@@ -104,33 +102,15 @@ def test_a_scen_gives_scenarios(scen, tmp_path):
     assert any("costs exact" in line for line in outcome.about)
 
 
-def test_integer_costs_override_those_of_a_scen(scen):
-    path, queries = scen
-    options = replace(SMALL, scen=queries)
-    assert options.rules.costs == "exact"
-    assert replace(options, costs="integer").rules.costs == "integer"
-    assert SMALL.rules.costs == "integer"
-    about = compared([path], replace(options, costs="integer")).about
-    assert any("costs integer" in line for line in about)
-
-
-def test_no_answer_is_a_result(scen):
-    outcome = compared([scen[0]], replace(SMALL, start_cell=(0, 0), goal_cell=(1, 1)))
-    assert outcome.exit_code == ExitCode.DONE
-    assert [row["success_rate"] for row in outcome.rows] == [0.0] * 3
-    assert "nothing can be compared" in outcome.findings[0]
-    assert outcome.about[-1] == "Replans without a path of astar, ia_star, mt_d_star_lite: goal blocked in 1."
-
-
 def test_failures_are_told_apart_by_planner():
     columns = {
-        "planner": np.array(["astar", "ea_star"] * 3),
-        "found": np.array([True, False, False, False, False, False]),
-        "why_not": np.array(["", "missed", "walled in", "walled in", "unreachable", "unreachable"]),
+        "planner": np.array(["astar", "ea_star"] * 2),
+        "found": np.array([True, False, False, False]),
+        "why_not": np.array(["", "missed", "walled in", "walled in"]),
     }
     assert failures(columns) == [
-        "Replans without a path of astar: unreachable in 1, walled in in 1.",
-        "Replans without a path of ea_star: missed in 1, unreachable in 1, walled in in 1.",
+        "Replans without a path of astar: walled in in 1.",
+        "Replans without a path of ea_star: missed in 1, walled in in 1.",
     ]
 
 
@@ -152,17 +132,6 @@ def test_the_papers_preset_counts_generated_cells_and_says_so():
     assert rows["astar_paper"]["ratio_expanded"] == 1
     assert "Preset paper, counting generated cells, seed 0." in outcome.about
     assert any("led by ia_star" in line and "(square)" in line for line in outcome.about)
-    expanded = compared(["forest:0.1"], replace(options, counted="expanded"))
-    ratios = [
-        next(row for row in each.rows if row["planner"] == "ia_star")["ratio_expanded"] for each in (outcome, expanded)
-    ]
-    assert ratios[0] != ratios[1]
-
-
-def test_rules_are_told_once_for_all_that_share_them():
-    lines = rule_lines(["astar", "ia_star", "dijkstra"], CompareOptions())
-    assert lines[1].startswith("Rules of astar, ia_star: costs integer, heuristic octile")
-    assert lines[2].startswith("Rules of dijkstra: costs integer, heuristic zero")
 
 
 def test_an_earlier_comparison_is_kept_unless_forced_and_until_the_new_one_is_whole(tmp_path, scen):
@@ -181,61 +150,62 @@ def test_an_earlier_comparison_is_kept_unless_forced_and_until_the_new_one_is_wh
     assert "forest:0.1" in (folder / "report.html").read_text()
 
 
-def test_an_interrupted_comparison_leaves_nothing(tmp_path, monkeypatch, scen):
-    ask, asked = Panel.ask, []
-
-    def interrupted(panel, query):
-        asked.append(query)
-        if len(asked) == 5:  # the third planner's first query: the tables and their rows have begun
-            raise KeyboardInterrupt
-        return ask(panel, query)
-
-    monkeypatch.setattr(Panel, "ask", interrupted)
-    before = sorted(tmp_path.iterdir())
-    with pytest.raises(KeyboardInterrupt):
-        compared([scen[0]], replace(SMALL, scen=scen[1]), tmp_path / "out")
-    assert len(asked) == 5
-    assert sorted(tmp_path.iterdir()) == before
-
-
-def test_an_interruption_in_the_second_source_leaves_nothing_of_the_first(tmp_path, monkeypatch, scen):
-    second = tmp_path / "second.map"
-    second.write_text(Path(scen[0]).read_text())
-    ask_everything, sources = compare_planners.ask_everything, []
-
-    def interrupted(source, *rest, **more):
-        sources.append(source)
-        if len(sources) == 2:
-            raise KeyboardInterrupt
-        return ask_everything(source, *rest, **more)
-
-    monkeypatch.setattr(compare_planners, "ask_everything", interrupted)
-    before = sorted(tmp_path.iterdir())
-    with pytest.raises(KeyboardInterrupt):
-        compared([scen[0], str(second)], replace(SMALL, scen=scen[1]), tmp_path / "out")
-    assert sorted(tmp_path.iterdir()) == before
-
-
-@pytest.mark.parametrize("place", ["taken", "taken/below"])
-def test_a_file_where_the_folder_should_be(tmp_path, place):
-    (tmp_path / "taken").write_text("a file")
+@pytest.mark.parametrize("in_the_way", ["taken", "taken/plots"])
+def test_a_file_where_a_folder_should_be(tmp_path, scen, in_the_way):
+    (tmp_path / in_the_way).parent.mkdir(exist_ok=True)
+    (tmp_path / in_the_way).write_text("a file")
     with pytest.raises(CannotWrite, match="taken"):
-        compared(["forest:0.1"], SMALL, tmp_path / place, force=True)
-    assert (tmp_path / "taken").read_text() == "a file"
+        compared([scen[0]], replace(SMALL, scen=scen[1]), tmp_path / "taken", force=True)
+    assert (tmp_path / in_the_way).read_text() == "a file"
+    assert not list(tmp_path.glob("taken/*.parquet"))
 
 
-def test_a_source_may_be_called_anything(tmp_path, scen):
-    folder = tmp_path / "$x_{1}|a\nb #%&`<b>"
-    folder.mkdir()
-    path = folder / "small.map"
-    path.write_text(Path(scen[0]).read_text())
-    options = replace(SMALL, start_cell=(0, 0), goal_cell=(5, 3))
-    compared([str(path)], options, tmp_path / "out")
-    out = tmp_path / "out"
-    page, tex = (out / "report.html").read_text(), (out / "planners.tex").read_text()
-    assert "<b>" not in page
-    bare = re.sub(r"\\begin\{tabular\}.*?\\end\{tabular\}", "", tex, flags=re.DOTALL)
-    assert all(line.startswith("%") for line in bare.splitlines() if line)
-    assert json.loads((out / "planners.json").read_text())[0]["source"] == str(path)
-    assert (out / "plots" / "source-1-ratios.png").stat().st_size > 1000
-    assert pq.read_table(out / "planners.parquet")["source"].to_pylist() == [str(path)] * 3
+def test_a_signal_while_the_files_appear_comes_when_all_are_there(tmp_path, monkeypatch, scen):
+    """The last chance to stop a comparison is before its first file appears."""
+
+    def raises(number: int, _: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, raises)
+    write_whole, writes = page.write_whole, []
+
+    def write(path, content):
+        writes.append(path)
+        signal.raise_signal(signal.SIGTERM)
+        write_whole(path, content)
+
+    monkeypatch.setattr(page, "write_whole", write)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            compared([scen[0]], replace(SMALL, scen=scen[1]), tmp_path / "out")
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert len(writes) > 3
+    assert writes[-1].name == "report.html"
+    assert all(path.is_file() for path in writes)
+    assert complete_folders(0.0)[-1] == tmp_path / "out"
+
+
+def test_each_source_is_opened_once_by_what_it_is_called(planned_run, tmp_path):
+    arguments = [str(planned_run), "forest:0.1", "forest:0.1"]
+    sources, losses = open_sources(arguments, CompareOptions(episodes=3), tmp_path, Silent())
+    assert [(each.name, each.count, each.is_static) for each in sources] == [
+        (str(planned_run), 1, False), ("forest:0.1", 3, False)
+    ]  # fmt: skip
+    assert losses == []
+    with pytest.raises(RecordingNotFound, match="no recording in this folder"):
+        open_sources([str(tmp_path)], CompareOptions(), tmp_path, Silent())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "says"),
+    [
+        (["forest:0.1"], {"start_cell": (0, 0), "goal_cell": (1, 1)}, "are for MovingAI .map and ROS map_server .yaml"),
+        (["a.map", "a.yaml"], {"scen": "a.scen"}, "--scen FILE.scen is for MovingAI .map files"),
+        (["a.map"], {"scen": "a.scen", "start_cell": (0, 0), "goal_cell": (1, 1)}, "of its own"),
+        (["forest:2.01"], {}, r"trees per m² between 0 and 2, as in  forest:0\.2"),
+    ],
+)
+def test_queries_that_no_source_takes_are_usage(tmp_path, arguments, options, says):
+    with pytest.raises(UsageError, match=says):
+        open_sources(arguments, CompareOptions(**options), tmp_path, Silent())

@@ -11,7 +11,6 @@ from quadlog.errors import MissingInput, NotARun, UnreadableConfig
 from quadlog.pipelines.comparison.run_planners import ask_everything
 from quadlog.pipelines.comparison.sources import run_source
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.stages.plan import configured_planner, growth_of
 from quadlog.planning.rules import Rules
 from quadlog.results.saved.maps import load_maps
 from quadlog.results.saved.tables import read_table
@@ -37,20 +36,6 @@ def test_its_questions_are_those_of_the_stage_plan(planned_run):
             assert_array_equal(columns[f"{end}_{cell}"], np.floor(plans[f"{end}_{axis}_m"] / cell_m), end)
 
 
-def test_the_growth_is_the_runs_own(planned_run, own_run):
-    text = (own_run / "config.toml").read_text()
-    assert "dilation_m = 0.3" in text
-    (own_run / "config.toml").write_text(text.replace("dilation_m = 0.3", "dilation_m = 0.5"))
-    blocked = []
-    for run in (planned_run, own_run):
-        source = run_source(run, "walk")
-        question = next(iter(next(iter(source.episodes()))))
-        blocked.append(question.query.blocked)
-        assert question.occupied.sum() < question.query.blocked.sum()
-    assert blocked[0].sum() < blocked[1].sum()
-    assert "0.5 m" in source.about
-
-
 def test_curvatures_are_of_paths_smoothed_as_the_run_has_it_unless_something_else_is_given(own_run):
     def curvatures(*given):
         source = run_source(own_run, "walk", load_config(None, given, {}).model_dump(exclude_unset=True))
@@ -63,16 +48,6 @@ def test_curvatures_are_of_paths_smoothed_as_the_run_has_it_unless_something_els
     (own_run / "config.toml").write_text(text.replace("merge_m = 0.6", "merge_m = 0.0"))
     assert_array_equal(curvatures(), other)
     assert_array_equal(curvatures("smoothing.merge_m=0.6"), own)
-
-
-def test_growth_and_planner_of_a_config():
-    config = load_config(None, ["grid.dilation=body", "planner.name=lpa_star", "planner.corner_cutting=true"], {})
-    metres, shape = growth_of(config)
-    assert shape == "euclidean"
-    assert metres == pytest.approx(np.hypot(config.robot.length_m, config.robot.width_m) / 2)
-    planner = configured_planner(config)
-    assert planner.name == "lpa_star"
-    assert planner.rules == Rules(corner_cutting=True)
 
 
 @pytest.mark.parametrize(
@@ -88,18 +63,6 @@ def test_a_run_with_a_file_missing_names_it(own_run, gone, error, says):
     (own_run / gone).unlink()
     with pytest.raises(error, match=says):
         run_source(own_run, "walk")
-
-
-def test_damaged_maps_are_a_known_error(own_run):
-    content = bytearray((own_run / "maps.npz").read_bytes())
-    (own_run / "maps.npz").write_bytes(content[: len(content) // 2])
-    with pytest.raises(NotARun, match="damaged"):
-        run_source(own_run, "walk")
-    middle = len(content) // 2
-    content[middle : middle + 40] = bytes(each ^ 0x5A for each in content[middle : middle + 40])
-    (own_run / "maps.npz").write_bytes(content)
-    with pytest.raises(NotARun, match="damaged"):
-        ask_everything(run_source(own_run, "walk"), ["astar"], Rules(), Silent())
 
 
 def test_a_run_whose_target_was_never_seen_at_a_map_has_no_question(own_run):

@@ -11,6 +11,7 @@ from typing import Any
 
 import foxglove.layouts as official
 import numpy as np
+import pandas as pd
 import pytest
 from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun
-from quadlog.results.foxglove import PLOTTED, RESIDUAL, write_derived, write_layout
+from quadlog.results.foxglove import MOST_RESIDUALS, PLOTTED, RESIDUAL, write_derived, write_layout
 from quadlog.results.record import LossRecord, RunRecord
 from quadlog.results.run import Run
 from quadlog.results.saved.maps import CloudSample, load_maps, write_cloud_samples
@@ -73,44 +74,47 @@ def test_topics_schemas_and_counts(tiny_run: Path) -> None:
     assert stored[0] == START_NS
 
 
-def test_plotted_messages_are_the_columns(tiny_run: Path, derived: Any) -> None:
+def test_messages_are_the_tables(tiny_run: Path, derived: Any) -> None:
     for _, name, topic, columns in PLOTTED:
         if topic in derived:
             table = read_table(tiny_run, name)
             assert [t for t, _ in derived[topic]] == table["t_ns"].tolist()
             for part, column in zip("xyz", columns, strict=False):
                 np.testing.assert_array_equal([getattr(each, part) for _, each in derived[topic]], table[column])
-    ranges = read_table(tiny_run, "ranges")
-    for tag, anchor in set(zip(ranges["tag"].tolist(), ranges["anchor"].tolist(), strict=True)):
-        mine = (ranges["tag"] == tag) & (ranges["anchor"] == anchor)
-        expected = (ranges["range_m"] - ranges["predicted_m"])[mine]
-        np.testing.assert_array_equal([each.x for _, each in derived[f"{RESIDUAL}/{tag}/{anchor}"]], expected)
-
-
-def test_poses_paths_and_anchors_are_the_tables(tiny_run: Path, derived: Any) -> None:
+    ranges = pd.DataFrame(read_table(tiny_run, "ranges"))
+    for (tag, anchor), mine in ranges.groupby(["tag", "anchor"]):
+        found = [each.x for _, each in derived[f"{RESIDUAL}/{tag}/{anchor}"]]
+        np.testing.assert_array_equal(found, mine["range_m"] - mine["predicted_m"])
     poses, links = read_table(tiny_run, "poses"), read_table(tiny_run, "links")
     for i, (t_ns, message) in enumerate(derived["/quadlog/pose"]):
         assert t_ns == poses["t_ns"][i] == message.timestamp.seconds * 10**9 + message.timestamp.nanos
         assert (message.pose.position.x, message.pose.position.y) == (poses["x_m"][i], poses["y_m"][i])
-        quat = message.pose.orientation
-        assert 2 * np.arctan2(quat.z, quat.w) == pytest.approx(poses["yaw_rad"][i])
     frames = [derived[topic][-1][1] for topic in ("/quadlog/tf", "/quadlog/resim/tf")]
     assert [(each.parent_frame_id, each.child_frame_id) for each in frames] == [("map", "base"), ("map", "base_resim")]
     assert derived["/quadlog/uwb/fix/0"][0][1].pose.position.z == 0.6
     for prefix, topic in (("", "/quadlog"), ("resim_", "/quadlog/resim")):
-        paths = read_table(tiny_run, f"{prefix}paths")
-        for k, (t_ns, update) in enumerate(derived[f"{topic}/path"]):
-            points = update.entities[0].lines[0].points
-            rows = slice(10 * k, 10 * k + 10)
-            assert paths["t_ns"][rows].tolist() == [t_ns] * 10
-            np.testing.assert_array_equal([(each.x, each.y) for each in points],
-                                          np.column_stack([paths["x_m"], paths["y_m"]])[rows])  # fmt: skip
-            assert len(derived[f"{topic}/path_smooth"][k][1].entities[0].lines[0].points) == 8
+        paths = pd.DataFrame(read_table(tiny_run, f"{prefix}paths"))
+        for (t, rows), (t_ns, update) in zip(paths.groupby("t_ns"), derived[f"{topic}/path"], strict=True):
+            assert t == t_ns
+            points = [(each.x, each.y) for each in update.entities[0].lines[0].points]
+            np.testing.assert_array_equal(points, rows[["x_m", "y_m"]])
+        assert {len(each.entities[0].lines[0].points) for _, each in derived[f"{topic}/path_smooth"]} == {8}
     ((_, update),) = derived["/quadlog/uwb/anchors"]
     assert [entity.texts[0].text for entity in update.entities] == ["anchor 0", "anchor 1", "anchor 2"]
-    for k, entity in enumerate(update.entities):
-        at = entity.spheres[0].pose.position
-        assert (at.x, at.y, at.z) == tuple(links[name][k] for name in ("x_m", "y_m", "z_m"))
+    at = [entity.spheres[0].pose.position for entity in update.entities]
+    np.testing.assert_array_equal([(each.x, each.y, each.z) for each in at],
+                                  np.column_stack([links[name][:3] for name in ("x_m", "y_m", "z_m")]))  # fmt: skip
+
+
+def test_residuals_of_many_anchors_share_the_room(tmp_path: Path, tiny_record: RunRecord) -> None:
+    rows = {"t_ns": np.arange(6000) + START_NS, "tag": np.zeros(6000, int), "anchor": np.arange(6000) % 10}
+    write_table(
+        tmp_path / "ranges.parquet", TABLES["ranges"], rows | dict.fromkeys(("range_m", "predicted_m", "weight"), 1.0)
+    )
+    path = write_derived(Run(tmp_path, tiny_record))
+    counts = [len(read(path, f"{RESIDUAL}/0/{anchor}")) for anchor in range(10)]
+    assert counts == [300] * 10
+    assert sum(counts) <= MOST_RESIDUALS
 
 
 def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
@@ -186,10 +190,7 @@ def test_what_cannot_be_shown_leaves_no_file(tmp_path: Path, tiny_record: RunRec
     write_table(tmp_path / "poses.parquet", TABLES["poses"], {**pose, "t_ns": [t_ns], "source": "uwb"})
     with pytest.raises(NotARun, match="before 1970 or after 2106"):
         write_derived(Run(tmp_path, tiny_record))
-    (tmp_path / "plans.parquet").write_bytes(b"PAR1")
-    with pytest.raises(NotARun, match=r"plans\.parquet"):
-        write_derived(Run(tmp_path, tiny_record))
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["plans.parquet", "poses.parquet"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["poses.parquet"]
 
 
 def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:

@@ -6,8 +6,6 @@ import csv
 import io
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from quadlog.cli.terminal import parameters
+from quadlog.cli import options
 from quadlog.errors import csv_cell
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
-from quadlog.results.planner_comparison.tables import PLANNERS, format_rows
+from quadlog.results.planners import PLANNERS, format_rows
 from quadlog.results.text import FORMATS, TitledTable, metrics_text, print_table, print_tables, values_text
 
 NASTY = "a|b_$x#\x1b[31m\nc & 100% ~^{}<script>`*\\"
@@ -54,7 +52,7 @@ def cells_of(markdown: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", ["metrics", "planners"])
-@pytest.mark.parametrize("to", parameters.FORMATS)
+@pytest.mark.parametrize("to", options.FORMATS)
 @pytest.mark.parametrize("name", ["walk", NASTY, "=1+1", "half \ud800", "[x]", "* x"])
 def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, name: str) -> None:
     text = printed(kind, to, name)
@@ -84,6 +82,7 @@ def test_every_format_takes_any_name_and_keeps_its_promise(kind: str, to: str, n
 
 
 def test_readers_see_four_digits_one_minus_and_nothing_for_no_value() -> None:
+    assert set(options.FORMATS) < set(FORMATS)  # a list of its own, so that the help needs no numpy
     head, *lines = print_table(HEADER, ROWS).splitlines()
     assert head.split() == ["name", "value", "n"]
     assert lines[0].split() == ["a_b", "0.1235", "1234567"]
@@ -92,25 +91,12 @@ def test_readers_see_four_digits_one_minus_and_nothing_for_no_value() -> None:
     assert {len(line) for line in lines} == {len(head)}
 
 
-def test_scripts_get_all_digits_and_no_entry_for_no_value() -> None:
-    assert [set(each) for each in json.loads(print_table(HEADER, ROWS, "json"))] == [
-        set(HEADER), {"name", "n"}, set(HEADER), {"name", "n"}
-    ]  # fmt: skip
-    read = list(csv.reader(io.StringIO(print_table(HEADER, ROWS, "csv"), newline="")))
-    assert read[1:] == [
-        [name, "" if value is None or value != value else repr(value), str(n)] for name, value, n in ROWS
-    ]
-
-
 def test_texts_are_folded_to_the_width_and_numbers_are_not() -> None:
     rows = [("/a/very/long/topic/name/of/a/camera", 12345.678, "as many words as it takes to fill a line and more")]
     lines = print_table(("topic", "number", "why"), rows, width=60).splitlines()
     assert max(map(len, lines)) <= 60
     assert "/a/very/long/topic/name/of/a/camera" in lines[1]
     assert max(map(len, print_table(("a", "b"), [("x" * 100, "y" * 100)], width=60).splitlines())) <= 60
-
-
-ANY, MARKS = st.text(max_size=9), st.text("|\\`*_[]()<>&~$#!-+.1 \n\x1b", max_size=9)
 
 
 @settings(max_examples=30, deadline=None)
@@ -132,21 +118,6 @@ def test_latex_keeps_no_meaning_that_was_not_meant(text: str) -> None:
     assert len(re.findall(r"(?<!\\)&", body)) == 1
     plain = re.sub(r"\\[&%$#_{}]|\\\^\{\}|\\[a-z]+\{[<>]?\}|\{\}|\\\\|&", "", body)
     assert not re.search(r"[&%$#_{}~^\\<>]", plain)
-
-
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX is installed: nothing is typeset")
-def test_pdflatex_sets_any_name(tmp_path: Path) -> None:
-    head = r"\documentclass{article}\usepackage{booktabs}\begin{document}"
-    body = [printed(kind, "latex", name) for kind in ("metrics", "planners") for name in (NASTY, "[x]", "\ud800")]
-    (tmp_path / "t.tex").write_text("\n".join([head, *body, r"\end{document}"]))
-    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
-    assert done.returncode == 0, done.stdout
-
-
-def test_formats_are_those_of_the_command_line() -> None:
-    """The command line has a list of its own, so that its help needs no numpy."""
-    assert set(parameters.FORMATS) < set(FORMATS)
 
 
 def test_a_few_runs_stand_side_by_side_and_many_are_summed_up() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
-from quadlog.results.planner_comparison.tables import PLANNERS
+from quadlog.results.planners import PLANNERS
 
 NAN = float("nan")
 

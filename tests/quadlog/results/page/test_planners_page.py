@@ -23,8 +23,9 @@ from quadlog.mapping.grid import Window
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.problems import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
+from quadlog.planning.query import Query
 from quadlog.results.page.planners import question_scene
-from quadlog.results.planner_comparison.shown_questions import MOST_BYTES, MOST_QUESTIONS, QuestionSample
+from quadlog.results.planners import MOST_BYTES, MOST_QUESTIONS, QuestionSample
 from quadlog.results.view import Windows
 
 OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
@@ -130,37 +131,30 @@ def test_the_table_has_the_rows_of_planners_parquet_and_the_forest_plot_their_ra
         assert shown[name] == pytest.approx([ratio], rel=1e-3)  # two episodes are too few for an interval
 
 
-def test_the_verdict_comes_first_and_the_page_is_small(walks):
+def test_the_verdict_comes_first_the_page_is_small_and_names_are_text(walks, queries):
     page = html.unescape((walks / "report.html").read_text())
     assert re.search(r"<dt>Cells</dt><dd>\w+ saved most: [\d.]+ times fewer cells expanded than astar", page)
     assert page.index("<dt>Time</dt>") < page.index("<dt>Rests on</dt>") < page.index('data-scene="paths-0"')
     assert len(page) < 500_000
-
-
-def test_names_are_text(queries):
     page = (queries / "report.html").read_text()
     assert "<script>alert" not in page
     assert "b&amp;m.map" in page
     assert "style=" not in page.split("<body>")[1].split("<script")[0]
 
 
-def test_a_second_run_gives_the_same_page_but_for_the_times(tmp_path, monkeypatch):
+def test_a_second_run_gives_the_same_page_but_for_the_times_and_what_was_lost_is_on_it(tmp_path, monkeypatch):
+    from quadlog.pipelines.comparison import compare as module
+
+    opened, options = module.open_sources, replace(OPTIONS, planners=("ia_star",), episodes=1)
     monkeypatch.setattr("quadlog.planning.replan.time.perf_counter_ns", lambda: next(ticks))
+    monkeypatch.setattr(module, "open_sources", lambda *all_of: (opened(*all_of)[0], ["walk.mcap: <1> chunk damaged"]))
     pages = []
     for name in ("one", "two"):
         ticks = itertools.count(0, 1000)
-        compare(["forest:0.1"], replace(OPTIONS, planners=("ia_star",), episodes=1), tmp_path / name, False, Silent())
+        compare(["forest:0.1"], options, tmp_path / name, False, Silent())
         pages.append((tmp_path / name / "report.html").read_bytes())
     assert pages[0] == pages[1]
-
-
-def test_what_was_lost_is_on_the_page(tmp_path, monkeypatch):
-    from quadlog.pipelines.comparison import compare as module
-
-    opened = module.open_sources
-    monkeypatch.setattr(module, "open_sources", lambda *all_of: (opened(*all_of)[0], ["walk.mcap: <1> chunk damaged"]))
-    compare(["forest:0.1"], replace(OPTIONS, planners=("ia_star",), episodes=1), tmp_path / "out", False, Silent())
-    assert "walk.mcap: &lt;1&gt; chunk damaged" in (tmp_path / "out" / "report.html").read_text()
+    assert b"walk.mcap: &lt;1&gt; chunk damaged" in pages[0]
 
 
 def asked(count: int, side: int, *, passes: int = 1, sources: int = 1) -> QuestionSample:
@@ -169,9 +163,8 @@ def asked(count: int, side: int, *, passes: int = 1, sources: int = 1) -> Questi
     for name, number in itertools.product(range(passes), range(count)):
         occupied = np.zeros((side, side), dtype=bool)
         occupied[0, 0] = number % 2
-        path = np.array([[0, number % side], [1, 0]])
-        window = Window(number, 0, 0.1, occupied.shape)
-        sample.add(number, (0, number), window, (occupied, occupied), ((0, 0), (1, 1)), {str(name): path})
+        query = Query(Window(number, 0, 0.1, occupied.shape), occupied, (0, 0), (1, 1), False, np.empty((0, 2), int))
+        sample.add(number, (0, number), query, occupied, {str(name): np.array([[0, number % side], [1, 0]])})
     return sample
 
 
@@ -183,7 +176,7 @@ def test_every_kth_question_is_kept_with_its_own_map(count, side, sources, strid
     assert sample.stride == stride
     assert [shown.at[1] for shown in sample.kept.values()] == list(range(0, count, stride))
     assert all(set(shown.paths) == {"0", "1"} for shown in sample.kept.values())
-    assert sum(shown.map.bits.nbytes for shown in sample.kept.values()) <= MOST_BYTES // sources
+    assert sum(shown.bits.nbytes for shown in sample.kept.values()) <= MOST_BYTES // sources
     scene = question_scene(sample, ["0", "1"])
     (maps,) = (layer for layer in scene.layers if isinstance(layer, Windows))
     assert maps.seconds.tolist() == list(range(1, len(sample.kept) + 1))
@@ -196,7 +189,8 @@ def test_no_wall_of_a_large_map_is_lost(tmp_path: Path) -> None:
     occupied = np.zeros((2500, 3000), dtype=bool)
     occupied[1234, :] = True
     sample = QuestionSample("query", row_zero_on_top=True)
-    sample.add(0, (0, 0), Window(0, 0, 1.0, occupied.shape), (occupied, occupied), ((0, 0), (2999, 0)), {})
+    window = Window(0, 0, 1.0, occupied.shape)
+    sample.add(0, (0, 0), Query(window, occupied, (0, 0), (2999, 0), False, np.empty((0, 2), int)), occupied, {})
     scene = question_scene(sample, [])
     (layer,) = (layer for layer in scene.layers if isinstance(layer, Windows))
     rows, columns = np.nonzero(layer.maps.occupied(0))

@@ -6,7 +6,7 @@ import sys
 import pytest
 from rich.console import Console
 
-from quadlog.cli.terminal.progress_bars import MAX_LINES, Bars, duration_words, open_progress
+from quadlog.cli.progress import MAX_LINES, Bars, duration_words, open_progress
 from quadlog.pipelines.batch.progress import BatchCounts, TaskProgress
 from quadlog.pipelines.executor.progress import told_to
 

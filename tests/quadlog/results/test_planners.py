@@ -5,17 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import csv_cell
-from quadlog.results.planner_comparison.tables import PLANNERS, format_rows, write_planners
+from quadlog.results.planners import PLANNERS, format_rows
 
 INTEGERS = {field.name for field in PLANNERS if field.type == pa.int64()}
 
@@ -45,30 +42,12 @@ astar       98.5  198.9      1               0    27.34    67.5
 """
 
 
-def test_rows_come_back_and_what_does_not_exist_is_null(tmp_path: Path) -> None:
-    rows = [*ROWS[:2], ROWS[2] | {"ratio_high": None}]
-    write_planners(tmp_path / "planners.parquet", ROWS)
-    assert pq.read_table(tmp_path / "planners.parquet").to_pylist() == rows
-
-
 def test_readers_get_a_table_of_each_source_with_its_key_and_notes() -> None:
     text = format_rows(ROWS, "plain", ["how it was paired"])
     tables, _, notes = text.rpartition("\n\n")
     assert [line.split() for line in tables.splitlines()] == [line.split() for line in TABLE.splitlines()]
-    assert max(map(len, tables.splitlines())) <= 80
     assert notes.startswith("cells: expanded per replan")
     assert notes.endswith("\nhow it was paired\n")
-    latex = format_rows(ROWS, "latex", ["how it was paired"])
-    assert latex.count("\\begin{tabular}") == 2
-    assert latex.endswith("% how it was paired\n")
-
-
-@pytest.mark.parametrize("to", ["json", "csv"])
-def test_scripts_get_all_columns_and_no_notes(to: str) -> None:
-    text = format_rows(ROWS[1:2], to, ["how it was paired"])
-    (found,) = json.loads(text) if to == "json" else csv.DictReader(io.StringIO(text, newline=""))
-    assert {name: str(value) for name, value in found.items()} == {name: str(ROWS[1][name]) for name in PLANNERS.names}
-    assert format_rows([], "json") == "[]\n"
 
 
 texts = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=12)

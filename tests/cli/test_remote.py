@@ -1,15 +1,13 @@
-"""What users type as places: one line for all that cannot be had, and URLs where they make sense."""
+"""URLs as places: one line for all that cannot be had, and runs that are read where they lie."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-FOLLOW = Path(__file__).parents[3] / "fixtures" / "follow.mcap"
+from tests.cli.conftest import FIXTURES
 
 
 @pytest.mark.parametrize(
@@ -29,9 +27,7 @@ FOLLOW = Path(__file__).parents[3] / "fixtures" / "follow.mcap"
         ("file://other/b", "another machine"),
     ],
 )
-def test_a_recording_that_cannot_be_had_is_one_line(
-    web: Any, bucket: Any, closed_port: int, tmp_path: Path, refused: Callable[..., str], argument: str, words: str
-) -> None:
+def test_a_recording_that_cannot_be_had_is_one_line(web, bucket, closed_port, tmp_path, refused, argument, words):
     (web.folder / "page").write_text("<html>")
     typed = argument.format(web=web.url, bucket=bucket.name, closed=closed_port)
     line = refused(1, "replay", typed, "-o", tmp_path / "runs")
@@ -40,26 +36,9 @@ def test_a_recording_that_cannot_be_had_is_one_line(
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["init", str(FOLLOW), "-o", "s3://lab/quadlog.toml"],
-        ["report", "s3://lab/runs/walk"],
-        ["simulate", "circle", "-o", "s3://lab/runs"],
-        ["synthesize", "follow", "-o", "s3://lab/x.mcap"],
-        ["tables", "-o", "s3://lab/tables"],
-        ["export", "runs/x", "--to", "tum", "-o", "s3://lab/x.tum"],
-    ],
-)
-def test_files_that_are_written_locally_only_take_no_url(arguments: list[str], refused: Callable[..., str]) -> None:
-    assert "a local path is required here" in refused(2, *arguments)
-
-
-def test_a_run_is_read_where_it_lies(
-    web: Any, bucket: Any, tmp_path: Path, quadlog: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_is_read_where_it_lies(web, bucket, tmp_path, quadlog, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (web.folder / "follow.mcap").write_bytes(FOLLOW.read_bytes())
+    (web.folder / "follow.mcap").write_bytes((FIXTURES / "follow.mcap").read_bytes())
     recording, runs = f"{web.url}/follow.mcap?sig=SECRET", f"s3://{bucket.name}/runs"
     there = f"{runs}/follow"
     done = quadlog("replay", recording, "-o", runs, "--duration", "3", "--until", "position", "--no-plots")
@@ -79,8 +58,3 @@ def test_a_run_is_read_where_it_lies(
     assert (done.code, there in done.out) == (0, True)
     done = quadlog("info", recording)
     assert (done.code, "SECRET" in done.out) == (0, False)
-
-
-@pytest.mark.parametrize("arguments", [["metrics", ""], ["report", ""], ["replay", "x.mcap", "-o", ""]])
-def test_an_unset_variable_is_no_folder(arguments: list[str], refused: Callable[..., str]) -> None:
-    assert "the path is empty" in refused(2, *arguments)

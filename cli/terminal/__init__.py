@@ -1,1 +1,0 @@
-"""What commands share: parameters, progress bars."""

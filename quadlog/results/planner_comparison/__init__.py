@@ -1,1 +1,0 @@
-"""Tables, text and pictures of a planner comparison."""

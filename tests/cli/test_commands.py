@@ -1,0 +1,269 @@
+"""What every command promises: help, usage, errors in one line, outputs that spare what is there, and quiet ends."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+from importlib.metadata import version
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from quadlog.cli.main import COMMANDS, cli, run
+from quadlog.config.plugins import DECODERS, PLANNERS
+from quadlog.errors import CannotWrite
+from quadlog.storage.atomic_write import write_whole
+from quadlog.version import __version__
+from tests.cli.conftest import FIXTURES
+
+HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "numba", "pydantic", "rich", "rosbags", "mcap", "open3d")
+HEAVY += ("mujoco", "foxglove")
+BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "quadprog", "scipy")
+LINES = 40  # of a terminal: longer help scrolls off
+
+READS = {
+    "info": "info FILE",
+    "init": "init FILE -o OUT",
+    "replay": "replay FILE -o OUT",
+    "sweep": "sweep FILE --set planner.name=astar -o OUT",
+    "survey": "survey FILE -o OUT",
+    "compare-planners": "compare-planners FILE -o OUT",
+    "simulate": "simulate FILE -o OUT",
+    "metrics": "metrics FILE",
+    "metrics --reference": "metrics RUN --reference FILE",
+    "report": "report FILE",
+    "export": "export FILE --to tum -o OUT",
+    "diff": "diff RUN FILE",
+    "check": "check FILE --expect bounds.toml",
+    "check --expect": "check RUN --expect FILE",
+    "-c": "replay LOG -c FILE -o OUT",
+}
+WRITES = {
+    "export tum": "export RUN --to tum -o OUT",
+    "export mcap": "export RUN --to mcap -o OUT",
+    "export gif": "export RUN --to gif -o OUT",
+    "check --write": "check RUN --expect OUT --write",
+    "check --junit": "check RUN --expect bounds.toml --junit OUT",
+    "init": "init LOG -o OUT",
+    "survey": "survey LOG -o OUT",
+    "synthesize": "synthesize follow --format mcap -o OUT",
+    "synthesize --config-output": "synthesize follow -o new.mcap --config-output OUT",
+    "report": "report RUN OTHER --side-by-side -o OUT",
+}
+WRITES_LOCALLY = [
+    "init LOG -o URL",
+    "report URL",
+    "simulate circle -o URL",
+    "synthesize follow -o URL",
+    "tables -o URL",
+]
+WRITES_LOCALLY += ["export RUN --to tum -o URL"]
+
+
+@pytest.fixture
+def here(follow, tmp_path, monkeypatch):
+    """Makes the words of a line of a table, in a folder with a run and a copy of it, which is the working one."""
+    monkeypatch.chdir(tmp_path)
+    places = {"RUN": shutil.copytree(follow, tmp_path / "run"), "OTHER": shutil.copytree(follow, tmp_path / "other")}
+
+    def words(line, **given):
+        known = places | {"LOG": FIXTURES / "follow.mcap", "OUT": "out"} | given
+        return [str(known.get(word, word)) for word in line.split()]
+
+    return words
+
+
+def command_of(name):
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    return command
+
+
+def python(code, **options):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, **options)
+
+
+def test_no_help_imports_anything_heavy():
+    code = (
+        "import sys\nfrom quadlog.cli.main import COMMANDS, run\n"
+        "for arguments in [['--help'], ['--version'], *([name, '--help'] for name in COMMANDS)]:\n"
+        "    assert run(arguments) == 0\n"
+        f"    assert not (found := {{*{HEAVY!r}}} & {{*sys.modules}}), (arguments, found)\n"
+    )
+    done = python(code)
+    assert (done.stderr, done.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
+    command = command_of(name)
+    assert command.name == name
+    assert not command.get_short_help_str(56).endswith("..."), "its first sentence fits the list of commands"
+    shown = CliRunner().invoke(cli, [name, "--help"], terminal_width=80).output
+    assert len(shown.splitlines()) <= LINES
+    assert max(map(len, shown.splitlines())) <= 80
+    examples = shown[shown.index("\n  Examples:\n") :].splitlines()[2:]
+    assert examples
+    for example in examples:
+        program, typed, *arguments = shlex.split(example)
+        assert (program, typed) == ("quadlog", name)
+        assert command.make_context(name, arguments).params
+
+
+def test_options_of_one_meaning_are_declared_alike():
+    """The same flag has the same short form, type and default wherever a command has it; help may differ."""
+    options = [each for name in COMMANDS for each in command_of(name).params if isinstance(each, click.Option)]
+    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force", "--jobs", "--seeds", "--resume"):
+        alike = [each for each in options if flag in each.opts]
+        assert len(alike) > 1
+        kinds = {(*each.opts, str(each.type), str(each.default), each.multiple, each.is_flag) for each in alike}
+        assert len(kinds) == 1, kinds
+
+
+@pytest.mark.parametrize("line", READS.values(), ids=READS)
+def test_what_is_not_there_or_hostile_is_one_line_and_nothing_is_written(line, here, quadlog, tmp_path):
+    (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "not\x1b[31mthere").mkdir()
+    (tmp_path / "not\x1b[31mthere" / "run.json").write_text("[" * 10_000)
+    for name in ("nowhere.mcap", "noise.mcap", "not\x1b[31mthere"):
+        code, out, err = quadlog(*here(line, FILE=name))
+        assert code in (1, 2), err
+        assert "Traceback" not in err
+        assert "\x1b" not in out + err
+        if not line.startswith("sweep"):
+            assert (out, err.splitlines()[-1].startswith(("quadlog: ", "Error: "))) == ("", True), err
+        assert not (tmp_path / "out" / "run.json").exists()
+
+
+@pytest.mark.parametrize("line", WRITES_LOCALLY)
+def test_files_that_are_written_locally_only_take_no_url(line, here, refused):
+    assert "a local path is required here" in refused(2, *here(line, URL="s3://lab/x"))
+
+
+@pytest.mark.parametrize("arguments", [["metrics", ""], ["report", ""], ["replay", "x.mcap", "-o", ""]])
+def test_an_unset_variable_is_no_folder(arguments, refused):
+    assert "the path is empty" in refused(2, *arguments)
+
+
+def test_an_output_whose_name_is_not_utf_8_is_one_line(tmp_path, refused):
+    output = os.fsdecode(os.fsencode(tmp_path) + b"/q\xff.mcap")
+    assert "its name is not UTF-8" in refused(1, "synthesize", "follow", "-o", output)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("line", WRITES.values(), ids=WRITES)
+def test_no_output_replaces_a_file_of_a_run_a_pipe_or_a_link(line, here, refused, tmp_path):
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("/dev/null")
+    for force in ([], ["--force"]):
+        for name in ("run.json", "poses.parquet", "plots/trajectory.png"):
+            assert "is a file of the run" in refused(2, *here(line, OUT=f"run/{name}"), *force)
+    for name, why in (("pipe", "it is no regular file"), ("link", "it is a link")):
+        assert why in refused(1, *here(line, OUT=name), "--force")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    assert (tmp_path / "link").is_symlink()
+    assert {path: path.read_bytes() for path in before} == before
+
+
+@pytest.mark.parametrize(("to", "folder"), [("rosmap", "run"), ("csv", "tables")])
+def test_what_goes_into_a_folder_spares_runs_and_pipes_too(to, folder, here, refused, tmp_path):
+    (tmp_path / "tables").mkdir()
+    os.mkfifo(tmp_path / "tables" / "scans.csv")
+    refused(2 if to == "rosmap" else 1, *here(f"export RUN --to {to} -o {folder} --force"))
+    assert [path.name for path in (tmp_path / "tables").iterdir()] == ["scans.csv"]
+    (tmp_path / "stdout").symlink_to("tables/scans.csv")
+    with pytest.raises(CannotWrite, match="it is no regular file"):
+        write_whole(tmp_path / "stdout", b"")
+
+
+def test_files_beside_the_runs_are_skipped_wherever_they_stand(follow, tmp_path, quadlog, refused):
+    """As `runs/*` of a shell gives them: sorted, the page and the summary between the run folders."""
+    shutil.copytree(follow, tmp_path / "zebra")
+    for name in ("report.html", "notes.txt"):
+        (tmp_path / name).write_text("")
+    given = sorted(tmp_path.iterdir())
+    bounds = ["--expect", tmp_path / "bounds.toml"]
+    skipped = f"skipped, not a run folder: {tmp_path / 'notes.txt'}, {tmp_path / 'report.html'}"
+    for words in (["metrics", *given], ["check", *given, *bounds, "--write"], ["check", *given, *bounds]):
+        done = quadlog(*words)
+        assert (done.code, done.err.splitlines()[0]) == (0, skipped)
+    assert quadlog("report", *given) == (0, f"{tmp_path / 'zebra' / 'report.html'}\n", f"{skipped}\n")
+    for command in ("metrics", "report"):
+        assert "notes.txt: is no folder" in refused(1, command, tmp_path / "notes.txt")
+
+
+def test_versions_are_quadlogs_and_those_of_its_packages_and_plugins(install, ok, capsys):
+    points = {PLANNERS: {"zigzag": "zig:Zigzag", "astar": "zig:A"}, DECODERS: {"a.B": "zig:b"}}
+    install("quadlog-zig", "0.7", points, {"zig": "raise SystemExit(9)"})
+    first, *rest = ok("--version").splitlines()
+    assert first == f"quadlog, version {__version__}"
+    assert rest[-3:] == [f"{each}: quadlog-zig 0.7" for each in ("planner astar", "planner zigzag", "decoder a.B")]
+    told = dict(line.split() for line in rest[:-3])
+    assert told["python"] == sys.version.split()[0]
+    assert {name: told[name] for name in BUILT_ON} == {name: version(name) for name in BUILT_ON}
+
+
+def test_unknown_commands_and_missing_arguments_are_usage(refused):
+    assert "replya" in refused(2, "replya")
+    for name in COMMANDS:
+        if any(each.required for each in command_of(name).params):
+            refused(2, name)
+
+
+def test_standard_streams_that_the_shell_closed_are_no_bug():
+    command = f"{shlex.quote(sys.executable)} -m quadlog"
+    script = f"{command} --help | head -n 1; {command} --help >&- && {command} --help <&- >&- 2>&- && {command} -q >&-"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "Usage: quadlog [OPTIONS] COMMAND [ARGS]...\n")
+    assert done.stderr.splitlines()[-1] == "Error: No such option '-q'."
+    assert done.stderr.startswith("Usage: ")
+
+
+def test_code_that_cannot_be_kept_is_compiled_in_memory(tmp_path):
+    """A read-only installation without a writable home: numba finds no folder."""
+    (tmp_path / "file").touch()
+    places = {
+        "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
+        "NUMBA_CACHE_DIR": str(tmp_path / "file" / "in"),
+    }
+    code = (
+        "import numpy as np\nfrom quadlog.compiled import kernel\n"
+        "@kernel\ndef double(x):\n    return 2 * x\n@kernel\ndef half(x):\n    return x / 2\nprint(half(double(3)))"
+    )
+    (tmp_path / "kernels.py").write_text(code)
+    command = [sys.executable, str(tmp_path / "kernels.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **places})
+    assert (done.stdout, done.stderr.count("\n"), "NUMBA_CACHE_DIR" in done.stderr) == ("3.0\n", 1, True)
+
+
+def failing(monkeypatch, error):
+    def fail(*_arguments, **_options):
+        raise error
+
+    monkeypatch.setattr(cli, "main", fail)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), MemoryError("no room\nfor an array"), OSError(12, "no memory")])
+def test_a_lack_of_memory_is_one_line(error, monkeypatch, refused):
+    failing(monkeypatch, error)
+    assert "memory" in refused(1, "info")
+
+
+def test_what_is_no_lack_of_memory_stays_a_traceback(monkeypatch):
+    failing(monkeypatch, ValueError("a bug"))
+    with pytest.raises(ValueError, match="a bug"):
+        run(["info"])
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_an_interrupted_command_says_how_to_go_on_where_that_can_be(name, monkeypatch, refused):
+    failing(monkeypatch, KeyboardInterrupt())
+    said = refused(1, name)
+    assert said.startswith("quadlog: interrupted; nothing half-written was left")
+    assert ("--resume" in said) == any("--resume" in option.opts for option in command_of(name).params)

@@ -1,0 +1,107 @@
+"""What a shell gets when the tab key is pressed, through the installed command's own entry point."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import get_args
+
+import click
+import pytest
+from click.shell_completion import BashComplete
+
+from quadlog.cli.main import COMMANDS, cli, print_versions
+from quadlog.config.control import Simulation
+from quadlog.config.file import PRESETS
+from quadlog.config.planners import PLANNER_NAMES
+from quadlog.config.plugins import PLANNERS as GROUP
+from quadlog.results.saved.stages import STAGES
+
+HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "numba", "pydantic", "rich", "rosbags", "mcap", "mujoco", "jinja2")
+
+
+def completed(typed):
+    """Kind and word of what is offered for the line's last word; a space at its end begins another."""
+    words = typed.split()
+    last = "" if typed.endswith(" ") or not typed else words.pop()
+    found = BashComplete(cli, {}, "quadlog", "_QUADLOG_COMPLETE").get_completions(words, last)
+    return [(each.type, each.value) for each in found]
+
+
+@pytest.mark.parametrize(
+    ("typed", "choices"),
+    [
+        ("", COMMANDS),
+        ("compare", ["compare-planners"]),
+        ("replay --until ", STAGES),
+        ("replay --preset ", PRESETS),
+        ("replay --planner ", PLANNER_NAMES),
+        ("replay --controller ", get_args(Simulation.model_fields["controller"].annotation)),
+        ("compare-planners --planner ", PLANNER_NAMES),
+        ("compare-planners --leader mt", ["mt_d_star_lite"]),
+        ("synthesize f", ["follow", "forest"]),
+        ("tables planning-e", ["planning-ea"]),
+        ("replay --dry", ["--dry-run"]),
+    ],
+)
+def test_choices(typed, choices):
+    assert sorted(completed(typed)) == sorted(("plain", each) for each in choices)
+
+
+@pytest.mark.parametrize("typed", ["info wa", "replay wa", "replay -c wa", "compare-planners wa", "report wa"])
+def test_files_are_left_to_the_shell(typed):
+    assert completed(typed) in ([("file", "wa")], [("dir", "wa")])
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        ("compare-planners f", ["forest:"]),
+        ("simulate ", ["line", "circle", "s-curve", "trot-32s"]),
+        ("simulate line --terrain 3", ["3cm"]),
+    ],
+)
+def test_words_beside_files(typed, words):
+    assert completed(typed) == [*(("plain", each) for each in words), ("file", typed.rpartition(" ")[2])]
+
+
+def test_planners_of_plugins_are_offered_and_not_imported(install):
+    install("quadlog-zig", "1.0", {GROUP: {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
+    for command in ("replay", "compare-planners"):
+        assert completed(f"{command} --planner z") == [("plain", "zigzag")]
+
+
+def test_completing_asks_for_no_version(capsys):
+    """The option's callback also runs while a command line is completed."""
+    context = click.Context(click.Command("quadlog"), resilient_parsing=True)
+    print_versions(context, click.Option(["--version"]), True)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_nothing_heavy_is_imported():
+    code = (
+        "import sys\nfrom click.shell_completion import BashComplete\nfrom quadlog.cli.main import COMMANDS, cli\n"
+        "for words in ([], *([name] for name in COMMANDS), ['replay', '--planner']):\n"
+        "    assert BashComplete(cli, {}, 'quadlog', '').get_completions(words, '--h' if len(words) == 1 else '')\n"
+        f"assert not (found := {{*{HEAVY!r}}} & {{*sys.modules}}), found\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_bash_itself_completes(tmp_path):
+    """The script is sourced and its function called as bash calls it; what it fills in is what a user sees."""
+    command = tmp_path / "quadlog"
+    command.write_text(f"#!/bin/sh\nexec {sys.executable} -m quadlog\n")
+    command.chmod(0o755)
+    script = (
+        'eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"\n'
+        "COMP_WORDS=(quadlog replay --until f); COMP_CWORD=3\n"
+        "complete -p quadlog >/dev/null && _quadlog_completion quadlog f --until 2>/dev/null\n"
+        'echo "${COMPREPLY[@]}"'
+    )
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    words = ["bash", "--norc", "-c", script]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout == "filter\n"
