@@ -24,7 +24,7 @@ K = 175.0
 
 def trot(robot: str, k: float | None, seed: int) -> Figures:
     """One walk, as `quadlog simulate trot-32s` has it; k: of eq. 12, None for the baseline."""
-    keys: dict[str, object] = {**ROBOTS[robot]} | ({} if k is None else {"foot_curve_k": k})
+    keys = ROBOTS[robot] | ({} if k is None else {"foot_curve_k": k})
     trotted = trot_once(Simulation.model_validate({"trot": keys}), "baseline" if k is None else "3d-curve", seed)
     figures = {name: metric.value for name, metric in trot_metrics(trotted).items() if name != "realtime_factor"}
     return figures | {

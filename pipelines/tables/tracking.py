@@ -11,7 +11,7 @@ from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.run_folder import walk_metrics
 from quadlog.pipelines.simulation.walk import SimulatedWalk, walk_once
 from quadlog.pipelines.tables.claims import Claim, Where
-from quadlog.pipelines.tables.judge import EXACT, SHARE, SIZE
+from quadlog.pipelines.tables.judge import SHARE
 from quadlog.pipelines.tables.study import Figures
 from quadlog.simulation.robot.disturbances import DISTURBED
 
@@ -24,8 +24,7 @@ GROUNDS = {
 }
 ERRORS = (
     "η, σ: mean and standard deviation of the distance to the path; beside the place in time: to where a robot without "
-    "delay would be. A walk that falls counts until it falls, and has no completion "
-    "time. Intervals: Student; shares after Wilson."
+    "delay would be. A walk that falls counts until then, and has no completion time. Intervals: Student and Wilson."
 )
 FIGURES = {
     "eta_m": "η (m)",
@@ -34,14 +33,8 @@ FIGURES = {
     "sigma_time_m": "σ beside the place in time (m)",
     "completion_time_s": "completion time (s)",
     "speed_mean_mps": "mean speed forward (m/s)",
-    "max_error_m": "largest distance to the path (m)",
-    "lookahead_mean_m": "mean look-ahead (m)",
-    "heading_rmse_rad": "yaw error, rms (rad)",
-    "torque_max_nm": "largest joint torque (N m)",
 }
 """What a row calls them, unit last."""
-
-
 LOOKAHEAD_M = 2.0
 """l, or l0 of the fuzzy rules, as printed."""
 
@@ -73,7 +66,6 @@ def figures_of(simulated: SimulatedWalk) -> Figures:
     metrics = walk_metrics(simulated)
     figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
     return figures | {
-        "lookahead_mean_m": float(np.mean(control["lookahead_m"])),
         "lookahead_range_m": float(np.ptp(control["lookahead_m"])),
         "speed_mean_mps": float(np.mean(control["vx_mps"])),
         "speed_std_mps": float(np.std(control["vx_mps"])),
@@ -81,9 +73,6 @@ def figures_of(simulated: SimulatedWalk) -> Figures:
     }
 
 
-def figure_rows(which: str, where: Where, columns: tuple[str, ...], is_drawn: bool = True) -> list[Claim]:
-    """Means of figures that the paper does not print, and falls."""
-    statistic = SIZE if is_drawn else EXACT
-    rows = [Claim(f"{which}: {FIGURES[column]}", column, where, statistic=statistic) for column in columns]
-    falls = Claim(f"{which}: share of walks that fall (1)", "fallen", where, statistic=SHARE)
-    return [*rows, falls] if is_drawn else rows
+def fall_row(which: str, where: Where) -> Claim:
+    """The share of walks that fall."""
+    return Claim(f"{which}: share of walks that fall (1)", "fallen", where, statistic=SHARE)

@@ -7,7 +7,7 @@ import math
 from quadlog.pipelines.tables.claims import Claim, Group, Ratio, Table
 from quadlog.pipelines.tables.judge import EXACT, SIZE, beyond, number, rests
 from quadlog.pipelines.tables.study import Point, Study, held_out_seeds
-from quadlog.pipelines.tables.tracking import CONDITIONS, ERRORS, FIGURES, GROUNDS, figure_rows, track
+from quadlog.pipelines.tables.tracking import CONDITIONS, ERRORS, FIGURES, GROUNDS, fall_row, track
 
 COURSES = {
     "line, flat": ("line", "flat"),
@@ -18,7 +18,7 @@ COURSES = {
 """What the table calls them: course and terrain."""
 CIRCLE_M, CIRCLE_S, DESIRED_MPS = 10 * math.pi, 62.0, 0.6
 """62 s is the one number that is printed for Figs 10 to 24."""
-OURS = ("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "heading_rmse_rad", "torque_max_nm", "lookahead_mean_m")
+OURS = ("eta_m", "sigma_m", "eta_time_m", "sigma_time_m")
 SLIGHTLY_MORE = {
     "position errors, η": "eta_m",
     "yaw error, rms": "heading_rmse_rad",
@@ -43,7 +43,8 @@ def course_rows(condition: str, called: str) -> list[Claim]:
     return [
         Claim(timed, "completion_time_s", where, time, statistic, why_not=why, of="time round the circle"),
         Claim(fast, "speed_mean_mps", where, speed, statistic, of="speed"),
-        *figure_rows(which, where, OURS, is_drawn),
+        *(Claim(f"{which}: {FIGURES[column]}", column, where, statistic=statistic) for column in OURS),
+        fall_row(which, where),
     ]
 
 

@@ -15,6 +15,7 @@ from quadlog.pipelines.tables.registry import TABLES
 from quadlog.results.papers.folder import csv_text
 from quadlog.results.papers.table import PaperTable, Verdict
 
+ROOT = Path(__file__).parents[3]
 SHARES = ("arrived", "touched", "clean", "fallen", "above")
 REAL = ("following-uwb", "planning-ea", "foot-torque")
 """Whose walks take no time: the tables as they are."""
@@ -60,7 +61,8 @@ def test_claims_are_fewer_than_the_rows_in_which_they_are_measured():
     assert counts["planning-2"] == (36, 6)
     assert counts["planning-1"][1] == 13
     assert counts["foot-drift"][1] == 11
-    assert sum(claims for _, claims in counts.values()) < 90
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"{sum(claims for _, claims in counts.values())} printed numbers and claims" in readme
 
 
 def verdicts(name: str) -> dict[str, Verdict]:
@@ -107,6 +109,6 @@ def test_the_same_seed_draws_the_same_and_another_one_another(name: str):
 
 
 def test_tables_that_the_errata_point_to_are_there():
-    text = (Path(__file__).parents[3] / "docs" / "errata.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
     words = {word.strip("(),.|") for word in text.split("table ")[1:] for word in word.split()[:1]}
     assert {word for word in words if "-" in word} <= set(TABLES)
