@@ -59,9 +59,8 @@ def table(fast: bool, seed: int) -> Table:
     seeds = held_out_seeds(2 if fast else 10, seed)
     course = {"course": ["s-curve"], "terrain": ["course"]}
     points = grid(**course, steering=NAMES, condition=CONDITIONS, seed=seeds)
-    points += grid(
-        **course, steering=NAMES[:2], condition=["ideal"], seed=seeds[: 1 if fast else 5], turning_share=SHARES
-    )
+    names, shares, few = (NAMES[1:2], SHARES[1:], 1) if fast else (NAMES[:2], SHARES, 5)
+    points += grid(**course, steering=names, condition=["ideal"], seed=seeds[:few], turning_share=shares)
     return Table(
         title="Three controllers on an S-curve [Tracking, Table 5]",
         caption="A quadruped follows an S-curve, up 15° and down 20°, by fuzzy pure pursuit with MPC and whole-body "

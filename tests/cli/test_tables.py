@@ -6,11 +6,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.cli.tables import table_text
 from quadlog.pipelines.tables import following_uwb
 from quadlog.pipelines.tables import make_tables as paper_tables
 from quadlog.pipelines.tables.registry import TABLES
-from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -68,18 +66,6 @@ def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlo
     assert max(map(len, lines[1:-2])) <= 80
     assert " claims: 5 do not, " in lines[-2]
     assert lines[-1].startswith(str(tmp_path / "report.html"))
-
-
-def test_where_the_paper_prints_nothing_all_of_ours_is_printed():
-    rows = (PaperRow("cells (1)", 0.25, None, 0.125, 0.5), PaperRow("scans (1)", 3.0))
-    text = table_text(PaperTable("t", "Title", "Caption.", "Sizes.", 0, False, (RowGroup("Group", "Text.", rows),)))
-    head, columns, first, second, _, last = text.splitlines()
-    assert head == "t: Title"
-    assert columns.split()[0] == "quantity"
-    assert first.startswith("cells (1)")
-    assert "0.125 to 0.5" in first
-    assert second.split()[-1] == "3"
-    assert last == "the paper prints none; 2 quantities in all"
 
 
 def test_what_was_measured_before_is_printed_again_and_not_measured(made, quadlog, monkeypatch):

@@ -26,7 +26,6 @@ from quadlog.pipelines.tables.judge import (
     number,
     rests,
     runs,
-    share_of,
 )
 from quadlog.results.papers.table import Verdict
 
@@ -140,14 +139,8 @@ def test_values_all_alike_have_no_interval_and_decide_nothing():
         assert beyond(5.0).verdict(np.ones(10), statistic) is Verdict.UNDECIDED
     assert beyond(0.0, above=False).verdict(np.zeros(10), MEAN) is Verdict.UNDECIDED
     assert number(0.0, 0.01).verdict(np.zeros(10), MEAN) is Verdict.UNDECIDED
-
-
-@pytest.mark.parametrize("statistic", [MEAN, GEOMETRIC_MEAN, MEDIAN])
-def test_few_runs_tell_nothing(statistic):
-    assert statistic.interval(np.array([3.0])) is None
-    few = np.array([6.0, 9.0])
-    assert beyond(5.0).verdict(few, statistic) is Verdict.UNDECIDED
-    assert runs([7.0, 8.0, 9.0], 8.0, 1.0).verdict(few, statistic) is Verdict.UNDECIDED
+    # Nor do two runs, or a single one.
+    assert MEDIAN.interval(np.array([6.0, 9.0])) is MEAN.interval(np.array([6.0])) is None
 
 
 def test_a_claim_holds_where_all_of_the_interval_does():
@@ -182,23 +175,6 @@ def test_a_size_has_no_negative_bound():
     interval = SIZE.interval(np.array([0.1, 9.0, 0.2]))
     assert interval is not None
     assert interval[0] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("statistic", "truth"),
-    [
-        (MEAN, 1.0),
-        (GEOMETRIC_MEAN, np.exp(-0.125)),
-        (MEDIAN, np.exp(-0.125)),
-        (share_of(lambda values: values > np.exp(-0.125)), 0.5),
-    ],
-)
-def test_an_interval_holds_the_truth_as_often_as_it_says(statistic, truth):
-    held = 0
-    for draw in range(150):
-        low, high = statistic.interval(np.random.default_rng(draw).lognormal(-0.125, 0.5, 40))
-        held += low <= truth <= high
-    assert held >= stats.binom.ppf(0.001, 150, 0.93)  # Student's of a skewed mean is a little narrow
 
 
 def test_the_smallest_of_nine_is_the_mean_of_tables_of_nine():

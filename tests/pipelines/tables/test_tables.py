@@ -100,14 +100,6 @@ def test_fig_3_by_hand():
     assert rows["eq. 8: part about y (N m)"] == pytest.approx(moment * 0.26 / diagonal_m)
 
 
-@pytest.mark.parametrize("name", ["following-uwb"])
-def test_the_same_seed_draws_the_same_and_another_one_another(name: str):
-    study = importlib.import_module(TABLES[name]).table(True, 0).study
-    point = {"what": "fixes", "tag": "robot", "fixes": 50}
-    assert study.measure(**point, seed=1) == study.measure(**point, seed=1)
-    assert study.measure(**point, seed=1) != study.measure(**point, seed=2)
-
-
 def test_tables_that_the_errata_point_to_are_there():
     text = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
     words = {word.strip("(),.|") for word in text.split("table ")[1:] for word in word.split()[:1]}

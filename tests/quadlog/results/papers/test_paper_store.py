@@ -39,19 +39,6 @@ def test_what_is_another_file_is_no_table(tmp_path, text):
     assert load_saved(tmp_path, "one") is None
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("name", "two"), ("groups", [{}]), ("seed", None), ("groups", [{"title": "", "text": "", "rows": [{}]}])],
-)
-def test_a_table_that_lacks_something_is_none(tmp_path, saved, key, value):
-    body = json.loads(json_bytes(saved()))
-    body["table"][key] = value
-    if value is None:
-        del body["table"][key]
-    (tmp_path / "one.json").write_text(json.dumps(body))
-    assert load_saved(tmp_path, "one") is None
-
-
 def test_a_file_too_large_is_not_read(tmp_path, saved, monkeypatch):
     (tmp_path / "one.json").write_bytes(json_bytes(saved()))
     monkeypatch.setattr("quadlog.results.papers.table.LARGEST_BYTES", 100)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from quadlog.errors import AlreadyExists, CannotWrite
-from quadlog.results.papers.folder import prepare_folder, reusable_tables, saved_tables, write_report, write_table
+from quadlog.results.papers.folder import prepare_folder, reusable_tables, write_report, write_table
 from quadlog.results.papers.picture import table_picture
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, Verdict
 
@@ -42,13 +42,6 @@ def test_the_picture_has_what_can_be_compared():
     assert (
         table_picture(table(PaperRow("a (m)", 1.0), PaperRow("b", 1.0, 2.0, reproduces=Verdict.NOT_COMPARABLE))) is None
     )
-
-
-def test_the_tables_of_a_folder_come_in_the_order_asked_for(tmp_path, saved):
-    for name in ("two", "one", "three"):
-        write_table(tmp_path, saved(name))
-    (tmp_path / "other.json").write_text("{}")
-    assert [each.table.name for each in saved_tables(tmp_path, ["one", "missing", "other", "two"])] == ["one", "two"]
 
 
 @pytest.mark.parametrize("name", ["report.html", *sorted(FILES)])
