@@ -78,7 +78,7 @@ def _overview(tables: Sequence[PaperTable]) -> Table:
     return Table([*columns, Column("quantities", True)], rows, "tables")
 
 
-LEGEND = "Dots: ours, with 95 % intervals, in the colour of the verdict. Hollow: as printed."
+LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
 
 
 def _section(table: PaperTable) -> Section:
