@@ -53,7 +53,7 @@ WHY_NOT = "A symmetric robot hardly drifts or turns; what makes the paper's drif
 
 
 def _less(printed: float) -> Judge:
-    return beyond(0, above=False, least=NEGLIGIBLE * printed, why="Claimed: less than 0.")
+    return beyond(0, above=False, least=NEGLIGIBLE * printed, why="Claimed: less, by a tenth of what is printed.")
 
 
 CLAIMED: dict[str, tuple[str, Judge]] = {
@@ -85,7 +85,6 @@ def change_rows(robot: str) -> list[Claim]:
             column,
             {"robot": robot},
             judge if robot == SYMMETRIC else None,
-            why_not="Claimed otherwise, by a tenth of what is printed or more.",
             part={"k": K},
             whole={"k": None},
         )
