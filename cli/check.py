@@ -41,7 +41,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     from quadlog.errors import ExitCode, UsageError, printable
     from quadlog.pipelines.evaluation.check import check_runs, propose_bounds
     from quadlog.results.check import check_text
-    from quadlog.results.saved.find_runs import RECORDS, runs_here
+    from quadlog.results.find_runs import RECORDS, runs_here
 
     report_skipped(runs)
     if write and (junit is not None or as_json):

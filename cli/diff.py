@@ -32,8 +32,8 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     both tolerances, numbers within either of them are the same.
     """
     from quadlog.results.diff import COLUMNS, COMPARED, diff_runs, diff_text, of_results
+    from quadlog.results.find_runs import runs_here
     from quadlog.results.run import Run
-    from quadlog.results.saved.find_runs import runs_here
     from quadlog.results.text import print_table
 
     if not math.isfinite(tolerance + relative):

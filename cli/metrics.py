@@ -51,7 +51,7 @@ def command(
         raise UsageError("quadlog metrics needs a RUN, a run folder or a folder of runs; see  quadlog metrics --help")
     from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
     from quadlog.pipelines.evaluation.reference import OnTime, Reference
-    from quadlog.results.saved.find_runs import MEASURED, RECORDS, runs_here
+    from quadlog.results.find_runs import MEASURED, RECORDS, runs_here
     from quadlog.results.text import metrics_text
     from quadlog.storage.remote_path import to_path
 

@@ -5,7 +5,7 @@ The completion scripts are click's own: `eval "$(_QUADLOG_COMPLETE=bash_source q
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from quadlog.cli.progress import say
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import UsageError
-from quadlog.results.saved.stages import STAGES
+from quadlog.results.stages import STAGES
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 
@@ -79,10 +79,10 @@ class PathType(click.Path):
         return to_path(value)
 
 
-def named(*names: str, choices: Sequence[str], what: str, metavar: str = "NAME", **settings: Any) -> Decorator:
+def named(*names: str, choices: Iterable[str], what: str, metavar: str = "NAME", **settings: Any) -> Decorator:
     """An option whose choices are listed in its help."""
     text = f"{what}: {', '.join(choices)}."
-    return click.option(*names, type=click.Choice(choices), metavar=metavar, help=text, **settings)
+    return click.option(*names, type=click.Choice([*choices]), metavar=metavar, help=text, **settings)
 
 
 PATH_OR_URL = PathType(urls=True)

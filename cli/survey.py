@@ -63,7 +63,7 @@ def command(
     from quadlog.pipelines.request import ReplayOptions
     from quadlog.pipelines.survey.output import survey_json, survey_toml
     from quadlog.pipelines.survey.survey import survey_recording
-    from quadlog.results.saved.outputs import refuse_existing
+    from quadlog.results.find_runs import refuse_existing
 
     if output is not None:
         refuse_existing(output, force)  # before the recording is read, which may take a while

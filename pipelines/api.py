@@ -15,7 +15,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.clock import Stamp
 from quadlog.results.run import Run, load_run
-from quadlog.results.saved.stages import STAGES
+from quadlog.results.stages import STAGES
 from quadlog.storage.remote_path import to_path
 
 MAX_SEED = 2**32 - 1
@@ -64,8 +64,8 @@ def replay(
         notes=configured.notes,
         plots=plots,
     )
-    outcome = replay_anywhere(request, Silent())
-    summarise({request.run.parent}, [outcome], Silent())
+    replay_anywhere(request, Silent())
+    summarise(request.run.parent, Silent())
     return load_run(request.run)
 
 

@@ -20,7 +20,7 @@ from quadlog.recordings.decoders.anchor_places import place_warnings
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.survey import Survey, survey
-from quadlog.results.saved.outputs import refuse_existing
+from quadlog.results.find_runs import refuse_existing
 from quadlog.storage.atomic_write import write_whole
 
 ALWAYS = ("topics", "results")

@@ -20,10 +20,10 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
     """
     from quadlog.pipelines.batch.summary import rebuild_summary
     from quadlog.results.figures import drawings_of, write_plots
+    from quadlog.results.find_runs import files_beside_runs, is_run
     from quadlog.results.page.run_page import write_run_page
     from quadlog.results.page.runs_page import write_sweep_page
     from quadlog.results.run import Run
-    from quadlog.results.saved.find_runs import files_beside_runs, is_run
     from quadlog.results.sweep import TABLE
 
     beside = files_beside_runs(runs)
@@ -43,9 +43,9 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
     force: replace an existing file. Raises AlreadyExists, CannotWrite, UsageError for a run that is given twice and for
     an output that is a file of one of the runs, and what reading the runs raises: NotARun, TooLarge, UnreadableFile.
     """
+    from quadlog.results.find_runs import refuse_existing
     from quadlog.results.page.blocks import write_page
     from quadlog.results.page.runs_page import side_by_side_page
-    from quadlog.results.saved.outputs import refuse_existing
     from quadlog.storage.atomic_write import new_folder
 
     if len({path.resolve() for path in runs}) < max(len(runs), 2):
@@ -62,9 +62,9 @@ def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
     from quadlog.metrics.comparison.paired import paired_differences
     from quadlog.pipelines.evaluation.samples import read_samples
     from quadlog.results.diff import diff_runs, first_moments
+    from quadlog.results.find_runs import run_labels
     from quadlog.results.page.runs_page import Compared
     from quadlog.results.run import Run
-    from quadlog.results.saved.find_runs import run_labels
 
     runs = dict(zip(run_labels(paths), map(Run, paths), strict=True))
     (first_name, first), *others = runs.items()

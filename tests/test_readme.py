@@ -13,7 +13,7 @@ import yaml
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.errors import ExitCode
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import read_metrics
 from quadlog.version import __version__
 
 ROOT = Path(__file__).parents[1]

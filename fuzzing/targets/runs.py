@@ -18,22 +18,18 @@ import pyarrow.parquet as pq
 from fuzzing.oracles import command, expect, replaced
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.results.foxglove import write_derived
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run import Run, load_run
-from quadlog.results.saved.maps import (
-    CloudSample,
-    GroundMap,
+from quadlog.results.arrays import (
+    ARRAYS,
     MapsWriter,
     load_maps,
-    read_cloud_samples,
-    read_ground,
-    write_cloud_samples,
-    write_ground,
+    read_arrays,
 )
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.stage_marks import FileMark, StageMark, read_marks, write_marks
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.foxglove import write_derived
+from quadlog.results.places import claim
+from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.run import Run, load_run
+from quadlog.results.stage_marks import FileMark, StageMark, read_marks, write_marks
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -47,27 +43,7 @@ _WHOLES = (0, -1, 1, 2**63 - 1, -(2**63), 2**53 + 1, _START_NS)
 
 def write_run(folder: Path) -> None:
     """A finished run with every table of the contract, and every other file that is read again."""
-    run = RunFolder.create(folder)
     config: dict[str, Any] = {"uwb": {"anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]}, "planner": {"name": "ia_star"}}
-    run.write_config(config)
-    for name, schema in TABLES.items():
-        if name != "summary":
-            write_table(folder / f"{name}.parquet", schema, {field.name: _sound(field) for field in schema})
-    t_ns = _START_NS + np.arange(_ROWS) * 10**8
-    zero = np.zeros(_ROWS)
-    write_tum(folder / "trajectory.tum", t_ns, zero, zero, zero)
-    with MapsWriter(folder / "maps.npz", 0.1, (20, 20)) as maps:
-        for t in t_ns.tolist():
-            maps.append(t, np.zeros(2), np.eye(20, dtype=bool))
-    write_rosmap(folder, np.zeros((20, 20), np.int8), np.zeros(2), 0.1)
-    cloud = np.ones((9, 3), np.float32)
-    sample = CloudSample(int(t_ns[0]), cloud, np.zeros(9, np.uint8), 0.0, 0.0, 0.0)
-    write_cloud_samples(folder, [sample], ["ground", "obstacle"])
-    write_ground(folder, GroundMap(np.zeros(2), 0.2, np.zeros((8, 8)), np.ones((8, 8), np.int64)))
-    write_marks(
-        folder, [StageMark(stage="position", key="ab", files=[FileMark(name="a", size_bytes=1, sha256="c")], known={})]
-    )
-    run.write_metrics({name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
     record = RunRecord(
         quadlog_version="1.0.0",
         command=["quadlog", "replay", "walk.mcap"],
@@ -86,8 +62,28 @@ def write_run(folder: Path) -> None:
         host={"name": "host"},
         packages={"numpy": "2"},
     )
+    claim(folder)
+    run = Run.create(folder, record)
+    for name, schema in TABLES.items():
+        if name != "summary":
+            write_table(folder / f"{name}.parquet", schema, {field.name: _sound(field) for field in schema})
+    t_ns = _START_NS + np.arange(_ROWS) * 10**8
+    zero = np.zeros(_ROWS)
+    write_tum(folder / "trajectory.tum", t_ns, zero, zero, zero)
+    with MapsWriter(folder / "maps.npz", 0.1, (20, 20)) as maps:
+        for t in t_ns.tolist():
+            maps.append(t, np.zeros(2), np.eye(20, dtype=bool))
+    write_rosmap(folder, np.zeros((20, 20), np.int8), np.zeros(2), 0.1)
+    cloud: dict[str, Any] = {"t_ns": t_ns[:1], "offset": [0, 9], "xyz_m": np.ones((9, 3)), "label": np.zeros(9)}
+    run.write("cloud_samples", cloud | {"x_m": [0], "y_m": [0], "yaw_rad": [0], "classes": ["ground", "obstacle"]})
+    ground: dict[str, Any] = {"origin_m": np.zeros(2), "cell_m": 0.2, "height_m": np.zeros((8, 8))}
+    run.write("ground", ground | {"count": np.ones((8, 8))})
+    write_marks(
+        folder, [StageMark(stage="position", key="ab", files=[FileMark(name="a", size_bytes=1, sha256="c")], known={})]
+    )
+    run.write("metrics", {name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
     write_derived(Run(folder, record))
-    run.write_run_json(record)
+    run.finish(record)
 
 
 def _sound(field: pa.Field) -> Any:
@@ -194,8 +190,7 @@ def _read_all(run: Path) -> None:
     """Every reader on its own, so that one file's damage does not hide the others'."""
     readers = [
         lambda: [tuple(each) for each in load_maps(run)],
-        lambda: read_cloud_samples(run),
-        lambda: read_ground(run),
+        *(partial(read_arrays, run, name) for name in ARRAYS),
     ]
     readers += [lambda: read_marks(run), lambda: load_run(run).metrics]
     readers += [partial(lambda name: load_run(run).table(name), name) for name in TABLES if name != "summary"]

@@ -26,10 +26,9 @@ from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
 from quadlog.recordings.find import find_recordings
-from quadlog.results.saved.find_runs import fetch_runs, is_run
-from quadlog.results.saved.maps import load_maps
-from quadlog.results.saved.names import run_names
-from quadlog.results.saved.tables import has_table
+from quadlog.results.arrays import load_maps
+from quadlog.results.find_runs import fetch_runs, is_run, run_names
+from quadlog.results.tables import has_table
 from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World
@@ -139,6 +138,9 @@ def _checked(name: str, ends: Ends | None, shape: tuple[int, int]) -> Ends:
     return ends
 
 
+_READ = ("run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet")
+
+
 def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType({})) -> ProblemSource:
     """One episode: the walk that the run folder holds. Raises NotARun, and MissingInput for one without a target.
 
@@ -229,7 +231,7 @@ def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | 
     """The source, None for what is to be looked for as a recording. A run behind a URL is copied to `scratch`."""
     path, given = to_path(name), options.config.model_dump(exclude_unset=True)
     if isinstance(path, RemotePath):
-        return run_source(fetch_runs(path, scratch), str(path), given) if is_run(to_path(name)) else None
+        return run_source(fetch_runs(path, scratch, _READ), str(path), given) if is_run(to_path(name)) else None
     dilation_m, dilation = growth_of(options.config)
     if name.startswith(PREFIX):
         shape = "square" if options.preset == "paper" else "euclidean"

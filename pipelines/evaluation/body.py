@@ -22,7 +22,7 @@ from quadlog.metrics.body import (
     torque_rows,
 )
 from quadlog.metrics.metric import Metric, Metrics
-from quadlog.results.saved.tables import (
+from quadlog.results.tables import (
     CONTACTS,
     DUTY_FACTORS,
     FOOT_FORCES,

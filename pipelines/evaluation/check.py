@@ -17,10 +17,9 @@ from quadlog.results.check import (
     junit_xml,
     propose,
 )
+from quadlog.results.find_runs import failed_recordings, find_runs, refuse_existing, run_labels
+from quadlog.results.record import read_metrics
 from quadlog.results.run import Run
-from quadlog.results.saved.find_runs import failed_recordings, find_runs, run_labels
-from quadlog.results.saved.outputs import refuse_existing
-from quadlog.results.saved.run_folder import read_metrics
 from quadlog.storage.atomic_write import write_whole
 
 

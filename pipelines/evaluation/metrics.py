@@ -25,9 +25,9 @@ from quadlog.pipelines.evaluation.reference import (
 )
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.results.diff import differing_settings
+from quadlog.results.find_runs import failed_recordings, find_runs, run_labels
 from quadlog.results.run import Run
-from quadlog.results.saved.find_runs import failed_recordings, find_runs, run_labels
-from quadlog.results.saved.tables import has_table, read_table, start_ns
+from quadlog.results.tables import has_table, read_table, start_ns
 from quadlog.results.text import RunAtWorst, WorstInstant, explain_text, print_table
 
 _NS = 1_000_000_000

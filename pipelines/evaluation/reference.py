@@ -20,7 +20,7 @@ from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, ReferenceCompar
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of, tag_truth
 from quadlog.results.record import read_record
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.results.tables import has_table, read_table
 from quadlog.storage.formats.tum import read_tum
 
 

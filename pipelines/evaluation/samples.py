@@ -27,7 +27,7 @@ from quadlog.pipelines.evaluation.reference import (
     compare_trajectory,
     robot_tag_of,
 )
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
 _COMPARED_GAP_S = 0.5

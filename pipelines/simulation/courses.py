@@ -14,10 +14,10 @@ from quadlog.config.schema import Config
 from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
 from quadlog.errors import NotARun, TooLarge, TooSteep, UnknownName, UnreadableFile
 from quadlog.messages import Float
+from quadlog.results.arrays import read_arrays
+from quadlog.results.find_runs import run_name
 from quadlog.results.record import describe_input
-from quadlog.results.saved.maps import GroundMap, read_ground
-from quadlog.results.saved.names import run_name
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map
@@ -78,27 +78,29 @@ def seen_ground(run: Path) -> SeenGround | None:
     """What a run saw of its ground, None when nothing of it, as of a 2-D scanner. Raises NotARun and TooLarge."""
     if not (run / "ground.npz").is_file():
         return None
-    seen = read_ground(run)
-    if max(np.abs(seen.origin_m).max(), np.nanmax(np.abs(seen.height_m), initial=0.0)) > _MOST_M:
+    seen = read_arrays(run, "ground")
+    origin_m, cell_m, height_m = seen["origin_m"], float(seen["cell_m"]), seen["height_m"]
+    if max(np.abs(origin_m).max(), np.nanmax(np.abs(height_m), initial=0.0)) > _MOST_M:
         raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
-    if not _CELLS_M[0] <= seen.cell_m <= _CELLS_M[1]:
-        raise NotARun(run / "ground.npz", f"is damaged: cells of {seen.cell_m:g} m")
-    height_m = np.where((seen.count >= LEAST_POINTS) & ~_obstacles(run, seen), seen.height_m, np.nan)
+    if not _CELLS_M[0] <= cell_m <= _CELLS_M[1]:
+        raise NotARun(run / "ground.npz", f"is damaged: cells of {cell_m:g} m")
+    blocked = _obstacles(run, origin_m, cell_m, height_m.shape)
+    height_m = np.where((seen["count"] >= LEAST_POINTS) & ~blocked, height_m, np.nan)
     rows, cols = np.nonzero(np.isfinite(height_m))
     if not len(rows):
         return None
-    seen_m = seen.origin_m + (np.stack([cols, rows], axis=1) + 0.5) * seen.cell_m
-    return SeenGround(run, from_height_map(height_m, seen.cell_m, seen.origin_m), seen_m)
+    seen_m = origin_m + (np.stack([cols, rows], axis=1) + 0.5) * cell_m
+    return SeenGround(run, from_height_map(height_m, cell_m, origin_m), seen_m)
 
 
-def _obstacles(run: Path, ground: GroundMap) -> NDArray[np.bool_]:
-    """Cells (rows, cols) of a ground where the run's map has an obstacle: what looks like ground there is its top."""
-    within = np.zeros(ground.height_m.shape, np.bool_)
+def _obstacles(run: Path, origin_m: Float, cell_m: float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Cells (rows, cols) of the ground where the run's map has an obstacle: what looks like ground there is its top."""
+    within = np.zeros(shape, np.bool_)
     if (run / "map.yaml").is_file():
         drawn = read_rosmap(run / "map.yaml")
         rows, cols = np.nonzero(drawn.blocked)
         centres_m = drawn.origin_m + drawn.cell_m * (np.column_stack([cols, rows]) + 0.5)
-        cells = np.floor((centres_m - ground.origin_m) / ground.cell_m)
+        cells = np.floor((centres_m - origin_m) / cell_m)
         col, row = cells[((cells >= 0) & (cells < within.shape[::-1])).all(axis=1)].astype(np.int64).T
         within[row, col] = True
     return within

@@ -23,9 +23,7 @@ from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import GroundMap, write_ground
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S
@@ -48,13 +46,13 @@ class TrotDescription:
     plots: bool = True
 
 
-def fill_trot_folder(folder: RunFolder, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
+def fill_trot_folder(folder: Path, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
     """Write everything about a walk, and return its metrics as saved."""
-    run, walk, clock = folder.path, trotted.walk, StageClock()
+    walk, clock = trotted.walk, StageClock()
 
-    def write_results() -> None:
+    def write_results(run: Run) -> None:
         control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
-        write_table(run / "control.parquet", TABLES["control"], control)
+        run.write("control", control)
         _write_trajectory(run, control)
 
     record = partial(_trot_record, description, trotted, clock)
@@ -62,32 +60,32 @@ def fill_trot_folder(folder: RunFolder, description: TrotDescription, trotted: T
 
 
 def _fill(
-    folder: RunFolder,
+    folder: Path,
     description: TrotDescription | WalkDescription,
     metrics: Metrics,
-    write_results: Callable[[], None],
+    write_results: Callable[[Run], None],
     clock: StageClock,
     record: Callable[[], RunRecord],
 ) -> SavedMetrics:
     """Write config, metrics and results, then plots and the page on them; `run.json` last."""
     saved = saved_metrics(metrics)
     with clock.stage("report"):
-        folder.write_config(description.config.model_dump(exclude_none=True))
-        folder.write_metrics(saved)
-        write_results()
-        drawings = drawings_of(Run(folder.path, record()))
+        run = Run.create(folder, record())
+        run.write("metrics", saved)
+        write_results(run)
+        drawings = drawings_of(Run(folder, record()))
         if description.plots:
-            write_plots(folder.path, drawings)
+            write_plots(folder, drawings)
     finished = record()
-    write_run_page(Run(folder.path, finished), drawings)
-    folder.write_run_json(finished)
+    write_run_page(Run(folder, finished), drawings)
+    run.finish(finished)
     return saved
 
 
-def _write_trajectory(run: Path, control: Mapping[str, Any]) -> None:
+def _write_trajectory(run: Run, control: Mapping[str, Any]) -> None:
     tilt_rad = np.column_stack([control["roll_rad"], control["pitch_rad"]])
     t_ns, x_m, y_m, yaw_rad, z_m = (control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
-    write_tum(run / "trajectory.tum", t_ns, x_m, y_m, yaw_rad, z_m, tilt_rad)
+    write_tum(run.path / "trajectory.tum", t_ns, x_m, y_m, yaw_rad, z_m, tilt_rad)
 
 
 def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:
@@ -158,14 +156,14 @@ class WalkDescription:
     plots: bool = True
 
 
-def fill_folder(folder: RunFolder, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
+def fill_folder(folder: Path, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
     """Write everything about a walk, and return its metrics as saved."""
-    run, clock = folder.path, StageClock()
+    clock = StageClock()
     record = partial(_walk_record, description, simulated, clock)
 
-    def write_results() -> None:
+    def write_results(run: Run) -> None:
         _write_tables(run, description, simulated)
-        results = Run(run, record())
+        results = Run(folder, record())
         write_derived(results)
         write_layout(results)
 
@@ -202,15 +200,13 @@ def _lasted_s(simulated: SimulatedWalk) -> float:
     return float(t_ns[-1] - t_ns[0]) / NS
 
 
-def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedWalk) -> None:
+def _write_tables(run: Run, description: WalkDescription, simulated: SimulatedWalk) -> None:
     control, path_m = simulated.walk.control, description.course.path_m
-    write_table(run / "control.parquet", TABLES["control"], control)
+    run.write("control", control)
     # The course is the one plan of the walk.
     course = {"t_ns": np.zeros(len(path_m), np.int64), "i": np.arange(len(path_m))}
     x_m, y_m = path_m.T
-    write_table(
-        run / "paths.parquet", TABLES["paths"], course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
-    )
+    run.write("paths", course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m})
     _write_trajectory(run, control)
     ground = description.ground
     if not ground.is_plane:
@@ -218,7 +214,7 @@ def _write_tables(run: Path, description: WalkDescription, simulated: SimulatedW
         origin_m = np.array(ground.origin_m) - ground.cell_m / 2
         # It is known everywhere, so that it can be a terrain again.
         seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
-        write_ground(run, GroundMap(origin_m, ground.cell_m, ground.height_m.astype(np.float64), seen))
+        run.write("ground", {"origin_m": origin_m, "cell_m": ground.cell_m, "height_m": ground.height_m, "count": seen})
 
 
 def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:

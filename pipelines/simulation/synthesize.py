@@ -12,7 +12,7 @@ from quadlog.config.control import RobotConfig
 from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
 from quadlog.errors import CannotWrite, UnknownName, UsageError
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.results.saved.outputs import refuse_existing
+from quadlog.results.find_runs import refuse_existing
 from quadlog.simulation.sensors.lidar import SimulatedScan
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.recording import (

@@ -20,8 +20,8 @@ from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.record import InputRecord
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.results.run import Run
+from quadlog.results.tables import has_table, read_table
 
 if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegTrack
@@ -153,7 +153,7 @@ class ReplayContext:
 
     config: Config
     seed: int
-    run: RunFolder
+    run: Run
     input: InputRecord
     recording: Recording
     roles: Roles
@@ -217,7 +217,7 @@ class ReplayContext:
         Called before the first file is written, so that a replay that fails earlier leaves an earlier run as it was.
         """
         if not self._folder_begun:
-            self.run.begin(self.config.model_dump(exclude_none=True), self.keep)
+            self.run = Run.create(self.run.path, self.run.record, self.keep)
             self._folder_begun = True
 
     def check_left(self) -> None:

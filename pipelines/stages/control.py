@@ -24,8 +24,8 @@ from quadlog.pipelines.simulation.walk import (
 from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
 from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
 from quadlog.planning.replan import Replanner
-from quadlog.results.saved.maps import load_maps
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.arrays import load_maps
+from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate

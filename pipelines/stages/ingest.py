@@ -24,10 +24,12 @@ from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.results.record import InputRecord, describe_file, describe_input_aside
-from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.places import claim, discard_if_empty
+from quadlog.results.record import InputRecord, RunRecord, describe_file, describe_input_aside
+from quadlog.results.run import Run
 from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
+from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from quadlog.pipelines.request import ReplayRequest
@@ -149,9 +151,9 @@ def open_walk(
     with ExitStack() as stack:
         with clock.stage("ingest"):
             describe = _describing(request.recording, log.recording) if described is None else lambda: described
-            run = RunFolder.claim(request.run, replace=request.existing is not Existing.REFUSE)
+            claim(request.run, replace=request.existing is not Existing.REFUSE)
         try:
-            walk = _read(request, log, describe, run, clouds, before_clouds, tracked, stack, clock, progress)
+            walk = _read(request, log, describe, clouds, before_clouds, tracked, stack, clock, progress)
             for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
                 if choices := walk.roles.choices(role):
                     walk.warn(f"{what}: {choices}")
@@ -166,7 +168,7 @@ def open_walk(
                 walk.say_what_is_new()
                 raise
         except QuadlogError:
-            run.discard_if_empty()
+            discard_if_empty(request.run)
             raise
 
 
@@ -183,7 +185,6 @@ def _read(
     request: ReplayRequest,
     log: OpenLog,
     describe: Callable[[], InputRecord],
-    run: RunFolder,
     clouds: Clouds,
     before_clouds: Callable[[], None],
     tracked: bool,
@@ -210,7 +211,7 @@ def _read(
             before_clouds()
         with clock.stage("ingest"):
             tilt = Tilt(recording, wanted.tree, roles.frames, config, None if wrong else imu, topics["odometry"])
-            spill = None if clouds is None else stack.enter_context(Spill(run.path))
+            spill = None if clouds is None else stack.enter_context(Spill(request.run))
         clouds_read = _read_clouds(request, log, wanted, window, mount, tilt, clouds, spill, tracked, clock, progress)
     else:
         with clock.stage("ingest"):
@@ -222,10 +223,19 @@ def _read(
         first_ns, last_ns = _seen(recording, roles, streams, window, clouds_read.span_ns)
         described = describe()
     effective = with_carried_anchors(config, streams.anchor_places)
+    record = RunRecord(
+        quadlog_version=__version__,
+        command=request.command,
+        config=effective,
+        options=options.to_dict(),
+        input=described,
+        seed=options.seed,
+        recorded_s=(last_ns - first_ns) * 1e-9,
+    )
     return ReplayContext(
         config=effective,
         seed=options.seed,
-        run=run,
+        run=Run(request.run, record),
         input=described,
         recording=recording,
         roles=roles,

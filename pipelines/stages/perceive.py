@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import compress, islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, ScanRow, WholeScan
-from quadlog.results.saved.maps import CloudSample, GroundMap, MapsWriter, write_cloud_samples, write_ground
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.arrays import ARRAYS, MapsWriter
+from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
 
@@ -180,8 +180,8 @@ def _filtered(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> Iterat
 
 
 def _end(walk: ReplayContext, scanner: Scanner, poses: ScanPoses) -> None:
-    samples = [_sample(each, *poses.at(each.t_ns, each.slot_ns)) for each in scanner.samples.kept()]
-    write_cloud_samples(walk.run.path, samples, [each.name.lower() for each in PointClass])
+    samples = list(scanner.samples.kept())
+    walk.run.write("cloud_samples", _samples(samples, [poses.at(each.t_ns, each.slot_ns) for each in samples]))
     _tell_routes(walk, scanner, poses.skewed)
     _tell_of_scans(walk)
 
@@ -250,9 +250,7 @@ def _write_maps(walk: ReplayContext, mapper: _Mapper) -> None:
         write_rosmap(walk.run.path, cells, window.origin_m, window.cell_m)
     ground = mapper.ground.to_map()
     if ground is not None:
-        write_ground(
-            walk.run.path, GroundMap(ground.origin_m, ground.cell_m, ground.height_m, ground.count.astype(np.int64))
-        )
+        walk.run.write("ground", {key: getattr(ground, key) for key in ARRAYS["ground"]})
     for name, skipped in (("map.pgm", mapper.whole.skipped), ("ground.npz", mapper.ground.skipped)):
         if skipped:
             walk.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
@@ -270,7 +268,18 @@ def _columns(row: ScanRow) -> dict[str, float | int | bool]:
     return values | {"ground_nx": normal_x, "ground_ny": normal_y, "ground_nz": normal_z, "ground_d_m": row.d_m}
 
 
-def _sample(scan: WholeScan, pose: Float, slot_pose: Float) -> CloudSample:
-    x_m, y_m, yaw_rad = (float(each) for each in pose)
-    xyz_m = scan.xyz_m if np.isnan(pose).any() else deskewed(scan.xyz_m, scan.slot, pose, slot_pose)
-    return CloudSample(scan.t_ns, xyz_m, scan.label, x_m, y_m, yaw_rad)
+def _samples(scans: Sequence[WholeScan], poses: Sequence[tuple[Float, Float]]) -> dict[str, Any]:
+    """The arrays of `cloud_samples.npz`. poses: in map at each scan's instant (3,), and at its slots."""
+    xyz_m = [
+        scan.xyz_m if np.isnan(pose).any() else deskewed(scan.xyz_m, scan.slot, pose, slot_pose)
+        for scan, (pose, slot_pose) in zip(scans, poses, strict=True)
+    ]
+    pose_at = np.array([pose for pose, _ in poses], np.float64).reshape(-1, 3)
+    return {
+        "t_ns": [scan.t_ns for scan in scans],
+        "offset": np.cumsum([0, *map(len, xyz_m)], dtype=np.int64),
+        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *xyz_m], dtype=np.float32),
+        "label": np.concatenate([np.empty(0, np.uint8), *(scan.label for scan in scans)], dtype=np.uint8),
+        **dict(zip(("x_m", "y_m", "yaw_rad"), pose_at.T, strict=True)),
+        "classes": [each.name.lower() for each in PointClass],
+    }

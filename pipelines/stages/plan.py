@@ -17,8 +17,8 @@ from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
 from quadlog.planning.rules import Rules
-from quadlog.results.saved.maps import load_maps
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.arrays import load_maps
+from quadlog.results.tables import TABLES, TableWriter
 from quadlog.simulation.resimulation import MapInstant
 
 

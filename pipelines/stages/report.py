@@ -26,8 +26,8 @@ from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.stages import STAGES, stages_until
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.results.stages import STAGES, stages_until
+from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
     with walk.clock.stage("report"):
         walk.begin_folder()
         metrics = _metrics(walk)
-        walk.run.write_metrics(saved_metrics(metrics))
+        walk.run.write("metrics", saved_metrics(metrics))
         walk.progress.advance()
         results = Run(run, _record(walk, request, startup_s))
         if walk.robot is not None:
@@ -58,13 +58,13 @@ def finish_walk(walk: ReplayContext, request: ReplayRequest, startup_s: float) -
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := _realtime_factor(walk, request)) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")
-    walk.run.write_metrics(saved_metrics(metrics))
+    walk.run.write("metrics", saved_metrics(metrics))
     record = _record(walk, request, startup_s)
     if request.draws:
         write_run_page(Run(run, record), drawings)
     walk.progress.advance()
     walk.check_left()
-    walk.run.write_run_json(record)
+    walk.run.finish(record)
     walk.say_what_is_new()
     return saved_metrics(metrics)
 

@@ -22,9 +22,8 @@ from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack, WalkedBody, WhatWasRead
 from quadlog.pipelines.stages.stage import CONTROL, PLAN, POSITION, Stage, stages_for
 from quadlog.recordings.containers.container import Loss
-from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord, describe_input, read_record
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.stage_marks import (
+from quadlog.results.record import RUN_FORMAT, InputRecord, RunRecord, describe_input, read_metrics, read_record
+from quadlog.results.stage_marks import (
     MARKS_FILE,
     Marked,
     StageMark,
@@ -33,7 +32,7 @@ from quadlog.results.saved.stage_marks import (
     read_marks,
     write_marks,
 )
-from quadlog.results.saved.stages import STAGES, stages_until
+from quadlog.results.stages import STAGES, stages_until
 from quadlog.storage.atomic_write import files_written
 from quadlog.version import __version__
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from quadlog.results.saved.stages import STAGE_FILES, stages_until
+from quadlog.results.stages import STAGE_FILES, stages_until
 
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.context import ReplayContext

@@ -15,7 +15,7 @@ from typing import Any
 
 from quadlog.config.file import Configured, Flag, configure
 from quadlog.errors import InvalidConfigValue, UsageError
-from quadlog.results.saved.names import run_name
+from quadlog.results.find_runs import run_name
 
 MOST_RUNS = 10_000
 _SHORTEST_NAME = 100  # characters that a name with a digest keeps

@@ -11,8 +11,10 @@ from pathlib import Path
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite
 from quadlog.pipelines.stages.stage import Stage
-from quadlog.results.saved.run_folder import RunFolder, place_of_new
-from quadlog.results.saved.stage_marks import read_marks, write_marks
+from quadlog.results.places import claim, place_of_new
+from quadlog.results.record import read_record
+from quadlog.results.run import Run
+from quadlog.results.stage_marks import read_marks, write_marks
 from quadlog.storage.atomic_write import part_prefix
 
 
@@ -60,8 +62,8 @@ def take_over(base: Path, run: Path, stages: Sequence[Stage], config: Config) ->
     """
     marks = read_marks(base)
     done = [marks[stage.name] for stage in stages if stage.name in marks]
-    folder = RunFolder.create(run, force=True)
-    folder.write_config(config.model_dump(exclude_none=True))
+    claim(run, replace=True)
+    Run.create(run, read_record(base, unfinished=True).model_copy(update={"config": config}))
     try:
         for mark in done:
             for file in mark.files:

@@ -9,16 +9,16 @@ from pathlib import Path
 from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RunExists
 from quadlog.pipelines.batch.batch import BatchOutcome, ReplayAll, open_workers
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchProgress
+from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import find_reusable, refuse_another, stage_keys
 from quadlog.pipelines.stages.stage import stages_for
 from quadlog.pipelines.sweep.grid import Combination
 from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stages, take_over
 from quadlog.results.page.runs_page import write_sweep_page
-from quadlog.results.record import InputRecord, describe_input
-from quadlog.results.saved.run_folder import place_of_new
-from quadlog.results.saved.stage_marks import read_marks
+from quadlog.results.places import place_of_new
+from quadlog.results.record import InputRecord, describe_input, is_finished
+from quadlog.results.stage_marks import read_marks
 from quadlog.results.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
@@ -37,7 +37,7 @@ class SweepRequest:
     command: tuple[str, ...]
 
 
-def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: BatchProgress) -> list[SweepRow]:
+def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: BatchLines) -> list[SweepRow]:
     """Replay every combination and write the table and the page of all; returns the rows of the table.
 
     An error is the outcome of its combination, or of all that share the stage it met. Raises, before anything is
@@ -154,7 +154,7 @@ class _Sweeping:
         wanted = min(base.depth, len(read_marks(source)))
         if may_have and place.is_dir() and len(find_reusable(replace(request, run=place), self._identity)) >= wanted:
             return
-        if not may_have and (place / "run.json").is_file():
+        if not may_have and is_finished(place):
             place = place_of_new(request.run)
         take_over(source, place, self._stages[: base.depth], request.config)
         self._begun.add(number)

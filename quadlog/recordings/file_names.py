@@ -12,8 +12,8 @@ SUFFIXES = (*(f"{plain}{packed}" for plain in _PLAIN_SUFFIXES for packed in (".z
 SUFFIXES += _PLAIN_SUFFIXES
 
 DERIVED_NAME = "derived.mcap"
-# What quadlog's own files in a run folder say; either may be missing.
-RUN_MARKS = {"config.toml": b"# quadlog: the effective config", "run.json": b'"quadlog_version"'}
+# What the run.json of a run folder says.
+_RUN_MARK = b'"quadlog_version"'
 MARK_BYTES = 1 << 20
 
 _PART = re.compile(r"(?P<name>.+)_(?P<number>0|[1-9][0-9]{0,4})")
@@ -60,11 +60,12 @@ def split_sequence(files: Iterable[Path]) -> list[Path]:
 
 def is_result(path: Path) -> bool:
     """Whether a file is the `derived.mcap` of a run folder: made from a recording, and none itself."""
-    return path.name == DERIVED_NAME and any(_says(path.with_name(name), mark) for name, mark in RUN_MARKS.items())
+    return path.name == DERIVED_NAME and says_run(path.parent)
 
 
-def _says(path: Path, mark: bytes) -> bool:
-    if not path.is_file():
+def says_run(folder: Path) -> bool:
+    """Whether quadlog made this folder as a run, by the beginning of its run.json."""
+    if not (folder / "run.json").is_file():
         return False
-    with path.open("rb") as file:
-        return mark in file.read(MARK_BYTES)
+    with (folder / "run.json").open("rb") as file:
+        return _RUN_MARK in file.read(MARK_BYTES)

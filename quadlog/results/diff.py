@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadlog.errors import clipped, printable, some_of
+from quadlog.results.arrays import MapSequence
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import MapSequence
-from quadlog.results.saved.stages import STAGE_FILES
-from quadlog.results.saved.tables import read_table
+from quadlog.results.stages import STAGE_FILES
+from quadlog.results.tables import read_table
 from quadlog.results.text import print_table, terminal_width
 from quadlog.results.view import Moment
 

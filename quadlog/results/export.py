@@ -17,10 +17,14 @@ if TYPE_CHECKING:
 
 
 class Exporter(NamedTuple):
-    """write(run, output, force) returns the files it wrote. suffix: end of the output's name where none is given."""
+    """write(run, output, force) returns the files it wrote. suffix: end of the output's name where none is given.
+
+    reads: end of the names of the files of a run that it reads, beside run.json.
+    """
 
     write: Callable[..., list[Path]]
     suffix: str
+    reads: tuple[str, ...]
 
 
 def export_run(run: Path, to: str, output: Path, force: bool = False, **options: Any) -> list[Path]:
@@ -40,7 +44,7 @@ def export_tum(run: Run, output: Path, force: bool) -> list[Path]:
     """The robot's poses as a TUM trajectory; of a simulated walk, which has no poses, its trajectory."""
     import numpy as np
 
-    from quadlog.results.saved.tables import has_table, read_table
+    from quadlog.results.tables import has_table, read_table
     from quadlog.storage.formats.tum import write_tum
 
     if not has_table(run.path, "poses"):
@@ -56,7 +60,7 @@ def export_csv(run: Run, output: Path, force: bool) -> list[Path]:
     """Every table as `output/NAME.csv`, numbers in full precision, an empty field where there is no value."""
     import pandas as pd
 
-    from quadlog.results.saved.tables import read_table
+    from quadlog.results.tables import read_table
 
     tables = {name: output / f"{name}.csv" for name in _tables(run)}
     _prepare([*tables.values()], force)
@@ -120,20 +124,21 @@ def export_figures(
     return [*written]
 
 
+_ALL = (".parquet", ".npz", ".tum", "metrics.json")
 EXPORTERS = {
-    "csv": Exporter(export_csv, "csv"),
-    "figures": Exporter(export_figures, "figures"),
-    "gif": Exporter(partial(export_film, to="gif"), "walk.gif"),
-    "mcap": Exporter(export_mcap, "derived.mcap"),
-    "mp4": Exporter(partial(export_film, to="mp4"), "walk.mp4"),
-    "rosmap": Exporter(export_rosmap, "rosmap"),
-    "tum": Exporter(export_tum, "trajectory.tum"),
+    "csv": Exporter(export_csv, "csv", (".parquet",)),
+    "figures": Exporter(export_figures, "figures", _ALL),
+    "gif": Exporter(partial(export_film, to="gif"), "walk.gif", _ALL),
+    "mcap": Exporter(export_mcap, "derived.mcap", _ALL),
+    "mp4": Exporter(partial(export_film, to="mp4"), "walk.mp4", _ALL),
+    "rosmap": Exporter(export_rosmap, "rosmap", ("map.pgm", "map.yaml")),
+    "tum": Exporter(export_tum, "trajectory.tum", ("poses.parquet", "trajectory.tum")),
 }
 
 
 def _tables(run: Run) -> list[str]:
     """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.saved.tables import TABLES, has_table
+    from quadlog.results.tables import TABLES, has_table
 
     names = [name for name in TABLES if has_table(run.path, name)]
     if not names:
@@ -154,7 +159,7 @@ def _copy(run: Run, written: Mapping[str, Path], force: bool) -> list[Path]:
 
 def _prepare(written: Sequence[Path], force: bool) -> None:
     """Refuse existing files, and make folders, before anything is written."""
-    from quadlog.results.saved.outputs import refuse_existing
+    from quadlog.results.find_runs import refuse_existing
 
     for path in written:
         refuse_existing(path, force)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -116,6 +117,16 @@ _TORQUES = [
     )
     for leg, name in enumerate(("front left", "front right", "rear left", "rear right"))
 ]  # fmt: skip
+
+
+STRIDE_S = 1.0
+"""About the longest stride, within which torques oscillate."""
+
+
+def torques(run: Run) -> list[Panel] | None:
+    """Torque of each joint, a panel for each leg."""
+    panels = curves("control", *_TORQUES)(run)
+    return panels and [replace(panel, period_s=STRIDE_S) for panel in panels]
 
 
 def search(run: Run) -> list[Panel] | None:
@@ -239,12 +250,13 @@ FIGURES = (
                   ("gain", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]))),
     Figure("posture", "Posture",
            "Pitch is positive with the nose down, roll with the left side up; height above z = 0 of the map.", posture),
-    Figure("torques", "Joint torques", "Torque of each joint of the simulated robot [Tracking, eqs 43–44].",
-           curves("control", *_TORQUES), compared=False),
+    Figure("torques", "Joint torques", "Torque of each joint of the simulated robot [Tracking, eqs 43–44]. "
+           "Of long walks the band of each stride; the curve itself where a chart is zoomed in.",
+           torques, compared=False),
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].", trot),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
-           search, saved=True),
+           search),
     Figure("uwb_error", "Position error",
            "Distance to the reference. The track lies below its bound 95 % of the time if the claimed covariance is "
            "right; less means that it is too small.", uwb_error, "sensors", saved=True),

@@ -29,7 +29,6 @@ from quadlog.results.view import (
     Ellipses,
     Layer,
     Lines,
-    Link,
     Marks,
     Panel,
     Raster,
@@ -37,6 +36,7 @@ from quadlog.results.view import (
     Series,
     Track,
     Windows,
+    robust_limits,
     thin_evenly,
 )
 
@@ -52,6 +52,8 @@ ROW_IN, LETTER_IN = 0.21, 0.078
 """Height of a row of a panel with rows or of a legend, and width of a letter."""
 MOST_CELLS = 800
 """Across a picture."""
+MOST_PERIODS = 24
+"""Of an oscillating curve that a picture shows one by one."""
 MAX_POINTS = 20_000
 """Of a cloud of points; more look the same."""
 _STYLE: dict[Any, Any] = {
@@ -114,7 +116,8 @@ def _legend_shape(panel: Panel, room: int) -> tuple[int, int]:
 
 def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> None:
     for series in panel.series:
-        _draw_series(axes, series, bool(panel.rows))
+        banded = panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s
+        _draw_series(axes, banded_by(series, panel.period_s) if banded else series, bool(panel.rows))
     for x in panel.marks.tolist():
         axes.axvline(x, color=COLORS["soft"], linewidth=0.6, linestyle=":")
     if panel.robust:
@@ -137,24 +140,18 @@ def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> Non
         _enlarge(legend)
 
 
+def banded_by(series: Series, period: float) -> Series:
+    """The band from the least to the largest value in each period of x."""
+    starts = np.flatnonzero(np.diff(np.floor(series.x / period), prepend=-np.inf))
+    low, high = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
+    return replace(series, x=series.x[starts], y=low, upper=high, style="band")
+
+
 def _set_log(axes: Axes, which: Literal["x", "y"]) -> None:
     axes.set(**{f"{which}scale": "log"})
     axis = axes.xaxis if which == "x" else axes.yaxis
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(LogFormatter())
-
-
-def robust_limits(panel: Panel) -> tuple[float, float, int]:
-    """Limits of y from the 1st to the 99th percentile with a margin, 0 among them, and how many samples lie beyond."""
-    values = np.concatenate([series.y for series in panel.series] or [np.zeros(1)])
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return -1.0, 1.0, 0
-    low, high = np.percentile(values, [1, 99])
-    low, high = min(float(low), 0.0), max(float(high), 0.0)
-    margin = 0.25 * ((high - low) or 1.0)
-    low, high = 0.0 if panel.zero and low == 0 else low - margin, high + margin
-    return low, high, int(((values < low) | (values > high)).sum())
 
 
 def _draw_series(axes: Axes, series: Series, in_rows: bool) -> None:
@@ -295,13 +292,6 @@ def _(layer: Marks, axes: Axes, _scene: Scene, instant: float | None) -> None:
 
 
 @_draw.register
-def _(layer: Link, axes: Axes, _scene: Scene, instant: float | None) -> None:
-    at = _row(layer.seconds, layer.x, instant) if instant is not None else None
-    if at is not None and np.isfinite(layer.to_x[at]):
-        axes.plot([layer.x[at], layer.to_x[at]], [layer.y[at], layer.to_y[at]], color=COLORS[layer.color], zorder=3.5)
-
-
-@_draw.register
 def _(layer: Ellipses, axes: Axes, _scene: Scene, instant: float | None) -> None:
     at = _row(layer.seconds, layer.x, instant) if instant is not None and not layer.hidden else None
     if at is not None:
@@ -386,4 +376,4 @@ def film(scene: Scene, path: Path) -> None:
 
 def _moves(layer: Layer) -> bool:
     timed = isinstance(layer, Lines | Marks) and layer.seconds is not None
-    return timed or isinstance(layer, Windows | Track | Link | Ellipses)
+    return timed or isinstance(layer, Windows | Track | Ellipses)

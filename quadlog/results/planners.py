@@ -14,8 +14,8 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import Float
 from quadlog.planning.protocol import Bool, Cells
 from quadlog.planning.query import Query
-from quadlog.results.saved.maps import MOST_CELLS
-from quadlog.results.saved.tables import table_schema
+from quadlog.results.arrays import MOST_CELLS
+from quadlog.results.tables import table_schema
 from quadlog.results.text import TitledTable, interval_text, print_table, print_tables, terminal_width
 
 REPLANS = table_schema(

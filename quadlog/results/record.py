@@ -1,24 +1,39 @@
-"""`run.json`: how a run was made, from what input, and what was lost."""
+"""`run.json` and `metrics.json`: how a run was made, from what input, what was lost, and what came out."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 from typing import Any, cast
 from uuid import uuid4
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+)
+from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
-from quadlog.errors import NotARun, RecordingNotFound, UnknownRunFormat, clipped, printable
+from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
 from quadlog.recordings.file_names import recording_files
+from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_object import ObjectInfo
 from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import redacted_text
@@ -27,6 +42,8 @@ from quadlog.version import __version__
 RUN_FORMAT = 1
 """Increased when scripts that read run folders have to change, for a file, column or unit."""
 _MAX_BYTES = 64 << 20
+_DAMAGE: tuple[type[Exception], ...] = (ValueError, OSError, LookupError, EOFError, RuntimeError)
+_DAMAGE += (zipfile.BadZipFile, zlib.error)
 
 
 class Record(BaseModel):
@@ -102,6 +119,7 @@ class RunRecord(Record):
     recorded_s: length of what was replayed. notes: choices that affected the result. startup_s: imports and
     compilation, not part of the stages. realtime_factor: recorded_s / seconds in the stages. reused: stages taken from
     an earlier replay. anchors_from_messages: whether the anchors in config are those that the messages carry.
+    finished: False from the first file of a run to the last one, which is this record again.
     """
 
     quadlog_version: str
@@ -122,6 +140,7 @@ class RunRecord(Record):
     reused: Sequence[str] = ()
     plugins: Sequence[PluginRecord] = ()
     anchors_from_messages: bool = False
+    finished: bool = True
     host: Mapping[str, Any] = Field(default_factory=describe_host)
     packages: Mapping[str, str] = Field(default_factory=package_versions)
     run_format: int = RUN_FORMAT
@@ -143,8 +162,35 @@ class RunRecord(Record):
         return self.model_dump(mode="json", exclude_none=True)
 
 
-def read_record(run: Path) -> RunRecord:
-    """The record of a finished run.
+_Number = StrictInt | StrictFloat
+
+
+@dataclass(frozen=True, slots=True, config=ConfigDict(allow_inf_nan=False))
+class SavedMetric:
+    """A metric of metrics.json: value, number of samples, unit, 95 % interval, worst sample and its instant."""
+
+    value: _Number
+    n: StrictInt = Field(0, ge=0)
+    unit: StrictStr = ""
+    low: _Number | None = None
+    high: _Number | None = None
+    worst: _Number | None = None
+    worst_t_ns: StrictInt | None = None
+
+
+_METRICS = TypeAdapter(dict[str, SavedMetric])
+
+
+def read_metrics(run: Path) -> dict[str, dict[str, Any]]:
+    """`metrics.json` of a run: name: {value, n, unit, ...}. Raises NotARun where it is missing or damaged."""
+    metrics = read_object(run, "metrics.json", "has no metrics.json")
+    with reading(run / "metrics.json"):
+        _METRICS.validate_python(metrics)
+    return metrics
+
+
+def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
+    """The record of a finished run; with `unfinished` also that of one that was begun.
 
     Raises NotARun if run.json is missing or damaged, UnknownRunFormat if its format is not RUN_FORMAT.
     """
@@ -152,13 +198,47 @@ def read_record(run: Path) -> RunRecord:
     found, version = content.get("run_format", RUN_FORMAT), content.get("quadlog_version")
     if type(found) is not int or found != RUN_FORMAT:  # before its other fields, which may differ
         raise UnknownRunFormat(run, found, version, RUN_FORMAT, __version__)
-    try:
+    with reading(run / "run.json"):
         record = RunRecord.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = clipped(printable(".".join(map(str, first["loc"]))), 60)
-        raise NotARun(run / "run.json", f"is damaged: {where}: {clipped(printable(first['msg']))}") from error
+    if not (record.finished or unfinished):
+        raise NotARun(run, "is no finished run: it was begun, and its run.json says finished: false")
     return record
+
+
+def is_finished(run: Path) -> bool:
+    """Whether the run in a folder is complete and can be read."""
+    try:
+        read_record(run)
+    except (NotARun, UnknownRunFormat):
+        return False
+    return True
+
+
+def write_record(run: Path, record: RunRecord, *, finished: bool) -> None:
+    """`run.json`. Raises CannotWrite."""
+    content = record.to_dict() | {"finished": finished}
+    write_whole(run / "run.json", to_json(content))
+
+
+def to_json(content: Any) -> bytes:
+    """Indented JSON with sorted keys, without NaN, with a trailing newline; numpy's numbers as Python's."""
+    return (json.dumps(content, indent=2, sort_keys=True, allow_nan=False, default=lambda x: x.item()) + "\n").encode()
+
+
+@contextmanager
+def reading(path: Path, *also: type[Exception]) -> Iterator[None]:
+    """Make whatever is wrong with the content of a run's file a NotARun that names it. also: what a library raises."""
+    try:
+        yield
+    except QuadlogError:
+        raise
+    except _DAMAGE + also as error:
+        text = str(error)
+        if isinstance(error, ValidationError):
+            first = error.errors(include_url=False)[0]
+            text = f"{clipped(printable('.'.join(map(str, first['loc']))), 60)}: {first['msg']}"
+        text = next(iter(text.splitlines()), "") or type(error).__name__
+        raise NotARun(path, f"is damaged: {clipped(printable(text))}") from error
 
 
 def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
@@ -166,15 +246,13 @@ def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     path = run / name
     if not path.is_file():
         raise NotARun(run, missing if run.is_dir() else "is no folder" if run.exists() else "no such folder")
-    try:
+    with reading(path):
         if path.stat().st_size > _MAX_BYTES:
-            raise NotARun(path, f"is larger than {_MAX_BYTES} bytes")
+            raise ValueError(f"larger than {_MAX_BYTES} bytes")
         # Not pydantic's JSON: names of files may contain lone surrogates.
         content = json.loads(path.read_bytes(), parse_int=_number, parse_float=_number, parse_constant=_number)
-    except (ValueError, OSError, RecursionError) as error:
-        raise NotARun(path, f"is damaged: {clipped(printable(error))}") from error
-    if not isinstance(content, dict):
-        raise NotARun(path, "is damaged: no JSON object")
+        if not isinstance(content, dict):
+            raise ValueError("no JSON object")
     return content
 
 

@@ -1,64 +1,59 @@
-"""A run folder: its record, tables, arrays, maps and metrics, each read on first use."""
+"""A run folder: its record, tables, arrays, maps and metrics, written by name, and each read on first use."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 from weakref import finalize
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
+from quadlog.errors import UnknownName
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
-from quadlog.results.record import RunRecord, read_record
-from quadlog.results.saved.find_runs import fetch_runs
-from quadlog.results.saved.maps import MapSequence, load_maps, read_cloud_samples, read_dilution, read_ground
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import TABLES, UNBOUNDED, has_table, read_table, start_ns
+from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
+from quadlog.results.find_runs import fetch, fetch_runs
+from quadlog.results.places import remove_own_files
+from quadlog.results.record import (
+    RunRecord,
+    SavedMetric,
+    read_metrics,
+    read_record,
+    to_json,
+    write_record,
+)
+from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
+from quadlog.storage.atomic_write import note_complete, write_whole
 from quadlog.storage.formats.tum import read_tum
-from quadlog.storage.npz import read_arrays
 from quadlog.storage.remote_path import RemotePath, to_path
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_CHECKED = {"cloud_samples": read_cloud_samples, "dilution": read_dilution, "ground": read_ground}
-"""Readers that know which arrays a file has, of what types and shapes."""
+_CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
 LARGEST_SHOWN = 1e12
 """No quantity of a run comes near; larger numbers are shown as missing, with a note."""
 
 
-@dataclass(frozen=True, slots=True)
-class SavedMetric:
-    """A metric of metrics.json: value, number of samples, unit, 95 % interval, worst sample and its instant."""
-
-    value: float
-    n: int = 0
-    unit: str = ""
-    low: float | None = None
-    high: float | None = None
-    worst: float | None = None
-    worst_t_ns: int | None = None
-
-
 def load_run(path: Path | str) -> Run:
-    """The finished run in a folder, or at a URL, which is copied first; the copy is removed with the Run.
+    """The finished run in a folder or at a URL, whose files are copied when they are first read, until the Run goes.
 
     Raises NotARun if the folder is no run or its record is damaged (damaged tables and maps raise when they are read),
-    StorageFailed and TooLarge if the copy fails.
+    StorageFailed and TooLarge if a copy fails.
     """
     place = to_path(path)
     if not isinstance(place, RemotePath):
         return Run(place)
     scratch = TemporaryDirectory(prefix="quadlog-")
-    run = Run(fetch_runs(place, Path(scratch.name)))
+    run = Run(fetch_runs(place, Path(scratch.name), {"run.json"}))
+    run._remote = place
     finalize(run, scratch.cleanup)
     return run
 
@@ -70,11 +65,53 @@ class Run:
     """
 
     def __init__(self, path: Path | str, record: RunRecord | None = None) -> None:
-        """record: of a run that is not finished, whose run.json is written last."""
+        """record: of a run that is not finished, which is refused without it. Raises NotARun, UnknownRunFormat."""
         self.path = Path(path)
         self.record = read_record(self.path) if record is None else record
         self.notes: list[str] = []
         self._tables: dict[str, DataFrame | None] = {}
+        self._remote: RemotePath | None = None
+
+    @classmethod
+    def create(cls, path: Path, record: RunRecord, keep: Collection[str] = ()) -> Self:
+        """Begin a run in a claimed folder: its record, unfinished, then `config.toml`; quadlog's other files go.
+
+        keep: names of files that stay. Raises CannotWrite.
+        """
+        write_record(path, record, finished=False)
+        remove_own_files(path, {"run.json", *keep})
+        config = tomli_w.dumps(record.config.model_dump(exclude_none=True))
+        write_whole(path / "config.toml", (_CONFIG_HEADER + config).encode())
+        return cls(path, record)
+
+    def write(self, name: str, content: Mapping[str, Any]) -> None:
+        """A table as columns, arrays, or `metrics` (name: {value, n, unit, ...}), under its name in the contract.
+
+        A metric without a finite value does not apply and is left out, and so are ends that are not finite.
+        Raises UnknownName, CannotWrite, and ValueError or TypeError for what does not fit.
+        """
+        if name in TABLES:
+            write_table(self.path / f"{name}.parquet", TABLES[name], content)
+        elif name in ARRAYS:
+            write_arrays(self.path, name, content)
+        elif name == "metrics":
+            kept = {key: _finite(of) for key, of in content.items() if of["value"] is not None}
+            write_whole(self.path / "metrics.json", to_json({key: of for key, of in kept.items() if "value" in of}))
+        else:
+            raise UnknownName("result", name, [*TABLES, *ARRAYS, "metrics"])
+
+    def finish(self, record: RunRecord) -> None:
+        """Mark the run as complete by its record, the last file. Raises CannotWrite."""
+        write_record(self.path, record, finished=True)
+        note_complete(self.path / "run.json")
+        self.record = record
+
+    def _has(self, name: str) -> bool:
+        """Whether there is a file of this name, which is copied first from a URL."""
+        here = self.path / name
+        if self._remote is not None and not here.is_file() and (self._remote / name).is_file():
+            fetch({name: self._remote / name}, self.path)
+        return here.is_file()
 
     @property
     def config(self) -> Config:
@@ -107,7 +144,7 @@ class Run:
     def _read_table(self, name: str, columns: Sequence[str] | None) -> DataFrame | None:
         from pandas import DataFrame
 
-        if name in TABLES and not has_table(self.path, name):
+        if name in TABLES and not self._has(f"{name}.parquet"):
             return None
         frame = DataFrame(read_table(self.path, name, columns, largest=math.inf))
         for column in frame.select_dtypes("float").columns:
@@ -121,31 +158,24 @@ class Run:
         return frame if len(frame) else None
 
     def arrays(self, name: str) -> dict[str, NDArray[Any]] | None:
-        """The arrays of NAME.npz by name. Raises NotARun for a damaged file or arrays that do not fit, TooLarge."""
-        path = self.path / f"{name}.npz"
-        if not path.is_file():
-            return None
-        if name in _CHECKED:
-            _CHECKED[name](self.path)
-        return read_arrays(path)
+        """The arrays of NAME.npz by name, as ARRAYS has them. Raises NotARun for damage, TooLarge."""
+        return read_arrays(self.path, name) if self._has(f"{name}.npz") else None
 
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""
-        path = self.path / f"{name}.tum"
-        return read_tum(path) if path.is_file() else None
+        return read_tum(self.path / f"{name}.tum") if self._has(f"{name}.tum") else None
 
     @cached_property
     def maps(self) -> MapSequence | None:
         """The map sequence. Raises NotARun, TooLarge."""
-        maps = load_maps(self.path) if (self.path / "maps.npz").is_file() else None
+        maps = load_maps(self.path) if self._has("maps.npz") else None
         return maps if maps is not None and len(maps) else None
 
     @cached_property
     def metrics(self) -> dict[str, SavedMetric]:
         """The metrics that apply, by name. Raises NotARun."""
-        saved = read_metrics(self.path) if (self.path / "metrics.json").is_file() else {}
-        names = SavedMetric.__dataclass_fields__
-        return {name: SavedMetric(**{key: of[key] for key in names if key in of}) for name, of in saved.items()}
+        saved = read_metrics(self.path) if self._has("metrics.json") else {}
+        return {name: SavedMetric(**metric) for name, metric in saved.items()}
 
     def metric(self, name: str) -> float | None:
         """The value of a metric, None where it does not apply."""
@@ -154,6 +184,8 @@ class Run:
     @cached_property
     def start_ns(self) -> int:
         """The earliest instant of all tables: 0 s of every time axis."""
+        for name in TIMED:
+            self._has(f"{name}.parquet")
         return start_ns(self.path)
 
     def seconds(self, t_ns: Int) -> Float:
@@ -162,3 +194,11 @@ class Run:
 
     def __repr__(self) -> str:
         return f"<quadlog run {self.path}>"
+
+
+def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
+    """A metric without what is not finite; of an interval both ends or none."""
+    found = {key: of for key, of in metric.items() if isinstance(of, str) or math.isfinite(of)}
+    return (
+        found if {"low", "high"} <= found.keys() else {key: found[key] for key in found if key not in ("low", "high")}
+    )

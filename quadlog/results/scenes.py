@@ -17,7 +17,6 @@ from quadlog.results.view import (
     Ellipses,
     Layer,
     Lines,
-    Link,
     Marks,
     Moment,
     Raster,
@@ -243,8 +242,10 @@ def _errors(run: Run) -> Iterator[Layer]:
     """The line from the simulated robot to the nearest point of its reference path: the error itself."""
     control = run.table("control")
     if control is not None and control["ref_x_m"].notna().any():
-        columns = ("seconds", "x_m", "y_m", "ref_x_m", "ref_y_m")
-        yield Link("distance to the path", "bad", *(control[name].to_numpy() for name in columns))
+        columns = (control[name].to_numpy() for name in ("x_m", "ref_x_m", "y_m", "ref_y_m"))
+        seconds, x_m, ref_x_m, y_m, ref_y_m = break_gaps(control["seconds"].to_numpy(), *columns)
+        x, y = np.stack([x_m, ref_x_m], 1).ravel(), np.stack([y_m, ref_y_m], 1).ravel()
+        yield Lines("distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True)
 
 
 def _contacts(run: Run) -> Iterator[Layer]:
@@ -258,14 +259,14 @@ def _body(run: Run) -> tuple[float, float]:
 
 
 def _moments(run: Run) -> list[Moment]:
-    """Contacts, collisions first, then the worst instant of each metric, tag and bound."""
+    """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
     found = []
     contacts = run.table("contacts")
     if contacts is not None:
         rows = contacts.sort_values("collision", ascending=False, kind="stable")
         columns = zip(*(rows[name].tolist() for name in ("seconds", "cause", "collision")), strict=True)
         found = [Moment(at_s, cause, "collision" if hit else "no collision") for at_s, cause, hit in columns]
-    known = {moment.seconds for moment in found}
+    first, known = len(found), {moment.seconds for moment in found}
     for name in (name for labels in THEMES.values() for name in labels):
         metric = run.metrics.get(name)
         if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
@@ -278,9 +279,12 @@ def _moments(run: Run) -> list[Moment]:
             label = CATALOGUE[name].label
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
             found.append(Moment(seconds, what, worst, name, shows))
-    return [*found, *_worst_of_tags(run)]
+    touched, others = found[:first], [*found[first:], *_worst_of_tags(run)]
+    return [*touched[:MOST_CONTACTS], *others, *touched[MOST_CONTACTS:]]
 
 
+MOST_CONTACTS = 6
+"""Before the worst instants."""
 _AS_GOOD = frozenset({
     *("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m"),
     *("uwb_nis", "rpe_rmse_m", "reference_time_offset_s"),

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from quadlog.errors import ExitCode, NotARun, TooLarge
 from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.comparison.over_seeds import OverSeeds, clear_best, over_seeds
-from quadlog.results.saved.tables import METRIC_NAMES, column_to_numpy, table_schema, write_table
+from quadlog.results.tables import METRIC_NAMES, column_to_numpy, read_parquet, table_schema, write_table
 from quadlog.results.text import print_table, shown, terminal_width
 
 TABLE, PAGE = "sweep.parquet", "report.html"
@@ -71,15 +70,9 @@ def _column(values: Sequence[Any]) -> tuple[pa.DataType, list[Any]]:
 def read_sweep_table(folder: Path) -> list[SweepRow]:
     """The rows of sweep.parquet. Raises NotARun where it is missing, damaged or foreign, TooLarge."""
     path = folder / TABLE
-    if not path.is_file():
-        raise NotARun(folder, f"has no {TABLE}")
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as parquet:
-            if parquet.metadata.num_rows > _MOST_ROWS:
-                raise TooLarge(f"{path}: rows", parquet.metadata.num_rows, _MOST_ROWS)
-            table = parquet.read()
-    except (pa.ArrowException, OSError, ValueError, NotImplementedError) as error:
-        raise NotARun(path, f"is damaged or no table: {(str(error).splitlines() or [''])[0][:200]}") from error
+    table = read_parquet(path)
+    if table.num_rows > _MOST_ROWS:
+        raise TooLarge(f"{path}: rows", table.num_rows, _MOST_ROWS)
     kinds = dict(zip(table.column_names, table.schema.types, strict=True))
     if not set(_ENDS.names) <= set(kinds) or len(kinds) < table.num_columns:
         raise NotARun(path, "is no table of a sweep")
@@ -89,7 +82,7 @@ def read_sweep_table(folder: Path) -> list[SweepRow]:
     if wrong:
         raise NotARun(path, f"column {wrong[0]} has another type than in a table of a sweep")
     names = (*keys, *_ENDS.names, *metrics)
-    columns = [column_to_numpy(path, name, table.column(name)).tolist() for name in names]
+    columns = [column_to_numpy(path, table, name, kinds[name]).tolist() for name in names]
     rows = (dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True))
     return [
         SweepRow(

@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.positioning.unlocated import MAX_UNMEASURED_NS
+
 if TYPE_CHECKING:
+    from quadlog.results.arrays import MapSequence
     from quadlog.results.run import Run
-    from quadlog.results.saved.maps import MapSequence
 
 Array = NDArray[Any]
 
 TIME = "time (s)"
-GAP_S = 1.0
+GAP_S = MAX_UNMEASURED_NS * 1e-9
 """After a longer time without a sample the value is unknown."""
 # The palette of Okabe and Ito, which colour-blind readers can tell apart; page/templates/app.css has the same names.
 COLORS = {
@@ -57,7 +59,8 @@ class Panel:
     zero: the y axis begins at 0. log: it is logarithmic. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row, and log is about the x axis.
+    the number of a row, and log is about the x axis. period_s: where so short a time cannot be seen, curves are shown
+    as the band from their least to their largest value in each.
     """
 
     what: str
@@ -69,6 +72,7 @@ class Panel:
     robust: bool = False
     marks: Array = field(default_factory=lambda: np.empty(0))
     rows: Sequence[str] = ()
+    period_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +108,8 @@ class Lines:
     """Polylines; line k has the rows first[k] to first[k + 1] of x and y.
 
     seconds (K,): line k is shown from then until the next one's. shown: number of timed lines in a picture of the whole
-    time; 0 for lines that only a single instant shows.
+    time; 0 for lines that only a single instant shows. measured: lines of two points, with their length beside the
+    second one.
     """
 
     label: str
@@ -115,6 +120,7 @@ class Lines:
     seconds: Array | None = None
     variant: int = 0
     shown: int = 12
+    measured: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,19 +164,6 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Link:
-    """A line between two moving points at each instant, seconds (N,), with its length: what an error is measured to."""
-
-    label: str
-    color: str
-    seconds: Array
-    x: Array
-    y: Array
-    to_x: Array
-    to_y: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Ellipses:
     """The 95 % ellipse of each position, seconds (N,), with its covariance xx, xy, yy in m²; hidden as in Marks."""
 
@@ -185,7 +178,7 @@ class Ellipses:
     hidden: bool = False
 
 
-Layer = Raster | Windows | Lines | Marks | Track | Link | Ellipses
+Layer = Raster | Windows | Lines | Marks | Track | Ellipses
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,6 +307,19 @@ def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> lis
 def thin_evenly(length: int, most: int) -> Array:
     """Indices of at most `most` of so many rows, the first and the last among them."""
     return np.arange(length) if length <= most else np.unique(np.linspace(0, length - 1, most).astype(int))
+
+
+def robust_limits(panel: Panel) -> tuple[float, float, int]:
+    """Limits of y from the 1st to the 99th percentile with a margin, 0 among them, and how many samples lie beyond."""
+    values = np.concatenate([series.y for series in panel.series] or [np.zeros(1)])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return -1.0, 1.0, 0
+    low, high = np.percentile(values, [1, 99])
+    low, high = min(float(low), 0.0), max(float(high), 0.0)
+    margin = 0.25 * ((high - low) or 1.0)
+    low, high = 0.0 if panel.zero and low == 0 else low - margin, high + margin
+    return low, high, int(((values < low) | (values > high)).sum())
 
 
 def extent_of(*points: tuple[Array, Array], margin: float = 0.5) -> tuple[float, float, float, float]:

@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple
 
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.numbers import percent, sig
-from quadlog.results.run import Run, SavedMetric
+from quadlog.results.record import SavedMetric
+from quadlog.results.run import Run
 
 State = Literal["good", "warn", "bad", ""]
 """How a sentence, value or row is coloured."""

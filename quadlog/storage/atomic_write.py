@@ -22,8 +22,6 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]{8}\.part")
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
-_LAST = frozenset({"run.json", "report.html"})
-"""Files that are written when all others of their folder are; beside a run.json a page is not."""
 _watching: list[list[Path]] = []
 _unfinished: set[Path] = set()
 _new_folders: set[Path] = set()
@@ -50,8 +48,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         _publish(part, path)
         for written in _watching:
             written.append(path)
-        if path.name in _LAST:
-            _complete_s[path] = time.monotonic()
+        if path.name == "report.html":
+            note_complete(path)
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError) and is_full(error):
@@ -105,6 +103,11 @@ def files_written() -> Iterator[list[Path]]:
         yield written
     finally:
         _watching.pop()
+
+
+def note_complete(path: Path) -> None:
+    """Note that a file was written when all others of its folder were; beside a run.json a page is not the last."""
+    _complete_s[path] = time.monotonic()
 
 
 def complete_folders(since_s: float) -> list[Path]:

@@ -24,10 +24,10 @@ def probe(browse: Callable[..., tuple[str, list[str]]], tmp_path: Path) -> Probe
     Nothing may complain on the console.
     """
 
-    def ask(page: Path, name: str, size: tuple[int, int] = (1440, 900), fragment: str = "") -> dict[str, Any]:
+    def ask(page: Path, name: str, size: tuple[int, int] = (1440, 900), fragment: str = "", library: str = "") -> Any:
         text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text())
         before, after = ((HERE / f"{each}.js").read_text() for each in ("before", name))
-        text = text.replace("</head>", f"<script>{before}</script></head>", 1)
+        text = text.replace("</head>", f"<script>{before}</script><script>{library}</script></head>", 1)
         (tmp_path / "probed.html").write_text(text.replace("</body>", f"<script>{after}</script></body>"))
         frame = f'<iframe src="probed.html{fragment}" width="{size[0]}" height="{size[1]}" style="border:0"></iframe>'
         outer = tmp_path / "outer.html"
@@ -35,7 +35,7 @@ def probe(browse: Callable[..., tuple[str, list[str]]], tmp_path: Path) -> Probe
         dom, complaints = browse(outer, "--dump-dom", "--window-size=1600,1200", "--virtual-time-budget=5000")
         assert complaints == []
         (title,) = re.findall(r"<title>(.*?)</title>", dom, re.DOTALL)
-        said: dict[str, Any] = json.loads(html.unescape(title))
+        said = json.loads(html.unescape(title))
         assert "failed" not in said, said
         return said
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,11 @@ import pytest
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page
 from quadlog.results.run import Run
-from quadlog.results.saved.tables import TABLES, write_table
-from tests.lab.runs import KINDS, with_many_anchors
+from quadlog.results.tables import TABLES, write_table
+from tests.lab.pages import PAGES
+from tests.lab.runs import with_many_anchors
 
 Probe = Callable[..., dict[str, Any]]
-
-
-def _page(run: Path, kind: str) -> Path:
-    KINDS[kind](run)
-    return write_run_page(Run(run))
 
 
 def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None:
@@ -54,7 +51,7 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     ("kind", "known"), [("one scan", [True, False, False, False]), ("gap", [True, True, False, True])]
 )
 def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kind: str, known: list[bool]) -> None:
-    say = probe(_page(tiny_run, kind), "few", size=(390, 844))
+    say = probe(PAGES[kind](tiny_run), "few", size=(390, 844))
     assert say["sideways"] <= 0
     assert say["wide"] == 0
     assert say["stays"] == "sticky"
@@ -82,8 +79,22 @@ def test_a_list_of_runs_is_sorted_searched_and_unfolded(tmp_path: Path, probe: P
     assert set(say["found"]) == {"walk-10", *(f"walk-10{digit}" for digit in range(10))}
 
 
+def test_planners_with_one_path_are_all_seen(tiny_run: Path, probe: Probe) -> None:
+    assert min(probe(PAGES["planners"](tiny_run), "planners")["seen"]) > 20
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+@pytest.mark.parametrize("kind", ["whole", "ingest", "folder", "side by side", "sweep", "planners", "papers"])
+def test_axe_finds_nothing_serious(tiny_run: Path, probe: Probe, kind: str, size: tuple[int, int]) -> None:
+    """Needs axe.min.js of axe-core, named by QUADLOG_AXE."""
+    if "QUADLOG_AXE" not in os.environ:
+        pytest.skip("QUADLOG_AXE names no axe.min.js")
+    library = Path(os.environ["QUADLOG_AXE"]).read_text()
+    assert probe(PAGES[kind](tiny_run), "axe", size, library=library)["bad"] == []
+
+
 def test_the_policy_stops_what_is_not_ours(tiny_run: Path, browse: Callable[..., tuple[str, list[str]]]) -> None:
-    page = _page(tiny_run, "ingest")
+    page = PAGES["ingest"](tiny_run)
     page.write_text(page.read_text().replace("</body>", "<script>document.title = 'owned';</script></body>"))
     dom, complaints = browse(page, "--dump-dom")
     assert "<title>owned" not in dom

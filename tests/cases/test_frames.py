@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run as run_cli
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
 
 LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from quadlog.cli.main import run as run_cli
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import read_rosmap
 from tests.lab.strangers import Log, Room, add_scans, instants_s, ns, rms_after_alignment_m
 

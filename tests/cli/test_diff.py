@@ -11,7 +11,7 @@ import pytest
 
 from quadlog.cli.main import run
 from quadlog.results.diff import COLUMNS, MADE, merge_frames
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 from tests.cli.conftest import FOLLOW
 
 SHORT = ["--until", "map", "--duration", "0.5", "--no-plots"]

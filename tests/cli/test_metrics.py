@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from quadlog.cli.options import FORMATS
-from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.record import InputRecord, RunRecord
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES
 from quadlog.storage.formats.tum import write_tum
+from tests.lab.runs import begin_run
 
 T_NS = np.arange(200, dtype=np.int64) * 20_000_000
 
@@ -22,17 +20,14 @@ T_NS = np.arange(200, dtype=np.int64) * 20_000_000
 def runs(tmp_path: Path) -> Path:
     """A folder of three kinematic walks, whose error grows from one to the next."""
     for number in range(3):
-        folder = RunFolder.create(tmp_path / "runs" / f"walk-{number}")
-        folder.write_config({})
+        run = begin_run(tmp_path / "runs" / f"walk-{number}")
         error_m = 0.1 * (number + 1) + 0.01 * np.sin(T_NS / 3e8)
         columns = dict.fromkeys(set(TABLES["control"].names) - {"t_ns", "fallen"}, np.nan)
         columns |= {"t_ns": T_NS, "error_m": error_m, "cross_track_m": -error_m, "fallen": False}
-        write_table(folder.path / "control.parquet", TABLES["control"], columns)
-        write_tum(folder.path / "trajectory.tum", T_NS, np.sqrt(T_NS / 1e9), error_m, 0 * error_m)
-        folder.write_metrics({"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
-        recording = InputRecord(path="x", size_bytes=1, sha256="ab")
-        made = {"quadlog_version": "0.1.0", "command": ["quadlog"], "config": Config(), "options": {}, "seed": 0}
-        folder.write_run_json(RunRecord(input=recording, recorded_s=4.0, **made))
+        run.write("control", columns)
+        write_tum(run.path / "trajectory.tum", T_NS, np.sqrt(T_NS / 1e9), error_m, 0 * error_m)
+        run.write("metrics", {"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
+        run.finish(run.record)
     return tmp_path / "runs"
 
 

@@ -15,9 +15,10 @@ import pytest
 from quadlog.cli.main import run
 from quadlog.metrics.comparison.over_seeds import over_seeds
 from quadlog.results.numbers import sig
-from quadlog.results.saved.stage_marks import MARKS_FILE
-from quadlog.results.saved.stages import STAGE_FILES
+from quadlog.results.stage_marks import MARKS_FILE
+from quadlog.results.stages import STAGE_FILES
 from tests.cli.conftest import FOLLOW
+from tests.lab.runs import unfinish
 
 PLANNED = [*FOLLOW, "--duration", "0.5", "--until", "plan"]
 GRID = ["--set", "topics.target=uwb,/nope", "--set", "planner.name=astar,ia_star", "--jobs", "1"]
@@ -96,7 +97,7 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced_once_the_new_one_is_co
     assert (refused.code, "--resume" in refused.err) == (1, True)
     table, page = ((mine / name).read_bytes() for name in ("sweep.parquet", "report.html"))
     marks = {each: (each / MARKS_FILE).stat().st_mtime_ns for each in (mine / ASTAR, mine / IA_STAR)}
-    (mine / IA_STAR / "run.json").unlink()
+    unfinish(mine / IA_STAR)
     (mine / "sweep.parquet").unlink()
     assert quadlog(*arguments).code == 1, "a page without its table is not replaced"
     (mine / "sweep.parquet").write_bytes(table)

@@ -17,7 +17,7 @@ from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.errors import InvalidConfigValue
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.saved.tables import METRIC_NAMES
+from quadlog.results.tables import METRIC_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "configuration.md").read_text()

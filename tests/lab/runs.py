@@ -3,18 +3,42 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from quadlog.results.saved.maps import MapsWriter
-from quadlog.results.saved.tables import TABLES, has_table, read_table, write_table
+from quadlog.config.schema import Config
+from quadlog.results.arrays import MapsWriter
+from quadlog.results.places import claim
+from quadlog.results.record import InputRecord, RunRecord, read_record, write_record
+from quadlog.results.run import Run
+from quadlog.results.tables import TABLES, has_table, read_table, write_table
 
 UWB = ("fixes", "ranges", "links", "innovations", "uwb_errors", "pose_uncertainty", "dilution")
 LIDAR = ("scans", "cloud_samples", "ground", "maps", "plans", "paths", "astar", "clearances")
 WALK = ("control", "contacts", "clearances", "resim_plans", "resim_paths")
+
+
+def begin_run(path: Path, config: Mapping[str, Any] | None = None) -> Run:
+    """A run that is begun, with nothing but its record and its configuration."""
+    record = RunRecord(
+        quadlog_version="1",
+        command=["quadlog"],
+        config=Config.model_validate(config or {}),
+        options={},
+        input=InputRecord(path="walk.mcap", size_bytes=1, sha256="ab"),
+        seed=0,
+        recorded_s=1.0,
+    )
+    claim(path)
+    return Run.create(path, record)
+
+
+def unfinish(run: Path) -> None:
+    """As a kill leaves it."""
+    write_record(run, read_record(run), finished=False)
 
 
 def remove(run: Path, *names: str) -> None:

@@ -12,7 +12,7 @@ from numpy.lib import recfunctions
 from rosbags.typesys import Stores, get_typestore
 
 from quadlog.mapping.grid import window_at
-from quadlog.results.saved.maps import load_maps
+from quadlog.results.arrays import load_maps
 from quadlog.simulation.sensors.lidar import SimulatedScan
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC

@@ -13,7 +13,7 @@ from quadlog.config.file import load_config
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.results.saved.maps import load_maps
+from quadlog.results.arrays import load_maps
 from quadlog.simulation.sensors.lidar import part_centres, ray_ranges
 from quadlog.simulation.sensors.trajectory import Walk
 from quadlog.simulation.synthetic.follow import synthesize

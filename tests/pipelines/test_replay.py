@@ -20,7 +20,7 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.results.saved.maps import load_maps
+from quadlog.results.arrays import load_maps
 from quadlog.simulation.synthetic.follow import synthesize
 
 CONTRACT_FILES = {

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import NotARun
 from quadlog.pipelines.report import rebuild_reports
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture

@@ -21,7 +21,9 @@ from quadlog.pipelines.stages import report
 from quadlog.pipelines.stages.positions import position
 from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.diff import diff_runs, of_results
+from quadlog.results.record import is_finished
 from quadlog.results.run import Run
+from tests.lab.runs import unfinish
 
 Ask = Callable[..., ReplayRequest]
 UNTIL = {"ingest": 0, "position": 1, "map": 3}
@@ -146,7 +148,7 @@ def test_a_file_that_is_taken_away_before_the_end_is_missed(ask, monkeypatch, tm
     monkeypatch.setattr(report, "write_plots", draw)
     with pytest.raises(CannotWrite, match=r"poses\.parquet.*another process has removed it"):
         replay(request, Silent())
-    assert not (tmp_path / "run" / "run.json").exists()
+    assert not is_finished(tmp_path / "run")
 
 
 @pytest.mark.parametrize(
@@ -246,7 +248,7 @@ def test_a_stage_that_fails_leaves_the_marks_of_those_before_it(ask, fresh, save
     assert reusable_stages(ask(tmp_path / "run", walks, f"robot.model={model}")) == ALL[:4]
     assert saved(resumed(ask(tmp_path / "run", walks))[0].run) == saved(fresh(walks))
     # What the body took is in no table: a report that is made again still has it.
-    (tmp_path / "run" / "run.json").unlink()
+    unfinish(tmp_path / "run")
     outcome, reused = resumed(ask(tmp_path / "run", walks))
     assert reused == ALL
     assert saved(outcome.run) == saved(fresh(walks))

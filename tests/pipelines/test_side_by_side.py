@@ -18,7 +18,7 @@ from quadlog.cli.main import run as run_cli
 from quadlog.config.file import load_config
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.results.words import value_text
 
 

@@ -29,9 +29,9 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation import run_folder as walk_folder
-from quadlog.results.saved.maps import read_ground
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import read_arrays
+from quadlog.results.record import read_metrics
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture(scope="module")
@@ -329,11 +329,12 @@ def test_a_walk_on_the_ground_of_another_is_that_walk(walked, path, tmp_path, un
     # On a plane it goes otherwise.
     plane = read_table(_simulate(_request(path, tmp_path / "flat")).run, "control")
     assert np.abs(plane["z_m"][:40] - theirs["z_m"][:40]).max() > 2e-3
-    a, b = read_ground(again.run), read_ground(walked.run)
-    both = np.round((a.origin_m - b.origin_m) / b.cell_m).astype(int)
-    rows, cols = a.height_m.shape
+    a, b = read_arrays(again.run, "ground"), read_arrays(walked.run, "ground")
+    both = np.round((a["origin_m"] - b["origin_m"]) / b["cell_m"]).astype(int)
+    rows, cols = a["height_m"].shape
     assert (both >= 0).all()
-    np.testing.assert_array_equal(a.height_m, b.height_m[both[1] : both[1] + rows, both[0] : both[0] + cols])
+    same = b["height_m"][both[1] : both[1] + rows, both[0] : both[0] + cols]
+    np.testing.assert_array_equal(a["height_m"], same)
 
 
 def test_a_run_tells_whose_ground_it_walked_on_and_what_of_it_nobody_saw(walked, tmp_path, undrawn):

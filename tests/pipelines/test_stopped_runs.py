@@ -23,6 +23,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages import report
+from quadlog.results.record import is_finished
 
 pytestmark = pytest.mark.nightly
 ALL = ("position", "filter", "map", "plan", "control")
@@ -87,7 +88,7 @@ def test_a_killed_replay_goes_on_behind_its_last_mark(last, ask, fixtures, in_on
     process.kill()
     process.communicate()
     assert process.returncode == -signal.SIGKILL
-    assert not (run / "run.json").exists()
+    assert not is_finished(run)
     reused = reusable_stages(ask(run))
     assert reused[: ALL.index(last) + 1] == ALL[: ALL.index(last) + 1]
     replay(ask(run), Silent())
@@ -141,7 +142,7 @@ def test_a_kill_while_the_new_run_takes_the_place_of_the_old_is_put_right(moved,
         path.replace(target)
 
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.results.saved.run_folder.move_whole", killed)
+        patch.setattr("quadlog.results.places.move_whole", killed)
         with pytest.raises(KeyboardInterrupt):
             replay(forced, Silent())
     assert replay(replace(forced, existing=Existing.RESUME), Silent()).reused == ALL[:4]
@@ -207,11 +208,11 @@ def test_a_full_disk_ends_with_one_line_and_a_run_that_goes_on(
     run = tmp_path / "run"
     assert str(told.value).startswith(f"{run / file}: cannot be written: ")
     assert str(told.value).endswith("; --resume goes on")
-    assert not (run / "run.json").exists()
+    assert not is_finished(run)
     assert not [path for path in run.glob("*") if path.name.startswith(".")]
     assert reusable_stages(request) == ALL[:count]
     replay(request, Silent())
-    assert (run / "run.json").exists()
+    assert is_finished(run)
 
 
 def test_a_picture_that_finds_no_room_is_told_as_well(ask, tmp_path, monkeypatch):
@@ -260,14 +261,3 @@ def test_two_processes_in_one_folder_end_with_the_results_of_one(ask, fixtures, 
     assert not [path.name for path in run.iterdir() if path.name.startswith(".")]
     replay(ask(run), Silent())
     assert saved(run) == in_one_go
-
-
-def test_compiled_code_that_finds_no_room_is_told_as_well(ask, monkeypatch, tmp_path):
-    def fill() -> None:
-        with full_disk(10):
-            (tmp_path / "cache").write_bytes(bytes(1000))
-
-    monkeypatch.setattr("quadlog.pipelines.stages.warm_up._locate_toy_tag", fill)
-    with pytest.raises(CannotWrite, match=r"the cache of compiled code: cannot be written: .*; --resume goes on"):
-        replay(ask(tmp_path / "run"), Silent())
-    assert not (tmp_path / "run").exists()

@@ -13,8 +13,8 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import SimulatedRun, SimulateRequest, trot_32s
 from quadlog.pipelines.simulation import run_folder as trot_folder
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import read_table
+from quadlog.results.record import read_metrics
+from quadlog.results.tables import read_table
 from quadlog.simulation.robot import trot as trot_walk
 
 

@@ -15,7 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.positioning.fix.dilution import dilution_at
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture(scope="module")

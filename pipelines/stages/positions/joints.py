@@ -5,7 +5,7 @@ from __future__ import annotations
 from quadlog.messages import Float, Int, JointSeries
 from quadlog.pipelines.stages.context import ReplayContext
 from quadlog.positioning.foot_order import better_foot_order
-from quadlog.results.saved.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
+from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 BATCH_ROWS = 16384
 

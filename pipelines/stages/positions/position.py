@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.positions.ways_out import ways_out, why_failed, wh
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.roles import kinds_of
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")

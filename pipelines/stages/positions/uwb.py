@@ -37,8 +37,8 @@ from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
-from quadlog.results.saved.maps import DilutionGrid, write_dilution
-from quadlog.results.saved.tables import TABLES, TableWriter
+from quadlog.results.arrays import ARRAYS
+from quadlog.results.tables import TABLES, TableWriter
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 
@@ -49,8 +49,7 @@ def write_uwb_tables(walk: ReplayContext, uwb: UwbPositions) -> None:
     robot_tag = None if uwb.robot is None else uwb.robot.tag
     dilution = dilution_of(uwb.located, robot_tag, walk.config, DILUTION_ROWS, DILUTION_COLUMNS)
     if dilution is not None:
-        grid = DilutionGrid(dilution.origin_m, dilution.cell_m, dilution.tag_height_m, dilution.hdop)
-        write_dilution(walk.run.path, grid)
+        walk.run.write("dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
     errors = errors_of_tags(uwb.located, levers_on_robot(walk.config, robot_tag), walk.streams.reference)
     if errors:
         _write_errors(walk.run.path, errors)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 from markupsafe import Markup
@@ -29,8 +29,7 @@ _STYLES = ("vendor/uPlot.min.css", "app.css")
 _SCRIPTS = ("vendor/uPlot.iife.min.js", "unpack.js", "scene.js", "controls.js", "curves.js", "start.js")
 
 
-@dataclass(frozen=True, slots=True)
-class Sentence:
+class Sentence(NamedTuple):
     """A line of the verdict: its subject in a word or two, and one sentence."""
 
     subject: str
@@ -38,15 +37,13 @@ class Sentence:
     state: State = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What came out, in about four sentences with a coloured dot each, worst first."""
 
     lines: Sequence[Sentence]
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
+class Shown(NamedTuple):
     """A number in words. small: its 95 % interval or bound. help: its meaning. seconds: a link to an instant."""
 
     label: str
@@ -57,15 +54,13 @@ class Shown:
     seconds: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Cards:
+class Cards(NamedTuple):
     """Tiles: a title with one large number and a few small ones."""
 
     cards: Sequence[tuple[str, Sequence[Shown]]]
 
 
-@dataclass(frozen=True, slots=True)
-class Notes:
+class Notes(NamedTuple):
     """A box of lines that a reader must not miss: losses, warnings."""
 
     title: str
@@ -73,8 +68,7 @@ class Notes:
     state: State = "warn"
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(NamedTuple):
     """A column of a table. number: aligned to the right. wide: left out on a phone."""
 
     name: str
@@ -83,8 +77,7 @@ class Column:
     help: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(NamedTuple):
     """A cell. value: what its column is sorted by, if not the text. below: a smaller second line."""
 
     text: str
@@ -96,8 +89,7 @@ class Cell:
     seconds: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(NamedTuple):
     """Rows of cells under a title.
 
     search: placeholder of a field that filters the rows. folded: first row shown only on demand.
@@ -113,8 +105,7 @@ class Table:
     title: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Chart:
+class Chart(NamedTuple):
     """A drawing of the page's pack made of panels."""
 
     name: str
@@ -122,11 +113,10 @@ class Chart:
     caption: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class SceneView:
+class SceneView(NamedTuple):
     """A drawing of the page's pack that is a scene; one that moves has a player.
 
-    start: instant of the first view. most: moments shown. small: a thumbnail without controls, a link to href.
+    start: instant of the first view. small: a thumbnail without controls, a link to href.
     """
 
     name: str
@@ -134,28 +124,24 @@ class SceneView:
     caption: str = ""
     moments: Sequence[Moment] = ()
     start: float | None = None
-    most: int = 40
     small: bool = False
     href: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
+class Beside(NamedTuple):
     """A scene with a player above its timeline, beside curves on its time axis in a column that scrolls by itself."""
 
     scene: SceneView
     charts: Sequence[Chart]
 
 
-@dataclass(frozen=True, slots=True)
-class Gallery:
+class Gallery(NamedTuple):
     """Thumbnails beside each other."""
 
     views: Sequence[SceneView]
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """An embedded PNG of which there is no chart."""
 
     png: bytes
@@ -163,24 +149,21 @@ class Picture:
     caption: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(NamedTuple):
     """A paragraph, or lines of code."""
 
     text: str
     code: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Details:
+class Details(NamedTuple):
     """Blocks shown on demand."""
 
     summary: str
     blocks: Sequence[Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """Blocks under a heading; without a title they come first and are not in the contents."""
 
     title: str
@@ -195,9 +178,10 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page. facts: short texts below the title. status: the pill beside the title, in words and colour.
+    """A page of the sections that have blocks.
 
-    links: (text, address) of pages above and beside this one.
+    facts: short texts below the title. status: the pill beside the title, in words and colour. links: (text, address)
+    of pages above and beside this one.
     """
 
     title: str
@@ -216,21 +200,17 @@ def write_page(path: Path, page: Page) -> Path:
 
 def render(page: Page) -> bytes:
     """The page in UTF-8."""
-    drawn = page.pack.finish() if page.pack else None
-    scripts = [_own_file(name) for name in (*(_SCRIPTS if drawn else ()), "table.js")]
+    scripts = [_own_file(name) for name in (*(_SCRIPTS if page.pack else ()), "table.js")]
     styles = [_own_file(name) for name in _STYLES]
     policy = (
         f"default-src 'none'; img-src data:; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
         "base-uri 'none'; form-action 'none'"
     )
-    # Only files of this package are inserted unescaped.
-    inside = {"styles": [Markup(text) for text in styles], "scripts": [Markup(text) for text in scripts]}  # noqa: S704
-    data = None if drawn is None else Markup(_script_json(drawn))  # noqa: S704
-    text = (
-        _environment()
-        .get_template("page.html.jinja")
-        .render(page=page, policy=policy, data=data, version=__version__, **inside)
-    )
+    # Only files of this package and escaped data are inserted as they are.
+    inside = {"styles": list(map(Markup, styles)), "scripts": list(map(Markup, scripts))}
+    data = Markup(_script_json(page.pack.finish())) if page.pack else None  # noqa: S704
+    template = _environment().get_template("page.html.jinja")
+    text = template.render(page=page, policy=policy, data=data, version=__version__, **inside)
     # Names may contain lone surrogates, which cannot be encoded.
     return text.encode("utf-8", "replace")
 

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import base64
 import zlib
-from functools import singledispatchmethod
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from quadlog.results.numbers import count
 from quadlog.results.view import (
+    GAP_S,
     Array,
     Drawing,
-    Ellipses,
+    Layer,
     Lines,
-    Link,
     Marks,
     Panel,
     Raster,
@@ -28,13 +28,17 @@ from quadlog.results.view import (
     Series,
     Track,
     Windows,
+    robust_limits,
     thin_evenly,
 )
 
 DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""
-SECOND, PLACE, ANGLE = 1e-3, 1e-3, 1e-4
-"""Units of instants (s), positions (m or cells) and angles (rad)."""
+UNITS = {
+    **dict.fromkeys(("seconds", "until", "marks"), 1e-3), **dict.fromkeys(("x", "y", "radius"), 1e-3), "yaw": 1e-4,
+    **dict.fromkeys(("first", "feet", "level"), 1.0),
+}  # fmt: skip
+"""Of instants (s), positions (m or cells), angles (rad) and counts; others get a power of ten by their span."""
 POSE_S = 0.04
 """Positions more often are more than a screen shows, which interpolates between them."""
 MOST_SAMPLES, MOST_POSES, MOST_LINES, MOST_LINE_POINTS, MOST_MARKS = 400_000, 9000, 1200, 200_000, 12_000
@@ -79,6 +83,7 @@ class Pack:
         return {
             "charts": self.charts,
             "scenes": self.scenes,
+            "gap_s": GAP_S,
             "columns": self._columns,
             "cells": [len(content) for content in self._cells],
             "packed": base64.b64encode(packed).decode(),
@@ -126,56 +131,55 @@ class Pack:
         if text not in self._notes:
             self._notes.append(text)
 
-    def _panel(self, panel: Panel) -> dict[str, Any]:
-        flags = {"zero": panel.zero, "log": panel.log, "lane": panel.lane, "robust": panel.robust}
-        described = {
-            "what": panel.what,
-            "x": panel.x,
-            "rows": list(panel.rows),
-            **flags,
-            "marks": self._column(panel.marks, SECOND),
-        }
-        return described | {"series": [self._series(series) for series in panel.series]}
+    def _described(self, of: Any, keep: Array | None = None) -> dict[str, Any]:
+        """The fields of a drawing's part: arrays (N,) as numbers of columns with the rows kept, others as they are."""
+        found, units = {}, {} if isinstance(of, Series) else UNITS
+        for name in (each.name for each in fields(of)):
+            value = getattr(of, name)
+            if isinstance(value, np.ndarray) and value.ndim == 1:
+                value = self._column(value if keep is None else value[keep], units.get(name))
+            if value is not None and name not in ("values", "maps"):
+                found["t" if name == "seconds" else name] = value
+        return found
 
-    def _series(self, series: Series) -> dict[str, Any]:
-        keep = self._thin(len(series.x), MOST_SAMPLES, f"samples of {series.label}")
-        look = {"label": series.label, "color": series.color, "style": series.style, "variant": series.variant}
-        columns = {"x": self._column(series.x[keep]), "y": self._column(series.y[keep])}
-        if series.upper is not None:
-            columns["upper"] = self._column(series.upper[keep])
-        return look | columns
+    def _panel(self, panel: Panel) -> dict[str, Any]:
+        series = [
+            self._described(of, self._thin(len(of.x), MOST_SAMPLES, f"samples of {of.label}")) for of in panel.series
+        ]
+        low, high, beyond = robust_limits(panel)
+        limits = {"limits": (low, high), "beyond": beyond} if panel.robust else {}
+        return self._described(panel) | {"series": series} | limits
 
     def _scene(self, scene: Scene) -> dict[str, Any]:
         self._instants = np.sort([moment.seconds for moment in scene.moments])
-        described = {
-            "layers": [self._layer(layer) for layer in scene.layers],
-            "extent": scene.extent,
-            "unit": scene.unit,
-            "axes": scene.axes,
-            "step": scene.step,
-            "near": scene.near,
-            "body": scene.body,
-            "levels": list(scene.levels),
-            "activity": [{"label": row.label, "spans": row.spans, "events": row.events} for row in scene.activity],
-        }
-        return described | ({"span": scene.span} if scene.moves else {})
+        layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
+        activity = [{"label": row.label, "spans": row.spans, "events": row.events} for row in scene.activity]
+        span = {"span": scene.span} if scene.moves else {}
+        return self._described(replace(scene, moments=())) | {"layers": layers, "activity": activity, **span}
 
-    @singledispatchmethod
-    def _layer(self, layer: Any) -> dict[str, Any]:
-        raise TypeError(type(layer))
+    def _layer(self, layer: Layer) -> dict[str, Any]:
+        match layer:
+            case Raster():
+                return self._described(layer) | self._raster(layer)
+            case Windows():
+                return self._windows(layer)
+            case Lines():
+                return self._lines(layer)
+            case Track():
+                return self._described(_turned(layer), self._poses(layer))
+        middle = layer.seconds
+        if isinstance(layer, Marks) and layer.seconds is not None and layer.until is not None:
+            middle = (layer.seconds + layer.until) / 2
+        return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label, middle))
 
-    @_layer.register
-    def _(self, layer: Raster) -> dict[str, Any]:
+    def _raster(self, layer: Raster) -> dict[str, Any]:
         """Values as bytes: 0 for none, 1 to 255 from low to high."""
         share = (layer.values - layer.low) / ((layer.high - layer.low) or 1.0)
         codes = np.where(np.isfinite(share), 1 + np.rint(254 * np.clip(np.nan_to_num(share), 0, 1)), 0)
         rows, columns = codes.shape
-        place = {"x": layer.origin[0], "y": layer.origin[1], "cell": layer.cell, "rows": rows, "columns": columns}
-        scale = {"low": layer.low, "high": layer.high, "unit": layer.unit, "ramp": layer.ramp}
-        return _look(layer, "raster") | place | scale | {"cells": self._bytes(codes.astype(np.uint8).tobytes())}
+        return {"rows": rows, "columns": columns, "cells": self._bytes(codes.astype(np.uint8).tobytes())}
 
-    @_layer.register
-    def _(self, layer: Windows) -> dict[str, Any]:
+    def _windows(self, layer: Windows) -> dict[str, Any]:
         """Maps as bits along x, each as its exclusive or with the map before.
 
         Column and row of a cell are taken modulo the window's size, so that a cell that stays in a sliding window
@@ -190,80 +194,38 @@ class Pack:
             bits = np.packbits(np.roll(maps.occupied(index), (row % rows, column % columns), (0, 1)), axis=1)
             parts.append((bits ^ before).tobytes())
             before = bits
+        place = {"origin": (maps.origin_m[0] - maps.corner[0] * maps.cell_m).tolist(), "cell": maps.cell_m}
         corner = {"column": self._column(maps.corner[chosen, 0], 1), "row": self._column(maps.corner[chosen, 1], 1)}
-        x, y = (maps.origin_m[0] - maps.corner[0] * maps.cell_m).tolist()
-        place = {"x": x, "y": y, "cell": maps.cell_m, "rows": rows, "columns": columns}
-        times = {"t": self._column(layer.seconds[chosen], SECOND), "cells": self._bytes(b"".join(parts))}
-        return _look(layer, "windows") | place | corner | times
+        shape = {"rows": rows, "columns": columns, "cells": self._bytes(b"".join(parts))}
+        return self._described(layer, chosen) | place | corner | shape
 
-    @_layer.register
-    def _(self, layer: Lines) -> dict[str, Any]:
-        chosen = self._thin(len(layer.first) - 1, MOST_LINES, f"lines of {layer.label}")
-        most = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
+    def _lines(self, layer: Lines) -> dict[str, Any]:
+        most = MOST_POSES if layer.measured else MOST_LINES
+        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}", layer.seconds)
+        points = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
         rows = [np.arange(layer.first[k], layer.first[k + 1]) for k in chosen]
-        rows = [of[thin_evenly(len(of), most)] for of in rows]
+        rows = [of[thin_evenly(len(of), points)] for of in rows]
         every = np.concatenate([np.empty(0, int), *rows])
-        first = {"first": self._column(np.cumsum([0, *map(len, rows)]), 1)}
-        times = {} if layer.seconds is None else {"t": self._column(layer.seconds[chosen], SECOND)}
-        return _look(layer, "lines") | first | self._place(layer, every) | times
+        seconds = None if layer.seconds is None else layer.seconds[chosen]
+        first = np.cumsum([0, *map(len, rows)])
+        return self._described(replace(layer, first=first, x=layer.x[every], y=layer.y[every], seconds=seconds))
 
-    @_layer.register
-    def _(self, layer: Marks) -> dict[str, Any]:
-        middle = None if layer.seconds is None or layer.until is None else (layer.seconds + layer.until) / 2
-        keep = self._thin(len(layer.x), MOST_MARKS, layer.label, middle)
-        columns = self._place(layer, keep)
-        if layer.seconds is not None and layer.until is not None:
-            columns |= {"t": self._column(layer.seconds[keep], SECOND)}
-            columns |= {"until": self._column(layer.until[keep], SECOND)}
-        if layer.radius is not None:
-            columns["radius"] = self._column(layer.radius[keep], PLACE)
-        how = {"shape": layer.shape, "names": list(layer.names), "hidden": layer.hidden}
-        return _look(layer, "marks") | how | columns
-
-    @_layer.register
-    def _(self, layer: Link) -> dict[str, Any]:
-        keep = self._poses(layer.seconds, layer.x, layer.label)
-        ends = {"to_x": self._column(layer.to_x[keep], PLACE), "to_y": self._column(layer.to_y[keep], PLACE)}
-        times = {"t": self._column(layer.seconds[keep], SECOND)}
-        return _look(layer, "link") | times | self._place(layer, keep) | ends
-
-    @_layer.register
-    def _(self, layer: Ellipses) -> dict[str, Any]:
-        keep = self._thin(len(layer.seconds), MOST_MARKS, layer.label, layer.seconds)
-        covariance = {name: self._column(getattr(layer, name)[keep]) for name in ("xx", "xy", "yy")}
-        times = {"t": self._column(layer.seconds[keep], SECOND), "hidden": layer.hidden}
-        return _look(layer, "ellipses") | times | self._place(layer, keep) | covariance
-
-    @_layer.register
-    def _(self, layer: Track) -> dict[str, Any]:
-        keep = self._poses(layer.seconds, layer.x, layer.label)
-        columns = {"t": self._column(layer.seconds[keep], SECOND)} | self._place(layer, keep)
-        if layer.yaw is not None:
-            yaw = layer.yaw[keep]
-            turned = np.unwrap(np.nan_to_num(yaw))  # a straight line between two poses is then the shorter turn
-            columns["yaw"] = self._column(np.where(np.isnan(yaw), np.nan, turned), ANGLE)
-        for name in ("feet", "level"):
-            if (values := getattr(layer, name)) is not None:
-                columns[name] = self._column(values[keep], 1)
-        return _look(layer, "track") | {"shape": layer.shape, "trail": layer.trail} | columns
-
-    def _place(self, layer: Any, keep: Array) -> dict[str, int]:
-        return {"x": self._column(layer.x[keep], PLACE), "y": self._column(layer.y[keep], PLACE)}
-
-    def _poses(self, seconds: Array, x: Array, label: str) -> Array:
+    def _poses(self, layer: Track) -> Array:
         """Rows of a track: one each POSE_S or less often, with the row before each gap and the gap."""
+        seconds, gap = layer.seconds, np.isnan(layer.x)
         if not len(seconds):
             return np.arange(0)
         step_s = max(POSE_S, float(seconds[-1] - seconds[0]) / MOST_POSES)
         slot = np.floor((seconds - seconds[0]) / step_s + 1e-6)
-        gap = np.isnan(x)
         kept = np.append(True, np.diff(slot) > 0) | gap | np.append(gap[1:], False) | np.append(False, gap[:-1])
         kept[-1] = True
-        if step_s > POSE_S:
-            self._note(f"{label}: a position every {step_s:.2g} s")
+        if step_s > POSE_S and not kept.all():
+            self._note(f"{layer.label}: a position every {step_s:.2g} s")
         return np.flatnonzero(kept)
 
 
-def _look(layer: Any, kind: str) -> dict[str, Any]:
-    look = {"kind": kind, "label": layer.label, "color": layer.color}
-    return look | ({"variant": layer.variant} if hasattr(layer, "variant") else {})
+def _turned(track: Track) -> Track:
+    """With yaw unwrapped, so that a straight line between two poses is the shorter turn."""
+    if track.yaw is None:
+        return track
+    return replace(track, yaw=np.where(np.isnan(track.yaw), np.nan, np.unwrap(np.nan_to_num(track.yaw))))

@@ -14,6 +14,8 @@ from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
 from quadlog.metrics.intervals import FEWEST_VALUES
 from quadlog.metrics.planning import Comparison, PlannerRow
+from quadlog.results.arrays import MapSequence
+from quadlog.results.find_runs import refuse_existing
 from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import (
     Beside,
@@ -33,9 +35,7 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, ShownQuestion, format_rows
-from quadlog.results.saved.maps import MapSequence
-from quadlog.results.saved.outputs import refuse_existing
-from quadlog.results.saved.tables import write_table
+from quadlog.results.tables import write_table
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
 from quadlog.results.words import State
 from quadlog.storage.atomic_write import uninterrupted, write_whole

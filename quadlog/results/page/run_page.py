@@ -31,8 +31,8 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
-from quadlog.results.record import LossRecord
-from quadlog.results.run import Run, SavedMetric
+from quadlog.results.record import LossRecord, SavedMetric
+from quadlog.results.run import Run
 from quadlog.results.view import TIME, Drawing, Moment, Scene
 from quadlog.results.words import Bound, State, bounds_of, interval_text, is_alarming, label_of, value_text
 
@@ -43,8 +43,6 @@ _START = ("max_error_m", "eta_m", "ate_rmse_m", "uwb_rmse_m")
 PER_CARD = 3
 MOST_ROWS = 200
 """Of a table on the page; the run's files have all rows."""
-MOST_CONTACTS = 6
-"""Shown beside the map; the table has all."""
 
 
 def write_run_page(run: Run, drawings: Mapping[str, Drawing] | None = None) -> Path:
@@ -65,7 +63,7 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
     first: list[Any] = [Verdict(verdict(run)), Cards(cards(run))]
     if isinstance(scene, Scene):
         del views["trajectory"]
-        player = _player(scene)
+        player = SceneView("trajectory", moments=scene.moments, start=_start(scene.moments))
         curves = [views.pop(name) for name in _timed(drawings)]
         first.append(Beside(player, curves) if curves else player)
     walk, sensors = (
@@ -76,24 +74,13 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
     sections = [
         Section("", [*first, *_lost(run)]),
         Section("Walk", walk),
-        Section("Sensors", [*_links(run), *sensors], help_text.strip()),
+        Section("Sensors", [*_tables(run, "links"), *sensors], help_text.strip()),
         Section("Metrics", [metric_table(run)] if run.metrics else []),
-        Section("Contacts and gait", [*_contacts(run), *_gait(run)]),
+        Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run)]),
         Section("Topics", list(_topics(run))),
         Section("How it was made", list(_made(run))),
     ]
-    return Page(
-        run.title, [s for s in sections if s.blocks], _facts(run), status(run), [("all runs", "../report.html")], pack
-    )
-
-
-def _player(scene: Scene) -> SceneView:
-    """The map with its moments: first some contacts and all worst instants, then further contacts."""
-    contacts = [moment for moment in scene.moments if not moment.shows and not moment.name]
-    worst = [moment for moment in scene.moments if moment not in contacts]
-    ordered = [*contacts[:MOST_CONTACTS], *worst, *contacts[MOST_CONTACTS:]]
-    most = len(worst) + min(len(contacts), MOST_CONTACTS)
-    return SceneView("trajectory", moments=ordered, start=_start(scene.moments), most=most)
+    return Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
 
 
 def _timed(drawings: Mapping[str, Drawing]) -> list[str]:
@@ -182,58 +169,55 @@ def metric_table(run: Run) -> Table:
 
 def frame_table(frame: DataFrame, names: Mapping[str, str], name: str, note: str = "") -> Table:
     """Columns of a frame under their heads; texts to the left, numbers to the right, `seconds` as links."""
-    text = {column: frame[column].dtype.kind not in "fiu" for column in names}
+    text = {column: frame[column].dtype.kind not in "fiu" for column in names if frame[column].astype(str).any()}
     rows = []
     for row in frame.head(MOST_ROWS).to_dict("records"):
         cells = []
-        for column in names:
+        for column, is_text in text.items():
             value = row[column]
-            if isinstance(value, bool | np.bool_):
-                cells.append(Cell("yes" if value else "no"))
-            elif text[column]:
-                cells.append(Cell(str(value)))
-            else:
-                number = None if value is None or not np.isfinite(value) else float(value)
-                cells.append(Cell(sig(number), number, seconds=number if column == "seconds" else None))
+            if is_text:
+                cells.append(Cell({True: "yes", False: "no"}.get(value, str(value))))
+                continue
+            number = None if value is None or not np.isfinite(value) else float(value)
+            shown = percent(number) if column.endswith("_share") else sig(number)
+            cells.append(Cell(shown, number, seconds=number if column == "seconds" else None))
         rows.append(cells)
     if len(frame) > MOST_ROWS:
         note = f"{note} The first {MOST_ROWS} of {count(len(frame))} rows.".strip()
-    return Table([Column(head, not text[column]) for column, head in names.items()], rows, name, note)
+    return Table([Column(names[column], not is_text) for column, is_text in text.items()], rows, name, note)
 
 
-def _links(run: Run) -> Iterator[Any]:
-    links = run.table("links")
-    if links is None:
-        return
-    shown = links.assign(nlos=100 * links["nlos_share"])
-    names = {"tag": "tag", "anchor": "anchor", "n": "ranges", "residual_rms_m": "residual rms (m)"}
-    names |= {"bias_m": "bias (m)", "bias_std_m": "± std (m)", "bias_applied": "subtracted", "why_not": "why not"}
-    names |= {"nlos": "late (%)"}
-    if not links["why_not"].any():
-        del names["why_not"]
-    note = "UWB links. Late: longer than predicted by more than three standard deviations, most likely NLOS."
-    yield frame_table(shown, names, "uwb-links", note)
+_LEGS = {f"duty_factor_{leg}": f"duty {name}" for leg, name in enumerate(("FL", "FR", "RL", "RR"))}
+_SHOWN = {
+    "links": (
+        {"tag": "tag", "anchor": "anchor", "n": "ranges", "residual_rms_m": "residual rms (m)", "bias_m": "bias (m)",
+         "bias_std_m": "± std (m)", "bias_applied": "subtracted", "why_not": "why not", "nlos_share": "late"},
+        "UWB links. Late: longer than predicted by more than three standard deviations, most likely NLOS."),
+    "contacts": (
+        {"seconds": "from (s)", "duration_s": "for (s)", "x_m": "x (m)", "y_m": "y (m)",
+         "clearance_m": "clearance (m)", "cause": "cause", "collision": "collision"},
+        "Contacts of the simulated body. A cell that first appears inside the body is no collision."),
+    "gait": (
+        {"body": "body", "speeds": "speeds", "speed_mps": "speed (m/s)", "stride_frequency_hz": "strides (Hz)",
+         **_LEGS, "cost_of_transport": "cost of transport", "height_mean_m": "height (m)"},
+        "The logged and the simulated body."),
+}  # fmt: skip
+"""Heads of the columns shown of a table of the run, and a note."""
 
 
-def _contacts(run: Run) -> Iterator[Any]:
-    contacts = run.table("contacts")
-    if contacts is not None:
-        names = {"seconds": "from (s)", "duration_s": "for (s)", "x_m": "x (m)", "y_m": "y (m)",
-                 "clearance_m": "clearance (m)", "cause": "cause", "collision": "collision"}  # fmt: skip
-        note = "Contacts of the simulated body. A cell that first appears inside the body is no collision."
-        yield frame_table(contacts, names, "contacts", note)
+def _tables(run: Run, *names: str) -> Iterator[Table]:
+    for name in names:
+        frame = run.table(name)
+        if frame is not None:
+            yield frame_table(frame, _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
 
 
-def _gait(run: Run) -> Iterator[Any]:
-    gait, body = run.table("gait"), run.table("body")
-    if gait is not None:
-        legs = {f"duty_factor_{leg}": f"duty {name}" for leg, name in enumerate(("FL", "FR", "RL", "RR"))}
-        names = {"body": "body", "speeds": "speeds", "speed_mps": "speed (m/s)", "stride_frequency_hz": "strides (Hz)",
-                 **legs, "cost_of_transport": "cost of transport", "height_mean_m": "height (m)"}  # fmt: skip
-        yield frame_table(gait, names, "gait", "The logged and the simulated body.")
+def _torques(run: Run) -> Iterator[Table]:
+    body = run.table("body")
     if body is not None:
-        heads = ["speeds", "body", "phase"]
-        wide = body[body["phase"] != "all"].pivot_table("torque_rms_nm", "joint", heads, sort=False)
+        wide = body[body["phase"] != "all"].pivot_table(
+            "torque_rms_nm", "joint", ["speeds", "body", "phase"], sort=False
+        )
         wide.columns = [", ".join(head) for head in wide.columns]
         names = {"joint": "torque, rms (N·m)", **{head: head for head in wide.columns}}
         yield frame_table(wide.reset_index(), names, "torques-of-bodies")

@@ -18,6 +18,7 @@ import numpy as np
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.figures import FIGURES
+from quadlog.results.find_runs import find_runs, is_run, run_name
 from quadlog.results.numbers import NONE, count, sig
 from quadlog.results.page.blocks import (
     Beside,
@@ -39,12 +40,10 @@ from quadlog.results.page.blocks import (
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
-from quadlog.results.saved.find_runs import find_runs, is_run
-from quadlog.results.saved.names import run_name
-from quadlog.results.saved.tables import read_table
 from quadlog.results.scenes import walk_scene
 from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
-from quadlog.results.view import Moment, Panel, Raster, Scene, Series, Track, merge_panels, merge_scenes
+from quadlog.results.tables import read_table
+from quadlog.results.view import Moment, Panel, Raster, Scene, Track, merge_panels, merge_scenes
 from quadlog.results.words import STATES, State, bounds_of, interval_text, is_alarming, label_of, value_text
 
 if TYPE_CHECKING:
@@ -98,12 +97,7 @@ def list_page(title: str, folder: Path, rows: Sequence[Listed], findings: Sequen
         Section("Settings that differ", [block for block in settings if block.rows]),
         Section("All metrics", [Details("A column for each metric", [_whole_table(rows)])] if rows else []),
     ]
-    return Page(
-        title,
-        [section for section in sections if section.blocks],
-        [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"],
-        pack=pack,
-    )
+    return Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
 
 def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> Page:
@@ -121,7 +115,7 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
         Section("Settings that differ", [settings] if settings.rows else []),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
-    return Page(title, [section for section in sections if section.blocks], facts, pack=pack)
+    return Page(title, sections, facts, pack=pack)
 
 
 def _opened(folder: Path, name: str) -> Run | None:
@@ -220,7 +214,7 @@ def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     if not scenes:
         return charts
     pack.add("paths", merge_scenes(scenes))
-    view = SceneView("paths", "paths", moments=compared.first_differences, most=12)
+    view = SceneView("paths", "paths", moments=compared.first_differences)
     return [Beside(view, charts)] if charts else [view]
 
 
@@ -228,12 +222,9 @@ def _thinner(panels: Sequence[Panel], most: int = 4000) -> list[Panel]:
     """Curves of several runs with at most so many samples each: the pages of the runs have all."""
     found = []
     for panel in panels:
-        kept = []
-        for one in panel.series:
-            step = -(-len(one.x) // most)
-            upper = None if one.upper is None else one.upper[::step]
-            kept.append(Series(one.label, one.color, one.x[::step], one.y[::step], one.style, one.variant, upper))
-        found.append(Panel(panel.what, kept, panel.x, panel.zero, panel.log, panel.lane, panel.robust))
+        steps = [slice(None, None, max(1, -(-len(one.x) // most))) for one in panel.series]
+        kept = [replace(one, x=one.x[of], y=one.y[of]) for one, of in zip(panel.series, steps, strict=True)]
+        found.append(replace(panel, series=kept))
     return found
 
 
@@ -384,6 +375,6 @@ def _settings_values(summary: SweepSummary) -> Table:
             over = summary.over[name][number]
             cell = _value_cell(name, over.mean, "good" if summary.best.get(name) == number else None)
             below = "" if over.low is None or over.high is None else f"{sig(over.low)} to {sig(over.high)}"
-            cells.append(replace(cell, below=below))
+            cells.append(cell._replace(below=below))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
     return Table(columns, found, "settings-values", sortable=True)

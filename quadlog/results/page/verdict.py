@@ -204,8 +204,10 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 def _losses(run: Run) -> Iterator[Sentence]:
     causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
-    many = len(run.record.warnings)
-    warnings = f"; {many} warning{'s' * (many > 1)}" if many else ""
+    many, warnings = len(run.record.warnings), ""
+    if many:
+        first = run.record.warnings[0].rstrip(".")
+        warnings = f"; {many} warnings, the first: {first}" if many > 1 else f"; 1 warning: {first}"
     if causes:
         yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){warnings}.", "bad")
     elif not run.simulated or many:

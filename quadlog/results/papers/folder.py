@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from quadlog.errors import CannotWrite
+from quadlog.results.find_runs import refuse_existing
 from quadlog.results.numbers import sig
 from quadlog.results.papers.picture import table_picture
 from quadlog.results.papers.table import Origin, PaperRow, PaperTable, SavedTable, json_bytes, load_saved
-from quadlog.results.saved.outputs import refuse_existing
 from quadlog.results.text import TitledTable, print_table, print_tables
 from quadlog.storage.atomic_write import write_whole
 

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadlog.pipelines.batch.plan import kept_names
-from quadlog.results.saved.names import run_names
+from quadlog.results.find_runs import run_names
 
 RECORD = {"quadlog_version": "0", "command": [], "config": {}, "options": {}, "seed": 0, "recorded_s": 1.0}
 RECORD |= {"host": {}, "packages": {}}

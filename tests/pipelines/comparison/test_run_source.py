@@ -12,8 +12,8 @@ from quadlog.pipelines.comparison.run_planners import ask_everything
 from quadlog.pipelines.comparison.sources import run_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules
-from quadlog.results.saved.maps import load_maps
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import load_maps
+from quadlog.results.tables import read_table
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import synthesize
-from quadlog.results.saved.run_folder import read_metrics
-from quadlog.results.saved.tables import DUTY_FACTORS, read_table
+from quadlog.results.record import read_metrics
+from quadlog.results.tables import DUTY_FACTORS, read_table
 from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 

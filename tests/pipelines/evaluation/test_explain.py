@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference, compare_with_reference
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 
 
 def explain(run, name, reference=None):

@@ -16,7 +16,8 @@ from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import read_metrics
+from tests.lab.runs import unfinish
 
 READ = ("run.json", "config.toml", "metrics.json", "reference.tum", "trajectory.tum")
 
@@ -103,10 +104,10 @@ def test_a_run_of_another_format_is_refused(run):
 
 def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
     broken = shutil.copytree(run, run.with_name("broken"))
-    (broken / "run.json").unlink()
+    unfinish(broken)
     outcome = measure_runs([run.parent], None, [parse_condition("eta_m>100")])
     assert [each.label for each in outcome.runs] == ["follow"]
-    assert outcome.problems == [f"{broken}: is no finished run: it has no run.json"]
+    assert outcome.problems == [f"{broken}: is no finished run: it was begun, and its run.json says finished: false"]
     assert outcome.failing == [f"{broken}: eta_m > 100: cannot be told, the run cannot be read"]
     assert outcome.exit_code is ExitCode.CHECK_FAILED
     assert measure_runs([run.parent], None, []).exit_code is ExitCode.WITH_LOSS

@@ -15,7 +15,7 @@ from quadlog.errors import NoCommonTime, NotARun
 from quadlog.metrics.summary import summarise
 from quadlog.pipelines.evaluation.reference import REFERENCE_METRICS, OnTime, Reference, compare_with_reference
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import read_metrics
 from quadlog.storage.formats.tum import read_tum, write_tum
 
 NS = 1_000_000_000

@@ -10,7 +10,7 @@ from quadlog.errors import NotARun
 from quadlog.metrics.summary import summarise
 from quadlog.pipelines.evaluation.reference import RobotTag, robot_tag_of
 from quadlog.pipelines.evaluation.samples import read_samples
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import write_tum
 
 N = 60

@@ -24,8 +24,8 @@ from quadlog.pipelines.simulation.courses import (
     seen_ground,
     walkable_ground,
 )
-from quadlog.results.saved.maps import GroundMap, write_ground
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results.arrays import write_arrays
+from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.course_walk import Course
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -42,7 +42,7 @@ def _write(run: Path, height_m, count=None, origin_m=(-2.0, -2.0), cell_m=CELL_M
     run.mkdir(exist_ok=True)
     height_m = np.asarray(height_m, np.float64)
     count = np.full(height_m.shape, LEAST_POINTS, np.int64) if count is None else np.asarray(count, np.int64)
-    write_ground(run, GroundMap(np.array(origin_m), cell_m, height_m, count))
+    write_arrays(run, "ground", {"origin_m": origin_m, "cell_m": cell_m, "height_m": height_m, "count": count})
     return run
 
 

@@ -15,7 +15,7 @@ from quadlog.errors import ClocksDiffer
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.results.saved.tables import read_table
+from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic.recording import ROBOT_TRUTH_TOPIC, START_NS
 
 SETTINGS = [f"topics.position={ROBOT_TRUTH_TOPIC}", "topics.target=ahead", "grid.size_cells=81"]

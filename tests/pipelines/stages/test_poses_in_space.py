@@ -30,7 +30,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.forest import ANCHORS_M
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS, TF_STATIC_TOPIC, UWB_TOPIC

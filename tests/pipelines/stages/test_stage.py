@@ -20,8 +20,8 @@ from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.stages import ingest
 from quadlog.pipelines.stages.scans import ScanSettings
 from quadlog.pipelines.stages.stage import Stage, stages_for
-from quadlog.results.saved.names import OWN_FILES
-from quadlog.results.saved.stages import STAGES
+from quadlog.results.find_runs import OWN_FILES
+from quadlog.results.stages import STAGES
 from quadlog.storage.atomic_write import files_written
 
 # `ingest` looks up where the lidar sits and leaves it in the walk, for `filter`.

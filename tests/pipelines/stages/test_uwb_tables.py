@@ -14,8 +14,8 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
 from quadlog.positioning.fix.dilution import dilution_at
-from quadlog.results.saved.maps import read_dilution
-from quadlog.results.saved.tables import read_table
+from quadlog.results.arrays import read_arrays
+from quadlog.results.tables import read_table
 
 
 def test_links_are_what_the_saved_ranges_show(located_run: ReplayOutcome, follow_request: Callable[..., ReplayRequest]):
@@ -63,13 +63,13 @@ def test_innovations_are_saved_for_every_instant_of_a_track(located_run: ReplayO
 def test_the_saved_map_is_that_of_the_robots_tag(
     located_run: ReplayOutcome, follow_request: Callable[..., ReplayRequest]
 ):
-    grid = read_dilution(located_run.run)
+    grid = read_arrays(located_run.run, "dilution")
     anchors = follow_request(located_run.run).config.uwb.anchors
-    assert grid.tag_height_m == 0.6
-    assert max(grid.hdop.shape) > 60
-    centre_m = grid.origin_m + (np.array([30, 20]) + 0.5) * grid.cell_m
+    assert grid["tag_height_m"] == 0.6
+    assert max(grid["hdop"].shape) > 60
+    centre_m = grid["origin_m"] + (np.array([30, 20]) + 0.5) * grid["cell_m"]
     anchors_m = np.array([(each.x_m, each.y_m, each.z_m) for each in anchors])
-    assert_allclose(dilution_at(centre_m[None], anchors_m, 0.6), grid.hdop[20, 30])
+    assert_allclose(dilution_at(centre_m[None], anchors_m, 0.6), grid["hdop"][20, 30])
 
 
 def test_without_a_reference_there_are_no_errors(tmp_path: Path, follow_request: Callable[..., ReplayRequest]):

@@ -6,7 +6,7 @@ import pytest
 
 from quadlog.errors import InvalidConfigValue, UnknownConfigKey, UsageError
 from quadlog.pipelines.sweep.grid import make_grid, split_values
-from quadlog.results.saved.names import run_name
+from quadlog.results.find_runs import run_name
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
 from quadlog.recordings.find import find_recordings
-from quadlog.results.saved.run_folder import RunFolder
+from tests.lab.runs import begin_run
 
 
 @pytest.fixture
@@ -113,8 +113,7 @@ def test_which_folders_are_one_recording(tmp_path, files, expected):
 
 @pytest.fixture
 def run(tree):
-    folder = RunFolder.create(tree / "runs" / "one", force=False)
-    folder.write_config({"planner": {"name": "astar"}})
+    folder = begin_run(tree / "runs" / "one")
     (folder.path / "derived.mcap").write_bytes(b"x")
     return folder.path
 

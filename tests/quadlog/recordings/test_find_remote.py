@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import RecordingNotFound, StorageFailed
 from quadlog.recordings.find import find_recordings
-from quadlog.results.saved.names import run_names
+from quadlog.results.find_runs import run_names
 
 
 @pytest.fixture

@@ -16,20 +16,12 @@ from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.config.schema import Config
+from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.places import claim
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import (
-    CloudSample,
-    DilutionGrid,
-    GroundMap,
-    MapsWriter,
-    write_cloud_samples,
-    write_dilution,
-    write_ground,
-)
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -112,8 +104,8 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
     """Writes the tiny run into a folder, the same bytes every time."""
 
     def write(path: Path) -> Path:
-        folder = RunFolder.create(path)
-        folder.write_config(CONFIG)
+        claim(path)
+        run = Run.create(path, tiny_record)
         t_ns = START_NS + np.arange(40, dtype=np.int64) * 100_000_000
         yaw_rad = np.linspace(0, np.pi / 2, 40)
         robot_m = 3 * np.column_stack([np.sin(yaw_rad), 1 - np.cos(yaw_rad)])
@@ -122,17 +114,17 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
         _write_scans(path, t_ns, robot_m)
         _write_plans(path, t_ns, robot_m)
         _write_control(path, t_ns, robot_m, yaw_rad)
-        folder.write_metrics(
+        run.write(
+            "metrics",
             {
                 "eta_m": {"value": np.float64(0.123), "n": 200, "unit": "m"},
                 "fallen": {"value": 0, "n": 1, "unit": ""},
                 "ate_rmse_m": {"value": float("nan"), "n": 0, "unit": "m"},
-            }
+            },
         )
-        run = Run(path, tiny_record)
         write_derived(run)
         write_layout(run)
-        folder.write_run_json(tiny_record)
+        run.finish(tiny_record)
         return path
 
     return write
@@ -241,7 +233,7 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
     x, y = np.meshgrid(np.arange(30) - 15, np.arange(24) - 12)
     hdop = 0.8 + (x**2 + y**2) / 200
     hdop[0, 0] = np.inf
-    write_dilution(path, DilutionGrid(np.array([-3.0, -6.0]), 0.5, 0.6, hdop))
+    write_arrays(path, "dilution", {"origin_m": [-3, -6], "cell_m": 0.5, "tag_height_m": 0.6, "hdop": hdop})
 
 
 def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
@@ -256,10 +248,12 @@ def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
     write_rosmap(path, cells, np.array([-2.5, -2.5]), 0.1)
     cloud = rng.normal(0, 3, (300, 3)).astype(np.float32)
     label = rng.integers(0, 5, 300).astype(np.uint8)
-    sample = CloudSample(int(t_ns[0]), cloud, label, 0.0, 0.0, 0.0)
-    write_cloud_samples(path, [sample, sample], ["invalid", "cropped", "outlier", "ground", "obstacle"])
+    scans: dict[str, Any] = {"t_ns": t_ns[[0, 0]], "offset": [0, 300, 600], "xyz_m": np.tile(cloud, (2, 1))}
+    scans |= {"label": np.tile(label, 2), "x_m": [0, 0], "y_m": [0, 0], "yaw_rad": [0, 0]}
+    write_arrays(path, "cloud_samples", scans | {"classes": ["invalid", "cropped", "outlier", "ground", "obstacle"]})
     height_m = np.where(rng.random((20, 30)) < 0.5, np.nan, 0.01)
-    write_ground(path, GroundMap(np.array([-1.0, -2.0]), 0.2, height_m, np.isfinite(height_m).astype(np.int64)))
+    ground = {"origin_m": [-1, -2], "cell_m": 0.2, "height_m": height_m, "count": np.isfinite(height_m)}
+    write_arrays(path, "ground", ground)
 
 
 def _write_plans(path: Path, t_ns: Any, robot_m: Any) -> None:

@@ -8,7 +8,7 @@ import pytest
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
 from quadlog.results import mpl
 from quadlog.results.export import EXPORTERS, export_run
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 
 
 @pytest.mark.parametrize(

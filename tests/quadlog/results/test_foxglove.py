@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun
+from quadlog.results.arrays import load_maps, write_arrays
 from quadlog.results.foxglove import MOST_RESIDUALS, PLOTTED, RESIDUAL, write_derived, write_layout
 from quadlog.results.record import LossRecord, RunRecord
 from quadlog.results.run import Run
-from quadlog.results.saved.maps import CloudSample, load_maps, write_cloud_samples
-from quadlog.results.saved.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, read_table, write_table
 
 START_NS = 1_700_000_000_123_456_789
 COUNTS = {
@@ -128,10 +128,10 @@ def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
 def test_scans_lie_in_map_with_the_colours_of_their_classes(tmp_path: Path, tiny_record: RunRecord) -> None:
     rng = np.random.default_rng(0)
     xyz_m, label = rng.normal(0, 9, (30, 3)).astype(np.float32), rng.integers(0, 4, 30).astype(np.uint8)
-    placed = CloudSample(START_NS, xyz_m, label, 3.0, -4.0, 2.0)
-    lost = CloudSample(START_NS + 1, xyz_m, label, np.nan, np.nan, np.nan)
-    classes = ["invalid", "ground", "obstacle", "unheard of"]
-    write_cloud_samples(tmp_path, [placed, lost], classes)
+    arrays: dict[str, Any] = {"t_ns": [START_NS, START_NS + 1], "offset": [0, 30, 60], "xyz_m": np.tile(xyz_m, (2, 1))}
+    arrays |= {"label": np.tile(label, 2), "x_m": [3.0, np.nan], "y_m": [-4.0, np.nan], "yaw_rad": [2.0, np.nan]}
+    arrays |= {"classes": ["invalid", "ground", "obstacle", "unheard of"]}
+    write_arrays(tmp_path, "cloud_samples", arrays)
     ((t_ns, cloud),) = read(write_derived(Run(tmp_path, tiny_record)), "/quadlog/scan")
     assert t_ns == START_NS
     kind = {1: "u1", 7: "<f4"}
@@ -147,7 +147,7 @@ def test_scans_lie_in_map_with_the_colours_of_their_classes(tmp_path: Path, tiny
     assert colors[1] != colors[2]
     assert colors[0] == colors[3]
 
-    write_cloud_samples(tmp_path, [placed], classes[:2])  # labels without a class
+    write_arrays(tmp_path, "cloud_samples", arrays | {"classes": arrays["classes"][:2]})  # labels without a class
     with pytest.raises(NotARun, match=r"cloud_samples\.npz"):
         write_derived(Run(tmp_path, tiny_record))
 

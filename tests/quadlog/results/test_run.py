@@ -14,8 +14,7 @@ import pytest
 import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun, UnknownName
-from quadlog.results.record import RunRecord
-from quadlog.results.saved.run_folder import read_metrics
+from quadlog.results.record import RunRecord, read_metrics
 
 
 def test_tables_are_those_of_the_files_with_seconds_read_once(tiny_run: Path) -> None:
@@ -119,3 +118,14 @@ def test_arrays_that_do_not_fit_are_damage_and_a_report_says_so_in_a_line(
         run.arrays(name)
     assert run_cli(["report", str(tiny_run)]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_of_a_run_at_a_url_only_what_is_read_is_copied(tiny_run: Path, bucket: Any) -> None:
+    for path in tiny_run.iterdir():
+        bucket.put_file(str(path), f"{bucket.name}/runs/walk/{path.name}")
+    run = quadlog.load_run(f"s3://{bucket.name}/runs/walk")
+    assert [path.name for path in run.path.iterdir()] == ["run.json"]
+    assert run.metric("eta_m") == 0.123
+    assert run.table("joints") is None
+    assert len(run.arrays("ground") or ()) == 4
+    assert {path.name for path in run.path.iterdir()} == {"run.json", "metrics.json", "ground.npz"}

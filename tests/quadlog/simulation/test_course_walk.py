@@ -10,7 +10,7 @@ import pytest
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
-from quadlog.results.saved.tables import TABLES
+from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, SPACING_M, Course, longest_s, walk_course
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE

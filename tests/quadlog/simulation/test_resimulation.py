@@ -13,7 +13,7 @@ from quadlog.errors import TooLarge
 from quadlog.mapping.grid import window_around
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
-from quadlog.results.saved.tables import TABLES
+from quadlog.results.tables import TABLES
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model

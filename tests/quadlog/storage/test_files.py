@@ -60,9 +60,9 @@ def test_a_killed_process_leaves_no_file_of_the_final_name(tmp_path: Path) -> No
     script = f"""
 import os, signal
 from pathlib import Path
-from quadlog.results.saved.tables import TABLES
-from quadlog.results.saved.tables import TableWriter
-from quadlog.results.saved.maps import MapsWriter
+from quadlog.results.tables import TABLES
+from quadlog.results.tables import TableWriter
+from quadlog.results.arrays import MapsWriter
 import numpy as np
 folder = Path({str(tmp_path)!r})
 poses, shape = TABLES["poses"], (900, 900)
@@ -88,9 +88,9 @@ def test_a_full_disk_is_one_line_and_no_file(tmp_path: Path) -> None:
 import resource
 from pathlib import Path
 from quadlog.errors import CannotWrite
-from quadlog.results.saved.tables import TABLES
-from quadlog.results.saved.tables import write_table
-from quadlog.results.saved.maps import MapsWriter
+from quadlog.results.tables import TABLES
+from quadlog.results.tables import write_table
+from quadlog.results.arrays import MapsWriter
 from quadlog.storage.atomic_write import write_whole
 import numpy as np
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))

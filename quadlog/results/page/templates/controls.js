@@ -9,7 +9,7 @@ const openScene = (place, scene, block) => {
   const counted = scene.step !== "";
   const small = place.classList.contains("small");
   const clock = clockOf(scene.group);
-  const name = place.getAttribute("aria-label");
+  const { name } = place.dataset;
   const canvas = element("canvas", { role: "img", "aria-label": name });
   const tip = element("output", { class: "tip", hidden: true });
   const stage = element("div", { class: "stage" }, canvas, tip);
@@ -22,7 +22,7 @@ const openScene = (place, scene, block) => {
     follow.setAttribute("aria-pressed", String(view.follows()));
   };
   const follow = button("follow", counted ? "follow the start (F)" : "follow the robot (F)", () => changed(() => (view.follows() ? view.whole() : view.near(scene.near || 12))), { "aria-pressed": "false" });
-  const whole = button("all", "show everything (0)", () => changed(view.whole));
+  const whole = button("all", "show all (0)", () => changed(view.whole));
   if (!small) {
     const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
     const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
@@ -42,7 +42,8 @@ const openScene = (place, scene, block) => {
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.62 * innerHeight, Math.max(280, (width * (top - bottom)) / (right - left)));
-    const height = Math.round(small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting));
+    const room = small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting);
+    const height = Math.round(Math.max(room, 160)); // a page that is printed may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
@@ -63,9 +64,9 @@ const openScene = (place, scene, block) => {
 };
 
 const legendOf = (layers, scene, draw) => {
-  const swatch = ({ kind, color, variant, shape, ramp }) => {
+  const swatch = ({ kind, color, variant, shape, ramp, trail }) => {
     const cells = kind === "raster" || kind === "windows";
-    const form = kind === "marks" ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
+    const form = kind === "marks" || trail === false ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
     return element("i", { class: `swatch ${form} of-${color}` });
   };
   const entry = (layer) => {
@@ -128,11 +129,11 @@ const addPointer = (canvas, view, { tip, scene, changed, seek }) => {
 const addTransport = (place, scene, clock) => {
   const [from, until] = scene.span;
   const counted = scene.step !== "";
-  let [playing, before, owed, charted] = [false, null, 0, 0];
+  let [playing, before, owed, shown, turn] = [false, null, 0, 0, 0];
   const textOf = (instant) => (counted ? `${scene.step} ${instant - from + 1} of ${until - from + 1}` : `${instant.toFixed(2)} of ${until.toFixed(1)} s`);
-  const seek = (instant, settled = true) => {
+  const seek = (instant, turn) => {
     const wanted = Math.min(Math.max(instant, from), until);
-    clock.set(counted ? Math.round(wanted) : wanted, settled);
+    clock.set(counted ? Math.round(wanted) : wanted, turn);
   };
   const setPlaying = (wanted) => {
     if (wanted && clock.now >= until) seek(from);
@@ -147,12 +148,11 @@ const addTransport = (place, scene, clock) => {
     owed += (Math.min(now - (before ?? now), 250) / 1000) * Number(speed.value) * (counted ? STEPS_PER_S : 1);
     before = now;
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (owed >= (counted ? 1 : 0) && (!calm || now - charted > 500)) {
+    if (owed >= (counted ? 1 : 0) && (!calm || now - shown > 500)) {
       const step = counted ? Math.floor(owed) : owed;
       owed -= step;
-      const numbers = now - charted > 200; // the numbers beside the curves need not flicker
-      if (numbers) charted = now;
-      seek(clock.now + step, numbers);
+      shown = now;
+      seek(clock.now + step, turn++);
     }
     if (clock.now >= until) setPlaying(false);
     else requestAnimationFrame(frame);

@@ -55,17 +55,6 @@ const joined = (series, columnOf) => {
   return alike ? [tables[0][0], ...tables.flatMap(([, ...ys]) => ys)] : uPlot.join(tables);
 };
 
-// Limits from the 1st to the 99th percentile with a margin, 0 among them, and how many values lie beyond.
-const robustLimits = (columns, zero) => {
-  const sorted = columns.flatMap((column) => Array.from(column)).filter(Number.isFinite).sort((a, b) => a - b);
-  if (!sorted.length) return { limits: [-1, 1], beyond: 0 };
-  const quantile = (share) => sorted[Math.round(share * (sorted.length - 1))];
-  const [low, high] = [Math.min(quantile(0.01), 0), Math.max(quantile(0.99), 0)];
-  const margin = 0.25 * (high - low || 1);
-  const limits = [zero && low === 0 ? 0 : low - margin, high + margin];
-  return { limits, beyond: sorted.filter((value) => value < limits[0] || value > limits[1]).length };
-};
-
 // Points as small squares, one for each pixel.
 const pointPaths = (hollow, across) => (chart, number, first, last) => {
   const [xs, ys] = [chart.data[0], chart.data[number]];
@@ -81,7 +70,28 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
 };
 
-const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
+// An oscillating curve: where a period is only some pixels wide, the band from the least to the largest value of each.
+const PERIOD_PX = 24;
+const bandPaths = (period) => (chart, number, first, last) => {
+  const [xs, ys, { min, max }] = [chart.data[0], chart.data[number], chart.scales.x];
+  if ((chart.bbox.width * period) / (max - min) > PERIOD_PX * devicePixelRatio) return { ...uPlot.paths.linear()(chart, number, first, last), fill: null };
+  const periods = new Map();
+  for (let at = first; at <= last; at++) {
+    if (!Number.isFinite(ys[at])) continue;
+    const place = Math.floor(xs[at] / period);
+    const [low, high] = periods.get(place) ?? [Infinity, -Infinity];
+    periods.set(place, [Math.min(low, ys[at]), Math.max(high, ys[at])]);
+  }
+  const path = new Path2D();
+  for (const [place, values] of periods) {
+    const [left, right] = [place, place + 1].map((edge) => chart.valToPos(edge * period, "x", true));
+    const [top, bottom] = [values[1], values[0]].map((value) => chart.valToPos(value, "y", true));
+    path.rect(left, top, right - left, Math.max(bottom - top, 1));
+  }
+  return { stroke: null, fill: path, flags: 0 };
+};
+
+const optionsOf = ({ panel, group, last }, height, stretch) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
@@ -91,10 +101,10 @@ const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
   const look = ({ label, color, style, variant }) => ({
     label,
     stroke: () => paint(color),
-    fill: style === "points" ? () => paint(color) : undefined,
+    fill: style === "points" ? () => paint(color) : panel.period_s ? () => `color-mix(in srgb, ${paint(color)} 45%, transparent)` : undefined,
     width: style === "points" ? (variant ? 1 : 0) : rows ? 4 : 1.5,
     dash: style === "line" && variant && !rows ? DASHES[variant % 4] : undefined,
-    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
+    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : panel.period_s ? bandPaths(panel.period_s) : undefined,
     points: { show: false },
     value: (_, value) => short(value, 3),
   });
@@ -130,7 +140,7 @@ const optionsOf = ({ panel, group, last }, height, stretch, robust) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: robust ? () => robust.limits : within } },
+    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: panel.limits ? () => panel.limits : within } },
     axes: [{ ...axis(last ? 34 : 6), ...(rows && panel.log && { splits: logSplits, filter: (_, values) => values }), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
@@ -181,9 +191,8 @@ const openCurve = (spot, columnOf) => {
   const height = spot.height + (spot.last ? 24 : 0); // for the axis
   const stretch = stretchOf(group, panel.x);
   panel.instants = columnOf(panel.marks);
-  const robust = panel.robust ? robustLimits(panel.series.map(({ y }) => columnOf(y)), panel.zero) : null;
-  if (robust?.beyond) words.append(element("small", {}, ` ${robust.beyond} beyond`));
-  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch, robust) }, joined(panel.series, columnOf), plot);
+  if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch) }, joined(panel.series, columnOf), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
   if (isTimed(group, panel.x)) addHead(chart, clockOf(group), stretch);
@@ -194,24 +203,27 @@ const openCurve = (spot, columnOf) => {
   redraws.push(() => chart.redraw(false, true));
 };
 
-// A line at the instant of the clock, with the values there. A click sets the clock.
+// A line at the instant of the clock, with the values there: in a running player, in every twelfth frame, and not in
+// the same one for all charts. A click sets the clock.
+const TURNS = 12;
 const addHead = (chart, clock, stretch) => {
   const head = element("div", { class: "playhead" });
   chart.over.append(head);
   let [seen, pressed] = [true, null];
-  chart.head = (settled = true) => {
+  const own = stretch.charts.length % TURNS;
+  chart.head = (turn) => {
     const there = clock.now !== null && clock.now >= stretch.shown[0] && clock.now <= stretch.shown[1];
     head.hidden = !there;
     if (!there || !seen) return;
     const left = chart.valToPos(clock.now, "x");
     head.style.transform = `translateX(${left}px)`;
-    if (settled) chart.setCursor({ left, top: chart.over.clientHeight / 2 }, false, false);
+    if (turn === undefined || turn % TURNS === own) chart.setCursor({ left, top: chart.over.clientHeight / 2 }, false, false);
   };
   new IntersectionObserver(([entry]) => {
     seen = entry.isIntersecting;
     chart.head();
   }).observe(chart.root);
-  clock.listeners.push((_, settled) => chart.head(settled));
+  clock.listeners.push((_, turn) => chart.head(turn));
   chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
   chart.over.addEventListener("click", (event) => {
     if (pressed !== event.clientX) return;

@@ -1,12 +1,19 @@
 "use strict";
 // A scene on a canvas: its layers, drawn over each other at an instant, and the part of the world in view.
+// What stands still is drawn once for each view into two pictures: the ground, below the maps of an instant, and the
+// ways and marks above them.
 const LEVELS = ["level-0", "level-1", "level-2", "level-3"];
 const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3]];
 const CIVIDIS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"];
 const FEET = [[0.72, 1.24], [0.72, -1.24], [-0.72, 1.24], [-0.72, -1.24]]; // FL, FR, RL, RR, in halves of the body
-const COLUMNS = ["t", "until", "x", "y", "to_x", "to_y", "xx", "xy", "yy", "yaw", "feet", "level", "radius", "first", "row", "column"];
+const SHAPES = {
+  triangle: [[0, -1], [1, 1], [-1, 1]],
+  cross: [[-1, -1], [1, 1], [0, 0], [1, -1], [-1, 1]],
+  star: Array.from({ length: 10 }, (_, at) => [Math.sin((at * Math.PI) / 5), -Math.cos((at * Math.PI) / 5)].map((reach) => (at % 2 ? reach / 2.4 : reach))),
+};
+const COLUMNS = ["t", "until", "x", "y", "xx", "xy", "yy", "yaw", "feet", "level", "radius", "first", "row", "column"];
 const SCALE_95 = 2.4477;
-const GAP_S = 1;
+const PART_PX = 10; // of a segment that several lines share
 const EPOCH_S = 0.02; // fixes of several tags within this time belong together
 
 const modulo = (value, size) => ((value % size) + size) % size;
@@ -23,20 +30,20 @@ const poseAt = ({ t, x, y, yaw }, instant) => {
   if (row < 0 || Number.isNaN(x[row])) return null;
   const next = Math.min(row + 1, t.length - 1);
   const known = next > row && !Number.isNaN(x[next]);
-  if (!known && instant > t[row] + GAP_S) return null;
+  if (!known && instant > t[row] + pageData.gap_s) return null;
   const share = known ? Math.min(1, Math.max(0, (instant - t[row]) / (t[next] - t[row]))) : 0;
   const between = (column) => (share > 0 ? column[row] + share * (column[next] - column[row]) : column[row]);
   return { x: between(x), y: between(y), yaw: yaw ? between(yaw) : NaN };
 };
 
 const openView = (scene, canvas, block) => {
-  const pen = canvas.getContext("2d");
+  const picture = (width, height) => Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+  const screen = canvas.getContext("2d");
+  const stills = [picture(1, 1), picture(1, 1)];
+  let pen = screen;
   const layers = scene.layers.map((layer) => {
-    const made = { ...layer, bytes: layer.cells === undefined ? undefined : block.cells[layer.cells] };
-    const cells = layer.kind === "raster" || layer.kind === "windows"; // their x and y are a corner
-    for (const name of COLUMNS) {
-      if (name in layer && !(cells && (name === "x" || name === "y"))) made[name] = block.columns[layer[name]];
-    }
+    const made = { ...layer, bytes: block.cells[layer.cells] };
+    for (const name of COLUMNS) if (name in layer) made[name] = block.columns[layer[name]];
     return made;
   });
   const tracks = layers.filter(({ kind }) => kind === "track");
@@ -50,6 +57,11 @@ const openView = (scene, canvas, block) => {
     Object.assign(pen, { strokeStyle: paint(color), lineWidth: width });
     pen.setLineDash(DASHES[variant % 4]);
   };
+  const outline = (corners, px, py, size) => {
+    pen.beginPath();
+    for (const [dx, dy] of corners) pen.lineTo(px + size * dx, py + size * dy);
+    return pen;
+  };
   const dot = (px, py, radius, fill, edge) => {
     pen.beginPath();
     pen.arc(px, py, radius, 0, 2 * Math.PI);
@@ -61,7 +73,6 @@ const openView = (scene, canvas, block) => {
     pen.strokeText(text, px, py);
     pen.fillText(text, px, py);
   };
-  const picture = (columns, rows) => Object.assign(document.createElement("canvas"), { width: columns, height: rows });
   const putPicture = (cells, left, bottom, cell) => {
     pen.imageSmoothingEnabled = false;
     const [wide, high] = [cells.width * cell * view.scale, cells.height * cell * view.scale];
@@ -77,9 +88,42 @@ const openView = (scene, canvas, block) => {
     pen.stroke();
   };
 
-  // Each prepares a layer for the current colours and returns a function that draws it at an instant.
+  // Of segments that several timed lines share at an instant, each line draws its part, so that none hides another.
+  const sharers = layers.filter(({ kind, t, measured }) => kind === "lines" && t && !measured);
+  const shares = { key: "", owners: new Map() };
+  const segmentsOf = ({ t, first, x: xs, y: ys }, instant) => {
+    const line = rowAt(t, instant);
+    const found = [];
+    for (let at = line < 0 ? 1 : first[line] + 1; at < (line < 0 ? 1 : first[line + 1]); at++) {
+      if (!Number.isNaN(xs[at] + xs[at - 1])) found.push([xs[at - 1], ys[at - 1], xs[at], ys[at]]);
+    }
+    return found;
+  };
+  const drawShared = (layer, instant) => {
+    const seen = sharers.filter(({ hidden }) => !hidden);
+    const key = seen.map(({ t, label: name }) => `${name} ${rowAt(t, instant)}`).join();
+    if (key !== shares.key) {
+      Object.assign(shares, { key, owners: new Map() });
+      for (const one of seen) {
+        for (const segment of segmentsOf(one, instant)) shares.owners.set(`${segment}`, [...(shares.owners.get(`${segment}`) ?? []), one]);
+      }
+    }
+    pen.beginPath();
+    for (const segment of segmentsOf(layer, instant)) {
+      const owners = shares.owners.get(`${segment}`);
+      const [px, py, dx, dy] = [x(segment[0]), y(segment[1]), (segment[2] - segment[0]) * view.scale, (segment[1] - segment[3]) * view.scale];
+      const parts = owners.length * Math.max(1, Math.round(Math.hypot(dx, dy) / (PART_PX * owners.length)));
+      for (let part = owners.length > 1 ? owners.indexOf(layer) : 0; part < parts; part += owners.length) {
+        pen.moveTo(px + (part / parts) * dx, py + (part / parts) * dy);
+        pen.lineTo(px + ((part + 1) / parts) * dx, py + ((part + 1) / parts) * dy);
+      }
+    }
+    pen.stroke();
+  };
+
+  // Each prepares a layer for the current colours and returns how to draw what stands still of it, and what an instant shows.
   const prepare = {
-    raster: ({ bytes, rows, columns, x: left, y: bottom, cell, ramp, color }) => {
+    raster: ({ bytes, rows, columns, origin: [left, bottom], cell, ramp, color }) => {
       const [red, green, blue] = rgb(paint(color));
       const stops = CIVIDIS.map(rgb);
       const shades = new Uint8Array(4 * 256);
@@ -103,18 +147,18 @@ const openView = (scene, canvas, block) => {
         }
         const [cells, image] = [picture(wide, high), new ImageData(wide, high)];
         new Uint32Array(image.data.buffer).set(Uint32Array.from(largest, (code) => inks[code]));
-        cells.getContext("2d").putImageData(image, 0, 0);
-        return cells;
+        cells.putImageData(image, 0, 0);
+        return cells.canvas;
       };
-      return () => {
+      return [() => {
         const level = Math.max(0, Math.ceil(Math.log2(1 / (cell * view.scale))));
         made[level] ??= inBlocks(2 ** level);
         putPicture(made[level], left, bottom, cell * 2 ** level);
-      };
+      }];
     },
     windows: (layer) => {
       const { bytes, t, rows, columns, column, row, color, cell } = layer;
-      const [stride, brush] = [Math.ceil(columns / 8), picture(columns, rows).getContext("2d")];
+      const [stride, brush] = [Math.ceil(columns / 8), picture(columns, rows)];
       const image = new ImageData(columns, rows);
       const pixels = new Uint32Array(image.data.buffer);
       const ink = new Uint32Array(new Uint8Array([...rgb(paint(color)).slice(0, 3), 255]).buffer)[0];
@@ -124,7 +168,7 @@ const openView = (scene, canvas, block) => {
         for (let at = rows * stride; at < bytes.length; at++) bytes[at] ^= bytes[at - rows * stride];
       }
       let painted = -1;
-      return (instant) => {
+      return [null, (instant) => {
         const at = rowAt(t, instant);
         if (at < 0) return;
         if (at !== painted) {
@@ -141,18 +185,30 @@ const openView = (scene, canvas, block) => {
           brush.putImageData(image, 0, 0);
         }
         stroke("line", 1.5, 1);
-        pen.strokeRect(...putPicture(brush.canvas, layer.x + column[at] * cell, layer.y + row[at] * cell, cell));
-      };
+        pen.strokeRect(...putPicture(brush.canvas, layer.origin[0] + column[at] * cell, layer.origin[1] + row[at] * cell, cell));
+      }];
     },
-    lines: ({ first, x: xs, y: ys, t, color, variant }) => (instant) => {
-      stroke(color, t ? 2.5 : 1.5, variant);
-      const made = t ? rowAt(t, instant) : 0;
-      if (t && made >= 0) polyline(xs, ys, first[made], first[made + 1]);
-      for (let number = 0; !t && number < first.length - 1; number++) polyline(xs, ys, first[number], first[number + 1]);
+    lines: (layer) => {
+      const { first, x: xs, y: ys, t, color, variant, measured } = layer;
+      const still = () => {
+        stroke(color, 1.5, variant);
+        for (let number = 0; number < first.length - 1; number++) polyline(xs, ys, first[number], first[number + 1]);
+      };
+      const ofInstant = (instant) => {
+        stroke(color, measured ? 2 : 2.5, variant);
+        if (!measured) return drawShared(layer, instant);
+        const from = first[rowAt(t, instant)];
+        const [px, py, length] = [x(xs[from + 1]), y(ys[from + 1]), Math.hypot(xs[from + 1] - xs[from], ys[from + 1] - ys[from])];
+        if (!(length >= 0)) return;
+        polyline(xs, ys, from, from + 2);
+        dot(px, py, 4, paint(color), paint("back"));
+        label(`${length.toFixed(2)} ${scene.unit}`, px + 8, py - 6, color);
+      };
+      return t ? [null, ofInstant] : [still];
     },
     marks: ({ x: xs, y: ys, t, until, radius, shape, names, color }) => {
       const half = shape !== "dot" ? 5 : xs.length > 200 && !t ? 1 : 2;
-      return (instant) => {
+      const drawn = (instant) => {
         stroke(color, shape === "circle" ? 1 : 2.5);
         pen.fillStyle = paint(color);
         for (let at = 0; at < xs.length; at++) {
@@ -161,40 +217,15 @@ const openView = (scene, canvas, block) => {
           if (radius) dot(px, py, radius[at] * view.scale, null, paint(color));
           else if (px < -20 || py < -20 || px > size.x + 20 || py > size.y + 20) continue;
           else if (shape === "dot") pen.fillRect(px - half, py - half, 2 * half, 2 * half);
-          else if (shape === "cross") {
-            pen.beginPath();
-            for (const side of [-1, 1]) {
-              pen.moveTo(px - half, py - side * half);
-              pen.lineTo(px + half, py + side * half);
-            }
-            pen.stroke();
-          } else {
-            pen.beginPath();
-            pen.moveTo(px, py - half);
-            pen.lineTo(px + half, py + half);
-            pen.lineTo(px - half, py + half);
-            pen.fill();
-          }
+          else outline(SHAPES[shape], px, py, half)[shape === "cross" ? "stroke" : "fill"]();
           if (names[at]) label(names[at], px + half + 4, py + half, color);
         }
       };
+      return t ? [null, drawn] : [drawn];
     },
-    link: ({ t, x: xs, y: ys, to_x, to_y, color }) => (instant) => {
-      const at = rowAt(t, instant);
-      if (at < 0 || instant > t[at] + GAP_S || Number.isNaN(to_x[at]) || Number.isNaN(xs[at])) return;
-      const [from, to] = [[x(xs[at]), y(ys[at])], [x(to_x[at]), y(to_y[at])]];
-      stroke(color, 2);
-      pen.beginPath();
-      pen.moveTo(...from);
-      pen.lineTo(...to);
-      pen.stroke();
-      dot(...to, 4, paint(color), paint("back"));
-      const length = Math.hypot(to_x[at] - xs[at], to_y[at] - ys[at]);
-      label(`${length.toFixed(2)} ${scene.unit}`, to[0] + 8, to[1] - 6, color);
-    },
-    ellipses: ({ t, x: xs, y: ys, xx, xy, yy, color }) => (instant) => {
+    ellipses: ({ t, x: xs, y: ys, xx, xy, yy, color }) => [null, (instant) => {
       const last = rowAt(t, instant);
-      if (last < 0 || instant > t[last] + GAP_S) return;
+      if (last < 0 || instant > t[last] + pageData.gap_s) return;
       stroke(color, 1.5);
       pen.beginPath();
       for (let at = last; at >= 0 && t[at] >= t[last] - EPOCH_S; at--) {
@@ -207,14 +238,14 @@ const openView = (scene, canvas, block) => {
         }
       }
       pen.stroke();
-    },
+    }],
     track: (layer) => {
       const { t, x: xs, y: ys, level, shape, variant, trail, color } = layer;
       const trails = trail ? [[color, pathOf(xs, ys, () => true), shape === "none" ? 1.5 : 2.5]] : [];
       if (level) {
         scene.levels.forEach((_, number) => trails.push([LEVELS[number], pathOf(xs, ys, (at) => level[at - 1] === number), 3.5]));
       }
-      return (instant) => {
+      const still = () => {
         pen.save();
         pen.translate(size.x / 2 - view.x * view.scale, size.y / 2 + view.y * view.scale);
         pen.scale(view.scale, -view.scale);
@@ -224,14 +255,16 @@ const openView = (scene, canvas, block) => {
           pen.stroke(path);
         }
         pen.restore();
-        pen.setLineDash([]);
+      };
+      const ofInstant = (instant) => {
         const pose = scene.span && shape !== "none" ? poseAt(layer, instant) : null;
         if (!pose) return;
         const [px, py, ink] = [x(pose.x), y(pose.y), paint(color)];
         if (shape === "body" && scene.body && !Number.isNaN(pose.yaw)) drawBody(layer, pose, instant, ink);
-        else if (shape === "star") drawStar(px, py, 8, ink);
+        else if (shape === "star") Object.assign(outline(SHAPES.star, px, py, 8), { fillStyle: ink }).fill();
         else dot(px, py, shape === "person" ? Math.max(6, 0.22 * view.scale) : 5, ink, paint("back"));
       };
+      return [still, ofInstant];
     },
   };
   const pathOf = (xs, ys, wanted) => {
@@ -243,14 +276,6 @@ const openView = (scene, canvas, block) => {
       joined = there;
     }
     return path;
-  };
-  const drawStar = (px, py, reach, color) => {
-    pen.beginPath();
-    for (let at = 0; at < 10; at++) {
-      const far = at % 2 ? reach / 2.4 : reach;
-      pen.lineTo(px + far * Math.sin((at * Math.PI) / 5), py - far * Math.cos((at * Math.PI) / 5));
-    }
-    Object.assign(pen, { fillStyle: color }).fill();
   };
   const drawBody = ({ t, feet }, pose, instant, color) => {
     if (scene.body[0] * view.scale < 10) return dot(x(pose.x), y(pose.y), 5, color, paint("back"));
@@ -279,8 +304,32 @@ const openView = (scene, canvas, block) => {
     label(`${length} ${scene.unit}`, left, low - 6, "soft");
   };
 
-  let drawers = [];
-  const recolor = () => (drawers = layers.map((layer) => prepare[layer.kind](layer)));
+  let drawn = [];
+  let known = "";
+  const recolor = () => {
+    drawn = layers.map((layer) => ({ layer, below: layer.kind === "raster" || layer.kind === "windows", parts: prepare[layer.kind](layer) }));
+    known = "";
+  };
+  const drawParts = (part, below, instant) => {
+    for (const one of drawn) {
+      if (one.below !== below || one.layer.hidden || !one.parts[part]) continue;
+      pen.globalAlpha = 1;
+      pen.setLineDash([]);
+      one.parts[part](instant);
+    }
+  };
+  const drawStills = (sharp) => {
+    for (const still of stills) {
+      pen = still;
+      Object.assign(pen.canvas, { width: canvas.width, height: canvas.height }); // which clears it
+      pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+      const ground = still === stills[0];
+      if (ground) Object.assign(pen, { fillStyle: paint("sheet") }).fillRect(0, 0, size.x, size.y);
+      drawParts(0, ground);
+    }
+    drawScale();
+    pen = screen;
+  };
   recolor();
   return {
     layers,
@@ -289,15 +338,16 @@ const openView = (scene, canvas, block) => {
       const followed = follow && poseAt(walker, instant);
       if (followed) view = { ...view, x: followed.x, y: followed.y };
       const sharp = canvas.width / size.x;
-      pen.setTransform(sharp, 0, 0, sharp, 0, 0);
-      Object.assign(pen, { fillStyle: paint("sheet"), globalAlpha: 1 }).fillRect(0, 0, size.x, size.y);
-      layers.forEach((layer, at) => {
+      const wanted = JSON.stringify([view, size, sharp, layers.map(({ hidden }) => hidden)]);
+      if (wanted !== known) drawStills(sharp);
+      known = wanted;
+      for (const [at, still] of stills.entries()) {
+        pen.setTransform(1, 0, 0, 1, 0, 0);
         pen.globalAlpha = 1;
-        pen.setLineDash([]);
-        if (!layer.hidden) drawers[at](instant);
-      });
-      pen.setLineDash([]);
-      drawScale();
+        pen.drawImage(still.canvas, 0, 0);
+        pen.setTransform(sharp, 0, 0, sharp, 0, 0);
+        drawParts(1, at === 0, instant);
+      }
     },
     whole: () => {
       follow = false;

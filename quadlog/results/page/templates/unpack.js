@@ -2,7 +2,8 @@
 // Numbers of the page from one deflated block (page/pack.py), colours, small helpers, and a clock for each group.
 const pageData = JSON.parse(document.getElementById("page-data").textContent);
 const rootStyle = getComputedStyle(document.documentElement);
-const paint = (name) => rootStyle.getPropertyValue(`--${name}`).trim();
+const inks = new Map(); // asking for a style is slow
+const paint = (name) => inks.get(name) ?? inks.set(name, rootStyle.getPropertyValue(`--${name}`).trim()).get(name);
 const redraws = []; // called when the colours change
 
 const unpack = async () => {
@@ -25,16 +26,16 @@ const unpack = async () => {
   return { columns, cells };
 };
 
-// The instant that the charts and scenes of a group show. settled: false for the frames of a running player.
+// The instant that the charts and scenes of a group show. turn: number of the frame of a running player.
 const clocks = {};
 const clockOf = (group) =>
   (clocks[group] ??= {
     now: null,
     listeners: [],
     pause: () => {},
-    set(seconds, settled = true) {
+    set(seconds, turn) {
       this.now = seconds;
-      this.listeners.forEach((listen) => listen(seconds, settled));
+      this.listeners.forEach((listen) => listen(seconds, turn));
     },
   });
 
@@ -74,5 +75,8 @@ const onWidth = (place, fit) => {
   }).observe(place);
 };
 for (const change of ["(prefers-color-scheme: dark)", "print"]) {
-  matchMedia(change).addEventListener("change", () => redraws.forEach((redraw) => redraw()));
+  matchMedia(change).addEventListener("change", () => {
+    inks.clear();
+    redraws.forEach((redraw) => redraw());
+  });
 }

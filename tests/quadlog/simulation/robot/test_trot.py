@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from quadlog.control.locomotion.kinematics import foot_positions
 from quadlog.control.locomotion.robot import LEGS, ROBOTS, SIDES
 from quadlog.messages import Float
-from quadlog.results.saved.tables import TABLES
+from quadlog.results.tables import TABLES
 from quadlog.simulation.robot.trot import (
     HEIGHT_M,
     LIFT_M,

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import CannotWrite
-from quadlog.results.saved.stage_marks import (
+from quadlog.results.stage_marks import (
     MARKS_FILE,
     FileMark,
     StageMark,

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as stn
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
-from quadlog.results.saved import tables
-from quadlog.results.saved.tables import (
+from quadlog.results import tables
+from quadlog.results.tables import (
     COST_NAMES,
     TABLES,
     TableWriter,
@@ -87,17 +87,6 @@ def test_memory_stays_bounded_while_writing(tmp_path: Path) -> None:
     peak(1)
     assert peak(60) < 1.2 * peak(20)
     assert len(read_table(tmp_path, "poses")["t_ns"]) == 100_000
-
-
-def test_an_error_in_the_middle_leaves_nothing(tmp_path: Path) -> None:
-    def interrupted() -> None:
-        with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
-            table.append(poses(50_000))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert [each.name for each in tmp_path.iterdir()] == []
 
 
 def test_columns_are_checked_by_name(tmp_path: Path) -> None:
@@ -187,12 +176,12 @@ def test_foreign_tables_are_refused(tmp_path: Path) -> None:
         read_table(tmp_path, "poses")
     holes = {"t_ns": [1, None], "x_m": [1.0, 2.0], "y_m": [1.0, 2.0], "yaw_rad": [1.0, 2.0], "source": ["a", "b"]}
     pq.write_table(pa.table(holes), tmp_path / "poses.parquet")
-    with pytest.raises(NotARun, match="column t_ns has missing values"):
+    with pytest.raises(NotARun, match="t_ns has missing values"):
         read_table(tmp_path, "poses")
     columns = {"t_ns": [1], "x_m": [1.0], "y_m": [1.0], "yaw_rad": [1.0]}
     odd = pa.array([b"\xff\xfe"]).view(pa.string())
     pq.write_table(pa.table(columns | {"source": odd}), tmp_path / "poses.parquet")
-    with pytest.raises(NotARun, match="column source holds what is no text"):
+    with pytest.raises(NotARun, match=r"poses\.parquet: is damaged"):
         read_table(tmp_path, "poses")
 
 

@@ -1,19 +1,74 @@
-"""Find the runs in folders and the recordings that failed; fetch runs from remote storage."""
+"""Find runs in folders and recordings that failed, name runs and their files, and copy them from remote storage."""
 
 from __future__ import annotations
 
 import os
+import re
 import tempfile
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
-from quadlog.errors import ExitCode, NotARun, TooLarge
-from quadlog.recordings.file_names import RUN_MARKS
-from quadlog.results.saved.names import OWN_FILES, run_name
-from quadlog.results.saved.tables import has_table, read_table
+from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, NotARun, TooLarge, UsageError
+from quadlog.recordings.file_names import stem
+from quadlog.results.stages import STAGE_FILES
+from quadlog.results.tables import TABLES, has_table, read_table
+from quadlog.storage.atomic_write import is_part
 from quadlog.storage.remote_path import RemotePath, copy_object
+
+# Files that quadlog writes into a run folder; `--force` removes only these.
+FAILED = "failed.json"
+"""The reason why a recording was not replayed. A folder without other files counts as absent."""
+OWN_FILES = frozenset(
+    {
+        *(f"{name}.parquet" for name in TABLES if name != "summary"),
+        *(file for files in STAGE_FILES.values() for file in files),
+        *("run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"),
+        FAILED,
+    }
+)
+
+_TAKEN = {"summary.parquet", "report.html"}  # files in a folder of runs
+_MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
+
+
+def is_absent(name: str) -> bool:
+    """Whether a folder with files of such names alone counts as absent: a failure, and what was not finished."""
+    return name == FAILED or is_part(name)
+
+
+def run_name(name: str) -> str:
+    """`name` as the name of one folder: no separator, no control character, no leading dot or dash, not too long."""
+    safe = re.sub(r"[/\\:\x00-\x1f\x7f]", "_", name).lstrip(".-").strip()
+    safe = safe.encode("utf-8", "replace")[:_MAX_BYTES].decode("utf-8", "ignore").rstrip(". ")
+    if safe.casefold() in _TAKEN:
+        return f"{safe}_"
+    return safe or "recording"
+
+
+def run_names(recordings: Sequence[Path]) -> list[str]:
+    """A folder name for each recording: its stem, with its extension where two would collide.
+
+    Recordings of the same name from different folders are numbered in the order given.
+    Case is ignored, as some file systems do.
+    """
+    short = [run_name(path.resolve().name if path.is_dir() else stem(path)) for path in recordings]
+    often = Counter(name.casefold() for name in short)
+    names = [
+        name if often[name.casefold()] == 1 else run_name(path.name)
+        for name, path in zip(short, recordings, strict=True)
+    ]
+    taken: set[str] = set()
+    for i, name in enumerate(names):
+        number = 2
+        while names[i].casefold() in taken:
+            names[i] = f"{name}-{number}"
+            number += 1
+        taken.add(names[i].casefold())
+    return names
+
 
 _DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
 
@@ -21,8 +76,8 @@ _DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
 def find_runs(paths: Sequence[Path]) -> list[Path]:
     """The paths that are runs, and the runs in other folders, sorted by name; each run once.
 
-    A folder with a run.json or a config.toml of quadlog's is a run, finished or not. Hidden folders and
-    `files_beside_runs` are left out. Raises NotARun for a path without runs.
+    A folder with a run.json is a run, finished or not. Hidden folders and `files_beside_runs` are left out. Raises
+    NotARun for a path without runs.
     """
     found: dict[Path, Path] = {}
     beside = files_beside_runs(paths)
@@ -46,15 +101,8 @@ def files_beside_runs(paths: Sequence[Path]) -> list[Path]:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether quadlog made this folder as a run."""
-    if (folder / "run.json").is_file():
-        return True
-    mark = RUN_MARKS["config.toml"]
-    try:
-        with (folder / "config.toml").open("rb") as file:
-            return file.read(len(mark)) == mark
-    except OSError:
-        return False
+    """Whether there is a run in this folder, finished or not."""
+    return (folder / "run.json").is_file()
 
 
 def run_labels(runs: Iterable[Path]) -> list[str]:
@@ -103,9 +151,14 @@ _SUMMARY = "summary.parquet"
 # Small files that describe a run.
 RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
 # Files that metrics are computed from.
-MEASURED = frozenset(name for name in OWN_FILES if name.endswith((".parquet", ".json", ".toml")))
+MEASURED = RECORDS.union(name for name in OWN_FILES if name.endswith(".parquet"))
 # Largest size of runs to copy.
 MAX_BYTES = 1 << 36
+
+
+def files_ending(*ends: str) -> frozenset[str]:
+    """Names of quadlog's files of a run that end so."""
+    return frozenset(name for name in OWN_FILES if name.endswith(ends))
 
 
 class RunsHere(list[Path]):
@@ -124,7 +177,7 @@ class RunsHere(list[Path]):
 
 
 @contextmanager
-def runs_here(paths: Sequence[Path], names: Collection[str] = OWN_FILES) -> Iterator[RunsHere]:
+def runs_here(paths: Sequence[Path], names: Collection[str]) -> Iterator[RunsHere]:
     """The paths; each URL among them is replaced by a local copy of its run, or runs, with these files.
 
     Copies are removed when the block ends. Raises NotARun, TooLarge, StorageFailed.
@@ -140,8 +193,11 @@ def runs_here(paths: Sequence[Path], names: Collection[str] = OWN_FILES) -> Iter
         yield RunsHere(here, paths)
 
 
-def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str] = OWN_FILES) -> Path:
-    """Copy a run, or a folder of runs with its summary, to a new folder, which is returned. Raises as runs_here."""
+def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str]) -> Path:
+    """Copy these files of a run, or of a folder of runs with its summary, to a new folder, which is returned.
+
+    Raises as runs_here.
+    """
     top = scratch / run_name(remote.name)
     if not remote.is_web() and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
         fetch({_SUMMARY: remote / _SUMMARY}, top)
@@ -163,7 +219,7 @@ def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
 
 
 def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
-    """Copy files, by relative name, to a new folder. Raises TooLarge, StorageFailed."""
+    """Copy files, by relative name, into a folder. Raises TooLarge, StorageFailed."""
     objects = {name: remote.open_object() for name, remote in files.items()}
     total = sum(each.told.size_bytes or 0 for each in objects.values())
     if total > MAX_BYTES:
@@ -184,10 +240,24 @@ def _runs_at(remote: RemotePath) -> list[RemotePath]:
 
 def _files_at(run: RemotePath, names: Collection[str]) -> dict[str, RemotePath]:
     """The files of these names. A web server cannot list files, so each that a run may have is tried."""
-    if run.is_web():
-        return {name: run / name for name in sorted(OWN_FILES.intersection(names)) if (run / name).is_file()}
-    return {name: file for name, file in own_files(run.iterdir()).items() if name in names}
+    there = (run / name for name in sorted(names)) if run.is_web() else run.iterdir()
+    return {file.name: file for file in there if file.name in names and file.is_file()}
 
 
 def _is_plot(path: RemotePath) -> bool:
     return path.suffix == ".png" and path.name == run_name(path.name) and path.is_file()
+
+
+def refuse_existing(path: Path, force: bool) -> None:
+    """Raises AlreadyExists for a file that is there, unless `force`; it replaces regular files alone.
+
+    Raises CannotWrite for a link, a folder, a FIFO or a device, UsageError for a file of a run, there or not.
+    """
+    folder = path.resolve().parent
+    if (path.name in OWN_FILES and is_run(folder)) or (folder.name == PLOTS and is_run(folder.parent)):
+        raise UsageError(f"{path} is a file of the run {folder}; choose another place by -o")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
+        raise CannotWrite(path, f"it is {kind}")
+    if path.exists() and not force:
+        raise AlreadyExists(path)

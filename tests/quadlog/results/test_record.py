@@ -17,9 +17,10 @@ from quadlog.results.record import (
     describe_input,
     describe_input_aside,
     input_bytes,
+    read_metrics,
     read_record,
 )
-from quadlog.results.saved.run_folder import RunFolder
+from quadlog.results.run import Run
 from quadlog.storage.remote_path import to_path
 
 REQUIRED: dict[str, Any] = {"quadlog_version": "1", "config": Config(), "options": {}, "seed": 0, "recorded_s": 1.0}
@@ -33,7 +34,7 @@ def test_a_record_comes_back(tiny_run: Path, tiny_record: RunRecord) -> None:
 def test_a_name_that_is_no_text_comes_back_and_secrets_are_not_saved(tmp_path: Path) -> None:
     typed = ["quadlog", "replay", "https://me:SECRET@h/x?sig=SECRET", "\udcff", "-o", "s3://b/runs"]
     record = RunRecord(command=typed, input=InputRecord(path="\udcff", size_bytes=1, sha256="ab"), **REQUIRED)
-    RunFolder(tmp_path).write_run_json(record)
+    Run(tmp_path, record).finish(record)
     back = read_record(tmp_path)
     assert back.command == ["quadlog", "replay", "https://h/x?...", "\udcff", "-o", "s3://b/runs"]
     assert back.input == record.input
@@ -51,10 +52,9 @@ NUMBERS = ("1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", 
 BYTES = (b"", b"{", b"{}", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"config":' * 9000)
 
 
-@pytest.mark.parametrize("place", ["seed", "options", "counts", "config"])
-@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize(("place", "number"), [("seed", each) for each in NUMBERS] + [("options", "1e999")])
 def test_a_number_out_of_range_is_damage(tiny_run: Path, place: str, number: str) -> None:
-    value = {"options": {"x": "N"}, "counts": {"x": "N"}, "config": {"grid": {"cell_m": "N"}}}.get(place, "N")
+    value = {"x": "N"} if place == "options" else "N"
     text = json.dumps(json.loads((tiny_run / "run.json").read_text()) | {place: value})
     refuse(tiny_run, text.replace('"N"', number).encode(), "(too large a|no finite) number")
 
@@ -72,6 +72,24 @@ def refuse(run: Path, content: bytes, match: str) -> None:
         read_record(run)
     assert len(str(raised.value).removeprefix(str(run))) < 300
     assert str(raised.value).isprintable()
+
+
+SOUND = {"value": 2, "n": 5, "unit": "m"}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *("", "{", "[]", "[" * 100_000, '{"eta_m": 3}', json.dumps({"x\n" * 5000: {}})),
+        *(f'{{"eta_m": {{"value": {value}, "n": 5, "unit": "m"}}}}' for value in ("true", "null", "[]", *NUMBERS)),
+        *(json.dumps({"eta_m": SOUND | {name: "x"}}) for name in ("value", "n", "low", "high", "worst", "worst_t_ns")),
+        *(json.dumps({"eta_m": SOUND | wrong}) for wrong in ({"n": -1}, {"n": 1.5}, {"unit": 3})),
+    ],
+)
+def test_damaged_metrics_are_one_short_line(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "metrics.json").write_text(damage)
+    with pytest.raises(NotARun, match=r"metrics\.json: is damaged: [^\n]{1,300}$"):
+        read_metrics(tmp_path)
 
 
 @pytest.mark.parametrize("found", [2, 0, -1, "1\n", 1.0, True, None, [1] * 1000])

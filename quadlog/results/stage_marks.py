@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from quadlog.errors import CannotWrite
-from quadlog.results.saved.names import OWN_FILES
+from quadlog.results.find_runs import OWN_FILES
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath
 

@@ -10,16 +10,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun
-from quadlog.results.saved.find_runs import RECORDS, failed_recordings, find_runs, is_run, run_labels, runs_here
-from quadlog.results.saved.run_folder import RunFolder
-from quadlog.results.saved.tables import TABLES, write_table
+from quadlog.results import find_runs as find_runs_module
+from quadlog.results.find_runs import (
+    RECORDS,
+    failed_recordings,
+    find_runs,
+    is_run,
+    run_labels,
+    run_name,
+    run_names,
+    runs_here,
+)
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.remote_path import to_path
+from tests.lab.runs import begin_run
 
 
 def make_run(path: Path) -> Path:
-    RunFolder.create(path).write_config({})
-    return path
+    return begin_run(path).path
 
 
 def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
@@ -111,3 +121,70 @@ def test_they_are_told_of_a_bucket_too(tiny_run: Path, tmp_path: Path, bucket: A
     with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as here:
         (failed,) = failed_recordings(here)
         assert here.as_given(failed) == f"s3://{bucket.name}/season/broken"
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("walk 2024.05", "walk 2024.05"),
+        ("..", "recording"),
+        ("../../etc/passwd", "_.._etc_passwd"),
+        (".hidden", "hidden"),
+        ("-rf", "rf"),
+        ("a\nb\x00c", "a_b_c"),
+        ("C:\\x", "C__x"),
+        ("", "recording"),
+        ("report.html", "report.html_"),
+        ("é" * 200, "é" * 60),
+    ],
+)
+def test_a_name_is_made_safe(name: str, safe: str) -> None:
+    assert run_name(name) == safe
+
+
+@given(st.text())
+def test_any_name_stays_one_folder_below(name: str) -> None:
+    safe = run_name(name)
+    assert Path("runs", safe).parent == Path("runs")
+    assert Path("/runs", safe).resolve().parent == Path("/runs")
+    assert len(safe.encode()) <= 121
+    assert not safe.startswith((".", "-"))
+
+
+def test_the_extension_tells_recordings_apart_where_it_must(tmp_path: Path) -> None:
+    (tmp_path / "rosbag2_2024.05.01").mkdir()
+    recordings = ["a/walk.mcap", "a/walk.bag", "a/run.mcap", "b/Run.mcap", "c/run.mcap", "d/alone.db3"]
+    names = run_names([*map(Path, recordings), tmp_path / "rosbag2_2024.05.01"])
+    assert names == ["walk.mcap", "walk.bag", "run.mcap", "Run.mcap-2", "run.mcap-3", "alone", "rosbag2_2024.05.01"]
+
+
+@given(st.lists(st.text(st.sampled_from("aA.b/-"), min_size=1), max_size=12))
+def test_no_two_recordings_share_a_folder(stems: list[str]) -> None:
+    names = run_names([Path(f"{stem}.mcap") for stem in stems])
+    assert len({name.casefold() for name in names}) == len(stems)
+
+
+@pytest.mark.parametrize(
+    ("command", "copied"),
+    [
+        (["export", "--to", "tum"], {"run.json", "poses.parquet", "trajectory.tum"}),
+        (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
+        (
+            ["compare-planners", "--planner", "astar"],
+            {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"},
+        ),
+        (["metrics"], RECORDS),
+    ],
+)
+def test_a_command_copies_only_the_files_that_it_reads(
+    tiny_run: Path, tmp_path: Path, bucket: Any, monkeypatch: pytest.MonkeyPatch, command: list[str], copied: set[str]
+) -> None:
+    for path in tiny_run.iterdir():
+        bucket.put_file(str(path), f"{bucket.name}/runs/walk/{path.name}")
+    copy_object, names = find_runs_module.copy_object, set[str]()
+    monkeypatch.setattr(
+        find_runs_module, "copy_object", lambda remote, to: (names.add(to.name), copy_object(remote, to))
+    )
+    monkeypatch.chdir(tmp_path)
+    assert run_cli([command[0], f"s3://{bucket.name}/runs/walk", *command[1:]]) == 0
+    assert names == copied

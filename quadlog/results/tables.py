@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.record import reading
 from quadlog.storage.atomic_write import whole_file
 
+_NUMPY = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_, pa.string(): np.object_}
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "text": pa.string()}
 
 
@@ -29,7 +31,7 @@ def table_schema(columns: str) -> pa.Schema:
 
 METRIC_NAMES = tuple(CATALOGUE)
 
-COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
+COST_NAMES = ("wall_s", "peak_memory_mb", "input_bytes")
 """Cost of replaying a recording in a batch."""
 
 _JOINT_NAMES = ("q_{:02d}_rad", "dq_{:02d}_radps", "tau_{:02d}_nm")
@@ -126,14 +128,15 @@ class TableWriter:
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
         self.path, self.schema = path, schema
-        self._batches: list[pa.RecordBatch] = []
         self._rows: list[Mapping[str, Any]] = []
-        self._pending = 0
+        self._pending = schema.empty_table()
 
     def __enter__(self) -> Self:
+        texts = [field.name for field in self.schema if field.type == pa.string()]
+        form: dict[str, Any] = {"compression": "zstd", "use_dictionary": texts, "write_page_checksum": True}
         with ExitStack() as stack:
             part = stack.enter_context(whole_file(self.path))
-            self._parquet = stack.enter_context(_open_parquet(part, self.schema))
+            self._parquet = stack.enter_context(pq.ParquetWriter(part, self.schema, **form))
             self._stack = stack.pop_all()
         return self
 
@@ -143,16 +146,13 @@ class TableWriter:
         with self._stack:
             if error is not None:
                 raise error
-            self._gather_rows()
+            self._add_rows()
             self._write_groups(smallest=1)
 
     def append(self, columns: Mapping[str, Any]) -> None:
         """Add rows from columns of equal length; a scalar fills the whole column."""
-        self._gather_rows()
-        batch = _batch(self.schema, columns)
-        self._batches.append(batch)
-        self._pending += batch.num_rows
-        self._write_groups(smallest=_GROUP_ROWS)
+        self._add_rows()
+        self._add(columns)
 
     def add_row(self, row: Mapping[str, Any]) -> None:
         """One row; a column that the row leaves out must be optional, and None is no value."""
@@ -161,29 +161,25 @@ class TableWriter:
             raise ValueError(f"columns missing: {missing}")
         self._rows.append(row)
         if len(self._rows) >= 1024:
-            self._gather_rows()
-            self._write_groups(smallest=_GROUP_ROWS)
+            self._add_rows()
 
-    def _gather_rows(self) -> None:
+    def _add_rows(self) -> None:
         rows, self._rows = self._rows, []
-        if not rows:
-            return
-        names = sorted(set().union(*rows))
-        batch = _batch(self.schema, {name: [row.get(name) for row in rows] for name in names})
-        self._batches.append(batch)
-        self._pending += batch.num_rows
+        if rows:
+            self._add({name: [row.get(name) for row in rows] for name in sorted(set().union(*rows))})
+
+    def _add(self, columns: Mapping[str, Any]) -> None:
+        self._pending = pa.concat_tables([self._pending, _table(self.schema, columns)])
+        self._write_groups(smallest=_GROUP_ROWS)
 
     def _write_groups(self, smallest: int) -> None:
-        if self._pending < smallest:
+        if self._pending.num_rows < smallest:
             return
-        table = pa.Table.from_batches(self._batches, self.schema).combine_chunks()
-        written = 0
-        while table.num_rows - written >= smallest:
-            group = table.slice(written, _GROUP_ROWS)
-            self._parquet.write_table(group, row_group_size=_GROUP_ROWS)
-            written += group.num_rows
-        self._batches = table.slice(written).to_batches()
-        self._pending = table.num_rows - written
+        table = self._pending.combine_chunks()
+        while table.num_rows >= smallest:
+            self._parquet.write_table(table.slice(0, _GROUP_ROWS), row_group_size=_GROUP_ROWS)
+            table = table.slice(_GROUP_ROWS)
+        self._pending = table
 
 
 def write_table(path: Path, schema: pa.Schema, columns: Mapping[str, Any]) -> None:
@@ -210,133 +206,85 @@ def read_table(
     """
     if name not in TABLES:
         raise UnknownName("table", name, TABLES)
-    schema = TABLES[name]
+    schema, path = TABLES[name], run / f"{name}.parquet"
     wanted = list(schema.names if columns is None else columns)
     for column in wanted:
         if column not in schema.names:
             raise UnknownName(f"column of {name}", column, schema.names)
-    path = run / f"{name}.parquet"
+    table = read_parquet(path, wanted)
+    found = {}
+    for column in wanted:
+        kind = schema.field(column).type
+        if column in table.column_names:
+            found[column] = column_to_numpy(path, table, column, kind)
+        elif column in ADDED.get(name, ()):
+            found[column] = np.full(table.num_rows, *(("", object) if kind == pa.string() else (np.nan,)))
+        else:
+            raise NotARun(path, f"has no column {column}")
+        if kind == pa.float64():
+            values = found[column]
+            wrong = values[(np.abs(values) > largest) & (np.isfinite(values) | (column not in UNBOUNDED))]
+            if len(wrong):
+                raise NotARun(path, f"is damaged: {column} holds {wrong[0]:.3g}")
+    return found
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """All columns of a Parquet file, or those that it has. Raises NotARun where it is missing or damaged, TooLarge."""
     if not path.is_file():
-        raise NotARun(run, f"has no {name}.parquet")
-    try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as parquet:
-            there = set(parquet.schema_arrow.names)
-            absent = [column for column in wanted if column in ADDED.get(name, ()) and column not in there]
-            _check_file(path, parquet, schema, [column for column in wanted if column not in absent])
-            table = parquet.read(columns=[column for column in wanted if column not in absent])
-    except (pa.ArrowException, OSError, ValueError, KeyError, NotImplementedError) as error:
-        raise NotARun(path, f"is damaged or no table: {_first_line(error)}") from error
-    found = {column: column_to_numpy(path, column, table.column(column)) for column in table.column_names}
-    for column, values in found.items():
-        if values.dtype.kind == "f":
-            too_large = values[(np.abs(values) > largest) & (np.isfinite(values) | (column not in UNBOUNDED))]
-            if len(too_large):
-                raise NotARun(path, f"is damaged: {column} holds {too_large[0]:.3g}")
-    found |= {column: _without_values(schema.field(column).type, table.num_rows) for column in absent}
-    return {column: found[column] for column in wanted}
+        raise NotARun(path.parent, f"has no {path.name}")
+    with reading(path, pa.ArrowException), pq.ParquetFile(path, page_checksum_verification=True) as parquet:
+        names = parquet.schema_arrow.names
+        there = names if columns is None else [name for name in columns if name in names]
+        values = parquet.metadata.num_rows * len(there)
+        if values > _MAX_VALUES:
+            raise TooLarge(f"{path}: values", values, _MAX_VALUES)
+        return parquet.read(columns=there)
 
 
-def _without_values(kind: pa.DataType, rows: int) -> NDArray[Any]:
-    return np.full(rows, "", object) if kind == pa.string() else np.full(rows, np.nan)
+def column_to_numpy(path: Path, table: pa.Table, column: str, kind: pa.DataType) -> NDArray[Any]:
+    """One column (N,) as read_table gives it, of the file `path`, which NotARun names when it has no such values."""
+    values = table.column(column)
+    if values.type != kind:
+        raise NotARun(path, f"has no column {column} of type {kind}")
+    if values.null_count and kind != pa.float64():
+        raise NotARun(path, f"is damaged: column {column} has missing values")
+    with reading(path, pa.ArrowException):
+        if kind == pa.string() or not len(values):
+            return np.array(values.to_pylist(), _NUMPY[kind])
+        # Not to_numpy or fill_null, which load pandas: half a second for commands that need nothing of it.
+        found: NDArray[Any] = np.full(len(values), np.nan if kind == pa.float64() else 0, _NUMPY[kind])
+        plain = values.cast(pa.uint8()) if kind == pa.bool_() else values
+        valid = np.from_dlpack(values.is_valid().cast(pa.uint8()).combine_chunks())
+        found[valid == 1] = np.from_dlpack(plain.drop_null().combine_chunks())
+        return found
 
 
-def _open_parquet(part: Path, schema: pa.Schema) -> pq.ParquetWriter:
-    texts = [field.name for field in schema if field.type == pa.string()]
-    return pq.ParquetWriter(part, schema, compression="zstd", use_dictionary=texts, write_page_checksum=True)
-
-
-def _batch(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.RecordBatch:
+def _table(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.Table:
     unknown = sorted(set(columns) - set(schema.names))
     missing = [name for name in schema.names if name not in columns and name not in OPTIONAL]
     if unknown or missing:
         raise ValueError(f"columns missing: {missing}, unknown: {unknown}")
     arrays = {name: np.asarray(values) for name, values in columns.items()}
-    lengths = {len(array) for array in arrays.values() if array.ndim == 1}
-    wrong = [name for name, array in arrays.items() if array.ndim > 1]
-    if len(lengths) != 1 or wrong:
-        shapes = {name: array.shape for name, array in arrays.items() if array.ndim}
+    shapes = {name: array.shape for name, array in arrays.items() if array.ndim}
+    if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
         raise ValueError(f"columns must be one-dimensional and of one length, not {shapes}")
-    rows = lengths.pop()
-    return pa.record_batch([_to_arrow(field, arrays.get(field.name), rows) for field in schema], schema=schema)
+    ((rows,), *_) = shapes.values()
+    return pa.table([_to_arrow(field, arrays.get(field.name), rows) for field in schema], schema=schema)
 
 
 def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Array:
-    """One column; never an int from a float, which would have lost nanoseconds on the way."""
-    if values is None:
-        return _texts([""] * rows) if field.type == pa.string() else pa.nulls(rows, field.type)
-    values = np.broadcast_to(values, rows)
+    """One column, NaN as no value; never an int from a float, which would have lost nanoseconds on the way."""
+    if values is None and field.type != pa.string():
+        return pa.nulls(rows, field.type)
+    values = np.broadcast_to(np.array("") if values is None else values, rows)
     allowed = {pa.int64(): "iu", pa.float64(): "fiuO", pa.bool_(): "b", pa.string(): "UO"}[field.type]
     if rows and (values.dtype.kind not in allowed or (field.type == pa.int64() and values.dtype == np.uint64)):
         raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
     if field.type == pa.string():
-        return _texts(values.tolist())
-    kind = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}[field.type]
-    return _numbers(np.ascontiguousarray(values, kind), field.type)
-
-
-# By their buffers, because pa.array loads pandas, which takes longer than all tables of a run.
-def _numbers(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
-    """Numbers or truth values; NaN is no value."""
-    valid = None
-    if values.dtype.kind == "f" and np.isnan(values).any():
-        valid = pa.py_buffer(np.packbits(~np.isnan(values), bitorder="little"))
-    data = np.packbits(values, bitorder="little") if values.dtype.kind == "b" else values
-    return pa.Array.from_buffers(kind, len(values), [valid, pa.py_buffer(data)])
-
-
-def _texts(values: Sequence[str]) -> pa.Array:
-    # File names may hold bytes that are no text; the table must not fail for it.
-    encoded = [text.encode("utf-8", "replace") for text in values]
-    offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return pa.Array.from_buffers(
-        pa.string(), len(encoded), [None, pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded))]
-    )
-
-
-def _check_file(path: Path, parquet: pq.ParquetFile, schema: pa.Schema, wanted: Sequence[str]) -> None:
-    found = parquet.schema_arrow
-    for column in wanted:
-        if column not in found.names or found.field(column).type != schema.field(column).type:
-            raise NotARun(path, f"has no column {column} of type {schema.field(column).type}")
-    values = parquet.metadata.num_rows * len(wanted)
-    if values > _MAX_VALUES:
-        raise TooLarge(f"{path}: values", values, _MAX_VALUES)
-
-
-def column_to_numpy(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
-    """One column (N,) as read_table gives it, of the file `path`, which NotARun names when it has no such values."""
-    if values.null_count and values.type != pa.float64():
-        raise NotARun(path, f"column {column} has missing values")
-    if values.type == pa.string():
-        return _strings(path, column, values)
-    kind = {pa.int64(): np.int64, pa.float64(): np.float64, pa.bool_(): np.bool_}[values.type]
-    return np.concatenate([np.empty(0, kind), *(_chunk_numbers(chunk) for chunk in values.chunks if len(chunk))])
-
-
-def _strings(path: Path, column: str, values: pa.ChunkedArray) -> NDArray[Any]:
-    try:
-        return np.array(values.to_pylist(), dtype=object)
-    except UnicodeDecodeError as error:
-        raise NotARun(path, f"column {column} holds what is no text") from error
-
-
-# By their buffers, because Arrow's own to_numpy loads pandas too.
-def _chunk_numbers(chunk: pa.Array) -> NDArray[Any]:
-    """Numbers, NaN where there is no value, or truth values; a view of Arrow's memory where it can be."""
-    valid, data = chunk.buffers()
-    first, end = chunk.offset, chunk.offset + len(chunk)
-    if chunk.type == pa.bool_():
-        return _bits(data, first, end)
-    numbers = np.frombuffer(data, np.int64 if chunk.type == pa.int64() else np.float64, end)[first:]
-    return numbers if valid is None or chunk.null_count == 0 else np.where(_bits(valid, first, end), numbers, np.nan)
-
-
-def _bits(buffer: pa.Buffer, first: int, end: int) -> NDArray[np.bool_]:
-    return np.unpackbits(np.frombuffer(buffer, np.uint8), count=end, bitorder="little")[first:].astype(np.bool_)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+        # File names may hold bytes that are no text; the table must not fail for it.
+        return pa.array([text.encode("utf-8", "replace") for text in values.tolist()], pa.string())
+    return pa.array(np.ascontiguousarray(values, _NUMPY[field.type]), field.type, from_pandas=True)
 
 
 # The earliest instant of these, so that all figures share one time axis.

@@ -1,1 +1,0 @@
-"""The run folder: files, tables, maps, records."""
