@@ -92,12 +92,12 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         ("/quadlog/uwb/anchors", run.table("links"), partial(_anchors, t=run.start_ns)),
         ("/quadlog/map", run.maps, _grids),
         ("/quadlog/scan", run.arrays("cloud_samples"), _scans),
+        *((topic, run.table(name), partial(_vectors, columns=columns)) for _, name, topic, columns in PLOTTED),
     ]
-    for name, prefix, color in (("paths", "/quadlog", "plan"), ("resim_paths", "/quadlog/resim", "resim")):
-        named.append((f"{prefix}/path", run.table(name), partial(_paths, columns=["x_m", "y_m"], color="soft")))
+    for name, topic, color in (("paths", "/quadlog/path", "plan"), ("resim_paths", "/quadlog/resim/path", "resim")):
+        named.append((topic, run.table(name), partial(_paths, columns=["x_m", "y_m"], color="soft")))
         smooth = partial(_paths, columns=["smooth_x_m", "smooth_y_m"], color=color)
-        named.append((f"{prefix}/path_smooth", run.table(name), smooth))
-    named += [(topic, run.table(name), partial(_vectors, columns=columns)) for _, name, topic, columns in PLOTTED]
+        named.append((f"{topic}_smooth", run.table(name), smooth))
     for topic, table, messages in named:
         if table is not None:
             yield topic, messages(table)
@@ -114,9 +114,8 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
 def _placed(table: Table) -> Iterator[tuple[int, fox.Vector3, fox.Quaternion]]:
     """Instant, position and orientation of each row with a position; unknown heights and angles are 0."""
     names = ("x_m", "y_m", "yaw_rad", "z_m", "pitch_rad", "roll_rad")
-    rows = np.stack(
-        [np.asarray(table[name], float) if name in table else np.zeros(len(table["t_ns"])) for name in names]
-    )
+    nothing = np.zeros(len(table["t_ns"]))
+    rows = np.array([np.asarray(table.get(name, nothing), float) for name in names])
     known = np.isfinite(rows[:3]).all(axis=0)
     x_m, y_m, yaw_rad, z_m, pitch_rad, roll_rad = np.nan_to_num(rows[:, known])
     places = np.column_stack([x_m, y_m, z_m, quat_from_euler(yaw_rad, pitch_rad, roll_rad)]).tolist()
@@ -166,14 +165,10 @@ def _paths(paths: Table, columns: list[str], color: str) -> Stream:
     """One line for each replan, which replaces the one before."""
     t_ns, places = paths["t_ns"].to_numpy(), paths[columns].to_numpy()
     first = np.flatnonzero(np.diff(t_ns, prepend=t_ns[:1] - 1))
+    form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color(color)}
     for t, rows in zip(t_ns[first].tolist(), np.split(places, first[1:]), strict=True):
         points = [fox.Point3(x=x, y=y, z=0.0) for x, y in rows[np.isfinite(rows).all(axis=1)].tolist()]
-        look: dict[str, Any] = {
-            "type": fox.LinePrimitiveLineType.LineStrip,
-            "thickness": _LINE_M,
-            "color": _color(color),
-        }
-        line = fox.LinePrimitive(pose=_pose(0.0, 0.0, 0.0), points=points, **look)
+        line = fox.LinePrimitive(pose=_pose(0.0, 0.0, 0.0), points=points, **form)
         entity = fox.SceneEntity(timestamp=_time(t), frame_id="map", id="path", lines=[line])
         yield t, fox.SceneUpdate(entities=[entity])
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
-from quadlog.metrics.intervals import FEWEST_VALUES
-from quadlog.metrics.planning import Comparison
+from quadlog.metrics.intervals import FEWEST_VALUES, Interval
+from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.numbers import count, percent, sig
@@ -172,9 +172,7 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
     spreads = {}
     for number, row in enumerate(comparison.rows):
         if row.ratio_expanded is not None and row.planner != comparison.baseline:
-            interval = None
-            if row.ratio_low is not None and row.ratio_high is not None and not _too_few(comparison):
-                interval = (row.ratio_low, row.ratio_high)
+            interval = None if _too_few(comparison) else _interval(row)
             ratios = comparison.episode_ratios[row.planner]
             spreads[row.planner] = Spread(row.ratio_expanded, interval, ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
@@ -257,24 +255,25 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     ]  # fmt: skip
     rows, states = [], _judged(comparison)
     for row in comparison.rows:
-        cells = getattr(row, f"{comparison.counted}_total")
+        total = getattr(row, f"{comparison.counted}_total")
         us = comparison.us.median_interval(row.planner) if comparison.paired_replans else None
-        low, high = row.ratio_low, row.ratio_high
-        words = "" if low is None or high is None else interval_text((low, high))
-        rows.append([
-            Cell(row.planner),
-            Cell(sig(row.ratio_expanded), row.ratio_expanded, words, state=states[row.planner]),
-            Cell(sig(row.us_median), row.us_median, interval_text(us)),
-            Cell(percent(row.success_rate), row.success_rate, state="" if row.success_rate == 1 else "warn"),
-            Cell(percent(row.suboptimality_mean), row.suboptimality_mean),
-            Cell(count(cells), cells),
-            *(Cell(sig(of), of) for of in (cells / row.replans, row.us_p95, row.length_m_total)),
-            Cell(percent(row.fallback_share), row.fallback_share),
-        ])  # fmt: skip
+        cells = [Cell(sig(of), of) for of in (row.ratio_expanded, row.us_median)]
+        cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
+        cells += [Cell(count(total), total)]
+        cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
+        cells[0] = cells[0]._replace(below=interval_text(_interval(row)), state=states[row.planner])
+        cells[1] = cells[1]._replace(below=interval_text(us))
+        cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
+        rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
     note = "Below a number: its 95 % interval. Those of the verdict are wider, since it names the best of several."
     if _too_few(comparison):
         note = f"{note} Of fewer than {FEWEST_VALUES} episodes: below a ratio the range of their ratios."
     return Table(columns, rows, f"planners-{number}", note, sortable=True)
+
+
+def _interval(row: PlannerRow) -> Interval | None:
+    """Of the ratio to the baseline."""
+    return None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
 
 
 def _too_few(comparison: Comparison) -> bool:
@@ -286,7 +285,7 @@ def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
     found: dict[str, State] = {}
     for row in comparison.rows:
-        known = row.planner != comparison.baseline and not _too_few(comparison)
-        is_good, is_bad = known and (row.ratio_low or 0) > 1, known and (row.ratio_high or 1) < 1
-        found[row.planner] = "good" if is_good else "bad" if is_bad else ""
+        is_known = row.planner != comparison.baseline and not _too_few(comparison)
+        low, high = (is_known and _interval(row)) or (1.0, 1.0)
+        found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
     return found
