@@ -16,8 +16,8 @@ import quadlog
 from quadlog import pipelines
 from quadlog.config.version import package_versions
 from quadlog.errors import UnknownName
-from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.tables.errata import errata_section
 from quadlog.pipelines.tables.figure_index import figures_section

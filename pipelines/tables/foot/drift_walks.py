@@ -12,8 +12,8 @@ import numpy as np
 from quadlog.config.control import Simulation
 from quadlog.messages import Float
 from quadlog.metrics.intervals import Interval, student_interval
-from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.simulation.trot import trot_metrics, trot_once
 from quadlog.pipelines.tables.intervals import NEGLIGIBLE, claim
 from quadlog.results.papers.table import PaperRow, Verdict

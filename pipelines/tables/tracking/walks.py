@@ -15,8 +15,8 @@ from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FuzzySettings
 from quadlog.messages import Float
 from quadlog.metrics.intervals import Interval, student_interval
-from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.run_folder import walk_metrics
