@@ -166,8 +166,8 @@ def _frame(run: Run, name: str) -> DataFrame:
         return DataFrame(seven, columns=[*"xyz", "qx", "qy", "qz", "qw"]).assign(t_ns=poses.t_ns)
     if stem == "maps" and (maps := run.maps) is not None:
         places = DataFrame(maps.origin_m, columns=["origin_x_m", "origin_y_m"]).assign(t_ns=maps.t_ns)
-        counted = ((int(of.sum()), hashlib.sha256(np.packbits(of).tobytes()).hexdigest()[:16]) for *_, of in maps)
-        places[["occupied", "cells"]] = DataFrame(counted)
+        packed = (hashlib.blake2b(np.packbits(of).tobytes(), digest_size=8).hexdigest() for *_, of in maps)
+        places = places.assign(occupied=[int(of.sum()) for *_, of in maps], cells=list(packed))
         return places.assign(cell_m=maps.cell_m, shape=f"{maps.shape[0]} by {maps.shape[1]}")
     if name == "metrics.json":
         metrics = {key: of for key, of in run.metrics.items() if key not in TIMINGS}

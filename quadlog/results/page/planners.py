@@ -120,10 +120,12 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
         sections.append(Section(name, [Verdict(own[1:]), *_drawn(source, number, pack)]))
         lines.append(Sentence(name, own[0].text, own[0].state))
     if len(sources) == 1:
-        lines, sections = _verdict(sources[0].comparison), [Section("", sections[0].blocks[1:])]
+        lines = _verdict(sources[0].comparison)
     first: list[Any] = [Verdict(lines)]
     if losses:
         first.append(Notes("Lost from the recordings (exit code 3)", list(map(printable, losses)), "bad"))
+    if len(sources) == 1:
+        first += sections.pop().blocks[1:]
     notes = [Details("Rules, counts and intervals", [Text(printable(line)) for line in about])]
     facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
