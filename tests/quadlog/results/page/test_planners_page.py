@@ -10,7 +10,6 @@ import itertools
 import json
 import re
 import zlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,20 +30,6 @@ from quadlog.results.view import Windows
 OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
 NAMES = ("astar", "ia_star", "mt_d_star_lite", "dijkstra")
 HOSTILE = "<script>alert('1')</script>"
-PROBE = """
-const place = document.querySelector(".timeline");
-const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-const ask = () => {
-  if (place.dataset.now === undefined) return setTimeout(ask, 20);
-  const now = (key) => (press(key), Number(place.dataset.now));
-  const keys = ["End", "ArrowLeft", "Home", "ArrowRight"].map(now);
-  const say = { keys, clock: place.querySelector("output").textContent };
-  say.plots = document.querySelectorAll(".uplot").length;
-  say.heads = [...document.querySelectorAll(".playhead")].filter((head) => !head.hidden).length;
-  document.title = JSON.stringify(say);
-};
-setTimeout(ask, 300);
-"""
 
 
 @pytest.fixture(scope="module")
@@ -198,21 +183,3 @@ def test_no_wall_of_a_large_map_is_lost(tmp_path: Path) -> None:
     assert len(columns) == 1500
     # The map's row 0 is the upper one.
     assert set((rows * layer.maps.cell_m).tolist()) == {(2500 - 1 - 1234) // 2 * 2}
-
-
-def test_the_player_steps_from_question_to_question(
-    queries: Path, tmp_path: Path, browse: Callable[..., tuple[str, list[str]]]
-) -> None:
-    _, complaints = browse(queries / "report.html", "--dump-dom", "--virtual-time-budget=3000")
-    assert [line for line in complaints if "ResizeObserver" not in line] == []
-    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", (queries / "report.html").read_text())
-    probed = tmp_path / "probed.html"
-    probed.write_text(text.replace("</body>", f"<script>{{{PROBE}}}</script></body>"))
-    dom, _ = browse(probed, "--dump-dom", "--window-size=1400,2000", "--virtual-time-budget=6000")
-    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
-    assert title is not None
-    say = json.loads(html.unescape(title[1]))
-    assert say["keys"] == [3, 2, 1, 2]
-    assert say["clock"] == "query 2 of 3"
-    assert say["plots"] >= 3
-    assert say["heads"] == say["plots"] - 1  # the ratios have no step
