@@ -173,3 +173,28 @@ def test_three_tags_on_the_real_trolley(lab, trolley):
         for tag, alone in zip(body.tags, tags, strict=True):
             assert np.isfinite(tag.ranges.predicted_m).all()
             np.testing.assert_array_equal(tag.fixes.position_m, alone.fixes.position_m)
+
+
+def test_a_body_whose_height_is_solved_for_has_the_tags_height():
+    """Tags at 0.6 m that were written down at 1.0 m; the track's is the mean of both."""
+    true = walk(4, duration_s=20.0, hz=10.0)
+    tags, body = solve(true.ranges, LEVERS_M, height_m=1.0, height="solved")
+    assert all(tag.height_solved for tag in tags)
+    assert np.median(body.track.z_m) == pytest.approx(HEIGHT_M, abs=0.15)
+    assert lab_rmse(body, true) < 0.1
+
+
+def test_a_height_that_the_anchors_cannot_show_leaves_the_place(lab):
+    """All anchors at one height: fixes in space have none, and the track keeps about the configured height."""
+    level_m = ANCHORS_M * [1, 1, 0] + [0, 0, 1.2]
+    simulated = lab.simulate(lab.walk_figure_eight, level_m, 3, duration_s=20, rate_hz=10)
+    anchors = Anchors(np.arange(len(level_m)), level_m, np.zeros(len(level_m)))
+    got = locate(simulated.series, anchors, [TagInfo(0, HEIGHT_M)], LocateSettings(height="solved")).tags[0]
+    assert lab.rmse(got.track.position_m - simulated.truth_at(got.track.t_ns)) < 0.1
+    assert np.abs(got.track.z_m - HEIGHT_M).max() < 0.7
+    assert np.isfinite(got.track.z_std_m).all()
+
+
+def lab_rmse(body: LocatedBody, true: Walk) -> float:
+    xy_m, _ = true.truth_at(body.track.t_ns)
+    return float(np.sqrt(((base_of(body)[0] - xy_m) ** 2).sum(axis=1).mean()))
