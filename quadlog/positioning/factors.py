@@ -107,8 +107,8 @@ class TagRanges:
 
     def rows(self, rows: np.ndarray | slice) -> TagRanges:
         """Those of a mask, of indices or of a slice."""
-        parts = (each[rows] for each in (self.t_s, self.tag, self.anchor, self.range_m))
-        return replace(self, **dict(zip(("t_s", "tag", "anchor", "range_m"), parts, strict=True)))
+        t_s, tag, anchor, range_m = self.t_s[rows], self.tag[rows], self.anchor[rows], self.range_m[rows]
+        return replace(self, t_s=t_s, tag=tag, anchor=anchor, range_m=range_m)
 
     def slots(self, edges_s: Float) -> Slots:
         """Means of each link's ranges between rising edges."""
