@@ -20,12 +20,11 @@ from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import (
     Beside,
     Cell,
-    Chart,
     Column,
     Details,
+    Drawn,
     Notes,
     Page,
-    SceneView,
     Section,
     Sentence,
     Table,
@@ -159,7 +158,7 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
     charts = []
     if number < MOST_DRAWN and (panel := ratio_panel(source.comparison)) is not None:
         pack.add(f"ratios-{number}", [panel], group)
-        charts.append(Chart(f"ratios-{number}", "Ratios", RATIO_CAPTION))
+        charts.append(Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
     if sample is None or not sample.kept:
         return charts
     names = [row.planner for row in source.comparison.rows]
@@ -168,9 +167,9 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
     counted = source.comparison.counted
     if len(sample.kept) > 1:
         pack.add(f"answers-{number}", answer_panels(answers, sample.step, counted), group)
-        charts.append(Chart(f"answers-{number}", f"Each {sample.step}", _thinned(sample)))
+        charts.append(Drawn(f"answers-{number}", f"Each {sample.step}", _thinned(sample)))
     hardest = int(np.nanargmax(answers[names[0]][counted])) + 1
-    view = SceneView(f"paths-{number}", "paths of all planners", start=float(hardest))
+    view = Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
     return [Beside(view, charts) if charts else view, *([Text(_thinned(sample))] if sample.stride > 1 else [])]
 
 

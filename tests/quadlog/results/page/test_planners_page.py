@@ -32,10 +32,10 @@ OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), epi
 NAMES = ("astar", "ia_star", "mt_d_star_lite", "dijkstra")
 HOSTILE = "<script>alert('1')</script>"
 PROBE = """
-const place = document.querySelector(".timeline");
 const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
 const ask = () => {
-  if (place.dataset.now === undefined) return setTimeout(ask, 20);
+  const place = document.querySelector(".timeline");
+  if (place?.dataset.now === undefined) return setTimeout(ask, 20);
   const now = (key) => (press(key), Number(place.dataset.now));
   const keys = ["End", "ArrowLeft", "Home", "ArrowRight"].map(now);
   const say = { keys, clock: place.querySelector("output").textContent };
