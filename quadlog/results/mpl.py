@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
 from matplotlib.figure import Figure as Picture
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
@@ -250,7 +250,7 @@ def _draw_cells(axes: Axes, layer: Raster) -> None:
 
 
 def _shades(layer: Raster) -> LinearSegmentedColormap:
-    return LinearSegmentedColormap.from_list("fade", ["#ffffff", COLORS[layer.color]])
+    return LinearSegmentedColormap.from_list("fade", [to_rgba(COLORS[layer.color], alpha) for alpha in (0.16, 0.85)])
 
 
 def _draw_lines(axes: Axes, layer: Lines | Marks, lines: Sequence[Array], width: float, dash: str = "-") -> None:

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 AROUND_M = 2.0
 """Margin of the first view around the walk."""
-WIDER = 2.0
-"""Anchors are in the first view unless it would show the walk smaller than this."""
 STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 STANDS_N = 1.0
@@ -55,25 +53,22 @@ def walk_scene(run: Run) -> Scene | None:
     if not tracks:
         return None
     layers: list[Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
-    layers += [*_plans(run), *ways, *_error_levels(run), *tracks, *_errors(run), *_contacts(run)]
-    extent = _around(run, [*ways, *tracks])
-    if walls and _side(extent) < STANDS_M + 2 * AROUND_M:
-        extent = _filled(walls[0])
-    return Scene(layers, extent, body=_body(run), moments=_moments(run), activity=list(_activity(run)))
+    layers += [*_plans(run), *ways, *tracks, *_error_levels(run), *_errors(run), *_contacts(run)]
+    extent = _extent(run, [*ways, *tracks], walls)
+    body = run.config.robot.length_m, run.config.robot.width_m
+    return Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
 
 
-def _around(run: Run, tracks: Sequence[Track | Lines]) -> tuple[float, float, float, float]:
-    """Around the tracks, and the anchors where the view stays within WIDER times the size."""
-    walked = [(track.x, track.y) for track in tracks]
-    extent = extent_of(*walked, margin=AROUND_M)
-    anchors_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2)
-    wider = extent_of(*walked, (anchors_m[:, 0], anchors_m[:, 1]), margin=AROUND_M)
-    return wider if _side(wider) <= WIDER * _side(extent) else extent
-
-
-def _side(extent: tuple[float, float, float, float]) -> float:
-    left, right, bottom, top = extent
-    return max(right - left, top - bottom)
+def _extent(run: Run, ways: Sequence[Track | Lines], walls: Sequence[Raster]) -> tuple[float, float, float, float]:
+    """Around the ways and the anchors near them; around all that was seen by a robot that stands."""
+    walked = [(way.x, way.y) for way in ways]
+    left, right, bottom, top = extent_of(*walked, margin=AROUND_M)
+    side = max(right - left, top - bottom)
+    if walls and side < STANDS_M + 2 * AROUND_M:
+        return _filled(walls[0])
+    x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2).T
+    near = (np.abs(x_m - (left + right) / 2) < side) & (np.abs(y_m - (bottom + top) / 2) < side)
+    return extent_of(*walked, (x_m[near], y_m[near]), margin=AROUND_M)
 
 
 def _tracks(run: Run) -> Iterator[Track]:
@@ -166,7 +161,8 @@ def _walls(run: Run) -> Iterator[Any]:
 def _filled(raster: Raster) -> tuple[float, float, float, float]:
     """Around all cells that have a value."""
     row, column = np.nonzero(np.isfinite(raster.values))
-    return extent_of((raster.origin[0] + raster.cell * column, raster.origin[1] + raster.cell * row))
+    x, y = raster.origin[0] + raster.cell * column, raster.origin[1] + raster.cell * row
+    return extent_of((x, y), (x + raster.cell, y + raster.cell))
 
 
 def _anchors(run: Run) -> Iterator[Layer]:
@@ -269,10 +265,6 @@ def _contacts(run: Run) -> Iterator[Layer]:
         yield Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), "cross")
 
 
-def _body(run: Run) -> tuple[float, float]:
-    return run.config.robot.length_m, run.config.robot.width_m
-
-
 def _moments(run: Run) -> list[Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
     contacts = []
@@ -341,9 +333,7 @@ def _activity(run: Run) -> Iterator[Activity]:
             yield Activity(label, spans=list(spans))
     contacts = run.table("contacts")
     if contacts is not None:
-        yield Activity(
-            "contacts", events=list(zip(contacts["seconds"].tolist(), contacts["cause"].tolist(), strict=True))
-        )
+        yield Activity("contacts", events=list(zip(*columns_of(contacts, "seconds cause"), strict=True)))
 
 
 def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
@@ -352,23 +342,25 @@ def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
 
 
 def geometry_scene(run: Run) -> Scene | None:
-    """How well the anchors' directions determine a position, and fixes with their ellipses."""
+    """How well the anchors' directions determine a position, and some fixes with their ellipses."""
     grid, fixes = run.arrays("dilution"), run.table("fixes")
     if grid is None or fixes is None:
         return None
-    hdop, cell_m = grid["hdop"], float(grid["cell_m"])
-    known = hdop[np.isfinite(hdop)]
-    low = float(known.min()) if len(known) else 0.0
-    high = max(1.3 * low, min(float(np.percentile(known, 98)), 4.0)) if len(known) else 4.0
-    values = np.clip(np.where(np.isfinite(hdop), hdop, high), low, high)
-    left, bottom = grid["origin_m"].tolist()
+    known = grid["hdop"][np.isfinite(grid["hdop"])]
+    low, most = np.percentile(known, [0, 98]).tolist() if len(known) else (0.0, 4.0)
+    high = max(1.3 * low, min(most, 4.0))
+    dilution = _heat("HDOP", "soft", grid, np.where(np.isfinite(grid["hdop"]), grid["hdop"], high), low, high, "×")
     good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
-    layers: list[Layer] = [Raster("HDOP", "soft", values, (left, bottom), cell_m, low, high, "×")]
+    layers: list[Layer] = [dilution]
     layers += [Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run)]
     layers += [line(of.label, of.color, of.x, of.y) for of in _track(run.table("poses"), "robot", "robot")]
     layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[thin_evenly(len(good), 24)]))
-    rows, columns = hdop.shape
-    return Scene([*layers, *_anchors(run)], (left, left + columns * cell_m, bottom, bottom + rows * cell_m))
+    return Scene([*layers, *_anchors(run)], _filled(dilution))
+
+
+def _heat(label: str, color: str, grid: Any, values: Array, low: float, high: float, unit: str) -> Raster:
+    place = tuple(grid["origin_m"].tolist()), float(grid["cell_m"])
+    return Raster(label, color, np.clip(values, low, high), *place, low, high, unit)
 
 
 SCALE_95 = 2.4477
@@ -407,8 +399,8 @@ def scan_scene(run: Run) -> Scene | None:
     layers: list[Layer] = [
         Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
     ]
-    corners = np.array(_body(run)) / 2 * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]
-    layers.append(line("robot", "robot", corners[:, 0], corners[:, 1]))
+    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
+    layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
     every = np.concatenate([of[:, :2] for of in points.values()])
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
     return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
@@ -419,9 +411,7 @@ def terrain_scene(run: Run) -> Scene | None:
     ground = run.arrays("ground")
     if ground is None or not np.isfinite(ground["height_m"]).any():
         return None
-    height_m = ground["height_m"]
-    low, high = np.nanpercentile(height_m, [1, 99]).tolist()
+    low, high = np.nanpercentile(ground["height_m"], [1, 99]).tolist()
     high = max(high, low + 0.02)  # a flat floor looks flat
-    place = tuple(ground["origin_m"].tolist()), float(ground["cell_m"])
-    heights = Raster("height of the ground", "plan", np.clip(height_m, low, high), *place, low, high, "m")
+    heights = _heat("height of the ground", "plan", ground, ground["height_m"], low, high, "m")
     return Scene([heights], _filled(heights))

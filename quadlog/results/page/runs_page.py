@@ -265,23 +265,16 @@ def _better(compared: Compared) -> list[Sentence]:
 
 def settings_table(compared: Compared) -> list[Table]:
     """Keys of configuration and options in which the runs differ, if there are any."""
-    flat = {
-        name: {**_flat(run.config.model_dump()), **_flat(run.record.options), "seed": run.record.seed}
-        for name, run in compared.runs.items()
-    }
-    texts = {
-        key: [str(values.get(key, NONE))[:80] for values in flat.values()]
-        for key in dict.fromkeys(key for values in flat.values() for key in values)
-    }
-    rows = [[Cell(key, code=True), *map(Cell, of)] for key, of in texts.items() if len(set(of)) > 1]
-    return [Table([Column("key"), *map(Column, flat)], rows, "settings")] if rows else []
+    from pandas import DataFrame, json_normalize
 
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-    return found
+    texts = {}
+    for name, run in compared.runs.items():
+        values = json_normalize({**run.config.model_dump(), **run.record.options, "seed": run.record.seed})
+        texts[name] = values.iloc[0].map(lambda value: str(value)[:80])
+    flat = DataFrame(texts).fillna(NONE)
+    differ = flat[flat.nunique(axis=1) > 1].itertuples(name=None)
+    rows = [[Cell(key, code=True), *map(Cell, values)] for key, *values in differ]
+    return [Table([Column("key"), *map(Column, texts)], rows, "settings")] if rows else []
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
