@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,23 +28,17 @@ if TYPE_CHECKING:
 STRIP_M = 2.0
 """Half width of the strip of a scan seen from the side."""
 
-Curve = tuple[str, str, str]
-"""Column, label and colour."""
-
 
 def curves(
-    name: str, *layout: tuple[str, Sequence[Curve]], period_s: float = 0.0, metric: str = ""
+    name: str, panels: Mapping[str, str], period_s: float = 0.0, metric: str = ""
 ) -> Callable[[Run], list[Panel] | None]:
-    """A maker of panels from columns of one table: for each panel its quantity with unit, and its curves.
-
-    metric: without which there are none.
-    """
+    """A maker of panels of one table: its curves by quantity with unit. metric: without which there are none."""
 
     def make(run: Run) -> list[Panel] | None:
         table = run.table(name)
         if table is None or (metric and run.metric(metric) is None):
             return None
-        return with_curves(Panel(what, _series(table, wanted), period_s=period_s) for what, wanted in layout)
+        return with_curves(Panel(what, _series(table, wanted), period_s=period_s) for what, wanted in panels.items())
 
     return make
 
@@ -54,10 +48,10 @@ def with_curves(panels: Iterable[Panel]) -> list[Panel] | None:
     return [panel for panel in panels if panel.series] or None
 
 
-def _series(table: DataFrame, columns: Sequence[Curve]) -> list[Series]:
-    """A curve for each column that has a value; angles in degrees."""
+def _series(table: DataFrame, curves: str) -> list[Series]:
+    """A curve for each "column, label, colour" that has a value; angles in degrees."""
     found = []
-    for column, label, color in columns:
+    for column, label, color in (curve.split(", ") for curve in curves.split("; ")):
         values = table[column].to_numpy(float)
         if np.isfinite(values).any():
             values = np.degrees(values) if column.endswith("_rad") else values
@@ -82,7 +76,7 @@ def tracking_error(run: Run) -> list[Panel] | None:
         ("error_m", "distance to the path (m)", "eta_m", "sigma_m"),
         ("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m"),
     ):
-        series = _series(control, [(column, "distance", "resim")])
+        series = _series(control, f"{column}, distance, resim")
         eta_m, sigma_m = run.metric(mean), run.metric(deviation)
         if series and eta_m is not None and len(control) > 1:
             ends = control["seconds"].to_numpy()[[0, -1]]
@@ -91,9 +85,9 @@ def tracking_error(run: Run) -> list[Panel] | None:
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, np.full(2, eta_m), variant=1))
         panels.append(Panel(what, series, zero=True, marks=changes))
-    side = _series(control, [("cross_track_m", "cross-track", "resim")])
+    side = _series(control, "cross_track_m, cross-track, resim")
     panels.append(Panel("cross-track error, left + (m)", side, marks=changes))
-    panels.append(Panel("heading error (°)", _series(control, [("heading_error_rad", "heading", "resim")])))
+    panels.append(Panel("heading error (°)", _series(control, "heading_error_rad, heading, resim")))
     return with_curves(panels)
 
 
@@ -107,17 +101,7 @@ def _reference_changes(run: Run, control: DataFrame) -> Array:
     return np.asarray(control["seconds"].to_numpy()[jumped])
 
 
-_TORQUES = [
-    (
-        f"{name} leg (N·m)",
-        # The widest curve first, which would hide the others.
-        [(f"tau_{3 * leg + joint:02d}_nm", label, color) for joint, label, color in
-         ((2, "calf", "plan"), (1, "thigh", "target"), (0, "hip", "robot"))],
-    )
-    for leg, name in enumerate(("front left", "front right", "rear left", "rear right"))
-]  # fmt: skip
-
-
+_LEGS = ("front left", "front right", "rear left", "rear right")
 STRIDE_S = 1.0
 """About the longest stride, within which torques oscillate."""
 
@@ -129,7 +113,7 @@ def search(run: Run) -> list[Panel] | None:
         plans = run.table(name)
         if plans is None or run.simulated:
             continue
-        series = _series(plans, [("generated", "generated", "note"), ("expanded", "expanded", "robot")])
+        series = _series(plans, "generated, generated, note; expanded, expanded, robot")
         series += _points(plans[plans["from_scratch"]], "expanded", "from scratch", "target")
         series += _points(plans[~plans["found"]], "expanded", "no path", "bad")
         panels.append(Panel(f"cells per replan, {walk}", series, zero=True))
@@ -177,7 +161,7 @@ def uwb_error(run: Run) -> list[Panel] | None:
     for tag, of_tag in errors.groupby("tag"):
         fixes, track = (of_tag[of_tag["source"] == source] for source in ("fixes", "track"))
         series = _points(fixes, "error_m", "fixes", "fix")
-        series += _series(track, [("error_m", "track", "robot"), ("bound_m", "95 % bound of the track", "text")])
+        series += _series(track, "error_m, track, robot; bound_m, 95 % bound of the track, text")
         panels.append(Panel(f"distance to the reference, tag {tag} (m)", series, zero=True, robust=True))
     return with_curves(panels)
 
@@ -200,60 +184,58 @@ FIGURES = (
     Figure("trajectory", "Trajectory over the map",
            "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene, saved=True),
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].",
-           curves("control", ("forward (m)", [("x_m", "forward", "resim")]),
-                  ("to the left (m)", [("y_m", "to the left", "resim")]), ("height (m)", [("z_m", "height", "resim")]),
-                  ("Euler angles (°)", [("roll_rad", "roll", "target"), ("pitch_rad", "pitch", "plan"),
-                                        ("yaw_rad", "yaw", "robot")]), metric="lateral_drift_m")),
+           curves("control", {
+               "forward (m)": "x_m, forward, resim", "to the left (m)": "y_m, to the left, resim",
+               "height (m)": "z_m, height, resim",
+               "Euler angles (°)": "roll_rad, roll, target; pitch_rad, pitch, plan; yaw_rad, yaw, robot",
+           }, metric="lateral_drift_m")),
     Figure("tracking_error", "Tracking error",
-           "Distance of the simulated robot to its reference path: to the nearest point, to where it was due at that "
-           "instant, to the side, and in heading [Tracking, eqs 45–47]. Vertical lines: the reference path of a replay "
-           "is replaced.", tracking_error, saved=True),
+           "Of the simulated robot to its reference path [Tracking, eqs 45–47]. Vertical lines: the path is replaced.",
+           tracking_error, saved=True),
     Figure("uwb_error", "Position error",
-           "Distance to the reference. The track lies below its bound 95 % of the time if the claimed covariance is "
-           "right; less means that it is too small.", uwb_error, saved=True),
-    Figure("commands", "Commands",
-           "Speeds that the controller commands, and those that the simulated robot reaches [Tracking, eqs 15–16].",
-           curves("control",
-                  ("forward speed (m/s)", [("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot")]),
-                  ("speed to the left (m/s)", [("vy_mps", "reached", "resim")]),
-                  ("yaw rate (rad/s)", [("yaw_rate_radps", "reached", "resim"),
-                                        ("cmd_yaw_rate_radps", "commanded", "robot")]))),
-    Figure("clearance", "Clearance",
-           "Distance from the simulated body to the nearest obstacle, and from the robot to its target.",
-           curves("clearances", ("clearance (m)", [("clearance_m", "clearance", "resim")]),
-                  ("distance to the target (m)", [("target_distance_m", "distance", "target")]))),
-    Figure("lookahead", "Look-ahead",
-           "Look-ahead distance of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
-           curves("control", ("look-ahead (m)", [("lookahead_m", "look-ahead", "robot")]),
-                  ("gain", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]))),
-    Figure("posture", "Posture",
-           "Pitch is positive with the nose down, roll with the left side up; height above z = 0 of the map.",
-           curves("control", ("tilt (°)", [("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target")]),
-                  ("height (m)", [("z_m", "height", "resim")]))),
-    Figure("torques", "Joint torques", "Torque of each joint of the simulated robot [Tracking, eqs 43–44]. "
-           "Of long walks the band of each stride; the curve itself where a chart is zoomed in.",
-           curves("control", *_TORQUES, period_s=STRIDE_S), compared=False),
+           "To the reference. The track lies below its bound 95 % of the time if its covariance is right.",
+           uwb_error, saved=True),
+    Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
+           curves("control", {
+               "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
+               "speed to the left (m/s)": "vy_mps, reached, resim",
+               "yaw rate (rad/s)": "yaw_rate_radps, reached, resim; cmd_yaw_rate_radps, commanded, robot",
+           })),
+    Figure("clearance", "Clearance", "From the body to the nearest obstacle, and from the robot to its target.",
+           curves("clearances", {"clearance (m)": "clearance_m, clearance, resim",
+                                 "distance to the target (m)": "target_distance_m, distance, target"})),
+    Figure("lookahead", "Look-ahead", "Of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
+           curves("control", {"look-ahead (m)": "lookahead_m, look-ahead, robot",
+                              "gain": "k_v, k_v, plan; k_w, k_w, target"})),
+    Figure("posture", "Posture", "Pitch: positive with the nose down; roll: with the left side up.",
+           curves("control", {"tilt (°)": "pitch_rad, pitch, plan; roll_rad, roll, target",
+                              "height (m)": "z_m, height, resim"})),
+    Figure("torques", "Joint torques", "Of long walks the band of each stride [Tracking, eqs 43–44].",
+           # The widest curve first, which would hide the others.
+           curves("control", {
+               f"{name} leg (N·m)": f"tau_{3 * leg + 2:02d}_nm, calf, plan; tau_{3 * leg + 1:02d}_nm, thigh, target; "
+               f"tau_{3 * leg:02d}_nm, hip, robot" for leg, name in enumerate(_LEGS)
+           }, STRIDE_S), compared=False),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
            search),
     Figure("ranges", "Range residuals over time",
-           "Measured minus predicted range, a lane for each anchor. A late range most likely had no line of sight "
-           "(NLOS).", ranges, compared=False),
+           "Measured minus predicted range. A late range most likely had no line of sight (NLOS).",
+           ranges, compared=False),
     Figure("residuals", "Distribution of range residuals",
-           "For each anchor, its constant bias subtracted before. A tail to the right are late ranges; the outermost "
-           "steps hold everything beyond.", residuals, compared=False),
+           "Without the constant bias. To the right: late ranges. The outermost steps hold all beyond.",
+           residuals, compared=False),
     Figure("uwb_geometry", "UWB geometry",
-           "Darker: the anchors' directions determine a position less well. An ellipse should hold the true position "
-           "in 95 of 100 cases.", geometry_scene, compared=False),
-    Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene,
-           compared=False),
+           "Darker: anchors determine a position less well. An ellipse holds the true one in 95 of 100 cases.",
+           geometry_scene, compared=False),
+    Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene, compared=False),
     Figure("scan_side", "The same scan from the side", f"Points within {STRIP_M:g} m to the left and right of the "
            "robot.", scan_side, compared=False),
     Figure("scans", "Points per scan", "Number of points of each class in each scan.",
-           curves("scans", ("points", [("n_valid", "valid", "text"), ("n_ground", "ground", "fix"),
-                                       ("n_obstacle", "obstacle", "target"), ("n_outlier", "outlier", "note")]))),
-    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell; darker is higher.", terrain_scene,
-           compared=False),
+           curves("scans", {"points": "n_valid, valid, text; n_ground, ground, fix; n_obstacle, obstacle, target; "
+                                      "n_outlier, outlier, note"})),
+    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell; darker is higher.",
+           terrain_scene, compared=False),
 )  # fmt: skip
 
 

@@ -48,10 +48,10 @@ class Shown(NamedTuple):
 
     label: str
     value: str
-    small: str = ""
-    help: str = ""
-    state: State = ""
-    seconds: float | None = None
+    small: str
+    help: str
+    state: State
+    seconds: float | None
 
 
 class Cards(NamedTuple):

@@ -78,9 +78,8 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
 
 def _start(moments: Sequence[Moment]) -> float | None:
     """The instant of the first view: the worst one of what matters most, which the map then draws."""
-    worst = {moment.name: moment.seconds for moment in moments}
-    first = moments[0].seconds if moments else None
-    return next((worst[name] for name in _START if name in worst), first)
+    ranked = sorted(moments, key=lambda moment: _START.index(moment.name) if moment.name in _START else len(_START))
+    return ranked[0].seconds if ranked else None
 
 
 def _facts(run: Run) -> list[str]:
@@ -108,9 +107,9 @@ def _shown(run: Run, name: str, bound: Bound | None) -> Shown:
     metric, meaning = run.metrics.get(name), f"{CATALOGUE[name].meaning} ({name})"
     expected = "" if bound is None else f"expected {bound.words}"
     if metric is None:
-        return Shown(label_of(name), "not measured", expected, meaning, "bad")
-    seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
+        return Shown(label_of(name), "not measured", expected, meaning, "bad", None)
     small, value = expected or interval_text(name, metric), value_text(name, metric.value, metric.unit)
+    seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
     return Shown(label_of(name), value, small, meaning, state_of(name, metric.value, bound), seconds)
 
 

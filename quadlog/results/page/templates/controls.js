@@ -31,19 +31,13 @@ const openScene = (place, scene, block) => {
     place.append(legend, ...(moves ? [timeline] : []));
   }
   place.classList.add("open");
-  // Above 75rem the map, its legend and the timeline fill the rest of the first screen, or a screen further down.
-  const beside = place.closest(".beside");
-  const roomFor = (fitting) => {
-    if (!beside) return Math.min(460, fitting);
-    if (!matchMedia("(min-width: 75rem)").matches) return Math.min(0.45 * innerHeight, fitting);
-    const top = beside.getBoundingClientRect().top + scrollY;
-    return Math.max(320, innerHeight - (top > 0.6 * innerHeight ? 40 : top) - legend.offsetHeight - timeline.offsetHeight - 24);
-  };
   let fitted = false;
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
-    const fitting = Math.min(0.62 * innerHeight, Math.max(280, (width * (top - bottom)) / (right - left)));
-    const height = Math.round(Math.max(small ? 0.75 * width : roomFor(fitting), 160)); // a page that is printed may have no height
+    const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
+    const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
+    // The first screen also has verdict, cards, legend and timeline. A page that is printed may have no height.
+    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 530 : fitting, 280));
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
