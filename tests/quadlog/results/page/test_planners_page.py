@@ -10,7 +10,6 @@ import itertools
 import json
 import re
 import zlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,20 +30,6 @@ from quadlog.results.view import Windows
 OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
 NAMES = ("astar", "ia_star", "mt_d_star_lite", "dijkstra")
 HOSTILE = "<script>alert('1')</script>"
-PROBE = """
-const press = (key) => document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
-const ask = () => {
-  const place = document.querySelector(".timeline");
-  if (place?.dataset.now === undefined) return setTimeout(ask, 20);
-  const now = (key) => (press(key), Number(place.dataset.now));
-  const keys = ["End", "ArrowLeft", "Home", "ArrowRight"].map(now);
-  const say = { keys, clock: place.querySelector("output").textContent };
-  say.plots = document.querySelectorAll(".uplot").length;
-  say.heads = [...document.querySelectorAll(".playhead")].filter((head) => !head.hidden).length;
-  document.title = JSON.stringify(say);
-};
-setTimeout(ask, 300);
-"""
 
 
 @pytest.fixture(scope="module")
@@ -131,15 +116,11 @@ def test_the_table_has_the_rows_of_planners_parquet_and_the_forest_plot_their_ra
         assert shown[name] == pytest.approx([ratio], rel=1e-3)  # two episodes are too few for an interval
 
 
-def test_the_verdict_comes_first_the_page_is_small_and_names_are_text(walks, queries):
+def test_the_verdict_comes_first_and_names_are_text(walks, queries):
     page = html.unescape((walks / "report.html").read_text())
     assert re.search(r"<dt>Cells</dt><dd>\w+ saved most: [\d.]+ times fewer cells expanded than astar", page)
     assert page.index("<dt>Time</dt>") < page.index("<dt>Rests on</dt>") < page.index('data-scene="paths-0"')
-    assert len(page) < 500_000
-    page = (queries / "report.html").read_text()
-    assert "<script>alert" not in page
-    assert "b&amp;m.map" in page
-    assert "style=" not in page.split("<body>")[1].split("<script")[0]
+    assert "<script>alert" not in (queries / "report.html").read_text()
 
 
 def test_a_second_run_gives_the_same_page_but_for_the_times_and_what_was_lost_is_on_it(tmp_path, monkeypatch):
@@ -198,21 +179,3 @@ def test_no_wall_of_a_large_map_is_lost(tmp_path: Path) -> None:
     assert len(columns) == 1500
     # The map's row 0 is the upper one.
     assert set((rows * layer.maps.cell_m).tolist()) == {(2500 - 1 - 1234) // 2 * 2}
-
-
-def test_the_player_steps_from_question_to_question(
-    queries: Path, tmp_path: Path, browse: Callable[..., tuple[str, list[str]]]
-) -> None:
-    _, complaints = browse(queries / "report.html", "--dump-dom", "--virtual-time-budget=3000")
-    assert [line for line in complaints if "ResizeObserver" not in line] == []
-    text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", (queries / "report.html").read_text())
-    probed = tmp_path / "probed.html"
-    probed.write_text(text.replace("</body>", f"<script>{{{PROBE}}}</script></body>"))
-    dom, _ = browse(probed, "--dump-dom", "--window-size=1400,2000", "--virtual-time-budget=6000")
-    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
-    assert title is not None
-    say = json.loads(html.unescape(title[1]))
-    assert say["keys"] == [3, 2, 1, 2]
-    assert say["clock"] == "query 2 of 3"
-    assert say["plots"] >= 3
-    assert say["heads"] == say["plots"] - 1  # the ratios have no step
