@@ -18,6 +18,7 @@ from benchmarks.reading import decompress
 FULL_S, FULL_STEPS, SCAN_MS = 60, 1875, 100
 LONGER, THIN_STEPS, MEMORY_MB = 10, 330, 350
 UWB_PERIOD_NS = 100_000_000
+WALLS_SEED, WALLS_SCANS = 1000, 20
 ROUNDS = 3
 METHODS = ("range_image", "paper")
 FACTOR_LIMITS = {("range_image", "zstd"): 40.0, ("range_image", "uncompressed"): 60.0, ("paper", "zstd"): 8.0}
@@ -39,6 +40,7 @@ def measure(folder: Path) -> Iterator[Figure]:
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "compiled")
     yield from _speed(folder)
     yield from _memory(folder)
+    yield from _near_walls()
 
 
 def _speed(folder: Path) -> Iterator[Figure]:
@@ -69,6 +71,29 @@ def _memory(folder: Path) -> Iterator[Figure]:
     yield Figure(
         f"5 k points: peak memory, {FULL_S * LONGER} s / {FULL_S} s", long_mb / short_mb, "x", 1.05, floor=floor
     )
+
+
+def _near_walls() -> Iterator[Figure]:
+    """How much of what either method calls ground is ground, on simulated scans of which every point is known."""
+    from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
+    from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
+    from quadlog.metrics.perception import ground_detection
+    from quadlog.simulation.synthetic.labelled_scans import labelled_scans
+
+    for place in ("wall_ahead", "corridor"):
+        found, called = dict.fromkeys(METHODS, 0), dict.fromkeys(METHODS, 0)
+        for scan in labelled_scans(place, WALLS_SEED, WALLS_SCANS):
+            cloud, mount = scan.xyz_lidar_m, scan.transform_lidar_to_base
+            made = {
+                "paper": classify_scan_paper(cloud, mount, PaperSettings(field_of_view_deg=180.0), seed=0),
+                "range_image": classify_scan_range_image(cloud, scan.ring, mount, RangeImageSettings()),
+            }
+            for method, classified in made.items():
+                detected = ground_detection(scan.truth, classified.label)
+                found[method] += detected.n_found
+                called[method] += detected.n_called
+        for method in METHODS:
+            yield Figure(f"{place}, points called ground that are, {method}", 100 * found[method] / called[method], "%")
 
 
 def _replay(recording: Path, output: Path, method: str = "range_image") -> Replayed:

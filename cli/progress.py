@@ -84,7 +84,9 @@ class Bars(BatchLines):
 
         super().__init__(self._print)
         columns = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[words]}", markup=False)
-        self._bars = Progress(columns[0], BarColumn(bar_width=12), columns[1], console=Console(stderr=True))
+        self._bars = Progress(
+            columns[0], BarColumn(bar_width=12), columns[1], console=Console(stderr=True), speed_estimate_period=3600
+        )
         self._first: TaskID | None = None  # the current stage, or the whole batch
         self._recorded_s: float | None = None
         self._workers: dict[str, tuple[TaskID, str]] = {}
@@ -126,19 +128,21 @@ class Bars(BatchLines):
         full: dict[str, Any] = {"total": max(task.completed, 1), "completed": max(task.completed, 1)} if ended else {}
         self._bars.update(self._first, words=step_words(step, last), **full)
 
-    def expect(self, tally: BatchCounts, workers: int) -> None:
+    def expect(self, tally: BatchCounts) -> None:
         """Add the bar of the whole batch."""
-        super().expect(tally, workers)
-        self._count, self._first = workers, self._bars.add_task("total", total=tally.recordings, words="")
+        super().expect(tally)
+        self._first = self._bars.add_task("total", total=tally.recordings, words="")
         self._show_total()
 
     def _show_total(self) -> None:
         """Numbers of finished and failed recordings, and the time left once it is known."""
-        tally, left_s = self._tally, self._tally.left_s(self._count)
+        assert self._first is not None, "a batch starts with expect"
+        tally = self._tally
+        self._bars.update(self._first, completed=tally.done)
+        left_s = next(task for task in self._bars.tasks if task.id == self._first).time_remaining
         words = f"{tally.done}/{tally.recordings} recordings" + (f", {tally.failed} failed" if tally.failed else "")
         words += f", {duration_words(left_s)} left" if left_s is not None and tally.done < tally.recordings else ""
-        assert self._first is not None, "a batch starts with expect"
-        self._bars.update(self._first, completed=tally.done, words=words)
+        self._bars.update(self._first, words=words)
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """Update the bar of a worker."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import duration_words, folded, open_progress, print_json, say
+from quadlog.cli.progress import folded, open_progress, print_json, say
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def command(
     typed = ("quadlog", *sys.argv[1:])
     batch = plan_batch(recordings, output, config, ReplayOptions(**given), existing, typed, notes, not no_plots)
     if dry_run:
-        _print_plan(preview_batch(batch), None if scheduler else jobs or cores(), as_json)
+        _print_plan(preview_batch(batch), as_json)
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:
@@ -68,29 +68,16 @@ def command(
     return outcome.exit_code
 
 
-def _print_plan(previewed: Sequence[Previewed], jobs: int | None, as_json: bool) -> None:
+def _print_plan(previewed: Sequence[Previewed], as_json: bool) -> None:
     rows = [each.to_dict() for each in previewed]
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
-        about = ", reuses ".join(
-            [f"{row['size_bytes'] / 1e6:.1f} MB", *filter(None, [", ".join(row["reused_stages"])])]
-        )
-        click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
-    click.echo(_total_words(previewed, jobs), err=as_json)
-
-
-def _total_words(previewed: Sequence[Previewed], jobs: int | None) -> str:
-    """The whole batch in one line; the workers of a cluster are unknown, so its time is that of one worker."""
-    from quadlog.pipelines.batch.plan import total_s
-
-    todo = [each for each in previewed if each.expected_s != 0.0]
-    words = f"{len(todo)} of {len(previewed)} to replay, {sum(each.planned.size_bytes for each in todo) / 1e6:.1f} MB"
-    expected_s = total_s(previewed, jobs or 1)
-    if expected_s is None:
-        return f"{words}; the duration is unknown until one has been replayed"
-    workers = min(jobs or 1, max(1, len(todo)))
-    return f"{words}; about {duration_words(expected_s)} with {workers} worker{'s' * (workers > 1)}"
+        reused = f", reuses {', '.join(row['reused_stages'])}" if row["reused_stages"] else ""
+        size = f"{row['size_bytes'] / 1e6:.1f} MB{reused}"
+        click.echo(f"{row['action']:<7} {row['recording']} ({size}) -> {row['run']}")
+    todo = [row["size_bytes"] for row in rows if row["action"] not in ("skip", "refuse")]
+    click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)
 
 
 def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:

@@ -1,4 +1,4 @@
-"""Writes the pages that say what the code says: of the config's models, the metrics' catalogue, the papers' errata."""
+"""Writes the pages that say what the code says: of the config's models and the metrics' catalogue."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import tomli_w
 from quadlog.config.file import PRESETS
 from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.pipelines.tables.errata import errata_document
 
 HERE = Path(__file__).parent
 
@@ -170,7 +169,7 @@ def _lines(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str
         yield "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
 
 
-PAGES = {"configuration.md": configuration_page, "metrics.md": metrics_page, "errata.md": errata_document}
+PAGES = {"configuration.md": configuration_page, "metrics.md": metrics_page}
 
 if __name__ == "__main__":
     main()

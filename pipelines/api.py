@@ -64,8 +64,8 @@ def replay(
         notes=configured.notes,
         plots=plots,
     )
-    outcome = replay_anywhere(request, Silent())
-    summarise({request.run.parent}, [outcome], Silent())
+    replay_anywhere(request, Silent())
+    summarise(request.run.parent, Silent())
     return load_run(request.run)
 
 

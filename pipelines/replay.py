@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -20,7 +20,6 @@ from quadlog.results.stages import reused_words
 from quadlog.storage.atomic_write import is_full
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.executor.compilation import Compilation
     from quadlog.pipelines.stages.context import ReplayContext
     from quadlog.pipelines.stages.ingest import Clouds
     from quadlog.pipelines.stages.stage import Stage
@@ -68,16 +67,16 @@ def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             return finished
         refuse_another(request, described)
 
+    from quadlog.pipelines.executor.compilation import compilation, compiling_s
     from quadlog.pipelines.stages.ingest import open_log, open_walk, reachable_stages
     from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
     from quadlog.pipelines.stages.scans import wants_lidar_track
     from quadlog.pipelines.stages.stage import stages_for
-    from quadlog.pipelines.stages.warm_up import compilation
 
     earlier = {} if described is None else find_reusable(request, described.identity)
     if described is not None:
         progress.say(reused_words(names_of(earlier), request.options.until))
-    clock = StageClock()
+    clock, compiled_s = StageClock(), compiling_s()
     with open_log(request, clock, progress) as log:
         reachable = reachable_stages(log.roles, request.options.until)
         todo = _until_pause(reachable, request.pause_after)
@@ -86,17 +85,13 @@ def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
         tracked = "position" in missing and wants_lidar_track(request.config, log.roles, log.by_uwb)
         with (
-            compilation(to_compile, request.config, progress.say) as compiled,
-            open_walk(
-                *(log, request, clock, progress, described, clouds),
-                before_clouds=partial(_compile, compiled, "filter", "map"),
-                tracked=tracked,
-            ) as walk,
+            compilation(to_compile, request.config, progress.say) as before,
+            open_walk(log, request, clock, progress, described, clouds, tracked=tracked) as walk,
             _with_resume_hint(request.run),
         ):
             marked = MarkedStages(walk, request, earlier)
             for stage in todo:
-                marked.do(stage, partial(_work, stage, compiled))
+                marked.do(stage, partial(_work, stage, before))
             if reachable != stages_for(request.options.until):
                 why = log.roles.choices("lidar") or log.roles.why_none("lidar")
                 walk.warn(f"nothing is filtered, mapped, planned or walked: {why}")
@@ -106,7 +101,7 @@ def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
                 # Drawing is not loaded before there is something to draw.
                 from quadlog.pipelines.stages.report import finish_walk
 
-            metrics = finish_walk(walk, request, compiled.seconds)
+            metrics = finish_walk(walk, request, compiling_s() - compiled_s)
             losses, reused = walk.losses, walk.reused
     reason = "; ".join(loss.detail for loss in losses)
     return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
@@ -150,15 +145,10 @@ def _with_resume_hint(written: Path | str) -> Iterator[None]:
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
 
 
-def _work(stage: Stage, compiled: Compilation, walk: ReplayContext) -> None:
+def _work(stage: Stage, before: Callable[[str], None], walk: ReplayContext) -> None:
     if stage.needs_compiled(walk):
-        _compile(compiled, *stage.names)
+        before(stage.name)
     stage.load()(walk)
-
-
-def _compile(compiled: Compilation, *names: str) -> None:
-    with _with_resume_hint("the cache of compiled code"):
-        compiled.before(*names)
 
 
 def _code(losses: str) -> ExitCode:

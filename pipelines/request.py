@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -75,7 +75,6 @@ class ReplayOutcome:
     """The outcome of a request. exit_code: 0 done, 1 failed, 3 done with loss; reason: what was lost or why it failed.
 
     reused: stages taken from an earlier replay, all of them for a run that was finished already.
-    cost: of a replay in a batch, with the names of the last columns of summary.parquet.
     """
 
     recording: Path
@@ -85,7 +84,6 @@ class ReplayOutcome:
     metrics: dict[str, dict[str, Any]] = field(default_factory=dict)
     reused: Sequence[str] = ()
     refused: bool = False
-    cost: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of_failure(cls, request: ReplayRequest, reason: str, refused: bool = False) -> ReplayOutcome:

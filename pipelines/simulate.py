@@ -10,13 +10,12 @@ from typing import Any, TypeVar
 
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
-from quadlog.errors import AlreadyExists, ExitCode, UsageError
+from quadlog.errors import AlreadyExists, UsageError
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
-from quadlog.pipelines.executor.executor import side_by_side
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.pool import side_by_side
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.request import ReplayOutcome
 from quadlog.pipelines.simulation.courses import Remarks, find_course, ground_remarks, make_ground
 from quadlog.pipelines.simulation.run_folder import (
     TrotDescription,
@@ -112,7 +111,7 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
         runs = _one_by_one(lambda each: _walk(each, startup_s, progress), todo, progress)
     else:
         runs = side_by_side(_walk_elsewhere, todo, workers, progress)
-    _summarise(request.course, runs, progress)
+    _summarise(runs, progress)
     return runs
 
 
@@ -168,7 +167,7 @@ def trot_32s(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     else:
         pairs = _one_by_one(lambda seed: _walk_pair(request, seed, startup_s, progress), request.seeds, progress)
     runs = [run for curve in range(len(CURVES)) for run in (pair[curve] for pair in pairs)]
-    _summarise(TROT, runs, progress)
+    _summarise(runs, progress)
     return runs
 
 
@@ -209,11 +208,7 @@ def _walk_pair_elsewhere(each: tuple[SimulateRequest, int], progress: Progress) 
     return _walk_pair(request, seed, 0.0, progress)
 
 
-def _summarise(course: str, runs: Sequence[SimulatedRun], progress: Progress) -> None:
+def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:
     """summary.parquet and report.html of the folders that hold the runs."""
-    outcomes: dict[Path, list[ReplayOutcome]] = {}
-    for each in runs:
-        outcome = ReplayOutcome(Path(course), each.run, ExitCode.DONE, each.ended, each.metrics)
-        outcomes.setdefault(each.run.parent, []).append(outcome)
-    for folder, mine in outcomes.items():
-        summarise({folder}, mine, progress)
+    for folder in dict.fromkeys(each.run.parent for each in runs):
+        summarise(folder, progress)

@@ -329,23 +329,10 @@ class MissingProgram(QuadlogError):
 
 
 class WorkerDied(QuadlogError):
-    """A worker process ended during a task; exit_code as in multiprocessing, -9 for SIGKILL."""
+    """A worker process has ended during a task."""
 
-    def __init__(self, exit_code: int) -> None:
-        self.died_with = exit_code
-        number = -exit_code if exit_code < 0 else exit_code - 128 if exit_code > 128 else None
-        self.how = f"killed by signal {number}" if number else f"ended with code {exit_code}"
-        super().__init__(f"a worker process was {self.how} (out of memory?); fewer --jobs need less")
-
-
-class ClusterWorkersDied(WorkerDied):
-    """Several workers of a cluster died during the same task; last: address of the last one."""
-
-    def __init__(self, tries: int, last: str) -> None:
-        QuadlogError.__init__(
-            self, f"{tries} workers died during the same task, the last one at {last} (out of memory?)"
-        )
-        self.how = f"lost {tries} times, the last one at {last}"
+    def __init__(self) -> None:
+        super().__init__("a worker process was killed (out of memory?); fewer --jobs need less")
 
 
 class ClusterUnusable(QuadlogError):

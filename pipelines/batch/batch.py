@@ -2,29 +2,47 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+import gc
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from queue import Empty
 from typing import Any
 
-from quadlog.errors import CannotWrite, ExitCode, RunExists
+from quadlog.errors import (
+    AlreadyExists,
+    ExitCode,
+    QuadlogError,
+    RecordingNotFound,
+    RunExists,
+    RunOfAnother,
+    VersionsDiffer,
+)
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchProgress
+from quadlog.pipelines.batch.progress import BatchCounts, BatchLines, TaskProgress
 from quadlog.pipelines.batch.remote import replay_anywhere
-from quadlog.pipelines.batch.run import BatchRun
-from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.batch.task import BatchTask, measured
-from quadlog.pipelines.executor.executor import open_engine
-from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.batch.summary import note_failure, summarise
+from quadlog.pipelines.executor.machine import is_out_of_memory
+from quadlog.pipelines.executor.pool import Workers, open_executor
+from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, peak_memory_mb, worker_name
+from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.places import place_of_new
 from quadlog.results.record import is_finished
-from quadlog.storage.atomic_write import part_prefix, remove_stale_parts
+from quadlog.results.stages import reused_words
+from quadlog.storage.atomic_write import is_full, remove_stale_parts
 
 SHOWN_FAILURES = 20
+LOOK_AGAIN_S = 5.0
+"""How often a cluster is asked for its size while nothing happens."""
+WORTH_COLLECTING_S = 5.0
+"""Figures leave reference cycles of some 20 MB. Collecting them takes 0.1 s, too long after every short recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +74,12 @@ class BatchOutcome:
 
 def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
-    cost: dict[str, Any] = {}
-    with measured(cost, planned.request.run, planned.size_bytes):
-        outcome = replay_anywhere(planned.request, progress)
-    outcome = replace(outcome, cost=cost)
-    summarise({planned.request.run.parent}, [outcome], progress)
+    outcome = replay_anywhere(planned.request, progress)
+    summarise(planned.request.run.parent, progress)
     return BatchOutcome((outcome,))
 
 
-def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress) -> BatchOutcome:
+def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines) -> BatchOutcome:
     """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster, and summarise them.
 
     An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
@@ -72,7 +87,14 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
     """
     with open_workers(batch, jobs, scheduler, progress) as replay_all:
         outcomes = replay_all(batch)
-    summarise({each.request.run.parent for each in batch}, outcomes, progress)
+    for outcome in outcomes:
+        if outcome.failed and not outcome.refused:
+            note_failure(outcome)
+    for folder in sorted({each.request.run.parent for each in batch}):
+        try:
+            summarise(folder, progress)
+        except QuadlogError as error:  # a full disk, or a run that is damaged
+            progress.say(f"warning: no summary: {error}")
     return BatchOutcome(outcomes)
 
 
@@ -82,54 +104,191 @@ ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
 
 @contextmanager
 def open_workers(
-    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchProgress, *, repeats: bool = True
+    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
 ) -> Iterator[ReplayAll]:
     """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch.
 
     repeats: whether a warning is printed for each run that has it, or once.
     """
-    folders = {each.request.run.parent for each in batch}
-    runs, said = [BatchRun([], progress)], None if repeats else set[str]()
-    with ExitStack() as stack:
-        stack.callback(_clear_unfinished, batch)  # after the workers have stopped
-        shared = stack.enter_context(_seen_by_all(folders if scheduler else set()))
-        engine = stack.enter_context(open_engine(min(jobs, len(batch)), scheduler, lambda step: runs[-1].hear(step)))
-        if engine.greeting:
-            progress.say(engine.greeting)
-
-        def replay_all(part: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
-            refused = _refused(part)
-            order = sorted(range(len(part)), key=lambda number: (-part[number].size_bytes, number))
-            tasks = [_task(part, number, shared) for number in order if number not in refused]
-            runs.append(BatchRun(tasks, progress, runs[-1].halted, said))
-            runs[-1].go(engine)
-            ended = refused | runs[-1].outcomes
-            return tuple(
-                replace(ended[number], recording=each.request.recording, run=each.request.run)
-                for number, each in enumerate(part)
-            )
-
-        yield replay_all
-
-
-def _clear_unfinished(batch: Sequence[Planned]) -> None:
-    """Remove unfinished files of stopped workers on this machine, which may have missed a file when the signal came."""
-    local = [each.request.run for each in batch if isinstance(each.request.run, Path)]
-    for run in (place for each in local for place in (each, place_of_new(each))):
-        if run.is_dir() and not is_finished(run):
-            for folder in (run, run / "plots"):
+    try:
+        with open_executor(min(jobs, len(batch)), scheduler) as workers:
+            if workers.greeting:
+                progress.say(workers.greeting)
+            yield _Batch(workers, progress, repeats).replay
+    finally:  # the workers have ended, and may have been killed
+        for run in (each.request.run for each in batch if isinstance(each.request.run, Path)):
+            for folder in (run, run / "plots", place_of_new(run), place_of_new(run) / "plots"):
                 with suppress(OSError):
                     remove_stale_parts(folder)
 
 
-def _task(batch: Sequence[Planned], number: int, shared: Mapping[Path, Path]) -> BatchTask:
-    """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
-    request, size_bytes = batch[number].request, batch[number].size_bytes
-    passing, refuses = shared.get(request.run.parent), request.existing is Existing.REFUSE
-    if refuses:
-        request = replace(request, existing=Existing.RESUME)
-    anywhere = _from_anywhere(request)  # fails for relative paths where the working folder was deleted
-    return BatchTask(number, anywhere if shared else request, size_bytes, passing, refuses)
+def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[ReplayOutcome, list[str], bool]:
+    """In a worker: the outcome of one recording, errors among them; its warnings; and whether the disk is full.
+
+    refuses: a run that another process finished meanwhile is refused; what a killed worker began of it is continued.
+    """
+    told, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), False
+    forget_peak_memory()
+    told.begin("open", None)
+    try:
+        if refuses and is_finished(request.run) and finished_outcome(request) is None:
+            raise RunExists(request.run)
+        outcome = replay_anywhere(request, told)
+    except (AlreadyExists, RunOfAnother) as error:
+        outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
+    except Exception as error:
+        full = _tells_of_a_full_disk(error)
+        outcome = ReplayOutcome.of_failure(request, _failure_words(error, request.run, peak_memory_mb()))
+    if time.monotonic() - began_s > WORTH_COLLECTING_S:
+        gc.collect()
+    return outcome, told.warnings, full
+
+
+def _failure_words(error: Exception, run: Path, peak_mb: float | None) -> str:
+    """The error in one line; for a bug its traceback is printed, too."""
+    words = " ".join(str(error).split())
+    if is_out_of_memory(error):
+        return f"out of memory{_peak_words(peak_mb)}; {GOES_ON}"
+    if isinstance(error, RecordingNotFound):
+        return f"{words} (on {worker_name()})"
+    if isinstance(error, OSError):
+        return f"{error.filename or run}: {error.strerror or words}"
+    if isinstance(error, QuadlogError):
+        return words
+    traceback.print_exception(error, file=sys.stderr)
+    return f"a bug in quadlog: {type(error).__name__}: {words}"
+
+
+def _tells_of_a_full_disk(error: BaseException | None) -> bool:
+    """Whether a full disk is the error or among its causes."""
+    while error is not None and not (isinstance(error, OSError) and is_full(error)):
+        error = error.__cause__
+    return error is not None
+
+
+def _peak_words(peak_mb: float | None) -> str:
+    return "" if peak_mb is None else f", {peak_mb:.0f} MB at its peak"
+
+
+class _Batch:
+    """Recordings on their way through the workers. halted: why no more is started, empty while it goes on."""
+
+    def __init__(self, workers: Workers, progress: BatchLines, repeats: bool) -> None:
+        self._workers, self._progress, self._repeats = workers, progress, repeats
+        self._requests: list[ReplayRequest] = []  # of all parts, so that a late message is never taken for another's
+        self._outcomes: dict[int, ReplayOutcome] = {}
+        self._running: dict[Future[Any], int] = {}
+        self._tries: Counter[int] = Counter()
+        self._peak_mb: dict[int, float] = {}
+        self._said: set[str] = set()
+        self._halted = ""
+
+    def replay(self, batch: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
+        """The outcomes, in the order of the recordings. Ctrl-C is reported with the number done, and raised again."""
+        first = len(self._requests)
+        numbers = range(first, first + len(batch))
+        self._requests += [each.request for each in batch]
+        self._outcomes |= {first + number: outcome for number, outcome in _refused(batch).items()}
+        todo = [number for number in numbers if number not in self._outcomes]
+        self._tally = BatchCounts(len(todo))
+        self._progress.expect(self._tally)
+        for number in sorted(todo, key=lambda number: (-batch[number - first].size_bytes, number)):
+            self._submit(number)
+        try:
+            self._go()
+        except KeyboardInterrupt:
+            self._progress.say(f"interrupted with {self._tally.done} of {self._tally.recordings} recordings done")
+            raise
+        return tuple(self._outcomes[number] for number in numbers)
+
+    def _submit(self, number: int) -> None:
+        """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
+        if self._halted:
+            self._end(number, "")
+            return
+        request = self._requests[number]
+        refuses = request.existing is Existing.REFUSE
+        request = replace(request, existing=Existing.RESUME) if refuses else request
+        request = _from_anywhere(request) if self._workers.address else request
+        future = self._workers.submit(replay_task, request, number, refuses)
+        self._tries[number] += 1
+        self._running[future] = number
+        future.add_done_callback(self._workers.messages.put)
+
+    def _go(self) -> None:
+        """Until every task has an outcome. A cluster without workers is waited for, which is said."""
+        idle, waiting = True, False
+        while self._running:
+            if idle and waiting != (self._workers.count() == 0):
+                waiting = not waiting
+                words = f"no workers: waiting until one connects to {self._workers.address}; Ctrl-C stops, {GOES_ON}"
+                self._progress.say(words if waiting else "a worker has connected: going on")
+            try:
+                came = self._workers.messages.get(timeout=LOOK_AGAIN_S)
+            except Empty:
+                idle = True
+                continue
+            idle = waiting
+            if isinstance(came, Future):
+                self._take(self._running.pop(came), came)
+            elif came["number"] not in self._outcomes:
+                self._peak_mb[came["number"]] = came["peak_memory_mb"]
+                self._progress.hear(came)
+
+    def _take(self, number: int, future: Future[Any]) -> None:
+        """Take the outcome of a task that has ended, or submit the task again."""
+        try:
+            outcome, warnings, full = future.result()
+        except self._workers.death:
+            if self._tries[number] < self._workers.tries:
+                self._submit(number)
+                return
+            if number not in self._peak_mb:
+                self._halt("workers end before they begin: quadlog cannot be loaded there")
+            again = ", and so was the next one" if self._workers.tries > 1 else ""
+            words = f"its worker was killed{again}{_peak_words(self._peak_mb.get(number))}"
+            self._end(number, f"{words}; out of memory is the usual cause; {GOES_ON}")
+        except (CancelledError, VersionsDiffer, ImportError) as error:
+            self._halt(str(error) or "the scheduler has ended, or dropped what it was given")
+            self._end(number, "")
+        except Exception as error:
+            self._end(number, _failure_words(error, self._requests[number].run, self._peak_mb.get(number)))
+        else:
+            if full:
+                self._halt(f"disk full ({outcome.reason.removesuffix(f'; {GOES_ON}')})")
+            self._end(number, outcome, warnings)
+
+    def _end(self, number: int, ended: ReplayOutcome | str, warnings: Sequence[str] = ()) -> None:
+        """ended: the outcome, or why there is none."""
+        request = self._requests[number]
+        if isinstance(ended, str):
+            ended = ReplayOutcome.of_failure(request, self._stopped_words(number) if self._halted else ended)
+        outcome = replace(ended, recording=request.recording, run=request.run)  # as they were given
+        if self._workers.address and not outcome.failed and not request.run.is_dir():
+            words = f"{worker_name()} does not see the run that its worker made: share {request.run.parent}"
+            outcome = ReplayOutcome.of_failure(request, words)
+        self._outcomes[number] = outcome
+        self._tally.done += 1
+        self._tally.failed += outcome.failed
+        for warning in warnings:
+            if self._repeats or warning not in self._said:
+                self._progress.say(f"{outcome.run.name}: {warning}")
+        self._said.update(warnings)
+        if self._halted and number not in self._peak_mb:
+            return  # not begun: it stands among the failures, and is not worth a line of its own
+        done = f"{request.pause_after} is done for all that share it" if request.pause_after else "done"
+        words = f"; {reused_words(outcome.reused, request.options.until)}" if outcome.reused else ""
+        self._progress.finish(outcome.run.name, (outcome.reason or done) + words)
+
+    def _halt(self, reason: str) -> None:
+        """Stop the batch, with one line for the user."""
+        if not self._halted:
+            self._halted = reason
+            self._progress.say(f"stopping: {reason}; {GOES_ON}")
+            self._workers.stop()
+
+    def _stopped_words(self, number: int) -> str:
+        return f"{'stopped' if number in self._peak_mb else 'not started'}: {self._halted}; {GOES_ON}"
 
 
 def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
@@ -145,35 +304,8 @@ def _absolute(path: Path) -> Path:
 def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
     """Outcomes by number of the recordings whose runs exist and may be neither replaced nor resumed."""
     there = existing_runs(batch)
-    refused = {}
-    for number, each in enumerate(batch):
-        if each.request.existing is Existing.REFUSE and each.request.run in there:
-            error = RunExists(each.request.run)
-            refused[number] = ReplayOutcome.of_failure(each.request, str(error), refused=True)
-    return refused
-
-
-def _remove_if_empty(folder: Path) -> None:
-    with suppress(OSError):
-        folder.rmdir()
-
-
-@contextmanager
-def _seen_by_all(folders: Collection[Path]) -> Iterator[dict[Path, Path]]:
-    """A temporary file in each output folder, by which workers elsewhere check that they see the same folder."""
-    with ExitStack() as stack:
-        shared = {}
-        for folder in folders:
-            if not isinstance(folder, Path):
-                continue  # a URL: the same for all
-            try:
-                if not folder.exists():
-                    folder.mkdir(parents=True)
-                    stack.callback(_remove_if_empty, folder)  # nothing was replayed: there was no worker
-                passing = stack.enter_context(
-                    NamedTemporaryFile(dir=folder, prefix=part_prefix(os.getpid()), suffix=".part")
-                )
-            except OSError as error:
-                raise CannotWrite(folder, error.strerror or str(error)) from error
-            shared[folder] = Path(passing.name).absolute()
-        yield shared
+    return {
+        number: ReplayOutcome.of_failure(each.request, str(RunExists(each.request.run)), refused=True)
+        for number, each in enumerate(batch)
+        if each.request.existing is Existing.REFUSE and each.request.run in there
+    }

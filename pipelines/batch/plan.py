@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from quadlog.config.schema import Config
-from quadlog.errors import CannotWrite, NotARun, QuadlogError, RunOfAnother, UnknownRunFormat
+from quadlog.errors import CannotWrite, NotARun, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.replay import reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
-from quadlog.results.find_runs import run_name, run_names
-from quadlog.results.record import RunRecord, describe_input, input_bytes, own_files, read_record
-from quadlog.storage.atomic_write import is_part
+from quadlog.results.find_runs import is_absent, run_name, run_names
+from quadlog.results.record import describe_input, input_bytes, is_finished, own_files, read_record
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
@@ -29,38 +26,22 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     Runs are read only where several folders could belong to a recording.
     """
     fresh = run_names(recordings)
-    there = [entry.name for entry in output.iterdir()] if output.is_dir() else []
-    kept = _kept(recordings, fresh, output, there)
-    taken = {name.casefold() for name in kept.values()}
+    families = [_family(name) for name in fresh]
+    there: dict[str, list[str]] = {}
+    for entry in sorted(output.iterdir()) if output.is_dir() else ():
+        there.setdefault(_family(entry.name), []).append(entry.name)
+    alike = Counter(families)
+    doubtful = {
+        family for family, name in zip(families, fresh, strict=True) if alike[family] > 1 or there.get(family) != [name]
+    }
+    runs = {_recording_of(output / name): name for family in doubtful for name in there.get(family, ())}
+    kept = [runs.get(_place(recording)) for recording in recordings]
+    taken = {name.casefold() for name in kept if name is not None}
     names = []
-    for number, name in enumerate(fresh):
-        chosen = kept.get(number) or _free(name, taken)
-        taken.add(chosen.casefold())
-        names.append(chosen)
+    for name, own in zip(fresh, kept, strict=True):
+        names.append(own or _free(name, taken))
+        taken.add(names[-1].casefold())
     return names
-
-
-def _kept(recordings: Sequence[Path], fresh: Sequence[str], output: Path, there: Iterable[str]) -> dict[int, str]:
-    """Index of a recording -> name of the run it has."""
-    families: dict[str, list[str]] = {}
-    for name in there:
-        families.setdefault(_family(name), []).append(name)
-    alike = Counter(_family(name) for name in fresh)
-    kept: dict[int, str] = {}
-    given: set[str] = set()
-    runs: dict[str, Mapping[str, str]] = {}
-    for number, (recording, name) in enumerate(zip(recordings, fresh, strict=True)):
-        family = _family(name)
-        names = families.get(family, [])
-        if not names or (alike[family] == 1 and names == [name]):
-            continue
-        if family not in runs:
-            runs[family] = {_place(path): each for each in sorted(names) if (path := _recording_of(output / each))}
-        mine = runs[family].get(_place(recording))
-        if mine is not None and mine not in given:
-            kept[number] = mine
-            given.add(mine)
-    return kept
 
 
 def _family(name: str) -> str:
@@ -78,8 +59,9 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def _recording_of(run: Path) -> str | None:
+    """The place of the recording whose finished run this is."""
     try:
-        return read_record(run).input.path
+        return _place(read_record(run).input.path)
     except (NotARun, UnknownRunFormat):
         return None
 
@@ -88,10 +70,6 @@ def _place(recording: Path | str) -> str:
     """The recording's absolute path, or its URL."""
     text = str(recording)
     return text if "://" in text else str(Path(text).absolute())
-
-
-SAMPLED_RUNS = 64
-"""Number of finished runs that an expected duration is estimated from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,22 +82,17 @@ class Planned:
 
 @dataclass(frozen=True, slots=True)
 class Previewed:
-    """What would be done with a recording: run, resume (with the stages reused), replace, skip or refuse.
-
-    expected_s: duration on one worker; 0 when nothing is done, None when unknown.
-    """
+    """What would be done with a recording: run, resume (with the stages reused), replace, skip or refuse."""
 
     planned: Planned
     action: str
     reused: tuple[str, ...] = ()
-    expected_s: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """One row of `--dry-run --json`."""
         request = self.planned.request
         where = {"action": self.action, "recording": str(request.recording), "run": str(request.run)}
-        size = {"size_bytes": self.planned.size_bytes, "expected_s": self.expected_s}
-        return where | size | {"reused_stages": list(self.reused)}
+        return where | {"size_bytes": self.planned.size_bytes, "reused_stages": list(self.reused)}
 
 
 def plan_batch(
@@ -147,66 +120,31 @@ def plan_batch(
 
 
 def preview_batch(batch: Sequence[Planned]) -> list[Previewed]:
-    """What would be done with each recording, and for how long; only those with a run folder are read."""
+    """What would be done with each recording; only those with a run folder are read."""
     there = existing_runs(batch)
-    rates = {folder: _seconds_per_byte(folder, batch) for folder in {each.request.run.parent for each in batch}}
-    return [_preview(each, each.request.run in there, rates[each.request.run.parent]) for each in batch]
-
-
-def total_s(previewed: Iterable[Previewed], jobs: int) -> float | None:
-    """Duration of all on `jobs` workers, the largest first; None when that of one is unknown."""
-    expected = [each.expected_s for each in previewed]
-    known = [each for each in expected if each is not None]
-    if len(known) < len(expected):
-        return None
-    free_s = [0.0] * max(1, min(jobs, len(known)))
-    for seconds in sorted(known, reverse=True):
-        free_s[free_s.index(min(free_s))] += seconds
-    return max(free_s)
+    return [_preview(each) if each.request.run in there else Previewed(each, "run") for each in batch]
 
 
 def existing_runs(batch: Sequence[Planned]) -> set[Path]:
-    """Run folders of the batch that exist and are not empty; lists each output folder once."""
+    """Run folders of the batch that exist and hold more than a failure; lists each output folder once."""
     runs = {each.request.run for each in batch}
     there = {entry for folder in {run.parent for run in runs} if folder.is_dir() for entry in folder.iterdir()} & runs
-    return {run for run in there if not run.is_dir() or any(not is_part(entry.name) for entry in run.iterdir())}
+    return {run for run in there if not run.is_dir() or any(not is_absent(entry.name) for entry in run.iterdir())}
 
 
-def _preview(planned: Planned, is_there: bool, seconds_per_byte: float | None) -> Previewed:
-    whole_s = None if seconds_per_byte is None else planned.size_bytes * seconds_per_byte
-    existing = planned.request.existing
-    if not is_there:
-        return Previewed(planned, "run", expected_s=whole_s)
-    if existing is Existing.REFUSE:
-        return Previewed(planned, "refuse", expected_s=0.0)
-    if existing is Existing.FORCE:
-        return Previewed(planned, "replace", expected_s=whole_s)
-    if (planned.request.run / "run.json").is_file():
-        described = describe_input(planned.request.recording)
-        if outcome_there(planned.request, described) is not None:
-            return Previewed(planned, "skip", expected_s=0.0)
+def _preview(planned: Planned) -> Previewed:
+    request = planned.request
+    if request.existing is not Existing.RESUME:
+        return Previewed(planned, "replace" if request.existing is Existing.FORCE else "refuse")
+    if is_finished(request.run):
+        described = describe_input(request.recording)
+        if outcome_there(request, described) is not None:
+            return Previewed(planned, "skip")
         try:
-            refuse_another(planned.request, described)
+            refuse_another(request, described)
         except RunOfAnother:
-            return Previewed(planned, "refuse", expected_s=0.0)
-    return Previewed(planned, "resume", reusable_stages(planned.request), whole_s)
-
-
-def _seconds_per_byte(folder: Path, batch: Sequence[Planned]) -> float | None:
-    """From the records of finished runs in the output folder with the same --until."""
-    until = batch[0].request.options.until
-    seconds, size_bytes = 0.0, 0
-    for record in islice(_records(folder), SAMPLED_RUNS):
-        if record.options.get("until") == until:
-            seconds += record.startup_s + sum(stage.seconds for stage in record.stages)
-            size_bytes += record.input.size_bytes
-    return seconds / size_bytes if size_bytes else None
-
-
-def _records(folder: Path) -> Iterator[RunRecord]:
-    for run in folder.iterdir() if folder.is_dir() else ():
-        with suppress(QuadlogError):  # no run, or one of another format
-            yield read_record(run)
+            return Previewed(planned, "refuse")
+    return Previewed(planned, "resume", reusable_stages(request))
 
 
 def _size(recording: Path) -> int:

@@ -5,77 +5,45 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from quadlog.pipelines.executor.progress import Progress, Silent, peak_memory_mb, tell, worker_name
+from quadlog.pipelines.executor.progress import Progress, peak_memory_mb, tell, worker_name
 
 TOLD_EVERY_S = 0.5
 
 
 @dataclass(slots=True)
 class BatchCounts:
-    """Recordings and bytes of a batch: all, and those that are done, with the time they took."""
+    """Recordings of a batch: all, those that have ended, and those of them that failed."""
 
     recordings: int
-    size_bytes: int
     done: int = 0
     failed: int = 0
-    done_bytes: int = 0
-    worked_s: float = 0.0
-
-    def count(self, size_bytes: int, failed: bool, wall_s: float | None) -> None:
-        """Count a recording that has ended. wall_s: duration of its replay, None when it had been done before."""
-        self.done += 1
-        self.failed += failed
-        if wall_s is None:
-            self.size_bytes -= size_bytes  # says nothing about how long the others take
-        else:
-            self.done_bytes += size_bytes
-            self.worked_s += wall_s
-
-    def left_s(self, workers: int) -> float | None:
-        """Estimated seconds until all is done, from the time per byte so far; None before any byte is done."""
-        if not self.done_bytes or not workers:
-            return None
-        return (self.size_bytes - self.done_bytes) * self.worked_s / self.done_bytes / workers
 
 
-class BatchProgress(Progress, Protocol):
-    """What the command line shows while many recordings are replayed."""
-
-    def expect(self, tally: BatchCounts, workers: int) -> None:
-        """The batch starts on this many workers. The tally is updated by its owner while it runs."""
-
-    def hear(self, step: Mapping[str, Any]) -> None:
-        """A message of TaskProgress from a worker; called from any thread."""
-
-    def finish(self, run: str, words: str) -> None:
-        """The recording of this run folder has ended. words: `done`, or the reason."""
-
-
-class BatchLines(Silent):
-    """One line for each recording, as for a log file."""
+class BatchLines(Progress):
+    """What the command line shows while recordings are replayed: a line for each that ends, as for a log file."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
-        self._say, self._tally = say, BatchCounts(0, 0)
+        self._say, self._tally = say, BatchCounts(0)
 
     def say(self, text: str) -> None:
         """One line."""
         self._say(text)
 
-    def expect(self, tally: BatchCounts, workers: int) -> None:
-        """Nothing to show yet."""
+    def expect(self, tally: BatchCounts) -> None:
+        """A batch starts. The tally is updated by its owner while it runs."""
         self._tally = tally
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """Ignored: one line for each step would be thousands."""
+        """A message of TaskProgress from a worker. A line for each would be thousands."""
 
     def finish(self, run: str, words: str) -> None:
-        """One line."""
+        """The recording of this run folder has ended. words: `done`, or the reason."""
         self._say(f"[{self._tally.done}/{self._tally.recordings}] {run}: {words}")
 
 
-class TaskProgress(Silent):
+class TaskProgress(Progress):
     """Progress of a replay in a batch: sends its position every TOLD_EVERY_S at most, and keeps warnings."""
 
     def __init__(self, number: int, run: str) -> None:
@@ -83,29 +51,26 @@ class TaskProgress(Silent):
         self.warnings: list[str] = []
         self._who = {"number": number, "run": run, "worker": worker_name()}
         self._stage, self._total, self._steps = "", 0, 0
-        self._recorded_s: float | None = None
         self._began_s = self._told_s = 0.0
 
     def begin(self, stage: str, total: int | None) -> None:
         """Send the new stage at once."""
-        self._stage, self._total, self._steps, self._recorded_s = stage, total or 0, 0, None
+        self._stage, self._total, self._steps = stage, total or 0, 0
         self._began_s = time.monotonic()
-        self._tell(self._began_s)
+        self._tell(self._began_s, None)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """Count a step; send a message unless the last one is recent."""
         self._steps += 1
-        self._recorded_s = recorded_s
         if (now_s := time.monotonic()) - self._told_s >= TOLD_EVERY_S:
-            self._tell(now_s)
+            self._tell(now_s, None if recorded_s is None else recorded_s / max(now_s - self._began_s, 1e-9))
 
     def say(self, text: str) -> None:
         """Keep a warning. Choices are in the run's record and are not kept."""
         if text.startswith("warning: "):
             self.warnings.append(text)
 
-    def _tell(self, now_s: float) -> None:
+    def _tell(self, now_s: float, factor: float | None) -> None:
         self._told_s = now_s
-        factor = None if self._recorded_s is None else self._recorded_s / max(now_s - self._began_s, 1e-9)
         where = {"stage": self._stage, "steps": self._steps, "total": self._total, "realtime_factor": factor}
         tell(self._who | where | {"peak_memory_mb": peak_memory_mb()})

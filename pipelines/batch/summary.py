@@ -1,174 +1,125 @@
-"""summary.parquet and report.html of a folder of runs: a row for each recording, also for one that failed.
-
-Several machines may write runs into one folder. Rows of finished runs are read from the runs, and again after the
-summary is written, so that no machine loses the rows of another.
-"""
+"""summary.parquet and report.html of a folder of runs, always made from the runs and failures that are in it."""
 
 from __future__ import annotations
 
+import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.find_runs import run_name
-from quadlog.results.page.runs_page import MOST_THUMBNAILS
-from quadlog.results.record import RunRecord, read_metrics, read_record
-from quadlog.results.tables import COST_NAMES, METRIC_NAMES, TABLES, has_table, read_table, write_table
-from quadlog.storage.remote_path import RemotePath, copy_object
+from quadlog.results.find_runs import FAILED, fetch, run_name
+from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
+from quadlog.results.places import claim
+from quadlog.results.record import is_finished, read_metrics, read_object, read_record
+from quadlog.results.tables import TABLES, has_table, read_table, write_table
+from quadlog.storage.atomic_write import write_whole
+from quadlog.storage.remote_path import RemotePath
 
 _PAGE, _TABLE = "report.html", "summary.parquet"
+_READ = ("run.json", "metrics.json", FAILED)
 _DRAWN = ("poses.parquet", "target.parquet", "control.parquet")
 
 
-@contextmanager
-def open_summary_folder(folder: Path) -> Iterator[Path]:
-    """The folder to read and write the two files in; of a URL a local copy, uploaded when the block ends."""
-    if not isinstance(folder, RemotePath):
-        yield folder
-        return
-    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
-        here = Path(scratch) / run_name(folder.name)
-        here.mkdir()
-        for name in (_TABLE, _PAGE):
-            _fetch(folder / name, here / name)
-        _lay_out(folder, here)
-        before = {name: _version(here / name) for name in (_TABLE, _PAGE)}
-        yield here
-        for name in (_TABLE, _PAGE):
-            if _version(here / name) != before[name]:
-                (folder / name).upload(str(here / name))
+def note_failure(outcome: ReplayOutcome) -> None:
+    """Leave the reason in the folder of a run that failed, if that can be written; it is printed, too."""
+    content = json.dumps({"recording": str(outcome.recording), "reason": outcome.reason}, indent=2).encode()
+    with suppress(QuadlogError, OSError), tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
+        if isinstance(outcome.run, RemotePath):
+            Path(scratch, FAILED).write_bytes(content)
+            outcome.run.upload_all(Path(scratch), [FAILED])
+        else:
+            claim(outcome.run, replace=True)  # nobody else's folder
+            write_whole(outcome.run / FAILED, content)
 
 
-def _lay_out(folder: RemotePath, here: Path) -> None:
-    """Copy what the page uses of the runs: links to their pages, and the tracks of some of them."""
-    for page in (folder / "*" / _PAGE).matches():
-        run = page.parent
-        if run.name != run_name(run.name):
-            continue
-        (here / run.name).mkdir(exist_ok=True)
-        (here / run.name / _PAGE).touch()
-    for name in sorted(entry.name for entry in here.iterdir() if entry.is_dir())[:MOST_THUMBNAILS]:
-        for table in _DRAWN:
-            _fetch(folder / name / table, here / name / table)
+def summarise(folder: Path, progress: Progress) -> None:
+    """Write both files, again if another machine finishes a run meanwhile; somebody else's files are left alone.
 
-
-def _fetch(remote: RemotePath, target: Path) -> None:
-    with suppress(FileNotFoundError, QuadlogError):  # missing or too large files are not shown
-        copy_object(remote.open_object(), target)
-
-
-def _version(path: Path) -> tuple[int, int] | None:
-    return (path.stat().st_ino, path.stat().st_mtime_ns) if path.is_file() else None
-
-
-_ROUNDS = 5
-
-Rows = dict[str, dict[str, Any]]
-
-
-def summarise(folders: set[Path], outcomes: Sequence[ReplayOutcome], progress: Progress) -> None:
-    """Write both files of each output folder; rows of earlier commands stay, and foreign files are not touched."""
-    from quadlog.results.page.runs_page import write_folder_page
-
-    for folder in sorted(folders):
-        if not folder.is_dir():
-            continue
-        own = {each.run.name: each for each in outcomes if not each.refused and each.run.parent == folder}
-        for _ in range(_ROUNDS):
-            with open_summary_folder(folder) as here:
-                earlier = _earlier_rows(here)
-                if earlier is None:
-                    name = "its summary.parquet or report.html"
-                    progress.say(f"warning: {folder}: {name} is not quadlog's and is left alone")
-                    break
-                rows = _rows(folder, earlier, own)
-                columns = {name: [rows[run][name] for run in sorted(rows)] for name in TABLES["summary"].names}
-                write_table(here / "summary.parquet", TABLES["summary"], columns)
-                write_folder_page(here)
-            if not _finished_runs(folder, rows):
-                break
+    Raises CannotWrite.
+    """
+    known: set[str] = set()
+    while folder.is_dir() and not (names := _names(folder)) <= known:
+        known |= names
+        with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
+            here = _fetched(folder, Path(scratch)) if isinstance(folder, RemotePath) else folder
+            if not _is_ours(here):
+                progress.say(f"warning: {folder}: its {_TABLE} or {_PAGE} is not quadlog's and is left alone")
+                return
+            rows = [row for name in sorted(_names(here)) if (row := _row(here / name)) is not None]
+            if not rows:
+                return
+            columns = {name: [row.get(name, float("nan")) for row in rows] for name in TABLES["summary"].names}
+            write_table(here / _TABLE, TABLES["summary"], columns)
+            write_folder_page(here)
+            if isinstance(folder, RemotePath):
+                folder.upload_all(here, [_TABLE, _PAGE])
 
 
 def rebuild_summary(folder: Path) -> Path:
     """Summary and page of the runs that are in a folder now. Raises NotARun where there are none, CannotWrite."""
-    if not has_table(folder, "summary") and not _finished_runs(folder, ()):
+    if all(_row(folder / name) is None for name in _names(folder)):
         raise NotARun(folder, "is no run, and there is none in it")
-    summarise({folder}, [], said := Kept())
+    summarise(folder, said := Kept())
     if said.lines:
         raise NotARun(folder, said.lines[0].removeprefix(f"warning: {folder}: "))
-    return folder / "report.html"
+    return folder / _PAGE
 
 
-def _rows(folder: Path, earlier: Rows, own: Mapping[str, ReplayOutcome]) -> Rows:
-    """Rows by run: of this command's outcomes, of runs finished by other processes, and of the earlier summary."""
-    there = {entry.name for entry in folder.iterdir() if entry.is_dir()}
-    failed = {run for run, row in earlier.items() if row["exit_code"] == ExitCode.FAILED}
-    # A recording that could not be read has no folder, only its row.
-    rows = {run: row for run, row in earlier.items() if run in there | failed}
-    # From Python, and simulated, a run has no cost but that of its run.json.
-    costless = {run for run, outcome in own.items() if not outcome.cost and not outcome.failed}
-    written_ns = _written_ns(folder / "summary.parquet")
-    new = {run for run in failed | costless if _written_ns(folder / run / "run.json") > written_ns}
-    rows |= _finished_runs(folder, (rows.keys() | own.keys()) - new)
-    return rows | {run: _row(outcome, rows.get(run, {})) for run, outcome in own.items()}
+def _names(folder: Path) -> set[str]:
+    """The folders that hold a finished run or the reason of a failure."""
+    inside = [entry for entry in folder.iterdir() if entry.is_dir() and entry.name == run_name(entry.name)]
+    return {entry.name for entry in inside if (entry / FAILED).is_file() or is_finished(entry)}
 
 
-def _written_ns(path: Path) -> int:
-    return path.stat().st_mtime_ns if path.is_file() else 0
-
-
-def _finished_runs(folder: Path, known: Any) -> Rows:
-    """Rows of finished runs that are not among the known ones."""
-    rows = {}
-    for run in folder.iterdir():
-        if run.name in known or run.name != run_name(run.name) or not run.is_dir():
-            continue
-        try:
-            rows[run.name] = _row_of_run(run.name, read_record(run), read_metrics(run))
-        except QuadlogError:
-            continue  # not finished, of another format, or damaged
-    return rows
-
-
-def _row_of_run(name: str, record: RunRecord, metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def _row(run: Path) -> dict[str, Any] | None:
+    """The row of a run, or of a recording that failed since; None for a run that is damaged or of another format."""
+    try:
+        if (run / FAILED).is_file():
+            reason = str(read_object(run, FAILED, "").get("reason", ""))
+            return {"recording": run.name, "exit_code": int(ExitCode.FAILED), "reason": reason, "worker": ""}
+        record, metrics = read_record(run), read_metrics(run)
+    except QuadlogError:
+        return None
     lost = "; ".join(loss.detail for loss in record.losses)
-    cost = {
+    # A simulated walk that ended early is done, and says how it ended.
+    ended = [text for text in record.warnings if text.startswith("the robot ") and "course" in record.options]
+    return {
+        **{name: metric["value"] for name, metric in metrics.items()},
+        "recording": run.name,
+        "exit_code": int(ExitCode.WITH_LOSS if lost else ExitCode.DONE),
+        "reason": lost or "; ".join(ended),
         "wall_s": record.startup_s + sum(stage.seconds for stage in record.stages),
         "peak_memory_mb": max((stage.peak_memory_mb for stage in record.stages), default=float("nan")),
         "input_bytes": float(record.input.size_bytes),
         "worker": str(record.host.get("name", "")),
     }
-    return _filled(name, ExitCode.WITH_LOSS if lost else ExitCode.DONE, lost, metrics, cost)
 
 
-def _row(outcome: ReplayOutcome, earlier: Mapping[str, Any]) -> dict[str, Any]:
-    """One row; a run that was reused keeps its earlier cost."""
-    cost = outcome.cost or ({} if outcome.failed else earlier)
-    return _filled(outcome.run.name, outcome.exit_code, outcome.reason, outcome.metrics, cost)
-
-
-def _filled(
-    name: str, exit_code: int, reason: str, metrics: Mapping[str, Mapping[str, Any]], cost: Mapping[str, Any]
-) -> dict[str, Any]:
-    own = {"recording": name, "exit_code": int(exit_code), "reason": reason}
-    values = {each: metrics[each]["value"] if each in metrics else float("nan") for each in METRIC_NAMES}
-    costs = {each: cost.get(each, float("nan")) for each in COST_NAMES} | {"worker": cost.get("worker", "")}
-    return own | values | costs
-
-
-def _earlier_rows(folder: Path) -> Rows | None:
-    """Rows of the existing summary; None when summary.parquet or report.html is not quadlog's."""
-    if not has_table(folder, "summary"):
-        return None if (folder / "report.html").exists() else {}
+def _is_ours(folder: Path) -> bool:
+    """Whether both files are quadlog's, or not there."""
     try:
-        table = read_table(folder, "summary")
+        return bool(read_table(folder, "summary", ["recording"]))
     except NotARun:
-        return None
-    count = len(table["recording"])
-    rows = ({name: column[index] for name, column in table.items()} for index in range(count))
-    return {row["recording"]: row for row in rows}
+        return not has_table(folder, "summary") and not (folder / _PAGE).exists()
+
+
+def _fetched(folder: RemotePath, scratch: Path) -> Path:
+    """A copy of a folder of runs, with what table and page need of it: of the first runs their tracks, too."""
+    here = scratch / run_name(folder.name)
+    here.mkdir()
+    files = {name: folder / name for name in (_TABLE,) if (folder / name).is_file()}
+    for number, name in enumerate(sorted(_names(cast(Path, folder)))):
+        there = {path.name: path for path in (folder / name).iterdir()}
+        wanted = (*_READ, *(_DRAWN if number < MOST_THUMBNAILS else ()))
+        files |= {f"{name}/{each}": there[each] for each in wanted if each in there}
+        if _PAGE in there:
+            (here / name).mkdir(exist_ok=True)
+            (here / name / _PAGE).touch()  # it is linked to
+    fetch(files, here)
+    if (folder / _PAGE).is_file():
+        (here / _PAGE).touch()
+    return here

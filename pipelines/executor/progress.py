@@ -1,4 +1,4 @@
-"""Progress messages of a replay, sent from the process it runs in to a listener; lost without one."""
+"""Progress messages of a replay, the clock of its stages, and the memory it takes."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from socket import gethostname
-from typing import Any, Protocol
+from typing import Any
 
-Listener = Callable[[Any], None]
-"""Called with each message of a task, from any thread."""
-
-_listener: Listener | None = None
+_send: Callable[[Any], None] | None = None
 _name: str | None = None
 
 
 def tell(message: Any) -> None:
-    """Send a message of JSON values to the listener; without one it is dropped."""
-    if _listener is not None:
-        _listener(message)
+    """Send a message from a worker to the command that waits for it; dropped where there is none, or none any more."""
+    if _send is not None:
+        with suppress(OSError):
+            _send(message)
+
+
+def send_to(send: Callable[[Any], None] | None, name: str | None = None) -> None:
+    """From now on `tell` calls this function. name: of this worker, for `worker_name`."""
+    global _send, _name
+    _send, _name = send, name
 
 
 def worker_name() -> str:
@@ -30,24 +34,8 @@ def worker_name() -> str:
     return _name or f"{gethostname()}:{os.getpid()}"
 
 
-@contextmanager
-def told_to(listener: Listener | None, name: str | None = None) -> Iterator[None]:
-    """While the body runs, `tell` calls this function."""
-    global _listener, _name
-    before = _listener, _name
-    _listener, _name = listener, name
-    try:
-        yield
-    finally:
-        _listener, _name = before
-
-
-# On Linux; rusage would include the memory of the parent that this process was copied from.
-_STATUS, _FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-
-
-class Progress(Protocol):
-    """What is shown while a recording is replayed."""
+class Progress:
+    """What is shown while a recording is replayed; here, nothing."""
 
     def begin(self, stage: str, total: int | None) -> None:
         """A stage starts; total is the number of its steps, None when unknown."""
@@ -59,20 +47,10 @@ class Progress(Protocol):
         """A choice or a warning, one line."""
 
 
-class Silent:
-    """Shows nothing."""
-
-    def begin(self, stage: str, total: int | None) -> None:
-        """Nothing to show."""
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        """Nothing to show."""
-
-    def say(self, text: str) -> None:
-        """Nothing to show."""
+Silent = Progress
 
 
-class Kept(Silent):
+class Kept(Progress):
     """Keeps the lines, for the process that has the terminal."""
 
     def __init__(self) -> None:
@@ -84,25 +62,24 @@ class Kept(Silent):
 
 
 class StageClock:
-    """Seconds spent in each stage and the process's peak memory when it ended.
+    """Seconds spent in each stage, without compilation, and the process's peak memory when it ended.
 
     Stages may interleave: a scan is read, then filtered, then the next one is
     read; each stage gets its own share of the time.
     """
 
     def __init__(self) -> None:
+        from quadlog.pipelines.executor.compilation import compiling_s
+
         self.seconds: dict[str, float] = {}
         self.peak_memory_mb: dict[str, float] = {}
+        self._now_s: Callable[[], float] = lambda: time.perf_counter() - compiling_s()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Count the time of the block towards a stage."""
-        start = time.perf_counter()
-        try:
+        with self.laps(name):
             yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
-            self.peak_memory_mb[name] = peak_memory_mb()
 
     @contextmanager
     def laps(self, *names: str) -> Iterator[Callable[[str], None]]:
@@ -110,13 +87,13 @@ class StageClock:
 
         What is left at the end counts towards the first stage. Memory is looked at once, so that laps may be short.
         """
-        last = time.perf_counter()
+        last_s = self._now_s()
 
         def lap(name: str) -> None:
-            nonlocal last
-            now = time.perf_counter()
-            self.seconds[name] = self.seconds.get(name, 0.0) + now - last
-            last = now
+            nonlocal last_s
+            now_s = self._now_s()
+            self.seconds[name] = self.seconds.get(name, 0.0) + now_s - last_s
+            last_s = now_s
 
         try:
             yield lap
@@ -125,6 +102,10 @@ class StageClock:
             for name in names:
                 self.seconds.setdefault(name, 0.0)
                 self.peak_memory_mb[name] = peak_memory_mb()
+
+
+# On Linux; rusage would include the memory of the parent that this process was copied from.
+_STATUS, _FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 def peak_memory_mb() -> float:

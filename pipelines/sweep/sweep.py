@@ -9,7 +9,7 @@ from pathlib import Path
 from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RunExists
 from quadlog.pipelines.batch.batch import BatchOutcome, ReplayAll, open_workers
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchProgress
+from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.resume import find_reusable, refuse_another, stage_keys
 from quadlog.pipelines.stages.stage import stages_for
@@ -37,7 +37,7 @@ class SweepRequest:
     command: tuple[str, ...]
 
 
-def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: BatchProgress) -> list[SweepRow]:
+def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: BatchLines) -> list[SweepRow]:
     """Replay every combination and write the table and the page of all; returns the rows of the table.
 
     An error is the outcome of its combination, or of all that share the stage it met. Raises, before anything is

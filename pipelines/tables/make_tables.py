@@ -1,5 +1,5 @@
-"""Tables are measured, several at a time, and written; what was measured by the same code on the same kind of machine
-is reused.
+"""Tables are measured, their walks on all cores, judged and written; what was measured by the same code on the same
+kind of machine is reused.
 """
 
 from __future__ import annotations
@@ -8,20 +8,20 @@ import hashlib
 import importlib
 import json
 import platform
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+
+import pandas as pd
 
 import quadlog
 from quadlog import pipelines
 from quadlog.config.version import package_versions
 from quadlog.errors import UnknownName
-from quadlog.pipelines.executor.local_pool import LocalPool
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.tables.errata import errata_section
-from quadlog.pipelines.tables.figure_index import figures_section
-from quadlog.pipelines.tables.real.recordings import folder_of_datasets
+from quadlog.pipelines.tables.claims import Table
 from quadlog.pipelines.tables.registry import TABLES
 from quadlog.results.page.blocks import render
 from quadlog.results.page.papers import papers_page
@@ -36,9 +36,11 @@ def code_digest() -> str:
 
     It changes more often than the numbers do: no change of a number is ever missed.
     """
+    # The pipelines lie beside quadlog in a checkout, and inside it once installed; they have one name in both.
+    roots = [(package.__name__.replace(".", "/"), Path(package.__path__[0])) for package in (quadlog, pipelines)]
     sources = {
         f"{top}/{path.relative_to(root).as_posix()}": hashlib.sha256(path.read_bytes()).hexdigest()
-        for top, root in _roots()
+        for top, root in roots
         for path in root.rglob("*.py")
     }
     judged = {name: digest for name, digest in sources.items() if not name.startswith(ONLY_PRINTS)}
@@ -48,62 +50,27 @@ def code_digest() -> str:
     return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
 
 
-def _roots() -> list[tuple[str, Path]]:
-    """The pipelines lie beside quadlog in a checkout, and inside it once installed; they have one name in both."""
-    return [(package.__name__.replace(".", "/"), Path(package.__path__[0])) for package in (quadlog, pipelines)]
-
-
-SHARED_OUT = ("tracking-courses", "tracking-5", "foot-drift")
-"""Their walks go out over the cores: side by side with others they would only be in the way."""
-LONGEST_FIRST = ("planning-1", "planning-2", "following-2", "uwb-real", "following-lidar")
-"""Of the others, so that no core waits long for the last one."""
+def open_executor(tasks: int) -> Executor:
+    """Where walks run."""
+    return LocalPool(min(cores(), max(tasks, 1)))
 
 
 def measure_tables(
-    modules: dict[str, str], fast: bool, seed: int, say: Callable[[str], None]
-) -> Iterator[tuple[str, PaperTable]]:
-    """Each table with its name, as soon as it is measured. modules: by name, each with make_table(fast, seed).
+    tables: Mapping[str, Table], origin: Origin, executor: Executor, progress: Progress
+) -> Iterator[SavedTable]:
+    """Each table as soon as its walks are there; all walks are handed out at first, so that no core waits for a table.
 
-    Which cores there are changes the order they come in, and nothing in them. Raises WorkerDied when one is killed.
+    How many cores there are changes nothing in them. Raises WorkerDied when one is killed.
     """
-    alone = sorted((name for name in modules if name not in SHARED_OUT), key=_turn)
-    one_by_one = [name for name in modules if name in SHARED_OUT]
-    workers = min(cores(), len(alone))
-    if workers > 1:
-        yield from _side_by_side({name: modules[name] for name in alone}, fast, seed, workers, say)
-    else:
-        one_by_one = alone + one_by_one
-    for name in one_by_one:
-        say(_announced([name], fast, seed))
-        yield name, _measure(modules[name], fast, seed)
-
-
-def _turn(name: str) -> int:
-    return LONGEST_FIRST.index(name) if name in LONGEST_FIRST else len(LONGEST_FIRST)
-
-
-def _announced(names: Sequence[str], fast: bool, seed: int) -> str:
-    return f"{', '.join(names)}: {'fast' if fast else 'full'} run, seed {seed}"
-
-
-def _side_by_side(
-    modules: dict[str, str], fast: bool, seed: int, workers: int, say: Callable[[str], None]
-) -> Iterator[tuple[str, PaperTable]]:
-    say(_announced(list(modules), fast, seed))
-    with LocalPool(workers) as pool:
-        futures = {pool.submit(_measure, module, fast, seed): name for name, module in modules.items()}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _measure(module: str, fast: bool, seed: int) -> PaperTable:
-    table: PaperTable = importlib.import_module(module).make_table(fast, seed)
-    return table
-
-
-def _can_be_made_now(table: PaperTable) -> bool:
-    """Whether it was skipped for want of recordings that are there by now."""
-    return not table.rows and folder_of_datasets() is not None
+    progress.begin("walks", sum(len(table.study.points) for table in tables.values()))
+    futures = {name: table.study.submit(executor) for name, table in tables.items()}
+    for name, table in tables.items():
+        figures = []
+        for future in futures[name]:
+            figures.append(future.result())
+            progress.advance()
+        walks = table.study.records(figures)
+        yield SavedTable(table.on(pd.DataFrame(walks), name, origin.fast, origin.seed), origin, walks)
 
 
 def make_tables(
@@ -126,19 +93,18 @@ def make_tables(
         raise UnknownName("table", unknown[0], TABLES)
     chosen = [name for name in TABLES if name in names or not names]
     origin = Origin(code_digest(), fast, seed)
-    reused = [saved for saved in reusable_tables(folder, chosen, origin) if not _can_be_made_now(saved.table)]
-    tables = {saved.table.name: saved.table for saved in reused}
-    missing = {name: TABLES[name] for name in chosen if name not in tables}
-    prepare_folder(folder, list(missing), reused, force)
-    if reused:
-        progress.say(f"measured before, and nothing has changed since: {', '.join(tables)}")
-    for saved in reused:
-        write_table(folder, saved)
-    progress.begin("tables", len(missing))
-    for name, table in measure_tables(missing, fast, seed, progress.say):
-        write_table(folder, SavedTable(table, origin))
-        tables[name] = table
-        progress.advance()
-    page = papers_page(saved_tables(folder, list(TABLES)), origin.code, (figures_section(), errata_section()))
+    made = {saved.table.name: saved.table for saved in reusable_tables(folder, chosen, origin)}
+    missing = [name for name in chosen if name not in made]
+    prepare_folder(folder, missing, force)
+    if made:
+        progress.say(f"measured before, and nothing has changed since: {', '.join(made)}")
+    if missing:
+        progress.say(f"{', '.join(missing)}: {'fast' if fast else 'full'} run, seed {seed}")
+        tables = {name: importlib.import_module(TABLES[name]).table(fast, seed) for name in missing}
+        with open_executor(sum(len(table.study.points) for table in tables.values())) as executor:
+            for saved in measure_tables(tables, origin, executor, progress):
+                write_table(folder, saved)
+                made[saved.table.name] = saved.table
+    page = papers_page(saved_tables(folder, list(TABLES)), origin.code)
     write_report(folder, render(page), force)
-    return [tables[name] for name in chosen]
+    return [made[name] for name in chosen]

@@ -15,19 +15,28 @@ from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, NotARun, TooLar
 from quadlog.recordings.file_names import stem
 from quadlog.results.stages import STAGE_FILES
 from quadlog.results.tables import TABLES, has_table, read_table
+from quadlog.storage.atomic_write import is_part
 from quadlog.storage.remote_path import RemotePath, copy_object
 
 # Files that quadlog writes into a run folder; `--force` removes only these.
+FAILED = "failed.json"
+"""The reason why a recording was not replayed. A folder without other files counts as absent."""
 OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
         *(file for files in STAGE_FILES.values() for file in files),
         *("run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"),
+        FAILED,
     }
 )
 
 _TAKEN = {"summary.parquet", "report.html"}  # files in a folder of runs
 _MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
+
+
+def is_absent(name: str) -> bool:
+    """Whether a folder with files of such names alone counts as absent: a failure, and what was not finished."""
+    return name == FAILED or is_part(name)
 
 
 def run_name(name: str) -> str:

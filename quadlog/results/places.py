@@ -9,7 +9,7 @@ from pathlib import Path
 
 from quadlog.errors import CannotWrite, RunExists
 from quadlog.recordings.file_names import says_run
-from quadlog.results.find_runs import OWN_FILES
+from quadlog.results.find_runs import OWN_FILES, is_absent
 from quadlog.results.record import is_finished, read_record, write_record
 from quadlog.storage.atomic_write import check_name, is_part, move_whole, remove_stale_parts, uninterrupted
 
@@ -28,7 +28,7 @@ def claim(path: Path, replace: bool = False) -> None:
         names = {entry.name for entry in path.iterdir()}
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
-    if not all(is_part(name) for name in names):
+    if not all(is_absent(name) for name in names):
         if not says_run(path):
             raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
         if not replace:

@@ -31,7 +31,7 @@ def table_schema(columns: str) -> pa.Schema:
 
 METRIC_NAMES = tuple(CATALOGUE)
 
-COST_NAMES = ("wall_s", "cpu_s", "peak_memory_mb", "input_bytes")
+COST_NAMES = ("wall_s", "peak_memory_mb", "input_bytes")
 """Cost of replaying a recording in a batch."""
 
 _JOINT_NAMES = ("q_{:02d}_rad", "dq_{:02d}_radps", "tau_{:02d}_nm")

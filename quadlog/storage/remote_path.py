@@ -11,7 +11,7 @@ import io
 import posixpath
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -238,11 +238,12 @@ class RemotePath:
     def read_text(self, encoding: str = "utf-8") -> str:
         return self.read_bytes().decode(encoding)
 
-    def upload(self, path: str) -> None:
-        """A file of this machine under this name, whole or not at all: one PUT. Raises CannotWrite."""
-        self._write(lambda system, place: system.put_file(path, place))
+    def upload_all(self, folder: Path, names: Sequence[str]) -> None:
+        """Files of a folder of this machine, under the same names here, each whole: one PUT. Raises CannotWrite."""
+        here = [str(folder / name) for name in names]
+        self._write(lambda system, place: system.put(here, [f"{place.rstrip('/')}/{name}" for name in names]))
 
-    def unlink(self) -> None:
+    def unlink(self, missing_ok: bool = True) -> None:
         """Take the file away; one that is gone already is as well. Raises CannotWrite."""
         try:
             self._write(lambda system, place: system.rm_file(place))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from pathlib import Path
 
 import pytest
 
-from quadlog.pipelines.executor import dask_cluster
+from quadlog.pipelines.executor import cluster
 from tests.cli.conftest import FIXTURES, FOLLOW
 
 
@@ -84,10 +83,9 @@ def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, 
     assert not any(note.startswith("preset") for note in records[0]["notes"])
 
 
-def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_estimates_the_time(tmp_path, two, quadlog, ok):
+def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_says_what_is_left(tmp_path, two, quadlog, ok):
     out = ok("replay", *two, "--dry-run")
     assert "2 of 2 to replay, " in out.splitlines()[-1]
-    assert "unknown until one has been replayed" in out
     bad = [str(tmp_path / f"{name}.bag") for name in ("broken", "empty")]
     for path in bad:
         Path(path).write_text("no bag")
@@ -101,18 +99,15 @@ def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_estimates_the_time
     again = ["replay", *two, "--dry-run"]
     lines = ok(*again, "--resume", "--jobs", "2").splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["skip", "run"]
-    # A second worker would have nothing to do.
-    assert re.fullmatch(r"1 of 2 to replay, .*; about .* with 1 worker", lines[-1])
-    assert ok(*again, "--force", "--jobs", "1000000000").endswith(" with 2 workers\n")
+    assert lines[-1].startswith("1 of 2 to replay, ")
     done = quadlog(*again, "--resume", "--json")
-    kept, new = json.loads(done.out)
-    assert kept["expected_s"] == 0 < new["expected_s"]
+    _, new = json.loads(done.out)
     assert new["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size
     assert "1 of 2 to replay" in done.err
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(two, refused, monkeypatch, closed_port):
-    monkeypatch.setattr(dask_cluster, "ANSWER_S", 0.2)
+    monkeypatch.setattr(cluster, "ANSWER_S", 0.2)
     address = f"tcp://127.0.0.1:{closed_port}"
     said = refused(1, "replay", *two, "--scheduler", address)
     assert said == f"quadlog: --scheduler {address}: no Dask scheduler has answered within 0.2 s\n"

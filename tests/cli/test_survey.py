@@ -20,10 +20,22 @@ from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
 from quadlog.pipelines.survey.output import survey_toml
 from quadlog.pipelines.survey.survey import survey_recording
-from quadlog.pipelines.tables.real.recordings import LIAS_ANCHORS_M, LIAS_LEVERS_M, LIAS_TAG_HEIGHT_M
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
 from quadlog.storage.formats.tum import read_tum
 
+# As the authors of the recording publish them: anchors 0 to 7, where tags 0 to 2 sit on the trolley, and how high.
+LIAS_ANCHORS_M = (
+    (-3.4203, 3.0053, 1.0442),
+    (0.0016, 3.0110, 1.0446),
+    (3.6056, 2.9795, 1.0463),
+    (3.6011, -0.0008, 1.0422),
+    (3.5674, -3.0087, 1.0443),
+    (-0.0072, -2.9652, 1.0444),
+    (-3.4673, -2.9587, 1.0445),
+    (-3.4858, -0.0098, 1.0457),
+)
+LIAS_LEVERS_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
+LIAS_TAG_HEIGHT_M = 0.97
 TABLE = '[[uwb.tags]]\nid = {}\nrole = "robot"\nx_m = {}\ny_m = {}\n'
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from dask.local import SynchronousExecutor
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -23,8 +26,8 @@ from quadlog.config.schema import Config
 from quadlog.pipelines.batch import batch
 from quadlog.pipelines.batch.plan import Planned, plan_batch
 from quadlog.pipelines.batch.progress import BatchLines
-from quadlog.pipelines.executor.executor import Engine
-from quadlog.pipelines.executor.progress import Listener, Silent, told_to
+from quadlog.pipelines.executor.pool import Workers
+from quadlog.pipelines.executor.progress import Silent, send_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
@@ -105,16 +108,44 @@ def from_obstacle() -> Callable[[Obstacle, np.ndarray], np.ndarray]:
     return distance_m
 
 
+class InTurn(deque[tuple[Future[Any], Callable[[], Any]]]):
+    """Workers of this process, where a test can replace functions: a task is done when nothing else is to be read."""
+
+    def __init__(self) -> None:
+        self._came: SimpleQueue[Any] = SimpleQueue()
+        self.put = self._came.put
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
+        self.append((Future(), partial(call, *args)))
+        return self[-1][0]
+
+    def stop(self) -> None:
+        while self:
+            self.pop()[0].cancel()
+
+    def get(self, timeout: float) -> Any:
+        while self._came.empty():
+            future, call = self.popleft()
+            try:
+                future.set_result(call())
+            except BaseException as error:
+                future.set_exception(error)
+        return self._came.get()
+
+
 @pytest.fixture
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs a batch's recordings in this process, where a test can replace functions."""
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Runs a batch's recordings in this process, one after the other."""
 
     @contextmanager
-    def open_engine(jobs: int, scheduler: str | None, listener: Listener) -> Iterator[Engine]:
-        with told_to(listener):
-            yield Engine(SynchronousExecutor(), lambda: 1, lambda: 1, lambda: None)
+    def open_executor(jobs: int, scheduler: str | None) -> Iterator[Workers]:
+        workers = InTurn()
+        send_to(workers.put)
+        yield Workers(workers.submit, workers, workers.stop, lambda: 1)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(batch, "open_engine", open_engine)
+    monkeypatch.setattr(batch, "open_executor", open_executor)
+    yield
+    send_to(None)
 
 
 @pytest.fixture(scope="session")

@@ -261,14 +261,3 @@ def test_two_processes_in_one_folder_end_with_the_results_of_one(ask, fixtures, 
     assert not [path.name for path in run.iterdir() if path.name.startswith(".")]
     replay(ask(run), Silent())
     assert saved(run) == in_one_go
-
-
-def test_compiled_code_that_finds_no_room_is_told_as_well(ask, monkeypatch, tmp_path):
-    def fill() -> None:
-        with full_disk(10):
-            (tmp_path / "cache").write_bytes(bytes(1000))
-
-    monkeypatch.setattr("quadlog.pipelines.stages.warm_up._locate_toy_tag", fill)
-    with pytest.raises(CannotWrite, match=r"the cache of compiled code: cannot be written: .*; --resume goes on"):
-        replay(ask(tmp_path / "run"), Silent())
-    assert not (tmp_path / "run").exists()

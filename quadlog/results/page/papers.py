@@ -1,4 +1,4 @@
-"""The page of the papers' tables: what reproduces, and each table with printed values beside measured ones."""
+"""The page of the papers' tables: which claims reproduce, and each table with printed values beside measured ones."""
 
 from __future__ import annotations
 
@@ -19,35 +19,36 @@ from quadlog.results.page.blocks import (
     Text,
 )
 from quadlog.results.page.blocks import Verdict as Findings
+from quadlog.results.papers.picture import table_picture
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTable, Verdict
 from quadlog.results.words import State
 
-RULES = {
-    Verdict.NO: "our interval leaves out the printed number, or lies on the other side of the claim; a note says why",
-    Verdict.UNDECIDED: "our interval holds both the printed number or claim and its contrary",
-    Verdict.YES: "ours, rounded to the digits printed, is the printed number; where runs are drawn, our interval holds "
-    "it and leaves out the contrary, or lies within a fifth of it; of a claim: all of the interval is on its side",
-    Verdict.NOT_COMPARABLE: "the paper does not say how its number came about, or ours rests on that very number",
+LOOKS: dict[Verdict, tuple[str, State, str]] = {
+    Verdict.NO: ("Do not", "bad", "print and ours are not of one kind, or ours is beyond the claim; a note says why"),
+    Verdict.UNDECIDED: (
+        "Undecided",
+        "warn",
+        "our interval holds it and its contrary, or settings contradict each other",
+    ),
+    Verdict.YES: ("Reproduce", "good", "our interval holds the number and not its contrary, or is on the claim's side"),
+    Verdict.NOT_COMPARABLE: (
+        "Not comparable",
+        "",
+        "its origin is not said, ours rests on it, or it holds by construction",
+    ),
 }
-LOOKS: dict[Verdict, tuple[str, State]] = {
-    Verdict.NO: ("Do not", "bad"),
-    Verdict.UNDECIDED: ("Undecided", "warn"),
-    Verdict.YES: ("Reproduce", "good"),
-    Verdict.NOT_COMPARABLE: ("Not comparable", ""),
-}
-"""Word and colour of each verdict, worst first."""
+"""Word, colour and rule of each verdict, worst first."""
 
 
-def papers_page(saved: Sequence[SavedTable], code: str, appendices: Sequence[Section]) -> Page:
+def papers_page(saved: Sequence[SavedTable], code: str) -> Page:
     """The page of all tables in a folder. code: digest of the current quadlog; tables of another one are named."""
     tables = [of.table for of in saved]
-    comparable = sum(table.comparable for table in tables)
-    findings = []
-    for verdict, (word, state) in LOOKS.items():
-        number = sum(table.count(verdict) for table in tables)
-        of = f" of {comparable}" if verdict is not Verdict.NOT_COMPARABLE else ""
-        if number:
-            findings.append(Sentence(word, f"{number}{of} printed numbers and claims: {RULES[verdict]}.", state))
+    verdicts = [verdict for table in tables for verdict in table.claims.values()]
+    findings = [
+        Sentence(word, f"{number} of {len(verdicts)} claims: {rule}.", state)
+        for verdict, (word, state, rule) in LOOKS.items()
+        if (number := verdicts.count(verdict))
+    ]
     first: list[Any] = [Findings(findings)]
     fast, old = [t.name for t in tables if t.fast], [of.table.name for of in saved if of.origin.code != code]
     notes = []
@@ -60,20 +61,24 @@ def papers_page(saved: Sequence[SavedTable], code: str, appendices: Sequence[Sec
     first.append(_overview(tables))
     facts = [
         f"{count(len(tables))} table{'s' * (len(tables) != 1)}",
-        f"{count(sum(len(table.rows) for table in tables))} quantities",
+        f"{count(len(verdicts))} printed numbers and claims, counted once for all settings",
     ]
-    sections = [Section("", first), *map(_section, tables), *appendices]
-    return Page("The papers' tables, measured again", sections, facts)
+    sections = [Section("", first), *map(_section, tables)]
+    return Page("The papers' tables, measured again", sections, [*facts, "errata: docs/errata.md"])
 
 
 def _overview(tables: Sequence[PaperTable]) -> Table:
     columns = [Column("table"), Column("of", wide=True), *(Column(str(verdict), True) for verdict in LOOKS)]
     rows = []
     for table in tables:
-        counts = [(table.count(verdict), state) for verdict, (_, state) in LOOKS.items()]
+        verdicts = [*table.claims.values()]
+        counts = [(verdicts.count(verdict), state) for verdict, (_, state, _) in LOOKS.items()]
         cells = [Cell(str(number) if number else "", number, state=state) for number, state in counts]
         rows.append([Cell(table.name, href=f"#{table.name}"), Cell(table.title), *cells, Cell(str(len(table.rows)))])
     return Table([*columns, Column("quantities", True)], rows, "tables")
+
+
+LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
 
 
 def _section(table: PaperTable) -> Section:
@@ -82,9 +87,9 @@ def _section(table: PaperTable) -> Section:
     blocks: list[Any] = [Text(f"{table.reproduced}. {table.sizes} Made by {table.command}{fast}; also as {files}.")]
     for number, group in enumerate(table.groups):
         blocks.append(_group(group, f"{table.name}-{number}"))
-    blocks += [Picture(picture.png, picture.alt, picture.caption) for picture in table.pictures]
-    if table.errata:
-        blocks.append(Notes("Errata", table.errata, ""))
+    picture = table_picture(table)
+    if picture is not None:
+        blocks.append(Picture(picture, f"{table.title}: our numbers beside the printed ones.", LEGEND))
     return Section(table.name, blocks, f"{table.title}. {table.caption}".replace("`", ""))
 
 

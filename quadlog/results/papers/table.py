@@ -1,11 +1,11 @@
-"""A measured table of a paper: rows in groups, pictures, and how it was measured; saved and loaded."""
+"""A measured table of a paper: rows in groups, and how it was measured; saved and loaded."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -16,7 +16,7 @@ class Verdict(StrEnum):
     """Whether what a paper prints reproduces.
 
     undecided: our interval holds both what the paper prints and its contrary. not comparable: the paper does not say
-    how its number came about, or ours rests on that very number.
+    how its number came about, ours rests on that very number, or holds by construction.
     """
 
     YES = "yes"
@@ -33,6 +33,7 @@ class PaperRow:
     ours: of all runs; low, high: 95 % interval of the same statistic over the same runs, None where nothing is drawn.
     claim: what the paper says instead of a number, as "> 5"; paper is then the 5, or None.
     reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
+    of: which number or claim of the paper this is one setting of; empty where it is the only one.
     """
 
     quantity: str
@@ -43,6 +44,7 @@ class PaperRow:
     reproduces: Verdict | None = None
     note: str = ""
     claim: str = ""
+    of: str = ""
 
     def __post_init__(self) -> None:
         given = (self.ours, self.paper, self.low, self.high)
@@ -66,21 +68,10 @@ class RowGroup:
 
 
 @dataclass(frozen=True, slots=True)
-class TablePicture:
-    """A PNG of a table. name: stem of the file; alt: text for readers who cannot see it; caption: how to read it."""
-
-    name: str
-    alt: str
-    caption: str
-    png: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class PaperTable:
     """A table or a few figures of a paper, measured again.
 
     name: as the command line takes it. sizes: one sentence on how many seeds, fixes or episodes it rests on.
-    errata: sentences on what is wrong in print and concerns this table.
     """
 
     name: str
@@ -90,8 +81,6 @@ class PaperTable:
     seed: int
     fast: bool
     groups: tuple[RowGroup, ...]
-    pictures: tuple[TablePicture, ...] = ()
-    errata: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         quantities = [row.quantity for row in self.rows]
@@ -102,23 +91,22 @@ class PaperTable:
         """The rows of all groups, in order."""
         return tuple(row for group in self.groups for row in group.rows)
 
-    def count(self, verdict: Verdict) -> int:
-        """Rows with this verdict."""
-        return sum(row.reproduces is verdict for row in self.rows)
-
     @property
-    def comparable(self) -> int:
-        """Rows that reproduce, do not, or are undecided."""
-        return sum(map(self.count, (Verdict.YES, Verdict.NO, Verdict.UNDECIDED)))
+    def claims(self) -> dict[str, Verdict]:
+        """The verdict on each number and claim of the paper, once, whatever the number of settings it is measured in.
+
+        Yes or no where some setting says so and none the contrary; undecided where settings contradict each other.
+        """
+        found: dict[str, set[Verdict]] = {}
+        for row in self.rows:
+            if row.reproduces is not None:
+                found.setdefault(row.of or row.quantity, set()).add(row.reproduces)
+        return {claim: _joined(verdicts) for claim, verdicts in found.items()}
 
     @property
     def reproduced(self) -> str:
-        """How many of what the paper prints, in words."""
-        if not any(map(self.count, Verdict)):
-            return "the paper prints none"
-        others = [f"{self.count(each)} {each}" for each in (Verdict.UNDECIDED, Verdict.NOT_COMPARABLE)]
-        others = [each for each in others if not each.startswith("0 ")]
-        return ", ".join([f"{self.count(Verdict.YES)} of {self.comparable} printed numbers reproduce", *others])
+        """How many of the claims reproduce, in words."""
+        return reproduced(self.claims.values()) or "the paper prints none"
 
     @property
     def command(self) -> str:
@@ -127,16 +115,29 @@ class PaperTable:
         return f"quadlog tables {self.name}{fast}{seed}"
 
 
+def _joined(verdicts: set[Verdict]) -> Verdict:
+    clear = verdicts & {Verdict.YES, Verdict.NO}
+    if len(clear) == 1:
+        return clear.pop()
+    return Verdict.NOT_COMPARABLE if verdicts == {Verdict.NOT_COMPARABLE} else Verdict.UNDECIDED
+
+
+def reproduced(verdicts: Iterable[Verdict]) -> str:
+    """Counts of claims in words, empty without any."""
+    counts = Counter(verdicts)
+    words = {Verdict.YES: "reproduce", Verdict.NO: "do not"}
+    parts = [f"{counts[verdict]} {words.get(verdict, verdict)}" for verdict in Verdict if counts[verdict]]
+    claims = f"{counts.total()} claim{'s' * (counts.total() != 1)}"
+    return f"{claims}: {', '.join(parts)}" if parts else ""
+
+
 LARGEST_BYTES = 16_000_000
 """No more is read of a file; no table comes near."""
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What the content of a table depends on. code: digest of quadlog and its packages; fast, seed: as requested.
-
-    A table without random draws has fast False and seed 0 itself, whatever was requested.
-    """
+    """What the content of a table depends on. code: digest of quadlog and its packages; fast, seed: as requested."""
 
     code: str
     fast: bool
@@ -145,62 +146,31 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class SavedTable:
-    """A table in a folder, and its origin."""
+    """A table in a folder, its origin, and the walks that it rests on: a row of factors and figures for each."""
 
     table: PaperTable
     origin: Origin
-
-
-def picture_file(table: PaperTable, picture: TablePicture) -> str:
-    """File name of a picture."""
-    return f"{table.name}-{picture.name}.png"
+    walks: Sequence[Mapping[str, Any]] = ()
 
 
 def json_bytes(saved: SavedTable) -> bytes:
-    """The table as JSON with a SHA-256 of itself; pictures are replaced by their SHA-256."""
-    table = asdict(saved.table)
-    for picture in table["pictures"]:
-        picture["sha256"] = hashlib.sha256(picture.pop("png")).hexdigest()
-    body = {"origin": asdict(saved.origin), "table": table}
-    return (json.dumps(body | {"sha256": _digest(body)}, indent=1, ensure_ascii=False) + "\n").encode()
+    """All of it as JSON."""
+    return (json.dumps(asdict(saved), indent=1, ensure_ascii=False) + "\n").encode()
 
 
 def load_saved(folder: Path, name: str) -> SavedTable | None:
-    """The table saved in a folder; None if it is missing, incomplete or damaged."""
+    """The table saved in a folder; None if it is missing, incomplete or not one."""
     try:
         with (folder / f"{name}.json").open("rb") as stream:
             body = json.loads(stream.read(LARGEST_BYTES))
-        if body.pop("sha256") != _digest(body) or body["table"]["name"] != name:
-            return None
-        return SavedTable(_table(folder, body["table"]), Origin(**body["origin"]))
+        fields = body["table"]
+        groups = tuple(RowGroup(**group | {"rows": tuple(map(_row, group["rows"]))}) for group in fields["groups"])
+        saved = SavedTable(PaperTable(**fields | {"groups": groups}), Origin(**body["origin"]), body["walks"])
     except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError, AssertionError):
         return None
-
-
-def _digest(body: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
-
-
-def _table(folder: Path, fields: dict[str, Any]) -> PaperTable:
-    """Raises the errors that `load_saved` handles."""
-    groups = tuple(
-        RowGroup(group["title"], group["text"], tuple(map(_row, group["rows"]))) for group in fields.pop("groups")
-    )
-    pictures = tuple(_picture(folder, fields["name"], each) for each in fields.pop("pictures"))
-    return PaperTable(**fields | {"errata": tuple(fields["errata"])}, groups=groups, pictures=pictures)
+    return saved if saved.table.name == name else None
 
 
 def _row(fields: dict[str, Any]) -> PaperRow:
-    verdict = fields.pop("reproduces")
-    return PaperRow(**fields, reproduces=None if verdict is None else Verdict(verdict))
-
-
-def _picture(folder: Path, name: str, fields: dict[str, Any]) -> TablePicture:
-    """Raises ValueError if the picture's file has changed."""
-    sha256 = fields.pop("sha256")
-    # Only files of this folder: a damaged name must not lead elsewhere.
-    files = {path.name: path for path in folder.glob(f"{name}-*.png")}
-    png = files[f"{name}-{fields['name']}.png"].read_bytes()
-    if hashlib.sha256(png).hexdigest() != sha256:
-        raise ValueError(name)
-    return TablePicture(**fields, png=png)
+    verdict = fields["reproduces"]
+    return PaperRow(**fields | {"reproduces": None if verdict is None else Verdict(verdict)})

@@ -1,130 +1,139 @@
+"""Many recordings: what is done, what is left of those that fail, and what a second command makes of it."""
+
 from __future__ import annotations
 
+import errno
 import json
+import os
+import re
 import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from quadlog.errors import CannotWrite
+import quadlog
+from quadlog.errors import CannotWrite, RecordingNotFound
+from quadlog.pipelines import replay as replay_module
+from quadlog.pipelines.batch import batch as batch_module
 from quadlog.pipelines.batch.batch import BatchOutcome, replay_alone, replay_batch
-from quadlog.pipelines.batch.plan import plan_batch, preview_batch
+from quadlog.pipelines.batch.plan import existing_runs, plan_batch, preview_batch
 from quadlog.pipelines.batch.progress import BatchLines
+from quadlog.pipelines.batch.summary import rebuild_summary
 from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.replay import replay as really_replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
 from quadlog.results.tables import COST_NAMES
+from quadlog.storage.atomic_write import part_prefix
 
 
-def replay_all(batch, jobs=1, lines=None, scheduler=None):
-    return replay_batch(batch, jobs, scheduler, BatchLines([].append if lines is None else lines.append))
+def replay_all(batch, jobs=1, lines=None):
+    return replay_batch(batch, jobs, None, BatchLines([].append if lines is None else lines.append))
 
 
 def summary_of(output):
     return pq.read_table(output / "summary.parquet").to_pandas().set_index("recording")
 
 
+def actions(batch):
+    return sorted(each.action for each in preview_batch(batch))
+
+
 @pytest.fixture(scope="module")
 def finished(planned, tmp_path_factory):
-    """Replayed one by one in this process: the folder, the outcome, and what was said."""
+    """All of the season by two processes: the folder, the outcome, and what was said."""
     output, lines = tmp_path_factory.mktemp("out") / "runs", []
-    return output, replay_all(planned(output, until="control"), lines=lines), lines
+    return output, replay_all(planned(output, until="position"), 2, lines), lines
 
 
-def test_a_failure_never_stops_the_rest_and_stands_in_the_summary(finished):
-    output, outcome, _ = finished
+def test_a_failure_never_stops_the_rest_and_leaves_its_reason(finished, season):
+    output, outcome, lines = finished
     assert outcome.exit_code == 3
     assert [run.failed for run in outcome.runs] == [True, False, False, False]
     summary = summary_of(output)
     assert set(summary.index) == {"broken", "walk.mcap", "walk.bag", "walk.db3"}
     assert summary.loc["broken", "exit_code"] == 1
     assert summary.loc["broken", "reason"].startswith("not a recording: unknown file format")
-    assert summary["eta_m"].notna().sum() == 3
+    assert [path.name for path in (output / "broken").iterdir()] == ["failed.json"]
     assert "not a recording: unknown file format" in (output / "report.html").read_text()
+    assert summary.drop("broken")[list(COST_NAMES)].gt(0).all().all()
+    assert summary.loc["walk.bag", "input_bytes"] == (season / "walk.bag").stat().st_size
+    ended = [line for line in lines if ": warning: " not in line]
+    assert [line[:6] for line in ended] == [f"[{number}/4] " for number in range(1, 5)]
+    assert sum(": done" in line for line in ended) == 3
 
 
-def test_the_summary_tells_what_each_recording_cost(finished, season):
-    summary = summary_of(finished[0])
-    assert list(summary.columns[-5:]) == [*COST_NAMES, "worker"]
-    done = summary.drop("broken")
-    assert (done[["wall_s", "cpu_s"]] > 0).all().all()
-    assert done["peak_memory_mb"].between(50, 5000).all()
-    assert all(done.loc[f"walk.{kind}", "input_bytes"] == (season / f"walk.{kind}").stat().st_size for kind in ("bag",))
-    assert done["worker"].nunique() == 1
-
-
-def test_there_is_one_line_for_each_recording_and_one_for_each_warning(finished):
-    lines = [line for line in finished[2] if ": warning: " not in line]
-    assert [line.split(":")[0] for line in lines[:-1]] == [
-        f"[{i}/4] walk.{k}" for i, k in zip((1, 2, 3), order(finished), strict=True)
-    ]
-    assert lines[-1].startswith("[4/4] broken: not a recording")
-
-
-def order(finished):
-    """The containers, the largest recording first."""
-    sizes = {run.run.name: run.cost["input_bytes"] for run in finished[1].runs if not run.failed}
-    return [name.removeprefix("walk.") for name in sorted(sizes, key=sizes.__getitem__, reverse=True)]
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3"])
+def test_processes_do_not_change_a_byte(finished, replayed_season, saved, name):
+    assert saved(finished[0] / name) == saved(replayed_season / name)
 
 
 @pytest.mark.parametrize("other", ["bag", "db3"])
 def test_the_same_messages_in_three_containers_give_identical_tables(finished, other):
-    output, _, _ = finished
-    for path in sorted((output / "walk.mcap").glob("*.parquet")):
-        one, two = (pq.read_table(path), pq.read_table(output / f"walk.{other}" / path.name))
-        kept = [name for name in one.column_names if name not in ("ms", "us")]
-        assert one.select(kept).equals(two.select(kept)), path.name
-    for name in ("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm"):
-        assert (output / "walk.mcap" / name).read_bytes() == (output / f"walk.{other}" / name).read_bytes(), name
+    for path in sorted((finished[0] / "walk.mcap").glob("*.parquet")):
+        assert pq.read_table(path).equals(pq.read_table(finished[0] / f"walk.{other}" / path.name)), path.name
 
 
-def test_processes_do_not_change_a_byte(planned, finished, saved, tmp_path):
-    outcome = replay_all(planned(tmp_path / "runs", until="control"), jobs=2)
-    assert [run.failed for run in outcome.runs] == [True, False, False, False]
-    for name in ("walk.mcap", "walk.bag", "walk.db3"):
-        assert saved(tmp_path / "runs" / name) == saved(finished[0] / name), name
-    assert {run.reason for run in outcome.runs} == {run.reason for run in finished[1].runs}
+def test_what_would_happen_is_known_before_and_a_failure_counts_as_absent(planned, finished, tmp_path, monkeypatch):
+    output = finished[0]
+    with monkeypatch.context() as patch:
+        patch.setattr(replay_module, "describe_input", lambda path: pytest.fail(f"{path} is hashed"))
+        assert actions(planned(tmp_path / "runs")) == ["run"] * 4
+    assert not (tmp_path / "runs").exists()
+    assert actions(planned(output, until="position", existing=Existing.RESUME)) == ["run", "skip", "skip", "skip"]
+    assert actions(planned(output)) == ["refuse", "refuse", "refuse", "run"]
+    assert actions(planned(output, existing=Existing.FORCE)) == ["replace", "replace", "replace", "run"]
+    assert actions(planned(output, until="map", existing=Existing.RESUME)) == ["resume"] * 3 + ["run"]
+    assert len(existing_runs(planned(output))) == 3
+    with pytest.raises(RecordingNotFound):
+        planned(tmp_path / "runs", str(tmp_path))
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(CannotWrite, match="is no folder"):
+        planned(tmp_path / "file")
 
 
-def test_what_is_done_already_keeps_its_row_and_what_it_cost(planned, finished):
-    before = summary_of(finished[0])
-    lines = []
-    again = replay_all(planned(finished[0], until="control", existing=Existing.RESUME), lines=lines)
+def test_the_same_again_reuses_or_refuses_and_the_summary_stays(planned, finished):
+    output, before, lines = finished[0], summary_of(finished[0]), []
+    again = replay_all(planned(output, until="position", existing=Existing.RESUME), lines=lines)
     assert again.exit_code == 3
-    after = summary_of(finished[0])
-    assert after.drop("broken").equals(before.drop("broken"))
-    assert sum("; reused 5 of 5 stages: position, filter, map" in line for line in lines) == 3
+    assert sum("; reused 1 of 1 stages: position" in line for line in lines) == 3
+    refused = replay_all(planned(output, "walk.bag", "walk.db3"))
+    assert refused.exit_code == 1
+    assert all("--resume to continue" in run.reason for run in refused.runs)
+    assert summary_of(output).equals(before)
+    assert rebuild_summary(output) == output / "report.html"
+    assert summary_of(output).equals(before)
 
 
-def test_a_failure_stays_in_the_summary_though_the_earlier_run_is_still_there(planned, season, season_config, tmp_path):
+@pytest.mark.usefixtures("in_this_process")
+def test_a_failure_stays_in_the_summary_until_the_recording_is_replayed(planned, season, season_config, tmp_path):
     def replayed(name, existing=Existing.REFUSE):
         arguments = (tmp_path / "runs", season_config, ReplayOptions(until="ingest"), existing, ())
-        return replay_all(plan_batch([str(tmp_path / name)], *arguments))
+        replay_all(plan_batch([str(tmp_path / name)], *arguments))
+        return dict(summary_of(tmp_path / "runs")["exit_code"])
 
     for name in ("one.bag", "two.bag"):
         shutil.copy(season / "walk.bag", tmp_path / name)
-    replayed("one.bag")
+    assert replayed("one.bag") == {"one": 0}
     (tmp_path / "one.bag").write_text("damaged since")
-    replayed("one.bag", Existing.FORCE)
-    replayed("two.bag")
-    summary = summary_of(tmp_path / "runs")
-    assert dict(summary["exit_code"]) == {"one": 1, "two": 0}
-    assert "not a recording" in summary.loc["one", "reason"]
+    assert replayed("one.bag", Existing.FORCE) == {"one": 1}
+    assert replayed("two.bag") == {"one": 1, "two": 0}
+    assert "not a recording" in summary_of(tmp_path / "runs").loc["one", "reason"]
+    shutil.copy(season / "walk.bag", tmp_path / "one.bag")
+    assert replayed("one.bag", Existing.RESUME) == {"one": 0, "two": 0}
+    shutil.rmtree(tmp_path / "runs" / "one")
+    assert replayed("two.bag", Existing.FORCE) == {"two": 0}
 
 
-def test_a_refused_run_keeps_its_row(planned, finished):
-    before = summary_of(finished[0])
-    lines = []
-    outcome = replay_all(planned(finished[0], "walk.bag", "walk.db3"), lines=lines)
-    assert outcome.exit_code == 1
-    assert all("--resume to continue" in run.reason for run in outcome.runs)
-    assert summary_of(finished[0]).loc["walk.bag"].equals(before.loc["walk.bag"])
-
-
+@pytest.mark.usefixtures("in_this_process")
 def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path):
     class Racing(BatchLines):
         """Finishes the second recording, asked for less, while the first one is replayed."""
 
-        def expect(self, tally, workers):
+        def expect(self, tally):
             replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1], Silent())
 
     batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
@@ -134,6 +143,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
     assert json.loads((tmp_path / "runs" / "walk.db3" / "run.json").read_text())["options"]["until"] == "ingest"
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, season_config, tmp_path):
     output = tmp_path / "runs"
     replay_alone(planned(output, "walk.bag")[0], Silent())
@@ -141,54 +151,167 @@ def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, s
     shutil.copy(season / "walk.db3", tmp_path / "walk.db3")
     arguments = (output, season_config, ReplayOptions(until="ingest"), Existing.RESUME, ())
     batch = plan_batch([str(tmp_path / "walk.db3")], *arguments)
-    assert [each.action for each in preview_batch(batch)] == ["refuse"]
-    outcome = replay_all(batch)
-    assert f"is the run of {season / 'walk.bag'}" in outcome.runs[0].reason
+    assert actions(batch) == ["refuse"]
+    assert f"is the run of {season / 'walk.bag'}" in replay_all(batch).runs[0].reason
     assert summary_of(output).loc["walk"].equals(before)
 
 
-def test_one_recording_alone_costs_something_too(planned, tmp_path):
-    (again,) = planned(tmp_path, "walk.bag", existing=Existing.FORCE)
-    replay_alone(again, Silent())
-    first = summary_of(tmp_path).loc["walk"]
-    assert first["wall_s"] > 0
-    assert first["worker"]
-    replay_alone(again, Silent())
-    assert summary_of(tmp_path).loc["walk", "wall_s"] != first["wall_s"]
+def test_a_run_from_python_costs_something_too(season, season_config, tmp_path):
+    anchors = [each.model_dump(exclude_none=True) for each in season_config.uwb.anchors]
+    quadlog.replay(season / "walk.bag", output=tmp_path, until="ingest", settings={"uwb": {"anchors": anchors}})
+    assert (summary_of(tmp_path).loc["walk", list(COST_NAMES)] > 0).all()
+    assert summary_of(tmp_path).loc["walk", "worker"]
 
 
-def test_an_output_that_is_no_folder_is_refused_before_anything_runs(planned, tmp_path):
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(CannotWrite, match="is no folder"):
-        planned(tmp_path / "file")
-
-
-def test_rows_of_earlier_commands_stay_while_their_runs_do(season, season_config, tmp_path):
-    for name in ("first", "second", "third"):
-        shutil.copy(season / "walk.bag", tmp_path / f"{name}.bag")
-        recording, options = str(tmp_path / f"{name}.bag"), ReplayOptions(until="ingest")
-        batch = plan_batch([recording], tmp_path / "runs", season_config, options, Existing.REFUSE, ())
-        replay_alone(batch[0], Silent())
-        if name == "first":
-            shutil.rmtree(tmp_path / "runs" / name)
-    assert list(summary_of(tmp_path / "runs").index) == ["second", "third"]
-
-
-def test_somebody_elses_report_is_left_alone(planned, tmp_path):
+def test_somebody_elses_report_and_folder_are_left_alone(planned, tmp_path):
     (tmp_path / "report.html").write_text("my thesis")
     kept = Kept()
     assert replay_alone(planned(tmp_path, "walk.bag")[0], kept).exit_code == 0
     assert (tmp_path / "report.html").read_text() == "my thesis"
     assert not (tmp_path / "summary.parquet").exists()
     assert any("is left alone" in line for line in kept.lines)
+    thesis = tmp_path / "runs" / "walk" / "thesis.tex"
+    thesis.parent.mkdir(parents=True)
+    thesis.write_text("mine")
+    assert replay_all(planned(tmp_path / "runs", "walk.bag", existing=Existing.FORCE)).exit_code == 1
+    assert list(thesis.parent.iterdir()) == [thesis]
 
 
 def test_thousands_of_failures_are_counted_and_some_of_them_named(tmp_path):
     runs = tuple(ReplayOutcome(tmp_path / f"r{n}", tmp_path / f"{n}", 1 if n else 0, f"why {n}") for n in range(1000))
     lines = BatchOutcome(runs).failure_lines()
-    assert lines[0] == "999 of 1000 recordings failed:"
-    assert lines[1] == f"  {tmp_path / 'r1'}: why 1"
+    assert (lines[0], lines[1]) == ("999 of 1000 recordings failed:", f"  {tmp_path / 'r1'}: why 1")
     assert len(lines) == 22
     assert lines[-1].startswith("  and 979 more")
     assert len(BatchOutcome(runs[:21]).failure_lines()) == 21
     assert BatchOutcome(runs[:1]).failure_lines() == []
+
+
+class Assassin(BatchLines):
+    """Kills the worker of a run when it says that it is amid a stage, so many times."""
+
+    def __init__(self, victim, times):
+        self.lines, self.killed = [], []
+        super().__init__(self.lines.append)
+        self._victim, self._times = victim, times
+
+    def hear(self, step):
+        pid = int(step["worker"].rpartition(":")[2])
+        amid = step["stage"] == "position" and step["run"] == self._victim
+        if amid and pid not in self.killed and len(self.killed) < self._times:
+            self.killed.append(pid)
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_recording_whose_worker_is_killed_is_tried_again_once(planned, replayed_season, saved, tmp_path, times):
+    assassin = Assassin("walk.bag", times)
+    batch = planned(tmp_path / "runs", "walk.mcap", "walk.bag", until="position")
+    outcome = replay_batch(batch, 2, None, assassin)
+    assert len(assassin.killed) == times
+    assert [run.failed for run in outcome.runs] == [times == 2, False]
+    if times == 2:
+        assert outcome.runs[0].reason.startswith("its worker was killed, and so was the next one, ")
+        assert outcome.runs[0].reason.endswith(" MB at its peak; out of memory is the usual cause; --resume goes on")
+        again = planned(tmp_path / "runs", "walk.bag", "walk.mcap", until="position", existing=Existing.RESUME)
+        assert replay_all(again).exit_code == 0
+    for name in ("walk.mcap", "walk.bag"):
+        assert saved(tmp_path / "runs" / name) == saved(replayed_season / name), name
+    assert not list((tmp_path / "runs").rglob(".*"))
+
+
+class Unloadable:
+    """A task that no worker can load."""
+
+    def __call__(self, *_):
+        """Never called."""
+
+    def __reduce__(self):
+        return __import__, ("no_such_module",)
+
+
+def test_workers_that_cannot_load_the_task_end_the_batch_in_one_line(planned, tmp_path, monkeypatch):
+    monkeypatch.setattr(batch_module, "replay_task", Unloadable())
+    lines = []
+    outcome = replay_all(planned(tmp_path / "runs"), 2, lines)
+    assert outcome.exit_code == 1
+    assert all("workers end before they begin" in run.reason for run in outcome.runs)
+    assert sum(line.startswith("stopping: ") for line in lines) == 1
+
+
+def instead(monkeypatch, raised):
+    """replay, but for recordings of which there is something else to raise; returns the runs begun."""
+    begun = []
+
+    def replay(request, progress):
+        begun.append(request.run.name)
+        if request.run.name in raised:
+            raise raised[request.run.name]
+        return really_replay(request, progress)
+
+    monkeypatch.setattr(batch_module, "replay_anywhere", replay)
+    return begun
+
+
+def full_disk():
+    error = CannotWrite("fixes.parquet", "No space left on device")
+    error.__cause__ = OSError(errno.ENOSPC, "No space left on device")
+    return error
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError("no room"), r"out of memory, \d+ MB at its peak; --resume goes on"),
+        (ImportError("a.so: failed to map segment from shared object"), r"out of memory, \d+ MB .*"),
+        (ZeroDivisionError("by 0"), "a bug in quadlog: ZeroDivisionError: by 0"),
+    ],
+    ids=repr,
+)
+def test_an_error_is_one_recordings_and_only_a_bug_has_a_traceback(
+    planned, tmp_path, monkeypatch, capsys, error, words
+):
+    instead(monkeypatch, {"walk.bag": error})
+    outcome = replay_all(planned(tmp_path / "runs"))
+    assert [run.failed for run in outcome.runs] == [True, True, False, False]
+    assert re.fullmatch(words, outcome.runs[1].reason)
+    assert ("Traceback" in capsys.readouterr().err) == words.startswith("a bug")
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize("error", [full_disk(), OSError(errno.EDQUOT, "Disk quota exceeded", "tmp")])
+def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_path, monkeypatch, error):
+    batch, lines = planned(tmp_path / "runs"), []
+    names = [each.request.run.name for each in sorted(batch, key=lambda each: -each.size_bytes)]
+    begun = instead(monkeypatch, {names[1]: error})
+    outcome = replay_all(batch, lines=lines)
+    assert begun == names[:2]
+    reasons = {run.run.name: run.reason for run in outcome.runs}
+    assert reasons[names[0]] == ""
+    assert all(reasons[name].startswith("not started: disk full") for name in names[2:])
+    assert all(reasons[name].endswith("--resume goes on") for name in names[2:])
+    (said,) = [line for line in lines if line.startswith("stopping: disk full")]
+    assert said.count("--resume goes on") == 1
+    assert set(summary_of(tmp_path / "runs").index) == set(names)
+    monkeypatch.setattr(batch_module, "replay_anywhere", really_replay)
+    again = replay_all(planned(tmp_path / "runs", existing=Existing.RESUME))
+    assert [run.failed for run in again.runs] == [True, False, False, False]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_interrupt_says_how_many_are_done_and_removes_what_a_killed_worker_left(planned, tmp_path, monkeypatch):
+    """Its process has gone: that of a worker which a signal met between making a file and knowing of it."""
+    batch, lines = planned(tmp_path / "runs"), []
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left = [Path(each.request.run, f"{part_prefix(gone.pid)}00000000.part") for each in batch]
+    for path in left:
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"half")
+    smallest = min(batch, key=lambda each: each.size_bytes).request.run.name
+    instead(monkeypatch, {smallest: KeyboardInterrupt()})
+    with pytest.raises(KeyboardInterrupt):
+        replay_all(batch, lines=lines)
+    assert lines[-1] == "interrupted with 3 of 4 recordings done"
+    assert not any(path.exists() for path in left)

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 import quadlog
-from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable, StorageFailed
+from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable
 from quadlog.pipelines.batch import remote as remote_runs
 from quadlog.pipelines.batch import summary
 from quadlog.pipelines.batch.remote import replay_anywhere
-from quadlog.pipelines.batch.summary import summarise
+from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.pipelines.stages.stage import stages_for
 from quadlog.results.find_runs import OWN_FILES, runs_here
 from quadlog.results.places import claim
-from quadlog.results.record import RunRecord, StageRecord, describe_input, is_finished
+from quadlog.results.record import RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run
 from quadlog.results.stage_marks import StageMark, mark_files, write_marks
 from quadlog.results.tables import read_table
@@ -30,8 +30,8 @@ from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 
 FILES_UNTIL = {
-    "position": ("poses.parquet", "report.html", "stages.json"),
-    "map": ("poses.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
+    "position": ("fixes.parquet", "report.html", "stages.json"),
+    "map": ("fixes.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
 }
 Request = Callable[..., ReplayRequest]
 
@@ -89,7 +89,7 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     for name in FILES_UNTIL[request.options.until]:
         (run.path / name).write_bytes(name.encode())
     marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
-    marks[0].files.extend(mark_files(run.path, ["poses.parquet"]))
+    marks[0].files.extend(mark_files(run.path, ["fixes.parquet"]))
     write_marks(run.path, marks)
     metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
     run.write("metrics", metrics)
@@ -113,7 +113,7 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
     assert finished.metrics["eta_m"]["value"] == 0.25
     assert bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"] == written
-    bucket.rm_file(f"{bucket.name}/runs/walk/poses.parquet")
+    bucket.rm_file(f"{bucket.name}/runs/walk/fixes.parquet")
     assert finished_outcome(small) is None
     bucket.pipe_file(f"{bucket.name}/runs/walk/notes.txt", b"mine")
     until_position = replace(small, options=replace(small.options, until="position"), existing=Existing.FORCE)
@@ -138,52 +138,20 @@ def test_a_folder_of_somebody_else_is_left_alone(request_there: ReplayRequest, b
     assert names(bucket) == {"thesis.tex"}
 
 
-@pytest.mark.usefixtures("without_pictures")
-def test_what_was_done_when_it_failed_is_published_and_gone_on_from(
-    request_there: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(walk: Any) -> None:
-        raise StorageFailed("s3://lab/walk", "the server did not answer in time")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("quadlog.pipelines.stages.perceive.filter_and_map", fail)
-        with pytest.raises(StorageFailed):
-            replay_anywhere(request_there, Silent())
-    assert not is_finished(request_there.run)
-    assert {"config.toml", "poses.parquet", "stages.json"} <= names(bucket)
-    heard = Kept()
-    replay_anywhere(replace(request_there, existing=Existing.RESUME), heard)
-    assert any(line.startswith("reused 1 of 3 stages") for line in heard.lines)
-    assert "maps.npz" in names(bucket)
-    assert is_finished(request_there.run)
-
-
-def test_what_is_interrupted_at_its_very_end_is_not_finished(
-    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("existing", [Existing.REFUSE, Existing.FORCE])
+def test_what_is_interrupted_leaves_what_was_there(
+    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch, existing: Existing
 ) -> None:
     def interrupted(request: ReplayRequest, progress: Any) -> ReplayOutcome:
         small_replay(request, progress)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(remote_runs, "replay", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    if existing is Existing.FORCE:
         replay_anywhere(small, Silent())
-    assert names(bucket) == {"run.json", "config.toml", "metrics.json", *FILES_UNTIL["map"]}
-    assert not is_finished(small.run)
-
-
-def test_a_finished_run_stands_when_what_was_to_replace_it_is_interrupted(
-    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(request: ReplayRequest, progress: Any) -> ReplayOutcome:
-        small_replay(replace(request, existing=Existing.REFUSE), progress)
-        raise KeyboardInterrupt
-
-    replay_anywhere(small, Silent())
     before = {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")}
     monkeypatch.setattr(remote_runs, "replay", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
+        replay_anywhere(replace(small, existing=existing), Silent())
     assert {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")} == before
 
 
@@ -192,13 +160,17 @@ def test_the_record_says_first_that_the_run_is_unfinished_and_comes_last(
 ) -> None:
     replay_anywhere(small, Silent())
     done: list[tuple[str, str]] = []
-    upload, unlink = RemotePath.upload, RemotePath.unlink
-    monkeypatch.setattr(RemotePath, "upload", lambda at, path: (done.append(("put", at.name)), upload(at, path)))
-    monkeypatch.setattr(RemotePath, "unlink", lambda at: (done.append(("delete", at.name)), unlink(at)))
+    upload, unlink = RemotePath.upload_all, RemotePath.unlink
+    monkeypatch.setattr(
+        RemotePath,
+        "upload_all",
+        lambda at, folder, names: (done.extend(("put", name) for name in names), upload(at, folder, names)),
+    )
+    monkeypatch.setattr(RemotePath, "unlink", lambda at, *_, **__: (done.append(("delete", at.name)), unlink(at)))
     replay_anywhere(replace(small, existing=Existing.FORCE), Silent())
-    assert done[0] == ("put", "run.json")
-    assert [name for _, name in done[-2:]] == ["stages.json", "run.json"]
     assert [each for each in done if each[1] == "run.json"] == [("put", "run.json")] * 2
+    assert done[0] == done[-2] == ("put", "run.json")
+    assert done[-1] == ("delete", "failed.json")
 
 
 def test_a_recording_that_cannot_be_read_leaves_nothing(request_there: ReplayRequest, bucket: Any) -> None:
@@ -215,9 +187,10 @@ def test_two_machines_do_not_lose_each_other_s_rows(
     """The other one finishes a run while this one writes its summary, and had written its own before that."""
     top = to_path(f"s3://{bucket.name}/runs") if where == "bucket" else tmp_path / "runs"
     request = replace(small, run=top / "ours")
-    ours = replay_anywhere(request, Silent())
+    replay_anywhere(request, Silent())
     broken = ReplayOutcome(request.recording, top / "broken", 1, "not a recording: unknown file format")
-    summarise({top}, [broken], Silent())
+    note_failure(broken)
+    summarise(top, Silent())
     write_table, written = summary.write_table, []
 
     def write_and_be_late(path: Path, *columns: Any) -> None:
@@ -227,7 +200,7 @@ def test_two_machines_do_not_lose_each_other_s_rows(
         written.append(path)
 
     monkeypatch.setattr(summary, "write_table", write_and_be_late)
-    summarise({top}, [ours], Silent())
+    summarise(top, Silent())
     folder = tmp_path / "fetched"
     folder.mkdir()
     (folder / "summary.parquet").write_bytes((top / "summary.parquet").read_bytes())
@@ -246,5 +219,5 @@ def test_two_machines_do_not_lose_each_other_s_rows(
 @pytest.mark.usefixtures("without_pictures")
 def test_from_python_both_may_be_urls(request_there: ReplayRequest, bucket: Any) -> None:
     run = quadlog.replay(request_there.recording.url, output=f"s3://{bucket.name}/runs", until="position")
-    assert len(run.tables["poses"]) > 0
+    assert len(run.table("poses")) > 0
     assert f"{bucket.name}/runs/summary.parquet" in bucket.find(f"{bucket.name}/runs")

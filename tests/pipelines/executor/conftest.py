@@ -12,70 +12,26 @@ from typing import Any
 import pytest
 
 TASKS = '''
-import ctypes, os, sys, tempfile
+import os, tempfile
 from pathlib import Path
 from quadlog.errors import UnknownName
-from quadlog.pipelines.executor import local_pool
 from quadlog.pipelines.executor.progress import tell
 from quadlog.storage.atomic_write import whole_file
 
-def variable(name):
-    return os.environ.get(name)
+def held(gate, folder=None):
+    """With a file begun in the folder and a temporary one, until the test opens the gate."""
+    with tempfile.TemporaryDirectory() as temporary:
+        if folder is None:
+            tell([os.getpid(), temporary, Path(gate).name])
+            Path(gate).read_bytes()
+            return os.getpid()
+        with whole_file(Path(folder, "whole")):
+            return held(gate)
 
-def held(gate, answer):
-    """Says that it has begun, and waits until the test opens the gate."""
-    tell({"begun": answer, "pid": os.getpid()})
-    Path(gate).read_bytes()
-    return answer, os.getpid()
-
-def held_with_files(gate, folder):
-    with tempfile.TemporaryDirectory(dir=folder), whole_file(Path(folder, "whole")) as part:
-        part.write_bytes(b"half")
-        held(gate, "files")
-
-def held_and_writing(gate, pipe, folder):
+def held_with_pipe(gate, pipe, folder):
     """The pipe ends when this process does."""
     with open(pipe, "w"):
-        held_with_files(gate, folder)
-
-def held_below_c(gate, folder):
-    """What is raised amid the wait, the C code that called for it cannot pass on."""
-    with tempfile.TemporaryDirectory(dir=folder):
-        ctypes.CFUNCTYPE(None)(lambda: held(gate, "below C"))()
-        Path(gate).read_bytes()
-
-def held_and_mistaken(gate):
-    try:
-        held(gate, "mistaken")
-    except SystemExit as error:
-        print("a bug", file=sys.stderr, flush=True)
-        raise ImportError("initialization failed") from error
-
-def unwind_at_once():
-    local_pool.UNWIND_S = 0.0
-
-def held_by_force(gate):
-    while True:
-        try:
-            held(gate, "by force")
-        except SystemExit:
-            pass
-
-class Stubborn(Exception):
-    def __reduce__(self):
-        raise TypeError("no pickle")
-
-class Fragile(Exception):
-    def __init__(self, one, two):
-        super().__init__("of two")
-
-def fail(kind):
-    if kind == "named":
-        raise UnknownName("planner", "z_star", ["astar"])
-    raise {"stubborn": Stubborn("own words"), "fragile": Fragile(1, 2)}[kind]
-
-def unpicklable():
-    return lambda: None
+        held(gate, folder)
 
 def die_once(folder):
     """The first one to make the file is killed."""
@@ -90,9 +46,6 @@ def die_if(kill):
         os.kill(os.getpid(), 9)
     return "alive"
 
-def die_with(number, progress):
-    os.kill(os.getpid(), number)
-
 def square_aloud(number, progress):
     if number < 0:
         raise UnknownName("number", str(number), ["1"])
@@ -105,22 +58,11 @@ def talk_on(pipe):
         while True:
             tell("on")
 
-def is_replaying():
-    from quadlog.pipelines.executor import dask_cluster
-    return dask_cluster._one_at_a_time.locked()
-
-def count_executing(dask_worker):
-    return dask_worker.state.executing_count
-
 def talk(words):
     for word in words:
         tell(word)
     return len(words)
 '''
-
-
-# A port of its own, beside whatever else runs on this machine, and no pages behind it.
-QUIET = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
 
 
 @pytest.fixture(scope="session")
@@ -139,23 +81,23 @@ def tasks(task_folder: Path) -> Iterator[ModuleType]:
 
 
 @pytest.fixture(scope="session")
-def cluster(tasks: ModuleType) -> Iterator[Any]:
-    """Two workers of two threads, each in a process with a nanny that starts it again when it dies."""
+def make_cluster() -> Callable[[int], Any]:
+    """Makes a cluster of so many workers, each with a nanny that starts it again when it dies."""
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=2, host="127.0.0.1", **QUIET) as cluster:
-        yield cluster
-
-
-@pytest.fixture
-def empty_cluster() -> Callable[[], Any]:
-    """Makes a cluster that has no workers yet."""
-    from distributed import LocalCluster
-
-    def make() -> Any:
-        return LocalCluster(n_workers=0, threads_per_worker=1, host="127.0.0.1", **QUIET)
+    def make(workers: int) -> Any:
+        # A port of its own, beside whatever else runs on this machine, and no pages behind it.
+        quiet = {"dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+        return LocalCluster(n_workers=workers, threads_per_worker=2, host="127.0.0.1", **quiet)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def scheduler(tasks: ModuleType, make_cluster: Callable[[int], Any]) -> Iterator[str]:
+    """The address of a cluster of two workers."""
+    with make_cluster(2) as cluster:
+        yield cluster.scheduler_address
 
 
 @pytest.fixture

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import MissingInput
 from quadlog.geometry import seconds_since
-from quadlog.pipelines.executor.compilation import Compilation
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
@@ -168,16 +165,3 @@ def test_a_scan_that_was_lost_is_in_no_map(tmp_path, walk, monkeypatch):
     assert len(read_table(tmp_path / "run", "poses", ["t_ns"])["t_ns"]) == 44
     again = replayed(tmp_path, walk, topics, "lidar.deskew=false", until="map", existing=Existing.RESUME)
     assert again.exit_code == 3
-
-
-def test_compiled_code_that_the_log_cannot_use_is_not_compiled(tmp_path, walk, monkeypatch):
-    offered: list[str] = []
-    begin = Compilation.__init__
-
-    def spied(self: Compilation, parts: Mapping[str, Callable[[], object]], *rest: Any) -> None:
-        offered.extend(parts)
-        begin(self, parts, *rest)
-
-    monkeypatch.setattr(Compilation, "__init__", spied)
-    replayed(tmp_path, walk, {ODOMETRY_TOPIC, IMU_TOPIC})
-    assert offered == []

@@ -1,0 +1,212 @@
+"""Processes of this machine as an executor, in which one that dies fails only its own task."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from types import TracebackType
+from typing import Any, ParamSpec, TypeVar
+
+from quadlog.errors import QuadlogError, WorkerDied
+from quadlog.pipelines.executor.progress import Kept, Progress, send_to
+from quadlog.storage.atomic_write import remove_unfinished
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+# A worker has one core. One heap for all its threads: with glibc's own for each, it grows by 5 % with every recording.
+_ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
+_SPAWN = multiprocessing.get_context("spawn")
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Task = TypeVar("Task")
+
+
+class LocalPool(Executor):
+    """A thread for each worker, and in it a pool of one process, so that a death breaks one pool and one task.
+
+    Processes start with their first task; each has one thread for BLAS and numba, and temporary files in a folder that
+    goes with it. The future of a task whose process has ended raises WorkerDied. An exception in the body of a `with`
+    ends all processes at once.
+    """
+
+    def __init__(self, workers: int) -> None:
+        """The number of processes; `messages` receives what tasks `tell`."""
+        os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
+        self._threads = ThreadPoolExecutor(workers, "quadlog-worker", initializer=_block_interrupts)
+        self.messages: SimpleQueue[Any] = SimpleQueue()
+        self._own = threading.local()
+        self._processes: set[_Process] = set()
+        self._stopped = False
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """The future of a queued call. Raises RuntimeError after `shutdown`."""
+        done: Future[T] = self._threads.submit(self._do, fn, *args, **kwargs)
+        return done
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take no more tasks; finish those submitted, or cancel those that have not begun."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        for process in list(self._processes) if wait else ():
+            process.end()
+
+    def stop(self) -> None:
+        """Kill the processes of running tasks and cancel the other tasks, without waiting."""
+        self._stopped = True
+        self._threads.shutdown(wait=False, cancel_futures=True)  # first, or a free thread would take a waiting task
+        for process in list(self._processes):
+            process.kill()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if value is not None:
+            self.stop()
+        self.shutdown()
+
+    def _do(self, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """In a thread: run a task in its process, which is started unless it is there."""
+        try:
+            if getattr(self._own, "process", None) is None:
+                self._own.process = _Process(self.messages)
+                self._processes.add(self._own.process)
+                if self._stopped:
+                    self._own.process.kill()
+            return self._own.process.pool.submit(fn, *args, **kwargs).result()
+        except BrokenProcessPool:
+            if (process := getattr(self._own, "process", None)) is not None:
+                self._processes.discard(process)
+                process.end()
+                self._own.process = None
+            raise WorkerDied from None
+
+
+class _Process:
+    """A process, its pipe for messages, and its folder for temporary files. Raises BrokenProcessPool."""
+
+    def __init__(self, messages: SimpleQueue[Any]) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="quadlog-worker-", ignore_cleanup_errors=True)
+        reader, writer = _SPAWN.Pipe(duplex=False)
+        with writer:
+            self.pool = ProcessPoolExecutor(1, _SPAWN, _begin, (writer, self._folder.name))
+            self._pid = self.pool.submit(os.getpid).result()
+        self._listening = threading.Thread(target=_listen, args=(reader, messages), daemon=True)
+        self._listening.start()
+
+    def kill(self) -> None:
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
+
+    def end(self) -> None:
+        """Wait for its end and its last message, and remove its temporary files."""
+        self.pool.shutdown()
+        self._listening.join()
+        self._folder.cleanup()
+
+
+def _listen(reader: Connection, messages: SimpleQueue[Any]) -> None:
+    """Pass the messages of a process on, until it ends."""
+    with reader, suppress(EOFError, OSError):
+        while True:
+            messages.put(reader.recv())
+
+
+def _begin(writer: Connection, folder: str) -> None:
+    """In a new process: set where messages and temporary files go, and do not outlive a parent that is killed."""
+    send_to(writer.send)
+    os.environ["TMPDIR"] = tempfile.tempdir = folder
+
+    def leave_with_parent() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        remove_unfinished()
+        shutil.rmtree(folder, ignore_errors=True)
+        os._exit(1)
+
+    threading.Thread(target=leave_with_parent, name="quadlog-orphan", daemon=True).start()
+
+
+def _block_interrupts() -> None:
+    """In a thread, and in the processes that it starts: Ctrl-C reaches all of them, and the main thread handles it."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Where tasks run. submit: as of an Executor. messages: receives what tasks `tell`, and may take other things.
+
+    stop: end the running tasks and begin no others; their futures end. count: of the workers there are, which may
+    change. death: what a future raises whose worker has died, and tries: how often its task is submitted then.
+    greeting: a line for the user. address: of the scheduler that workers connect to.
+    """
+
+    submit: Callable[..., Future[Any]]
+    messages: SimpleQueue[Any]
+    stop: Callable[[], None]
+    count: Callable[[], int]
+    death: type[Exception] = WorkerDied
+    tries: int = 1
+    greeting: str = ""
+    address: str = ""
+
+
+@contextmanager
+def open_executor(jobs: int, scheduler: str | None) -> Iterator[Workers]:
+    """`jobs` processes, or the workers of a scheduler's address.
+
+    Tasks never run in this process, so that it survives what kills theirs. Raises what `open_cluster` raises. After an
+    error in the block, Ctrl-C among them, all tasks are stopped.
+    """
+    if scheduler is not None:
+        from quadlog.pipelines.executor.cluster import open_cluster
+
+        with open_cluster(scheduler) as workers:
+            yield workers
+    else:
+        with LocalPool(jobs) as pool:
+            yield Workers(pool.submit, pool.messages, pool.stop, lambda: jobs, tries=2)
+
+
+def side_by_side(
+    call: Callable[[Task, Progress], T], tasks: Sequence[Task], workers: int, progress: Progress
+) -> list[T]:
+    """call(task, progress) for each task in parallel; results in the order of the tasks.
+
+    Lines of a call are passed to `progress` when it ends. The first QuadlogError in that order, WorkerDied among them,
+    is raised after all calls have ended.
+    """
+    with LocalPool(workers) as pool:
+        futures = [pool.submit(_keeping_lines, call, task) for task in tasks]
+        for future in as_completed(futures):
+            if future.exception() is None:
+                _, lines = future.result()
+                for line in lines:
+                    progress.say(line)
+            progress.advance()
+    results: list[T] = []
+    for future in futures:
+        result, _ = future.result()
+        if isinstance(result, QuadlogError):
+            raise result
+        results.append(result)
+    return results
+
+
+def _keeping_lines(call: Callable[[Task, Progress], T], task: Task) -> tuple[T | QuadlogError, list[str]]:
+    """In the worker: the result or the error, and the lines of its progress."""
+    kept = Kept()
+    try:
+        return call(task, kept), kept.lines
+    except QuadlogError as error:
+        return error, kept.lines

@@ -1,1 +1,0 @@
-"""Tables of the paper on 3-D foot curves."""

@@ -1,1 +1,0 @@
-"""Tables of real recordings with a truth, which no paper prints."""
