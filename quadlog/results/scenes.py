@@ -49,11 +49,12 @@ CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 
 def walk_scene(run: Run) -> Scene | None:
     """Everything that moved, on the maps it moved on; None where nothing did."""
-    tracks, ways, walls = list(_tracks(run)), list(_reference(run)), list(_walls(run))
+    tracks, walls, truth = list(_tracks(run)), list(_walls(run)), _truth(run)
+    ways = list(_reference(run, truth))
     if not tracks:
         return None
     layers: list[Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
-    layers += [*_plans(run), *ways, *tracks, *_error_levels(run), *_errors(run), *_contacts(run)]
+    layers += [*_plans(run), *ways, *tracks, *_error_levels(run, truth), *_errors(run), *_contacts(run)]
     extent = _extent(run, [*ways, *tracks], walls)
     body = run.config.robot.length_m, run.config.robot.width_m
     return Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
@@ -107,15 +108,13 @@ def _located(table: DataFrame | None) -> DataFrame | None:
 
 
 def _truth(run: Run) -> list[Array] | None:
-    """Seconds, x and y of the reference, broken at gaps; None where it lies in another frame."""
-    truth = run.trajectory("reference")
-    if truth is None or run.metric("ate_rmse_m") is None:
-        return None
-    return break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+    """Seconds, x and y of the reference, broken at gaps; None where it lies in another frame, and of a course."""
+    truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
+    return None if truth is None else break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
 
 
-def _reference(run: Run) -> Iterator[Lines]:
-    truth, other = None if run.simulated else _truth(run), _located(run.table("other_poses"))
+def _reference(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
+    other = _located(run.table("other_poses"))
     if truth is not None:
         yield line("reference", "text", truth[1], truth[2], 1)
     if other is not None:
@@ -123,12 +122,12 @@ def _reference(run: Run) -> Iterator[Lines]:
         yield line("other track", "olive", x_m, y_m, 2)
 
 
-def _error_levels(run: Run) -> Iterator[Lines]:
+def _error_levels(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
     """The robot's way in the colours of four classes of its distance to the reference.
 
     Their limits are 1, 2 and 3 times a round number, so that about 95 % of the distances lie below the last.
     """
-    truth, poses = _truth(run), _located(run.table("poses"))
+    poses = _located(run.table("poses"))
     if truth is None or poses is None:
         return
     seconds, x_m, y_m = break_gaps(*columns_of(poses, "seconds x_m y_m"))
@@ -352,7 +351,7 @@ def geometry_scene(run: Run) -> Scene | None:
     dilution = _heat("HDOP", "soft", grid, np.where(np.isfinite(grid["hdop"]), grid["hdop"], high), low, high, "×")
     good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
     layers: list[Layer] = [dilution]
-    layers += [Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run)]
+    layers += [Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run, _truth(run))]
     layers += [line(of.label, of.color, of.x, of.y) for of in _track(run.table("poses"), "robot", "robot")]
     layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[thin_evenly(len(good), 24)]))
     return Scene([*layers, *_anchors(run)], _filled(dilution))
