@@ -55,14 +55,15 @@ def _series(table: DataFrame, curves: str) -> list[Series]:
         values = table[column].to_numpy(float)
         if np.isfinite(values).any():
             values = np.degrees(values) if column.endswith("_rad") else values
-            found.append(Series(label, color, *break_gaps(table["seconds"].to_numpy(), values)))
+            seconds, values = break_gaps(table["seconds"].to_numpy(), values)
+            found.append(Series(label, color, seconds, values))
     return found
 
 
 def _points(table: DataFrame, column: str, label: str, color: str) -> list[Series]:
     """Points of a column of these rows; nothing without rows."""
-    columns = (table[name].to_numpy(float) for name in ("seconds", column))
-    return [Series(label, color, *columns, "points")] if len(table) else []
+    seconds, values = (table[name].to_numpy(float) for name in ("seconds", column))
+    return [Series(label, color, seconds, values, "points")] if len(table) else []
 
 
 def tracking_error(run: Run) -> list[Panel] | None:

@@ -93,10 +93,11 @@ def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iter
     if forces[0] in rows and rows[forces].notna().all(axis=None):
         columns["feet"] = (rows[forces].to_numpy() > STANDS_N) @ (1 << np.arange(4))
     seconds, *values = break_gaps(rows["seconds"].to_numpy(), *columns.values())
-    yield Track(label, color, seconds, **dict(zip(columns, values, strict=True)), **look)
+    look |= dict(zip(columns, values, strict=True))
+    yield Track(label, color, seconds, **look)
 
 
-def columns_of(table: DataFrame, names: str) -> Iterator[Array]:
+def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
     """The columns (N,) of these names, separated by spaces."""
     return (table[name].to_numpy() for name in names.split())
 
@@ -192,7 +193,7 @@ def _scans(run: Run) -> Iterator[Layer]:
 def _course(run: Run) -> Iterator[Layer]:
     paths = run.table("paths")
     if run.simulated and paths is not None:
-        yield line("course", "note", *columns_of(paths, "x_m y_m"), 1)
+        yield line("course", "note", *columns_of(paths, "x_m y_m"), variant=1)
 
 
 def _fixes(run: Run) -> Iterator[Layer]:
@@ -261,7 +262,7 @@ def _errors(run: Run) -> Iterator[Layer]:
 def _contacts(run: Run) -> Iterator[Layer]:
     contacts = run.table("contacts")
     if contacts is not None:
-        yield Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), "cross")
+        yield Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), shape="cross")
 
 
 def _moments(run: Run) -> list[Moment]:
@@ -368,12 +369,12 @@ EPOCH_S = 0.02
 """Fixes of several tags within this time belong together."""
 
 
-def _ellipses(label: str, color: str, fixes: DataFrame, **times: Array) -> Marks:
+def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> Marks:
     x_m, y_m, xx_m2, xy_m2, yy_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     along_m = np.sqrt(np.maximum(xx_m2, 1e-12))
     cross_m = xy_m2 / along_m
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
-    axes = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
+    axes: dict[str, Any] = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
     return Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 

@@ -208,7 +208,7 @@ def render(page: Page) -> bytes:
 
 @cache
 def _environment() -> jinja2.Environment:
-    blanks = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    blanks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
     loader = jinja2.FunctionLoader(_own_file)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, **blanks)
     environment.filters["kind"] = lambda block: type(block).__name__.lower()
