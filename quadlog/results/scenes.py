@@ -193,7 +193,8 @@ def _scans(run: Run) -> Iterator[Layer]:
 def _course(run: Run) -> Iterator[Layer]:
     paths = run.table("paths")
     if run.simulated and paths is not None:
-        yield line("course", "note", *columns_of(paths, "x_m y_m"), variant=1)
+        x_m, y_m = columns_of(paths, "x_m y_m")
+        yield line("course", "note", x_m, y_m, 1)
 
 
 def _fixes(run: Run) -> Iterator[Layer]:
@@ -262,7 +263,8 @@ def _errors(run: Run) -> Iterator[Layer]:
 def _contacts(run: Run) -> Iterator[Layer]:
     contacts = run.table("contacts")
     if contacts is not None:
-        yield Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), shape="cross")
+        x_m, y_m = columns_of(contacts, "x_m y_m")
+        yield Marks("contact", "bad", x_m, y_m, "cross")
 
 
 def _moments(run: Run) -> list[Moment]:
