@@ -69,15 +69,21 @@ def command(
 
 
 def _print_plan(previewed: Sequence[Previewed], as_json: bool) -> None:
+    from quadlog.pipelines.store import stored_bytes
+
     rows = [each.to_dict() for each in previewed]
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
-        reused = f", reuses {', '.join(row['reused_stages'])}" if row["reused_stages"] else ""
-        size = f"{row['size_bytes'] / 1e6:.1f} MB{reused}"
-        click.echo(f"{row['action']:<7} {row['recording']} ({size}) -> {row['run']}")
+        about = ", reuses ".join(
+            [f"{row['size_bytes'] / 1e6:.1f} MB", *filter(None, [", ".join(row["reused_stages"])])]
+        )
+        click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
     todo = [row["size_bytes"] for row in rows if row["action"] not in ("skip", "refuse")]
     click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)
+    for folder in sorted({each.planned.request.run.parent for each in previewed}):
+        if size_bytes := stored_bytes(folder):
+            click.echo(f"{folder / '.stages'}: {size_bytes / 1e6:.1f} MB of results, which may be deleted", err=as_json)
 
 
 def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:

@@ -13,6 +13,7 @@ from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
+from quadlog.pipelines.store import Store
 from quadlog.recordings.clock import Stamp
 from quadlog.results.run import Run, load_run
 from quadlog.results.stages import STAGES
@@ -66,6 +67,8 @@ def replay(
     )
     replay_anywhere(request, Silent())
     summarise(request.run.parent, Silent())
+    if isinstance(request.run, Path):
+        Store(request.run.parent).trim()
     return load_run(request.run)
 
 

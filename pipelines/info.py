@@ -21,7 +21,6 @@ from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
-from quadlog.recordings.tf_tree import TransformTree
 
 FAR_APART_S = FAR_APART_NS * 1e-9
 NOT_NEEDED = "not used: no role is left for it"
@@ -173,7 +172,7 @@ def _outlook(recording: Recording, roles: Roles, config: Config, tags: Collectio
     else:
         odometry = roles.found["odometry"].topics[0] if "odometry" in roles.found else None
         lidar = roles.found["lidar"].topics[0]
-        if not find_mount(recording, roles, config, lidar, TransformTree(), odometry).known:
+        if not find_mount(recording, roles, config, lidar, odometry).known:
             missing.append("lidar.mount")
     return {"until": until, "position": position, "target": target, "missing": missing}
 

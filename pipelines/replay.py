@@ -1,154 +1,192 @@
-"""Replay one recording into one run folder."""
+"""Replay one recording into one run folder: every step is a stage, and its result the input of the next ones."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
+from contextlib import ExitStack, contextmanager
+from functools import cache, partial
+from itertools import takewhile
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from quadlog.errors import CannotWrite, ExitCode
-from quadlog.pipelines.executor.progress import Progress, StageClock
+from quadlog.errors import CannotWrite, ExitCode, NotARun, RunOfAnother, UnknownRunFormat
+from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.places import claim, place_of_new, publish_new, remove_new
-from quadlog.results.record import InputRecord, describe_input, is_finished
-from quadlog.results.stage_marks import MARKS_FILE
-from quadlog.results.stages import reused_words
-from quadlog.storage.atomic_write import is_full
+from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, run_key
+from quadlog.results.places import check_place, new_run, settle
+from quadlog.results.record import describe_input, read_metrics, read_record
+from quadlog.results.stages import STAGES, reused_words, stages_until
+from quadlog.storage.atomic_write import is_full, is_part, new_folder
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.stages.context import ReplayContext
-    from quadlog.pipelines.stages.ingest import Clouds
-    from quadlog.pipelines.stages.stage import Stage
+    from quadlog.pipelines.log import Facts, Log, LogData
+    from quadlog.pipelines.stages.control import WalkedBody
+    from quadlog.pipelines.stages.tracks import Tracks
+
+
+class Steps(NamedTuple):
+    """Results of the stages that the report is made of."""
+
+    facts: Keyed[Facts]
+    tracks: Keyed[Tracks]
+    body: Keyed[WalkedBody | None]
+
+
+def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> Steps:
+    """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
+    from quadlog.pipelines.log import ingest
+    from quadlog.pipelines.stages.control import resimulate
+    from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
+    from quadlog.pipelines.stages.plan import replan
+    from quadlog.pipelines.stages.positions.position import locate
+
+    seed = request.options.seed
+    facts = do(ingest, log)
+    data = Keyed(facts.key, lambda: log.get()())
+    tracks = do(locate, data)
+    # Only the papers' fit of the ground draws numbers.
+    drawn = seed if request.config.lidar.method == "paper" else 0
+    maps = do(filter_scans if last == "filter" else filter_and_map, data, tracks, drawn)
+    do(replan, maps, tracks)
+    body = do(resimulate, maps, tracks, seed)
+    return Steps(facts, tracks, body)
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave.
 
-    A finished run that is replaced stands until the new one, in `place_of_new` meanwhile, is complete. If that fails,
-    RESUME goes on there, as long as it has stages of the same request.
+    What the store has is not done again, but with FORCE. A run that is replaced stands until the new one is complete.
+    With pause_after only the store is filled.
     """
-    if request.existing is Existing.REFUSE:
-        return _replay(request, progress)
-    publish_new(request.run)  # completed by a process that was killed
-    placed = _placed(request)
-    if placed is request or request.existing is Existing.FORCE:
-        remove_new(request.run)
-    outcome = _replay(placed, progress)
-    publish_new(request.run)
-    return replace(outcome, run=request.run)
-
-
-def _placed(request: ReplayRequest) -> ReplayRequest:
-    """The request with the folder to work in; unchanged where that is the run itself."""
-    place = place_of_new(request.run)
-    if request.existing is Existing.FORCE and is_finished(request.run):
-        claim(request.run, replace=True)  # raises for what must not be replaced
-        return replace(request, run=place)
-    if request.existing is Existing.RESUME and (place / MARKS_FILE).is_file():
-        from quadlog.pipelines.stages.resume import find_reusable
-
-        described = request.described or describe_input(request.recording)
-        if find_reusable(resumed := replace(request, run=place, described=described), described.identity):
-            return resumed
-    return request
-
-
-def _replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
-    described = _input_of_earlier(request) if request.existing is Existing.RESUME else None
-    if described is not None:
-        from quadlog.pipelines.stages.resume import outcome_there, refuse_another
-
-        if (finished := outcome_there(request, described)) is not None:
+    if request.existing is Existing.RESUME:
+        if (finished := finished_outcome(request)) is not None:
             progress.say(f"{request.run}: already done with the same input, config and version")
             return finished
-        refuse_another(request, described)
-
-    from quadlog.pipelines.executor.compilation import compilation, compiling_s
-    from quadlog.pipelines.stages.ingest import open_log, open_walk, reachable_stages
-    from quadlog.pipelines.stages.resume import MarkedStages, find_reusable, names_of
-    from quadlog.pipelines.stages.scans import wants_lidar_track
-    from quadlog.pipelines.stages.stage import stages_for
-
-    earlier = {} if described is None else find_reusable(request, described.identity)
-    if described is not None:
-        progress.say(reused_words(names_of(earlier), request.options.until))
-    clock, compiled_s = StageClock(), compiling_s()
-    with open_log(request, clock, progress) as log:
-        reachable = reachable_stages(log.roles, request.options.until)
-        todo = _until_pause(reachable, request.pause_after)
-        missing = [name for stage in todo if stage not in earlier for name in stage.names]
-        to_compile = [name for name in missing if name != "position" or log.by_uwb]
-        clouds: Clouds = "map" if "map" in missing else "filter" if "filter" in missing else None
-        tracked = "position" in missing and wants_lidar_track(request.config, log.roles, log.by_uwb)
-        with (
-            compilation(to_compile, request.config, progress.say) as before,
-            open_walk(log, request, clock, progress, described, clouds, tracked=tracked) as walk,
-            _with_resume_hint(request.run),
-        ):
-            marked = MarkedStages(walk, request, earlier)
-            for stage in todo:
-                marked.do(stage, partial(_work, stage, before))
-            if reachable != stages_for(request.options.until):
-                why = log.roles.choices("lidar") or log.roles.why_none("lidar")
-                walk.warn(f"nothing is filtered, mapped, planned or walked: {why}")
-            if request.pause_after is not None:
-                return ReplayOutcome(request.recording, request.run, ExitCode.DONE, reused=walk.reused)
-            with clock.stage("report"):
+        refuse_another(request)
+        if reusable := reusable_stages(request):
+            progress.say(reused_words(reusable, request.options.until))
+    elif request.existing is Existing.FORCE:
+        Store(request.run.parent).forget(planned_keys(request).values())
+    replaces = request.existing is not Existing.REFUSE
+    check_place(request.run, replaces)
+    journal = Journal(progress)
+    with _opened(request, journal) as log, _with_resume_hint(request.run), new_folder(request.run.parent):
+        if request.pause_after is not None:
+            do, *_ = _do_stages(request, log, None, journal)
+            return ReplayOutcome(request.recording, request.run, ExitCode.DONE, reused=do.reused)
+        with new_run(request.run, replaces) as run:
+            do, made, startup_s = _do_stages(request, log, run, journal)
+            with journal.clock.stage("report"):
                 # Drawing is not loaded before there is something to draw.
-                from quadlog.pipelines.stages.report import finish_walk
+                from quadlog.pipelines.stages.report import Finished, finish
+            metrics = finish(run, Finished.of(request, log, do, made, startup_s))
+    reason = "; ".join(loss.detail for loss in journal.losses)
+    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, do.reused)
 
-            metrics = finish_walk(walk, request, compiling_s() - compiled_s)
-            losses, reused = walk.losses, walk.reused
-    reason = "; ".join(loss.detail for loss in losses)
-    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
+
+@contextmanager
+def _opened(request: ReplayRequest, journal: Journal) -> Iterator[Log]:
+    """The open recording; that counts as `ingest`."""
+    journal.progress.begin("open", None)
+    with ExitStack() as stack:
+        with journal.clock.stage("ingest"):
+            from quadlog.pipelines.log import open_log
+
+            log = stack.enter_context(open_log(request.recording, request.config, request.options))
+        yield log
+
+
+def _do_stages(request: ReplayRequest, log: Log, run: Path | None, journal: Journal) -> tuple[Doing, Steps, float]:
+    """Do the stages up to the last one that is wanted and that the log allows; also the seconds spent on compiling."""
+    from quadlog.pipelines.executor.compilation import compilation, compiling_s
+    from quadlog.pipelines.log import read_log
+
+    compiled_s = compiling_s()
+    last, store = log.last_stage(), Store(request.run.parent)
+    if request.pause_after in stages_until(last):
+        last = str(request.pause_after)
+    missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
+    to_compile = [name for name in missing if name != "position" or log.by_uwb]
+    with compilation(to_compile, request.config, journal.progress.say) as before:
+        do = Doing(store, run, request.config, last, journal, before)
+        read = cache(partial(read_log, log, journal.progress))
+        made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
+    if request.options.until != last == "position" and request.pause_after is None:
+        why = log.roles.choices("lidar") or log.roles.why_none("lidar")
+        journal.warn(f"nothing is filtered, mapped, planned or walked: {why}")
+    return do, made, compiling_s() - compiled_s
+
+
+def planned_keys(request: ReplayRequest, last: str | None = None) -> dict[str, str]:
+    """The key of each stage up to the last that is wanted, in order; the recording is not read.
+
+    Raises RecordingNotFound.
+    """
+    last, keys = last or request.options.until, Keys(request.config)
+    steps(keys, Keyed(log_key(request.recording, request.options), _unread), request, last)
+    return {name: keys.of[name] for name in stages_until(last) if name in keys.of}
+
+
+def _unread() -> Any:
+    raise LookupError("the log was not opened")
 
 
 def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
-    """The stages whose results in the run folder can be reused; nothing is run or written.
+    """The stages whose results are in the store, but for `ingest`; nothing is run or written. As planned_keys."""
+    store, keys = Store(request.run.parent), planned_keys(request)
+    return tuple(takewhile(lambda name: store.has(keys[name]), keys))[1:]
 
-    The input is read only if the folder has marks of stages. Raises RecordingNotFound.
+
+def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
+    """The outcome of an earlier run with the very same input, config, options and version; None when there is none.
+
+    A run of a later --until is finished, too.
     """
-    described = _input_of_earlier(request)
-    if described is None:
-        return ()
-    from quadlog.pipelines.stages.resume import find_reusable, names_of
+    try:
+        if isinstance(request.run, Path):
+            settle(request.run)
+        record, metrics = read_record(request.run), read_metrics(request.run)
+    except (NotARun, UnknownRunFormat):
+        return None
+    until = str(record.options.get("until"))
+    if until not in STAGES[STAGES.index(request.options.until) :] or record.results.get("run") != run_key(request):
+        return None
+    if until == "report" and request.draws and not (request.run / "report.html").is_file():
+        return None
+    reason = "; ".join(loss.detail for loss in record.losses)
+    reused = stages_until(request.options.until)[1:]
+    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
 
-    return names_of(find_reusable(request, described.identity))
 
-
-def _input_of_earlier(request: ReplayRequest) -> InputRecord | None:
-    """The input, if the folder holds anything of an earlier replay; else it is not hashed, which takes a while."""
-    began = any((request.run / name).is_file() for name in ("run.json", MARKS_FILE))
-    return (request.described or describe_input(request.recording)) if began else None
-
-
-def _until_pause(stages: tuple[Stage, ...], pause_after: str | None) -> tuple[Stage, ...]:
-    """The stages up to the one of this name; all without a name, or where the log does not reach it."""
-    names = [stage.name for stage in stages]
-    return stages[: names.index(pause_after) + 1] if pause_after in names else stages
+def refuse_another(request: ReplayRequest) -> None:
+    """Raises RunOfAnother for a finished run of another recording, which cannot be resumed for this one."""
+    try:
+        recorded = read_record(request.run).input
+    except (NotARun, UnknownRunFormat):
+        return
+    one, other = (PurePosixPath(path.replace("\\", "/")).parts for path in (recorded.path, str(request.recording)))
+    shorter = min(len(one), len(other))
+    may_be_one = bool(shorter) and one[-shorter:] == other[-shorter:]
+    if not may_be_one and recorded.identity != describe_input(request.recording).identity:
+        raise RunOfAnother(request.run, recorded.path)
 
 
 @contextmanager
 def _with_resume_hint(written: Path | str) -> Iterator[None]:
-    """Add `--resume goes on` to errors of writing; written: path for those without one."""
+    """Add `--resume goes on` to errors of writing; written: path for those without one, and of unfinished folders."""
     try:
         yield
     except CannotWrite as error:
-        raise CannotWrite(error.path, f"{error.reason}; {GOES_ON}") from error
+        parts = Path(error.path).parts
+        within = [parts[number + 1 :] for number, part in enumerate(parts) if is_part(part)]
+        path = Path(written, *within[-1]) if within else error.path
+        raise CannotWrite(path, f"{error.reason}; {GOES_ON}") from error
     except OSError as error:
         if not is_full(error):
             raise
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
-
-
-def _work(stage: Stage, before: Callable[[str], None], walk: ReplayContext) -> None:
-    if stage.needs_compiled(walk):
-        before(stage.name)
-    stage.load()(walk)
 
 
 def _code(losses: str) -> ExitCode:

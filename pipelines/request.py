@@ -6,22 +6,20 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from quadlog.config.schema import Config
 from quadlog.errors import ExitCode
-
-if TYPE_CHECKING:
-    from quadlog.results.record import InputRecord
 
 GOES_ON = "--resume goes on"
 
 
 class Existing(enum.Enum):
-    """What happens to a run folder that is already there."""
+    """What happens to a run folder that is there. FORCE makes all results again, REPLACE takes those in the store."""
 
     REFUSE = "refuse"
     FORCE = "force"
+    REPLACE = "replace"
     RESUME = "resume"
 
 
@@ -52,9 +50,9 @@ class ReplayOptions:
 class ReplayRequest:
     """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
 
-    pause_after: name of a stage after which the replay ends without a report, for another replay to continue; None to
+    pause_after: name of a stage after which the replay ends without a run, for others that share its results; None to
     run all. draws: whether the run gets a page, and plots
-    if `plots` is true too. described: the input, if the caller has hashed it already.
+    if `plots` is true too.
     """
 
     recording: Path
@@ -67,7 +65,6 @@ class ReplayRequest:
     pause_after: str | None = None
     draws: bool = True
     plots: bool = True
-    described: InputRecord | None = None
 
 
 @dataclass(frozen=True, slots=True)

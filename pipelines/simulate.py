@@ -27,7 +27,7 @@ from quadlog.pipelines.simulation.run_folder import (
 )
 from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
 from quadlog.pipelines.simulation.walk import check_rate, walk_once, warm_up
-from quadlog.results.places import whole_run
+from quadlog.results.places import new_run
 from quadlog.simulation.course_walk import TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.storage.atomic_write import is_part
@@ -136,7 +136,7 @@ def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
     request = each.request
     made_by = each.seed, request.command, startup_s, request.plots
     description = WalkDescription(request.course, each.course, ground, each.remarks, each.config, *made_by)
-    with whole_run(each.run, request.force) as folder:
+    with new_run(each.run, request.force) as folder:
         metrics = fill_folder(folder, description, simulated)
     ended = walk_verdict(simulated)
     progress.say(f"{each.run}: {ended or 'done'}")
@@ -196,7 +196,7 @@ def _save(
 ) -> SimulatedRun:
     description = TrotDescription(curve, request.config, seed, request.command, startup_s, request.plots)
     run = _trot_folder(request, curve, seed)
-    with whole_run(run, request.force) as folder:
+    with new_run(run, request.force) as folder:
         metrics = fill_trot_folder(folder, description, walk)
     ended = trot_verdict(walk)
     progress.say(f"{run}: {ended or 'done'}")

@@ -25,10 +25,8 @@ from quadlog.results.arrays import (
     read_arrays,
 )
 from quadlog.results.foxglove import write_derived
-from quadlog.results.places import claim
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run, load_run
-from quadlog.results.stage_marks import FileMark, StageMark, read_marks, write_marks
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
@@ -62,7 +60,7 @@ def write_run(folder: Path) -> None:
         host={"name": "host"},
         packages={"numpy": "2"},
     )
-    claim(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     run = Run.create(folder, record)
     for name, schema in TABLES.items():
         if name != "summary":
@@ -78,9 +76,6 @@ def write_run(folder: Path) -> None:
     run.write("cloud_samples", cloud | {"x_m": [0], "y_m": [0], "yaw_rad": [0], "classes": ["ground", "obstacle"]})
     ground: dict[str, Any] = {"origin_m": np.zeros(2), "cell_m": 0.2, "height_m": np.zeros((8, 8))}
     run.write("ground", ground | {"count": np.ones((8, 8))})
-    write_marks(
-        folder, [StageMark(stage="position", key="ab", files=[FileMark(name="a", size_bytes=1, sha256="c")], known={})]
-    )
     run.write("metrics", {name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
     write_derived(Run(folder, record))
     run.finish(record)
@@ -192,7 +187,6 @@ def _read_all(run: Path) -> None:
         lambda: [tuple(each) for each in load_maps(run)],
         *(partial(read_arrays, run, name) for name in ARRAYS),
     ]
-    readers += [lambda: read_marks(run), lambda: load_run(run).metrics]
     readers += [partial(lambda name: load_run(run).table(name), name) for name in TABLES if name != "summary"]
     for reader in readers:
         try:

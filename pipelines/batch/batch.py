@@ -31,9 +31,10 @@ from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.machine import is_out_of_memory
 from quadlog.pipelines.executor.pool import Workers, open_executor
 from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, peak_memory_mb, worker_name
+from quadlog.pipelines.replay import finished_outcome, planned_keys
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.results.places import place_of_new
+from quadlog.pipelines.store import Store
+from quadlog.results.places import STORE
 from quadlog.results.record import is_finished
 from quadlog.results.stages import reused_words
 from quadlog.storage.atomic_write import is_full, remove_stale_parts
@@ -76,6 +77,7 @@ def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
     outcome = replay_anywhere(planned.request, progress)
     summarise(planned.request.run.parent, progress)
+    _trim([planned], [outcome])
     return BatchOutcome((outcome,))
 
 
@@ -95,7 +97,20 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
             summarise(folder, progress)
         except QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
+    _trim(batch, outcomes)
     return BatchOutcome(outcomes)
+
+
+def _trim(batch: Sequence[Planned], outcomes: Sequence[ReplayOutcome]) -> None:
+    """Remove results that no run has, but for those of replays that failed, with which `--resume` goes on."""
+    kept: set[str] = set()
+    for each, outcome in zip(batch, outcomes, strict=True):
+        if outcome.failed:
+            with suppress(QuadlogError, OSError):  # the recording cannot be read: there are no results of it
+                kept |= {*planned_keys(each.request).values()}
+    for folder in {each.request.run.parent for each in batch}:
+        if isinstance(folder, Path):
+            Store(folder).trim(kept)
 
 
 ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
@@ -117,9 +132,8 @@ def open_workers(
             yield _Batch(workers, progress, repeats).replay
     finally:  # the workers have ended, and may have been killed
         for run in (each.request.run for each in batch if isinstance(each.request.run, Path)):
-            for folder in (run, run / "plots", place_of_new(run), place_of_new(run) / "plots"):
-                with suppress(OSError):
-                    remove_stale_parts(folder)
+            with suppress(OSError):
+                remove_stale_parts(run.parent / STORE)
 
 
 def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[ReplayOutcome, list[str], bool]:

@@ -11,13 +11,12 @@ from typing import Any
 
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite, NotARun, RunOfAnother, UnknownRunFormat
-from quadlog.pipelines.replay import reusable_stages
+from quadlog.pipelines.replay import finished_outcome, refuse_another, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.resume import outcome_there, refuse_another
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
 from quadlog.results.find_runs import is_absent, run_name, run_names
-from quadlog.results.record import describe_input, input_bytes, is_finished, own_files, read_record
+from quadlog.results.record import input_bytes, is_finished, own_files, read_record
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
@@ -120,9 +119,9 @@ def plan_batch(
 
 
 def preview_batch(batch: Sequence[Planned]) -> list[Previewed]:
-    """What would be done with each recording; only those with a run folder are read."""
+    """What would be done with each recording; only those of runs that are resumed are looked at."""
     there = existing_runs(batch)
-    return [_preview(each) if each.request.run in there else Previewed(each, "run") for each in batch]
+    return [_preview(each, each.request.run in there) for each in batch]
 
 
 def existing_runs(batch: Sequence[Planned]) -> set[Path]:
@@ -132,16 +131,18 @@ def existing_runs(batch: Sequence[Planned]) -> set[Path]:
     return {run for run in there if not run.is_dir() or any(not is_absent(entry.name) for entry in run.iterdir())}
 
 
-def _preview(planned: Planned) -> Previewed:
+def _preview(planned: Planned, is_there: bool) -> Previewed:
     request = planned.request
+    if not is_there:
+        reused = reusable_stages(request) if request.existing is Existing.RESUME else ()
+        return Previewed(planned, "resume" if reused else "run", reused)
     if request.existing is not Existing.RESUME:
         return Previewed(planned, "replace" if request.existing is Existing.FORCE else "refuse")
     if is_finished(request.run):
-        described = describe_input(request.recording)
-        if outcome_there(request, described) is not None:
+        if finished_outcome(request) is not None:
             return Previewed(planned, "skip")
         try:
-            refuse_another(request, described)
+            refuse_another(request)
         except RunOfAnother:
             return Previewed(planned, "refuse")
     return Previewed(planned, "resume", reusable_stages(request))

@@ -12,9 +12,8 @@ from typing import cast
 
 from quadlog.errors import CannotWrite, RunExists
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.replay import replay
+from quadlog.pipelines.replay import finished_outcome, replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
 from quadlog.results.record import read_record, write_record
 from quadlog.storage.remote_path import RemotePath

@@ -13,7 +13,7 @@ from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.find_runs import FAILED, fetch, run_name
 from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
-from quadlog.results.places import claim
+from quadlog.results.places import check_place
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.atomic_write import write_whole
@@ -32,7 +32,8 @@ def note_failure(outcome: ReplayOutcome) -> None:
             Path(scratch, FAILED).write_bytes(content)
             outcome.run.upload_all(Path(scratch), [FAILED])
         else:
-            claim(outcome.run, replace=True)  # nobody else's folder
+            check_place(outcome.run, replace=True)  # nobody else's folder
+            outcome.run.mkdir(exist_ok=True)
             write_whole(outcome.run / FAILED, content)
 
 

@@ -19,8 +19,8 @@ from quadlog.pipelines.comparison.problems import CompareOptions, Ends, Episode,
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.context import RobotTrack, TargetTrack
 from quadlog.pipelines.stages.plan import growth_of, planned_as, recorded_maps
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.planning.protocol import Bool
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner

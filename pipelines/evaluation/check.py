@@ -62,7 +62,7 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callab
     refuse_existing(expect, force)
     runs = [Run(path) for path in find_runs(paths)]
     bounds = propose(runs)
-    _write(expect, bounds_toml(bounds, expect))
+    _write(expect, bounds_toml(bounds))
     for name, mine in bounds.items():
         if events := [words for metric, bound in mine.items() if (words := accepted(metric, bound))]:
             say(f"warning: the bounds for {name} accept {'; '.join(events)}")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
+from quadlog.config.schema import Config
 from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.mapping.grid import crop, window_at
 from quadlog.messages import NS_PER_S, Float
+from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.simulation.walk import (
     check_rate,
@@ -21,54 +25,85 @@ from quadlog.pipelines.simulation.walk import (
     solver_counts,
     walker_settings,
 )
-from quadlog.pipelines.stages.context import ReplayContext, WalkedBody
-from quadlog.pipelines.stages.plan import PlanTables, configured_planner, recorded_maps, replan_settings
+from quadlog.pipelines.stages.plan import (
+    PLANNING,
+    PlanTables,
+    configured_planner,
+    recorded_maps,
+    replan_settings,
+)
+from quadlog.pipelines.stages.tracks import Tracks
+from quadlog.pipelines.store import stage
 from quadlog.planning.replan import Replanner
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
-from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
-from quadlog.simulation.robot.height_field import HeightField
+from quadlog.simulation.resimulation import MapInstant, PursuitSettings, Resimulation
+from quadlog.simulation.resimulation import resimulate as walk
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
 
+CONTROLLING = (*PLANNING, "pursuit", "robot", "mpc", "wbc", "simulation")
 
-def resimulate_walk(walk: ReplayContext) -> None:
-    """control, clearances, contacts, resim_plans and resim_paths; nothing without a target or a controller."""
-    config = walk.config
-    maps = load_maps(walk.run.path)
-    if walk.target is None or config.simulation.parts is None or len(maps) == 0:
-        return
-    walk.progress.begin("control", len(maps))
-    with walk.clock.stage("control"):
-        start = walk.robot_pose_at(int(maps.t_ns.min()))
+
+@dataclass(frozen=True, slots=True)
+class WalkedBody:
+    """Mass and effort of a re-simulated robot's body over a number of ticks of the simulation."""
+
+    mass_kg: float
+    ticks: int
+    effort: Effort
+
+    @classmethod
+    def load(cls, _: Path, state: Any) -> Self | None:
+        """As stage `control` has left it; None where no body walked."""
+        return None if state is None else cls(state["mass_kg"], state["ticks"], Effort(**state["effort"]))
+
+
+@stage("control", reads=CONTROLLING, load=WalkedBody.load)
+def resimulate(
+    folder: Path, journal: Journal, config: Config, maps: Path, tracks: Tracks, seed: int
+) -> dict[str, Any] | None:
+    """control, clearances, contacts, resim_plans and resim_paths; nothing without a controller. Returns the body."""
+    maps_ns, target = load_maps(maps).t_ns, tracks.target
+    if target is None or config.simulation.parts is None or len(maps_ns) == 0:
+        return None
+    journal.progress.begin("control", len(maps_ns))
+    with journal.clock.stage("control"):
+        start = tracks.robot.pose_at(int(maps_ns.min()), config.lidar.pose_gap_s)
         assert start is not None, "a map is only made where there is a pose"
-        replanner = Replanner(configured_planner(config), replan_settings(walk))
-        instants = _counted(_with_what_stands(walk.run.path), walk.progress)
-        robot = _robot(walk, start)
-        resim = resimulate(instants, walk.targets_at, robot, lookahead_control(config), replanner, _settings(walk))
-        write_table(walk.run.path / "control.parquet", TABLES["control"], resim.control)
-        beside = {"clearance_m": resim.clearance_m, "target_distance_m": resim.target_distance_m}
-        clearances = {"t_ns": resim.control["t_ns"], **beside}
-        write_table(walk.run.path / "clearances.parquet", TABLES["clearances"], clearances)
-        write_contacts(walk.run.path, resim.contacts)
-        with PlanTables(walk.run.path, "resim_plans", "resim_paths") as tables:
-            paths = {path.t_ns: path for path in resim.paths}
-            for record in resim.plans:
-                tables.add(record, paths.get(record.t_ns))
-    if isinstance(robot, WalkingRobot):
-        walk.body = WalkedBody(robot.mass_kg, robot.ticks, robot.effort)
-        walk.counts |= solver_counts(robot)
+        replanner = Replanner(configured_planner(config), replan_settings(config, target))
+        instants = _counted(_with_what_stands(maps), journal.progress)
+        robot = _robot(journal, config, maps, start, seed)
+        resim = walk(instants, target.at, robot, lookahead_control(config), replanner, _settings(config))
+        _write_walk(folder, resim)
     if robot.fallen:
-        walk.warn("the re-simulated robot fell, and lay from there on")
-    walk.counts["ticks"] = len(np.atleast_1d(resim.control["t_ns"]))
+        journal.warn("the re-simulated robot fell, and lay from there on")
+    journal.count("ticks", len(np.atleast_1d(resim.control["t_ns"])))
     if resim.outside_replans:
-        walk.counts["replans_outside_window"] = resim.outside_replans
+        journal.count("replans_outside_window", resim.outside_replans)
     if resim.outside_ticks:
-        walk.counts["ticks_outside_window"] = resim.outside_ticks
-        walk.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+        journal.count("ticks_outside_window", resim.outside_ticks)
+        journal.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+    if not isinstance(robot, WalkingRobot):
+        return None
+    journal.counts |= {name: int(count) for name, count in solver_counts(robot).items()}
+    effort = {name: float(value) for name, value in asdict(robot.effort).items()}
+    return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
+
+
+def _write_walk(folder: Path, resim: Resimulation) -> None:
+    """The tables of a re-simulated walk."""
+    write_table(folder / "control.parquet", TABLES["control"], resim.control)
+    beside = {"clearance_m": resim.clearance_m, "target_distance_m": resim.target_distance_m}
+    write_table(folder / "clearances.parquet", TABLES["clearances"], {"t_ns": resim.control["t_ns"], **beside})
+    write_contacts(folder, resim.contacts)
+    with PlanTables(folder, "resim_plans", "resim_paths") as tables:
+        paths = {path.t_ns: path for path in resim.paths}
+        for record in resim.plans:
+            tables.add(record, paths.get(record.t_ns))
 
 
 def write_contacts(run: Path, contacts: Sequence[Contact]) -> None:
@@ -98,28 +133,22 @@ def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[Map
         progress.advance((instant.t_ns - first_ns) / NS_PER_S)
 
 
-def _robot(walk: ReplayContext, start_pose: Float) -> WalkingRobot | UnicycleRobot:
-    """A robot with a body on the ground that the run saw, or one without."""
-    config = walk.config
-    rng = np.random.default_rng([walk.seed, *b"resimulation"])
+def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
+    """A robot with a body, on the run's own ground where feet can stand on it, else on a plane; or one without."""
+    rng = np.random.default_rng([seed, *b"resimulation"])
     disturbances = disturbance_settings(config.simulation.disturbances)
     if not config.simulation.has_body:
         return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
     check_rate(config.pursuit.rate_hz)
-    model = robot_model(config, _ground(walk))
+    ground, why_plane = walkable_ground(maps, config.simulation.friction)
+    if why_plane:
+        journal.warn(why_plane)
+    model = robot_model(config, ground)
     return WalkingRobot(model, walker_settings(config, model.robot), start_pose, rng, disturbances)
 
 
-def _ground(walk: ReplayContext) -> HeightField:
-    """The run's own height map where it has one that feet can stand on, else a plane, which is said."""
-    ground, why_plane = walkable_ground(walk.run.path, walk.config.simulation.friction)
-    if why_plane:
-        walk.warn(why_plane)
-    return ground
-
-
-def _settings(walk: ReplayContext) -> PursuitSettings:
-    pursuit, robot = walk.config.pursuit, walk.config.robot
+def _settings(config: Config) -> PursuitSettings:
+    pursuit, robot = config.pursuit, config.robot
     return PursuitSettings(
         speed_mps=SPEED_MPS if pursuit.speed_mps is None else pursuit.speed_mps,
         max_yaw_rate_radps=pursuit.max_yaw_rate_radps,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +10,10 @@ import numpy as np
 from quadlog.config.schema import Config, Mount
 from quadlog.geometry import transform_from_quat, transform_from_rpy
 from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose
-from quadlog.recordings.gathering import Gathered, Many
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
+from quadlog.recordings.streams import Streams
 from quadlog.recordings.tf_tree import BASE_FRAMES, TransformTree, is_named
-
-TakeCloud = Callable[[int, PointCloud], None]
-RECENT = 1024
-"""Poses of each transform that are kept in view: a second at 1 kHz."""
 
 
 def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, base_frame: str = "") -> Float | None:
@@ -57,79 +53,60 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
     return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)
 
 
-class CloudMover:
-    """Moves clouds of a frame that moves in base into base, at their stamp, by what was read until then.
-
-    tree: filled by whoever reads transforms. odometry: the topic that places base in the clouds' frame instead. Clouds
-    farther than gap_ns from all poses lose their points.
-    """
-
-    def __init__(self, tree: TransformTree, frame: str, base: str, odometry: str | None, gap_ns: int) -> None:
-        self._tree = tree if odometry is None else TransformTree()
-        self._frame, self._base, self._odometry, self._gap_ns = frame, base, odometry, gap_ns
-        self._unplaced: set[int] = set()
-
-    def topics(self, tf: Sequence[str]) -> list[str]:
-        """Those whose messages must be taken before clouds logged after them; tf: those of moving transforms."""
-        return list(tf) if self._odometry is None else [self._odometry]
-
-    def take(self, gathered: Gathered) -> None:
-        """Store odometry; transforms are in the tree already."""
-        if gathered.topic != self._odometry:
-            return
-        frames = gathered.topic, self._frame, self._base
-        if isinstance(gathered, Many):
-            self._tree.add_moving(*frames, gathered.order, gathered.t_ns, gathered.columns.values[:, :7])
-        elif isinstance(gathered.message, (Odometry, Pose)):
-            pose = np.concatenate([gathered.message.position_m, gathered.message.quat_xyzw])
-            self._tree.add_moving(*frames, np.array([gathered.order]), np.array([gathered.t_ns]), pose[None])
-
-    def reaches(self, t_ns: int) -> bool:
-        """Whether poses are known up to an instant."""
-        span = self._tree.recent(RECENT).span_between_ns(self._frame, self._base)
-        return span is not None and span[1] >= t_ns
-
-    def moved(self, t_ns: int, cloud: PointCloud) -> PointCloud:
-        """The cloud in base, without beams and times: they are not those of a sensor that sits there."""
-        xyz_m = np.empty((0, 3), np.float32)
-        tree = self._tree.recent(RECENT)
-        span = tree.span_between_ns(self._frame, self._base)
-        at_ns = t_ns if span is None else min(max(t_ns, span[0]), span[1])
-        poses = None if span is None else tree.pose_series(self._frame, self._base, np.array([at_ns], np.int64))
-        if poses is None or abs(at_ns - t_ns) > self._gap_ns:
-            self._unplaced.add(t_ns)
-        else:
-            transform = transform_from_quat(poses.position_m[0], poses.quat_xyzw[0])
-            xyz_m = (cloud.xyz_m @ transform[:3, :3].T + transform[:3, 3]).astype(np.float32)
-        return PointCloud(cloud.stamp_ns, self._base, xyz_m)
-
-    def warnings(self) -> list[str]:
-        """How many clouds lost their points."""
-        count, where = len(self._unplaced), f"{self._base} in {self._frame}, the frame that the clouds are in"
-        return [f"{count} clouds are taken as empty: no pose near them places {where}"] if count else []
-
-
 class LidarMount(NamedTuple):
-    """How clouds come into base: by a fixed transform_lidar_to_base (4, 4), after the mover where their frame moves.
+    """How clouds come into base: by a fixed transform_lidar_to_base (4, 4), or, where their frame moves, by a mover.
 
     known: whether configuration or recording tells. from_tf: the lidar's frame and base, if tf gives the transform.
+    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry tells how, instead of tf.
     """
 
     transform_lidar_to_base: Float
     known: bool = True
-    mover: CloudMover | None = None
     from_tf: tuple[str, str] | None = None
+    moving: tuple[str, str] | None = None
+    by_odometry: bool = False
 
-    def behind(self, take: TakeCloud) -> TakeCloud:
-        """What takes clouds as they come, for one that takes those the mover has moved."""
-        mover = self.mover
-        return take if mover is None else lambda t_ns, cloud: take(t_ns, mover.moved(t_ns, cloud))
+
+class CloudMover:
+    """Moves clouds of a frame that moves in base into base, at their stamp.
+
+    Clouds farther than gap_ns from all poses lose their points.
+    """
+
+    def __init__(self, mount: LidarMount, streams: Streams, gap_ns: int) -> None:
+        assert mount.moving is not None
+        self._frame, self._base = mount.moving
+        tree, odometry = streams.tf, streams.odometry
+        if mount.by_odometry:
+            tree = TransformTree()
+            if odometry is not None:
+                poses = np.column_stack([odometry.position_m, odometry.quat_xyzw])
+                tree.add_moving("", *mount.moving, np.arange(len(odometry)), odometry.t_ns, poses)
+        self._t_ns = np.unique(streams.clouds_ns)
+        span_ns = tree.span_between_ns(*mount.moving)
+        at_ns = self._t_ns if span_ns is None else np.clip(self._t_ns, *span_ns)
+        self._poses = None if span_ns is None else tree.pose_series(*mount.moving, at_ns)
+        self._near = np.abs(at_ns - self._t_ns) <= (-1 if self._poses is None else gap_ns)
+
+    def moved(self, t_ns: int, cloud: PointCloud) -> PointCloud:
+        """The cloud in base, without beams and times: they are not those of a sensor that sits there."""
+        xyz_m = np.empty((0, 3), np.float32)
+        row = int(np.searchsorted(self._t_ns, t_ns))
+        if self._poses is not None and self._near[row]:
+            transform = transform_from_quat(self._poses.position_m[row], self._poses.quat_xyzw[row])
+            xyz_m = (cloud.xyz_m @ transform[:3, :3].T + transform[:3, 3]).astype(np.float32)
+        return PointCloud(cloud.stamp_ns, self._base, xyz_m)
+
+    def warnings(self) -> list[str]:
+        """How many clouds lose their points."""
+        count, where = int((~self._near).sum()), f"{self._base} in {self._frame}, the frame that the clouds are in"
+        return [f"{count} clouds are taken as empty: no pose near them places {where}"] if count else []
 
 
 def find_mount(
-    recording: Recording, roles: Roles, config: Config, lidar: str | None, tree: TransformTree, odometry: str | None
+    recording: Recording, roles: Roles, config: Config, lidar: str | None, odometry: str | None
 ) -> LidarMount:
-    """From the configuration, or from what tf or odometry shows where it has none; tree: of the transforms to come."""
+    """From the configuration, or from what tf or odometry shows where it has none."""
     place = config.lidar.mount
     if place != Mount():
         angles_rad = np.radians([place.roll_deg, place.pitch_deg, place.yaw_deg]).tolist()
@@ -137,16 +114,16 @@ def find_mount(
     frame = None if lidar is None else frame_of(recording, lidar)
     if frame is None:
         return LidarMount(np.eye(4), known=False)
-    frames, gap_ns = roles.frames, round(config.lidar.pose_gap_s * 1e9)
+    frames = roles.frames
     base = frames.base_frame(config.topics.base_frame)
     if base is not None:
         fixed, moves = frames.static_transform(frame, base), bool(frames.moving(frame, base))
         if fixed is not None and not (moves and frames.is_world(frame, base)):
             return LidarMount(fixed, from_tf=(frame, base))
         if moves:
-            return LidarMount(np.eye(4), mover=CloudMover(tree, frame, base, None, gap_ns))
+            return LidarMount(np.eye(4), moving=(frame, base))
     if odometry is not None and frame_of(recording, odometry) == frame and frames.is_world(frame, base):
-        return LidarMount(np.eye(4), mover=CloudMover(tree, frame, base or "base", odometry, gap_ns))
+        return LidarMount(np.eye(4), moving=(frame, base or "base"), by_odometry=True)
     return LidarMount(np.eye(4), known=is_named(frame, BASE_FRAMES))
 
 

@@ -12,7 +12,10 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.mapping.grid import window_at
-from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.messages import NS_PER_S
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
+from quadlog.pipelines.store import stage
 from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
@@ -21,34 +24,41 @@ from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.simulation.resimulation import MapInstant
 
+PLANNING = (
+    *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
+    *("robot.length_m", "robot.width_m"),
+)
 
-def replan_walk(walk: ReplayContext) -> None:
+
+@stage("plan", reads=PLANNING, load=lambda folder, _: folder)
+def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: Tracks) -> None:
     """Write plans, paths and astar from the saved maps; nothing without a target, with a warning."""
-    if walk.target is None:
-        walk.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
+    if tracks.target is None:
+        journal.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
         return
-    config = walk.config
-    replanner = Replanner(configured_planner(config), replan_settings(walk))
-    walk.progress.begin("plan", len(load_maps(walk.run.path)))
-    run = walk.run.path
+    replanner = Replanner(configured_planner(config), replan_settings(config, tracks.target))
+    journal.progress.begin("plan", len(load_maps(maps)))
+    first_ns = None
     with (
-        walk.clock.stage("plan"),
-        PlanTables(run, "plans", "paths") as tables,
-        TableWriter(run / "astar.parquet", TABLES["astar"]) as astar,
+        journal.clock.stage("plan"),
+        PlanTables(folder, "plans", "paths") as tables,
+        TableWriter(folder / "astar.parquet", TABLES["astar"]) as astar,
     ):
-        for instant in recorded_maps(run):
-            pose = walk.robot_pose_at(instant.t_ns)
-            target_m = walk.targets_at(np.array([instant.t_ns]))[0]
+        for instant in recorded_maps(maps):
+            first_ns = instant.t_ns if first_ns is None else first_ns
+            pose = tracks.robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
+            target_m = tracks.target.at(np.array([instant.t_ns]))[0]
             if pose is None or not np.isfinite(target_m).all():
-                walk.count("maps_without_target")
+                journal.count("maps_without_target")
                 continue
-            replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
-            tables.add(replan.record, replan.path)
-            astar.add_row({"t_ns": instant.t_ns, "expanded": replan.record.astar_expanded})
-            walk.progress.advance((instant.t_ns - walk.first_ns) * 1e-9)
-    lost = walk.counts.get("maps_without_target", 0)
-    if lost:
-        walk.warn(f"{lost} maps are not planned on: no target or no position of the robot is known at their instants")
+            plan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
+            tables.add(plan.record, plan.path)
+            astar.add_row({"t_ns": instant.t_ns, "expanded": plan.record.astar_expanded})
+            journal.progress.advance((instant.t_ns - first_ns) / NS_PER_S)
+    if lost := journal.counts.get("maps_without_target", 0):
+        journal.warn(
+            f"{lost} maps are not planned on: no target or no position of the robot is known at their instants"
+        )
 
 
 class PlanTables:
@@ -95,11 +105,9 @@ def configured_planner(config: Config) -> Planner:
     return make_planner(config.planner.name, Rules(corner_cutting=config.planner.corner_cutting))
 
 
-def replan_settings(walk: ReplayContext) -> ReplanSettings:
+def replan_settings(config: Config, target: TargetTrack) -> ReplanSettings:
     """The sections grid, planner and smoothing as the algorithms take them."""
-    config: Config = walk.config
-    keeps_away = walk.target is not None and walk.target.has_body
-    return replace(planned_as(config), stop_short_m=config.planner.stop_short_m if keeps_away else 0.0)
+    return replace(planned_as(config), stop_short_m=config.planner.stop_short_m if target.has_body else 0.0)
 
 
 def planned_as(config: Config) -> ReplanSettings:

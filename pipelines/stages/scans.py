@@ -1,33 +1,27 @@
-"""Classify clouds as they are read, and keep compact scans on disk until positions are known."""
+"""Clouds as they are read: classified and made small for maps, or matched to one another for a track."""
 
 from __future__ import annotations
 
 import math
-import os
-import struct
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from tempfile import SpooledTemporaryFile
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.schema import Config
+from quadlog.config.schema import Config, LidarConfig
 from quadlog.lidar.classified_scan import FEWEST_RETURNS, ClassifiedReturns, PointClass
 from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_slots, sweep_span
-from quadlog.lidar.levelling import NotLevelled
+from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.range_image_method import RangeImageSettings
-from quadlog.lidar.ransac_plane import GroundPlane
+from quadlog.lidar.ransac_plane import is_level
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor, reach_of
 from quadlog.messages import Float, Int, PointCloud
-from quadlog.pipelines.stages.tilt import Tilt
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
     LidarOdometry,
@@ -36,7 +30,9 @@ from quadlog.positioning.lidar_odometry import (
     ScanMatch,
 )
 from quadlog.recordings.roles import Roles
-from quadlog.storage.atomic_write import part_prefix
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 Item = TypeVar("Item")
 
@@ -72,34 +68,6 @@ class EvenSample(Generic[Item]):
         return [self._held[int(index * step)] for index in range(self._wanted)]
 
 
-MOST_IN_MEMORY_BYTES = 4 << 20
-
-
-class Spill(SpooledTemporaryFile[bytes]):
-    """Records of bytes, read back in the order in which they were written.
-
-    Up to a bound they stay in memory; beyond it they go to a file in `folder` that has no name: it is gone with the
-    process, however that ends. Where the system knows no such files it has the name of an unfinished file for an
-    instant. Raises OSError when the disk is full.
-    """
-
-    def __init__(self, folder: Path, most_in_memory_bytes: int = MOST_IN_MEMORY_BYTES) -> None:
-        super().__init__(most_in_memory_bytes, dir=str(folder), prefix=part_prefix(os.getpid()), suffix=".part")
-        self._lengths: list[int] = []
-
-    def append(self, *parts: bytes) -> None:
-        """One record, made of parts."""
-        self._lengths.append(self.write(b"".join(parts)))
-
-    def __len__(self) -> int:
-        return len(self._lengths)
-
-    def __iter__(self) -> Iterator[bytes]:
-        self.seek(0)
-        for length in self._lengths:
-            yield self.read(length)
-
-
 ROUTE_WORDS = {
     "rings": "by the beams their points name",
     "elevations": "by the beams their elevations show",
@@ -108,53 +76,29 @@ ROUTE_WORDS = {
 }
 ABOVE_M = 0.1
 """Margin above the highest relevant height within which rays are kept."""
-_SKEWED = (None, *Skewed)
-_ROW = struct.Struct("<qd5q4d?BB")
 
 
-class ScanRow(NamedTuple):
-    """A scan's row of `scans.parquet`, and its time slots (K,). ms: time to classify it.
+class Scan(NamedTuple):
+    """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,), and what maps take.
 
-    skewed: why its points have no times, None if they have. compact: a CompactScan as bytes, for maps.
+    level: whether its ground can be one, None where none is found. route: how it was classified. skewed: why its points
+    have no times; not_levelled: why it keeps the robot's tilt; None where they have, and it does not. compact: a
+    CompactScan, whose arrays are used again for the next one, as bytes; empty where no maps are made.
     """
 
     t_ns: int
-    ms: float
-    n_raw: int
-    n_valid: int
-    n_outlier: int
-    n_ground: int
-    n_obstacle: int
-    normal: tuple[float, float, float]
-    d_m: float
-    ground_found: bool
-    skewed: Skewed | None
+    row: dict[str, float]
     slot_ns: Int
+    level: bool | None
+    route: str
+    skewed: Skewed | None
+    not_levelled: NotLevelled | None
     compact: bytes
 
     @property
     def shows_nothing(self) -> bool:
         """Whether the scan has too few returns to be used in a map: an empty scan does not show free space."""
-        return self.n_ground + self.n_obstacle < FEWEST_RETURNS
-
-    @property
-    def ground(self) -> GroundPlane | None:
-        """The plane, without its inliers."""
-        return GroundPlane(np.array(self.normal), self.d_m, np.empty(0, np.bool_)) if self.ground_found else None
-
-    def append_to(self, spill: Spill) -> None:
-        """Write it down."""
-        codes = self.ground_found, _SKEWED.index(self.skewed), len(self.slot_ns)
-        spill.append(_ROW.pack(*self[:7], *self.normal, self.d_m, *codes), self.slot_ns.tobytes(), self.compact)
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """What `append_to` wrote."""
-        t_ns, ms, raw, valid, outlier, ground, obstacle, nx, ny, nz, d_m, found, skewed, slots = _ROW.unpack_from(data)
-        counts = raw, valid, outlier, ground, obstacle
-        slot_ns = np.frombuffer(data, np.int64, slots, _ROW.size)
-        rest = data[_ROW.size + 8 * slots :]
-        return cls(t_ns, ms, *counts, (nx, ny, nz), d_m, found, _SKEWED[skewed], slot_ns, rest)
+        return self.row["n_ground"] + self.row["n_obstacle"] < FEWEST_RETURNS
 
 
 class WholeScan(NamedTuple):
@@ -165,14 +109,6 @@ class WholeScan(NamedTuple):
     label: NDArray[np.uint8]
     slot: NDArray[np.uint8]
     slot_ns: Int
-
-
-@dataclass(frozen=True, slots=True)
-class ScanTally:
-    """Number of scans by classification route, and of those not levelled, by reason."""
-
-    routes: Counter[str] = field(default_factory=Counter)
-    tilted: Counter[NotLevelled] = field(default_factory=Counter)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,44 +128,38 @@ class ScanSettings:
 
 
 class Scanner:
-    """Classify clouds one by one, and write the reduced scans to the spill."""
+    """Classifies clouds one by one. samples: whole scans for figures, spread over the recording."""
 
-    def __init__(
-        self,
-        settings: ScanSettings,
-        seed: int,
-        transform_lidar_to_base: Float,
-        tilt: Tilt,
-        spill: Spill,
-        expected: int | None = None,
-    ) -> None:
-        """expected: number of clouds, if known."""
-        self.tally, self.spill = ScanTally(), spill
-        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, expected)
+    def __init__(self, config: Config, seed: int, data: LogData, *, maps: bool) -> None:
+        """maps: whether scans are made compact for maps."""
+        settings = ScanSettings.of_config(config, maps=maps)
+        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, len(data.streams.clouds_ns))
+        self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
         self._compactor: ScanCompactor | None = None
         if settings.compact is not None:
             # Windows are centred on base, compact scans on the lidar.
-            reach_m = settings.compact.reach_m + math.hypot(*transform_lidar_to_base[:2, 3])
+            reach_m = settings.compact.reach_m + math.hypot(*self._mount[:2, 3])
             self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
-        self._tilt, self._transform_lidar_to_base = tilt, transform_lidar_to_base
 
-    def take(self, t_ns: int, cloud: PointCloud) -> None:
+    def classified(self, t_ns: int, cloud: PointCloud) -> Scan:
         """The next cloud."""
         started = time.perf_counter()
-        first_ns, last_ns = _sweep(cloud)
-        rotations, not_levelled = self._tilt.rotations(np.array([t_ns + first_ns, t_ns + last_ns], dtype=np.int64))
-        transforms = np.tile(self._transform_lidar_to_base, (2, 1, 1))
+        rotations, not_levelled = _upright(t_ns + np.array(_sweep(cloud), np.int64), self._up)
+        transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         returns = self._classifier.classify(cloud, transforms)
         compact = b"" if self._compactor is None else self._compactor.compact(returns, t_ns).to_bytes()
-        row = _row(t_ns, (time.perf_counter() - started) * 1e3, returns, compact)
-        row.append_to(self.spill)
-        if not_levelled is not None:
-            self.tally.tilted[not_levelled] += 1
-        if not row.shows_nothing:
-            self.tally.routes[returns.route] += 1
+        row = _row(t_ns, returns) | {"ms": (time.perf_counter() - started) * 1e3}
         self.samples.offer(partial(_whole, t_ns, cloud, returns))
+        level = None if returns.ground is None else is_level(returns.ground)
+        slots = returns.slots
+        return Scan(t_ns, row, t_ns + slots.middle_ns, level, returns.route, slots.skewed, not_levelled, compact)
+
+
+def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
+    """(W, 3, 3) rotations that turn base upright at the instants (W,) of a scan, and why they do not, or None."""
+    return (np.tile(np.eye(3), (len(t_ns), 1, 1)), None) if up is None else level_rotations(t_ns, up)
 
 
 def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
@@ -249,15 +179,22 @@ def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
     return not (by_uwb or lone_pose or others)
 
 
-class LidarTracker:
-    """Takes clouds one by one, levelled by the tilt known then."""
+def track_clouds(data: LogData, config: Config) -> LidarTracker:
+    """The robot's track by the clouds of a log."""
+    tracker = LidarTracker(config.lidar, data.mount.transform_lidar_to_base, data.up)
+    for t_ns, cloud in data.clouds():
+        tracker.take(t_ns, cloud)
+    return tracker
 
-    def __init__(self, config: Config, transform_lidar_to_base: Float, tilt: Tilt) -> None:
-        lidar = config.lidar
+
+class LidarTracker:
+    """Takes clouds one by one."""
+
+    def __init__(self, lidar: LidarConfig, transform_lidar_to_base: Float, up: UpSeries | None) -> None:
         # Points too far for the map still tell where the robot is.
         settings = LidarOdometrySettings(min_range_m=lidar.min_range_m)
         self._odometry, self._deskew = LidarOdometry(settings), lidar.deskew
-        self._mount, self._tilt = transform_lidar_to_base, tilt
+        self._mount, self._up = transform_lidar_to_base, up
         self._levelled: list[Float] = []
         self._scans = 0
 
@@ -269,7 +206,7 @@ class LidarTracker:
         offset_ns, middle_ns = None, t_ns
         if not isinstance(span, Skewed):
             offset_ns, middle_ns = cloud.offset_ns, t_ns + sum(span) // 2
-        rotations, _ = self._tilt.rotations(np.array([middle_ns], dtype=np.int64))
+        rotations, _ = _upright(np.array([middle_ns], dtype=np.int64), self._up)
         rotation = (rotations[0] @ self._mount[:3, :3]).astype(np.float32)
         shift_m = (rotations[0] @ self._mount[:3, 3]).astype(np.float32)
         self._odometry.take(t_ns, cloud.xyz_m @ rotation.T + shift_m, offset_ns)
@@ -354,11 +291,6 @@ def _compact_settings(config: Config) -> CompactSettings:
     )
 
 
-def end_of_sweep_ns(t_ns: int, cloud: PointCloud) -> int:
-    """When the last point of a cloud with this stamp was measured."""
-    return t_ns + _sweep(cloud)[1]
-
-
 def _sweep(cloud: PointCloud) -> tuple[int, int]:
     """Times of the first and last point relative to the stamp; 0 if they are implausible."""
     if cloud.times is None or len(cloud.times) == 0:
@@ -367,13 +299,14 @@ def _sweep(cloud: PointCloud) -> tuple[int, int]:
     return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
 
 
-def _row(t_ns: int, ms: float, returns: ClassifiedReturns, compact: bytes) -> ScanRow:
+def _row(t_ns: int, returns: ClassifiedReturns) -> dict[str, float]:
+    """The columns of scans.parquet, but for its time."""
+    counts = {name: getattr(returns, name) for name in ("n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle")}
     ground = returns.ground
-    nx, ny, nz = (np.nan, np.nan, np.nan) if ground is None else ground.normal.tolist()
-    counts = returns.n_raw, returns.n_valid, returns.n_outlier, returns.n_ground, returns.n_obstacle
+    normal = [np.nan] * 3 if ground is None else ground.normal.tolist()
+    plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))
     d_m = np.nan if ground is None else ground.d_m
-    slot_ns = t_ns + returns.slots.middle_ns
-    return ScanRow(t_ns, ms, *counts, (nx, ny, nz), d_m, ground is not None, returns.slots.skewed, slot_ns, compact)
+    return {"t_ns": t_ns, **counts, **plane, "ground_d_m": d_m, "ground_found": ground is not None}
 
 
 def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:

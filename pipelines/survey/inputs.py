@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.errors import InvalidConfigValue, MissingInput, TooLarge
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.pipelines.stages.context import ReplayContext, RobotTrack
+from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.stages.positions.tag_errors import roles_of
+from quadlog.pipelines.stages.tracks import RobotTrack
 from quadlog.positioning.lidar_odometry import ScanMatch
 from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
 from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 ABOVE_TAG_M, ABOVE_TAG_STD_M = 1.0, 0.8
 """Anchors whose height nobody gives are expected this much above the tag: on a walk over a level floor, an anchor as
@@ -33,34 +38,34 @@ LEAST_PRIOR = OdometryPrior(0.002, 0.001, 0.0003, (0.003, 0.002))
 """Of a pose topic or file that the configuration names, such as motion capture."""
 
 
-def odometry_poses(walk: ReplayContext, track: RobotTrack) -> OdometryPoses:
+def odometry_poses(data: LogData, track: RobotTrack) -> OdometryPoses:
     """The robot's track; poses of the lidar are doubtful where a scan does not tell all of the motion."""
     doubtful: np.ndarray | None = None
-    if track.source == "lidar" and walk.tracker is not None:
-        doubtful = walk.tracker.track().measured().match != ScanMatch.MATCHED
+    if track.source == "lidar" and data.tracker is not None:
+        doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED
     return OdometryPoses(track.t_ns, track.xy_m, track.yaw_rad, doubtful)
 
 
-def odometry_prior(walk: ReplayContext, track: RobotTrack) -> OdometryPrior:
+def odometry_prior(data: LogData, track: RobotTrack) -> OdometryPrior:
     """How well the source of the track is known; a topic that is named may be odometry all the same."""
-    types = {channel.type_name for channel in walk.recording.channels if channel.topic == track.source}
+    types = {channel.type_name for channel in data.log.recording.channels if channel.topic == track.source}
     return PRIORS.get("odometry" if ODOMETRY_TYPE in types else track.source, LEAST_PRIOR)
 
 
-def robot_tags(walk: ReplayContext, ranges: RangeSeries) -> tuple[int, ...]:
+def robot_tags(config: Config, journal: Journal, ranges: RangeSeries) -> tuple[int, ...]:
     """The tags that sit on the robot. Raises MissingInput."""
     seen = [int(tag) for tag in np.unique(ranges.tag)]
-    table = walk.config.uwb.tags
+    table = config.uwb.tags
     tags = tuple(each.id for each in table if each.role == "robot" and each.id in seen)
     if not table:
-        tags = (roles_of(walk.config, seen)["robot"],)
+        tags = (roles_of(config, seen)["robot"],)
     if not tags:
         some = f"{listed(seen[:MOST_LISTED])}{', …' if len(seen) > MOST_LISTED else ''}"
         raise MissingInput("survey", "no tag of role robot in [[uwb.tags]] has ranges", f"the tags are {some}")
     nameless = len(set(seen) - {each.id for each in table} - set(tags))
     if nameless:
         taken = "" if table else f"tag {tags[0]} is taken to be the robot's, "
-        walk.warn(f"{taken}{nameless} other tags are not used; name the robot's in [[uwb.tags]]")
+        journal.warn(f"{taken}{nameless} other tags are not used; name the robot's in [[uwb.tags]]")
     return tags
 
 
@@ -70,15 +75,17 @@ def tag_heights(config: Config, tags: Iterable[int]) -> Float:
     return np.array([own.get(tag, config.uwb.tag_height_m) for tag in tags])
 
 
-def usable_ranges(walk: ReplayContext, ranges: RangeSeries, tags: tuple[int, ...]) -> tuple[MeasuredRanges, Int]:
+def usable_ranges(
+    config: Config, journal: Journal, ranges: RangeSeries, tags: tuple[int, ...]
+) -> tuple[MeasuredRanges, Int]:
     """The ranges of the robot's tags within the configured limits, and the ids (A,) of the anchors. Raises TooLarge."""
-    uwb = walk.config.uwb
+    uwb = config.uwb
     own = np.isin(ranges.tag, tags)
     with np.errstate(invalid="ignore"):
         usable = own & (ranges.range_m >= uwb.min_range_m) & (ranges.range_m <= uwb.max_range_m)
     bad = int((own & ~usable).sum())
     if bad:
-        walk.warn(f"{bad} ranges that are no numbers, or outside uwb.min_range_m and uwb.max_range_m, are left out")
+        journal.warn(f"{bad} ranges that are no numbers, or outside uwb.min_range_m and uwb.max_range_m, are left out")
     if not usable.any():
         raise MissingInput("survey", f"no usable range of tag {listed(tags)}", "see  quadlog info")
     anchor_ids, anchor = np.unique(ranges.anchor[usable], return_inverse=True)
@@ -92,17 +99,17 @@ def usable_ranges(walk: ReplayContext, ranges: RangeSeries, tags: tuple[int, ...
 
 
 def height_prior(
-    walk: ReplayContext, anchor_ids: Int, tags: tuple[int, ...], given: Mapping[int | None, float]
+    config: Config, anchor_ids: Int, tags: tuple[int, ...], given: Mapping[int | None, float]
 ) -> HeightPrior:
     """Expected heights: as given, else as configured, else above the tag. Raises InvalidConfigValue for unknown ids."""
     ids = anchor_ids.tolist()
     unknown = [each for each in given if each is not None and each not in ids]
     if unknown:
         raise InvalidConfigValue(str(unknown[0]), f"no such anchor; there are {listed(ids)}", "--anchor-height")
-    heights = {each.id: each.z_m for each in walk.config.uwb.anchors} | {
+    heights = {each.id: each.z_m for each in config.uwb.anchors} | {
         key: value for key, value in given.items() if key is not None
     }
-    usual_m = float(np.mean(tag_heights(walk.config, tags))) + ABOVE_TAG_M
+    usual_m = float(np.mean(tag_heights(config, tags))) + ABOVE_TAG_M
     everywhere = given.get(None)
     mean_m = np.array([heights.get(each, usual_m if everywhere is None else everywhere) for each in ids])
     std_m = np.array([HEIGHT_STD_M if each in heights or everywhere is not None else ABOVE_TAG_STD_M for each in ids])

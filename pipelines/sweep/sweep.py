@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from quadlog.errors import AlreadyExists, CannotWrite, QuadlogError, RunExists
+from quadlog.errors import AlreadyExists, CannotWrite, RunExists
 from quadlog.pipelines.batch.batch import BatchOutcome, ReplayAll, open_workers
 from quadlog.pipelines.batch.plan import Planned, existing_runs
 from quadlog.pipelines.batch.progress import BatchLines
+from quadlog.pipelines.replay import planned_keys, refuse_another
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages.resume import find_reusable, refuse_another, stage_keys
-from quadlog.pipelines.stages.stage import stages_for
+from quadlog.pipelines.store import Store
 from quadlog.pipelines.sweep.grid import Combination
-from quadlog.pipelines.sweep.sharing import Shared, made_in, parts, shared_stages, take_over
 from quadlog.results.page.runs_page import write_sweep_page
-from quadlog.results.places import place_of_new
-from quadlog.results.record import InputRecord, describe_input, is_finished
-from quadlog.results.stage_marks import read_marks
+from quadlog.results.record import input_bytes, own_files
 from quadlog.results.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
@@ -43,12 +41,13 @@ def sweep(request: SweepRequest, jobs: int, scheduler: str | None, progress: Bat
     An error is the outcome of its combination, or of all that share the stage it met. Raises, before anything is
     written, RecordingNotFound, AlreadyExists, CannotWrite and RunOfAnother; ClusterUnusable and VersionsDiffer.
     """
-    described = describe_input(request.recording)
-    batch = [Planned(_request_of(request, each, described), described.size_bytes) for each in request.grid]
-    _check_output(request, batch, described)
+    size_bytes = input_bytes(own_files(request.recording))
+    batch = [Planned(_request_of(request, each), size_bytes) for each in request.grid]
+    _check_output(request, batch)
     with open_workers(batch, jobs, scheduler, progress, repeats=False) as replay_all:
-        outcomes = _Sweeping(batch, described.identity).run(replay_all)
+        outcomes = _replay_all(batch, request.existing, replay_all)
     rows = [_row(*each) for each in zip(request.grid, outcomes, strict=True)]
+    Store(request.output).trim({key for each in batch for key in planned_keys(each.request).values()})
     with new_folder(request.output):  # not there where every run failed before its folder
         write_sweep_table(request.output, rows)
         write_sweep_page(request.output)
@@ -67,7 +66,7 @@ def _row(combination: Combination, outcome: ReplayOutcome) -> SweepRow:
     return SweepRow(combination.values, combination.seed, combination.name, exit_code, outcome.reason, metrics)
 
 
-def _request_of(request: SweepRequest, combination: Combination, described: InputRecord) -> ReplayRequest:
+def _request_of(request: SweepRequest, combination: Combination) -> ReplayRequest:
     return ReplayRequest(
         recording=request.recording,
         run=request.output / combination.name,
@@ -77,11 +76,10 @@ def _request_of(request: SweepRequest, combination: Combination, described: Inpu
         command=request.command,
         notes=combination.configured.notes,
         draws=False,
-        described=described,
     )
 
 
-def _check_output(request: SweepRequest, batch: Sequence[Planned], described: InputRecord) -> None:
+def _check_output(request: SweepRequest, batch: Sequence[Planned]) -> None:
     """Raises AlreadyExists, CannotWrite and RunOfAnother where the sweep would replace what it must not."""
     output = request.output
     if output.exists() and not output.is_dir():
@@ -97,64 +95,55 @@ def _check_output(request: SweepRequest, batch: Sequence[Planned], described: In
     if request.existing is Existing.RESUME:
         for each in batch:
             if each.request.run in there:
-                refuse_another(each.request, described)
+                refuse_another(each.request)
 
 
-class _Sweeping:
-    """The runs of a sweep while they are replayed. begun: whose folders hold results of this sweep."""
+def shared_stages(keys: Sequence[Mapping[str, str]]) -> Iterator[list[tuple[int, str]]]:
+    """(run, stage) for each result that several runs need before they part, given the keys of their stages in order.
 
-    def __init__(self, batch: Sequence[Planned], identity: str) -> None:
-        self._batch, self._identity = batch, identity
-        self._stages = stages_for(batch[0].request.options.until)
-        self._shared = shared_stages([stage_keys(each.request, identity) for each in batch])
-        self._begun: set[int] = set()
-        self._failed: dict[int, ReplayOutcome] = {}
-        self._base: dict[int, Shared] = {}
+    Those of a list can be done at the same time; those of later ones may need them.
+    """
+    names = list(keys[0])
+    for depth, name in enumerate(names):
+        runs: dict[str, list[int]] = defaultdict(list)
+        for number, chain in enumerate(keys):
+            runs[chain[name]].append(number)
+        after = names[depth + 1 : depth + 2]
+        shared = [
+            (members[0], name)
+            for members in runs.values()
+            if len(members) > 1 and (not after or len({keys[member][after[0]] for member in members}) > 1)
+        ]
+        if shared:
+            yield shared
 
-    def run(self, replay_all: ReplayAll) -> list[ReplayOutcome]:
-        """Shared stages first, each by its leader; then all runs to their end, each from the stages it shares."""
-        for part in parts(self._shared):
-            self._do_shared(part, replay_all)
-        todo = {number: self._prepared(number) for number in range(len(self._batch))}
-        ready = {number: planned for number, planned in todo.items() if planned is not None}
-        ended = dict(zip(ready, replay_all([*ready.values()]), strict=True)) if ready else {}
-        return [ended[number] if number in ended else self._failed[number] for number in todo]
 
-    def _do_shared(self, part: Sequence[Shared], replay_all: ReplayAll) -> None:
-        todo = [(each, self._prepared(each.leader, self._stages[each.depth - 1].name)) for each in part]
-        ready = [(shared, planned) for shared, planned in todo if planned is not None]
-        outcomes = replay_all([planned for _, planned in ready]) if ready else ()
-        for (shared, _), outcome in zip(ready, outcomes, strict=True):
-            for member in shared.members:
-                self._base[member] = shared
-                if outcome.failed:
-                    self._failed[member] = replace(outcome, run=self._batch[member].request.run)
-
-    def _prepared(self, number: int, pause_after: str | None = None) -> Planned | None:
-        """A run as it is replayed next, its folder with the stages that another has done for it; None if failed."""
-        if number in self._failed:
-            return None
-        planned, base = self._batch[number], self._base.get(number)
-        request = planned.request
-        if base is not None and base.leader != number:
-            try:
-                self._take_over(number, base)
-            except QuadlogError as error:
-                self._failed[number] = ReplayOutcome.of_failure(request, str(error))
-                return None
-        forced = request.existing is Existing.FORCE and number not in self._begun
-        self._begun.add(number)
-        existing = Existing.FORCE if forced else Existing.RESUME  # what must not be replaced was refused before
-        return replace(planned, request=replace(request, existing=existing, pause_after=pause_after))
-
-    def _take_over(self, number: int, base: Shared) -> None:
-        """Take the shared stages over unless the run's folder has them, from this sweep or from one that is resumed."""
-        request, source = self._batch[number].request, made_in(self._batch[base.leader].request.run)
-        may_have, place = request.existing is Existing.RESUME or number in self._begun, made_in(request.run)
-        wanted = min(base.depth, len(read_marks(source)))
-        if may_have and place.is_dir() and len(find_reusable(replace(request, run=place), self._identity)) >= wanted:
-            return
-        if not may_have and is_finished(place):
-            place = place_of_new(request.run)
-        take_over(source, place, self._stages[: base.depth], request.config)
-        self._begun.add(number)
+def _replay_all(batch: Sequence[Planned], existing: Existing, replay_all: ReplayAll) -> Sequence[ReplayOutcome]:
+    """Shared stages first, each once; then all runs, which take them from the store."""
+    keys = [planned_keys(each.request) for each in batch]
+    store, failed = Store(batch[0].request.run.parent), dict[str, ReplayOutcome]()
+    if existing is Existing.FORCE:
+        store.forget({key for chain in keys for key in chain.values()})
+        batch = [replace(each, request=replace(each.request, existing=Existing.REPLACE)) for each in batch]
+    for wave in shared_stages(keys):
+        todo = [
+            (number, name)
+            for number, name in wave
+            if not store.has(keys[number][name]) and failed.keys().isdisjoint(keys[number].values())
+        ]
+        paused = [
+            replace(batch[number], request=replace(batch[number].request, pause_after=name)) for number, name in todo
+        ]
+        for (number, name), outcome in zip(todo, replay_all(paused) if paused else (), strict=True):
+            if outcome.failed:
+                failed[keys[number][name]] = outcome
+    # What all need that share it has failed for all of them.
+    ended = {
+        number: replace(failed[key], run=batch[number].request.run)
+        for number, chain in enumerate(keys)
+        for key in chain.values()
+        if key in failed
+    }
+    rest = [number for number in range(len(batch)) if number not in ended]
+    ended |= zip(rest, replay_all([batch[number] for number in rest]) if rest else (), strict=True)
+    return [ended[number] for number in range(len(batch))]

@@ -16,7 +16,6 @@ from quadlog.recordings.decoders.columns import LARGEST_BYTES, ColumnDecoder, Co
 from quadlog.recordings.decoders.ros_messages import Definitions
 
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
-MOST_HELD, MOST_HELD_BYTES, MOST_BEFORE_HELD = 4, 1 << 24, 256
 MOST_TRIES = 8
 """So many broken payloads in a row say that no layout will be found."""
 
@@ -114,35 +113,6 @@ class Waiting:
         self._orders, self._log_times_ns = array("q"), array("q")
         self._payloads: list[bytes] = []
         self._bytes = 0
-
-
-class Held:
-    """Single messages that wait for a few more, so that the columns that must come before them are decoded at once.
-
-    behind: what they must not come before. Few are held, and none where there is no such thing, since each keeps the
-    chunk it lies in.
-    """
-
-    def __init__(self) -> None:
-        self.behind: list[Waiting] = []
-        self._messages: list[tuple[int, RawMessage]] = []
-        self._bytes = 0
-
-    def take(self, order: int, raw: RawMessage) -> None:
-        self._messages.append((order, raw))
-        payload = raw.payload
-        self._bytes += memoryview(payload.obj).nbytes if isinstance(payload, memoryview) else len(payload)
-
-    @property
-    def is_full(self) -> bool:
-        """Whether nothing more should be held."""
-        many = len(self._messages) >= MOST_HELD or self._bytes >= MOST_HELD_BYTES
-        return many or not self.behind or any(len(each) >= MOST_BEFORE_HELD for each in self.behind)
-
-    def drain(self) -> list[tuple[int, RawMessage]]:
-        """All that are held; then none are."""
-        messages, self._messages, self._bytes = self._messages, [], 0
-        return messages
 
 
 def timed_columns(

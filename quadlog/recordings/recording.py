@@ -21,7 +21,7 @@ from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
 from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, found_pose, is_decodable, ways_in_columns
-from quadlog.recordings.gathering import Gathered, Held, One, Pass, Waiting, timed_columns
+from quadlog.recordings.gathering import Gathered, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
 
@@ -165,51 +165,34 @@ class Recording(ClosedOnExit):
     def gathered(
         self,
         topics: Collection[str],
-        prompt: Collection[str] = (),
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[Gathered]:
-        """The same messages, but small ones of a topic many at a time, as columns; faster where all are wanted.
+        """The same messages, but small ones of a topic many at a time, as columns, which come late; clouds lack points.
 
-        Both come late, but columns of topics in `prompt` before each single message that was logged after them.
-        Raises as `messages`.
+        Faster where all are wanted. Raises as `messages`.
         """
         self._check_known(topics)
-        return self._gathered(topics, prompt, start_ns, end_ns)
+        return self._gathered(topics, start_ns, end_ns)
 
-    def _gathered(
-        self, topics: Collection[str], prompt: Collection[str], start_ns: int | None, end_ns: int | None
-    ) -> Iterator[Gathered]:
+    def _gathered(self, topics: Collection[str], start_ns: int | None, end_ns: int | None) -> Iterator[Gathered]:
         wanted = self._sound_topics(topics)
         self._learn_clocks(wanted)
         reading = Pass(start_ns, end_ns)
         waiting: dict[int, Waiting | None] = {}
-        held = Held()
         for order, raw in enumerate(self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns))):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
                 ways = ways_in_columns(raw.channel, self.joints)
                 own = waiting[id(raw.channel)] = Waiting(raw.channel, ways) if ways else None
-                if own is not None and raw.channel.topic in prompt:
-                    held.behind.append(own)
             if own is None or not own.take(order, raw):
-                held.take(order, raw)
-                if held.is_full:
-                    yield from self._held(held, reading)
+                yield from self._singly(order, raw, reading, points=False)
             elif own.is_full:
                 yield from self._columns(own, reading)
-        yield from self._held(held, reading)
         for left in waiting.values():
             if left is not None:
                 yield from self._columns(left, reading)
-
-    def _held(self, held: Held, reading: Pass) -> Iterator[Gathered]:
-        """The single messages that are held, behind the columns of what they must not come before."""
-        for each in held.behind:
-            yield from self._columns(each, reading)
-        for order, raw in held.drain():
-            yield from self._singly(order, raw, reading)
 
     def _columns(self, waiting: Waiting, reading: Pass) -> Iterator[Gathered]:
         """All that waits on a channel; what does not fit into columns comes message by message, behind them."""
@@ -225,8 +208,8 @@ class Recording(ClosedOnExit):
             raw = RawMessage(channel, int(log_times_ns[row]), payloads[row])
             yield from self._singly(int(orders[row]), raw, reading)
 
-    def _singly(self, order: int, raw: RawMessage, reading: Pass) -> Iterator[One]:
-        for message in self._decode_or_count(raw, reading):
+    def _singly(self, order: int, raw: RawMessage, reading: Pass, *, points: bool = True) -> Iterator[One]:
+        for message in self._decode_or_count(raw, reading, points=points):
             timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
             if timed is not None and reading.holds(timed.t_ns):
                 yield One(order, timed.t_ns, timed.topic, timed.message)

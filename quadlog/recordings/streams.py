@@ -1,4 +1,4 @@
-"""The small topics of a recording, gathered in one pass into columns; the clouds are left to be streamed."""
+"""The small topics of a recording, gathered in one pass into columns, and the stamps of its clouds."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from quadlog.messages import (
     JointSeries,
     JointStates,
     Odometry,
+    PointCloud,
     Pose,
     PoseSeries,
     RangeSeries,
@@ -41,8 +42,8 @@ class Streams:
     range_gap_db: (N,) receiver minus first-path power beside ranges, NaN where a message has none.
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
     anchor_places: anchor id -> where the range messages say that it is. estimates: pose topic -> its poses.
-    losses: of topics whose clock was set back. repeated_clouds: (C,) the clouds that it stamps a second time, of all
-    that were noted.
+    losses: of topics whose clock was set back. clouds_ns: (C,) stamps of the clouds in the order in which they came;
+    repeated_clouds: (C,) those that a clock that was set back stamps a second time.
     """
 
     ranges: RangeSeries | None
@@ -57,6 +58,7 @@ class Streams:
     warnings: list[str]
     losses: list[Loss]
     anchor_places: dict[int, AnchorPlace]
+    clouds_ns: Int
     repeated_clouds: NDArray[np.bool_]
     joints: JointSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
@@ -85,7 +87,7 @@ def gather(
     """
     wanted = Gatherer(uwb, odometry, imu, reference, target, tf, joints)
     wanted.take_static(recording)
-    for gathered in recording.gathered(wanted.moving, (), start_ns, end_ns) if wanted.moving else ():
+    for gathered in recording.gathered(wanted.moving, start_ns, end_ns) if wanted.moving else ():
         wanted.take(gathered, recording.stamp)
     return wanted.streams()
 
@@ -180,8 +182,9 @@ class Gatherer:
         tf: Sequence[str] = (),
         joints: str | None = None,
         estimates: Sequence[str] = (),
+        lidar: str | None = None,
     ) -> None:
-        single = (odometry, imu, joints, reference, target)
+        single = (odometry, imu, joints, reference, target, lidar)
         topics = dict.fromkeys([*uwb, *(topic for topic in single if topic), *estimates, *tf])
         self.static = [topic for topic in tf if is_static(topic)]
         self.moving = [topic for topic in topics if topic not in self.static]
@@ -200,13 +203,9 @@ class Gatherer:
         self._imu = _Columns(7)
         self._joints = _Columns(_JOINT_VALUES, "f")
         self._places = AnchorPlaces()
-        self._clouds: dict[str, array[int]] = {}
+        self._lidar, self._clouds_ns = lidar, array("q")
         self._warnings: list[str] = []
         self._losses: list[Loss] = []
-
-    def note_cloud(self, topic: str, t_ns: int) -> None:
-        """The stamp of a cloud, which is left to be streamed."""
-        self._clouds.setdefault(topic, array("q")).append(t_ns)
 
     def take_static(self, recording: Recording) -> None:
         """All static transforms: they count from before a window too."""
@@ -232,6 +231,9 @@ class Gatherer:
             if topic == self._joints_topic:
                 fields = (content.position_rad, content.velocity_radps, content.torque_nm, content.foot_force_n)
                 self._joints.add(order, t_ns, np.concatenate(fields).tolist())
+        elif isinstance(content, PointCloud):
+            if topic == self._lidar:
+                self._clouds_ns.append(t_ns)
         elif isinstance(content, UwbRanges):
             if topic in self._uwb:
                 self._take_ranges(order, t_ns, topic, content)
@@ -292,9 +294,8 @@ class Gatherer:
         imu, joints = self._imu_series(), self._joint_series()
         for topic in self.moving_tf:
             self._losses += clock_losses(topic, "transforms", self.tree.stamps(topic))
-        for topic, stamps in self._clouds.items():
-            self._losses += clock_losses(topic, "clouds", [np.array(stamps, np.int64)])
-        clouds = [repeated_rows(np.array(stamps, np.int64)) for stamps in self._clouds.values()]
+        clouds_ns = np.array(self._clouds_ns, np.int64)
+        self._losses += clock_losses(str(self._lidar), "clouds", [clouds_ns])
         return Streams(
             ranges=ranges,
             range_gap_db=gap_db,
@@ -308,7 +309,8 @@ class Gatherer:
             warnings=self._warnings,
             losses=self._losses,
             anchor_places=self._places.found(),
-            repeated_clouds=np.concatenate([np.zeros(0, np.bool_), *clouds]),
+            clouds_ns=clouds_ns,
+            repeated_clouds=repeated_rows(clouds_ns),
             joints=joints,
             estimates={topic: series for topic, series in estimates.items() if series is not None},
         )

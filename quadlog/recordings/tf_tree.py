@@ -98,16 +98,6 @@ class TransformTree:
             edge.t_ns.frombytes(t_ns.tobytes())
             edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
 
-    def recent(self, count: int) -> TransformTree:
-        """The same frames with the last few poses of each."""
-        tree = TransformTree()
-        for key, edge in self._edges.items():
-            tree._edges[key] = Edge(
-                *(edge.parent, edge.child, edge.static),
-                *(edge.t_ns[-count:], edge.pose[-7 * count :], edge.order[-count:]),
-            )
-        return tree
-
     def stamps(self, topic: str) -> list[Int]:
         """Times (N,) of each moving transform of a topic, in the order in which they came."""
         return [edge.logged()[1] for edge in self._edges.values() if edge.topic == topic and not edge.static]

@@ -5,79 +5,44 @@ A file of bounds has a table [default] for every run, and tables [recordings.NAM
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import tomli_w
 
 from quadlog.config.schema import ExpectedRange
-from quadlog.errors import CannotWrite, printable
+from quadlog.errors import printable
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
-from quadlog.results.text import print_table, terminal_width
+from quadlog.results.text import TitledTable, print_tables, terminal_width
 
 NO_BOUNDS = "no bounds are expected of this run"
-NOT_MEASURED = "not measured"
-
-Bounds = Mapping[str, ExpectedRange | None]
-"""By metric; None takes a bound of [default] away."""
-
-
-@dataclass(frozen=True, slots=True)
-class BoundCheck:
-    """A bound on a metric, and the run's value; None where it was not measured: then the bound does not hold."""
-
-    metric: str
-    bound: ExpectedRange
-    value: float | None
-
-    @property
-    def reason(self) -> str:
-        """Why the bound does not hold; empty if it does."""
-        if self.bound.holds(self.value):
-            return ""
-        if self.value is None:
-            return NOT_MEASURED
-        low = self.bound.min
-        return (
-            f"{self.value!r} is below min {low!r}"
-            if low is not None and self.value < low
-            else (f"{self.value!r} is above max {self.bound.max!r}")
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """`metric, min, max, value, holds, reason`, those that apply."""
-        value = {} if self.value is None else {"value": self.value}
-        sides = self.bound.model_dump(exclude_none=True)
-        return {"metric": self.metric, **sides, **value, "holds": not self.reason} | (
-            {"reason": self.reason} if self.reason else {}
-        )
 
 
 @dataclass(frozen=True, slots=True)
 class RunCheck:
-    """The checks of one run. error: why it could not be read, else None."""
+    """A run held to its bounds: `metric, min, max, value, holds, reason` of each, those that apply.
+
+    error: why the run could not be read.
+    """
 
     run: str
     name: str
-    checks: tuple[BoundCheck, ...] = ()
+    bounds: Sequence[Mapping[str, Any]] = ()
     error: str | None = None
 
     @property
     def holds(self) -> bool:
         """Whether all bounds hold. A run without any bounds does not pass."""
-        return self.error is None and bool(self.checks) and not any(check.reason for check in self.checks)
+        return self.error is None and bool(self.bounds) and all(bound["holds"] for bound in self.bounds)
 
     def to_dict(self) -> dict[str, Any]:
-        """`run, name, holds, bounds`, and `error` where the run could not be read."""
-        content = {"run": self.run, "name": self.name, "holds": self.holds}
-        content["bounds"] = [check.to_dict() for check in self.checks]
-        return content | ({"error": self.error} if self.error is not None else {})
+        """As `--json` prints it, without `error` where there is none."""
+        return {key: of for key, of in {**asdict(self), "holds": self.holds}.items() if of is not None}
 
 
 def bound_names(run: Run) -> tuple[str, ...]:
@@ -92,43 +57,41 @@ def bound_names(run: Run) -> tuple[str, ...]:
     return (place.name,)
 
 
-def check_run(run: Run, bounds: Mapping[str, Bounds]) -> RunCheck:
-    """Check the run's metrics against the bounds of its names. Raises NotARun for damaged metrics."""
+def check_run(run: Run, bounds: Mapping[str, Mapping[str, ExpectedRange | None]]) -> RunCheck:
+    """Check the run's metrics against the bounds of its names; None takes away a bound. Raises NotARun."""
     names = bound_names(run)
     mine: dict[str, ExpectedRange | None] = {}
     for name in ("", *names):
         mine |= bounds.get(name, {})
-    checks = (BoundCheck(name, bound, run.metric(name)) for name, bound in mine.items() if bound is not None)
-    return RunCheck(str(run.path), names[-1], tuple(checks))
+    checks = [_check(metric, bound, run.metric(metric)) for metric, bound in mine.items() if bound is not None]
+    return RunCheck(str(run.path), names[-1], checks)
+
+
+def _check(metric: str, bound: ExpectedRange, value: float | None) -> dict[str, Any]:
+    found = {"metric": metric, **bound.model_dump(exclude_none=True), "holds": bound.holds(value)}
+    if value is None:
+        return found | {"reason": "not measured"}
+    broken = f"below min {bound.min!r}" if value < found.get("min", value) else f"above max {bound.max!r}"
+    return found | {"value": value} | ({} if found["holds"] else {"reason": f"{value!r} is {broken}"})
 
 
 def check_text(runs: Sequence[RunCheck]) -> str:
-    """A sentence for each run, and a table of its bounds."""
-    return "".join(f"{line}\n" for run in runs for line in _lines(run))
-
-
-def _lines(run: RunCheck) -> list[str]:
-    name = printable(run.run)
-    if run.error is not None:
-        return [f"{name}: cannot be checked"]
-    if not run.checks:
-        return [f"{name}: {NO_BOUNDS}; add {_section(run.name)} or [default]"]
-    broken = sum(bool(check.reason) for check in run.checks)
-    verdict = f"{broken} of {len(run.checks)} bounds do not hold" if broken else "all bounds hold"
-    rows = [
-        (
-            *(each.metric, NOT_MEASURED if each.value is None else each.value, each.bound.min, each.bound.max),
-            "DOES NOT HOLD" if each.reason else "holds",
-        )
-        for each in run.checks
-    ]
-    table = print_table(("metric", "value", "min", "max", ""), rows, width=terminal_width() - 4)
-    return [f"{name}: {verdict}", *(f"    {line}" for line in table.splitlines())]
-
-
-def _section(name: str) -> str:
-    """The heading of a run's table, quoted as TOML wants it."""
-    return tomli_w.dumps({"recordings": {printable(name): {}}}).strip()
+    """A table of each run's bounds below a sentence, and then the runs that have none."""
+    tables, others, words = [], [], {True: "holds", False: "DOES NOT HOLD"}
+    for run in runs:
+        broken = sum(not of["holds"] for of in run.bounds)
+        verdict = f"{broken} of {len(run.bounds)} bounds do not hold" if broken else "all bounds hold"
+        rows = [
+            [of["metric"], of.get("value", "not measured"), of.get("min"), of.get("max"), words[of["holds"]]]
+            for of in run.bounds
+        ]
+        if rows:
+            tables.append(TitledTable(f"{run.run}: {verdict}", ("metric", "value", "min", "max", ""), rows))
+        else:
+            add = tomli_w.dumps({"recordings": {printable(run.name): {}}}).strip()
+            why = "cannot be checked" if run.error is not None else f"{NO_BOUNDS}; add {add} or [default]"
+            others.append(f"{run.run}: {why}")
+    return print_tables(tables, "plain", others, terminal_width())
 
 
 HEADER = """\
@@ -136,9 +99,6 @@ HEADER = """\
 # [default] is for every run, [recordings.NAME] for those of one name; {} takes a bound of [default] away.
 """
 _EVENTS = {"fallen": "a fall", "collisions": "contact with obstacles"}
-_MACHINE_DEPENDENT = frozenset({"realtime_factor"})
-_MARGIN, _LEAST_MARGIN, _SHARE_MARGIN = Decimal("0.1"), Decimal("0.0001"), Decimal("0.01")
-_DIGITS = 3
 
 
 def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:
@@ -148,32 +108,27 @@ def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:
     least 0.0001, which allows for rounding on another machine; 0.01 for shares, 0 for falls and contacts. Bounds are
     rounded outwards to three digits. realtime_factor has none, because it depends on the machine.
     """
-    by_name: dict[str, list[Run]] = {}
+    by_name: dict[str, list[Mapping[str, SavedMetric]]] = {}
     for run in runs:
-        by_name.setdefault(bound_names(run)[0], []).append(run)
-    return {name: _propose_for([run.metrics for run in mine]) for name, mine in by_name.items()}
-
-
-def _propose_for(runs: Sequence[Mapping[str, Any]]) -> dict[str, ExpectedRange]:
-    shared = [name for name in CATALOGUE if name not in _MACHINE_DEPENDENT and all(name in run for run in runs)]
-    return {name: _bound(name, [float(run[name].value) for run in runs]) for name in shared}
+        by_name.setdefault(bound_names(run)[0], []).append(run.metrics)
+    return {
+        name: {
+            metric: _bound(metric, [float(run[metric].value) for run in mine])
+            for metric in CATALOGUE
+            if metric != "realtime_factor" and all(metric in run for run in mine)
+        }
+        for name, mine in by_name.items()
+    }
 
 
 def _bound(metric: str, values: Sequence[float]) -> ExpectedRange:
-    better = CATALOGUE[metric].better
-    low, high = _outwards(metric, min(values), -1), _outwards(metric, max(values), +1)
-    return ExpectedRange(min=None if better == "lower" else low, max=None if better == "higher" else high)
-
-
-def _outwards(metric: str, value: float, sign: int) -> float:
-    if metric in _EVENTS:
-        return value
-    exact = Decimal(repr(value))
-    margin = _SHARE_MARGIN if CATALOGUE[metric].kind == "share" else max(_MARGIN * abs(exact), _LEAST_MARGIN)
-    moved = exact + sign * margin
-    step = Decimal(1).scaleb(moved.adjusted() - _DIGITS + 1)
-    bound = float(moved.quantize(step, rounding=ROUND_CEILING if sign > 0 else ROUND_FLOOR))
-    return bound if math.isfinite(bound) else value
+    better, is_share, ends = CATALOGUE[metric].better, CATALOGUE[metric].kind == "share", []
+    for worst, rounding, sign in ((min(values), ROUND_FLOOR, -1), (max(values), ROUND_CEILING, 1)):
+        exact = Decimal(repr(worst))
+        margin = Decimal("0.01") if is_share else max(abs(exact) / 10, Decimal("0.0001"))
+        moved = exact if metric in _EVENTS else exact + sign * margin
+        ends.append(float(Context(3, rounding).plus(moved)))
+    return ExpectedRange(min=None if better == "lower" else ends[0], max=None if better == "higher" else ends[1])
 
 
 def accepted(metric: str, bound: ExpectedRange) -> str:
@@ -185,21 +140,18 @@ def accepted(metric: str, bound: ExpectedRange) -> str:
     return ""
 
 
-def bounds_toml(bounds: Mapping[str, Mapping[str, ExpectedRange]], path: Path) -> bytes:
-    """A file of bounds; path: its name in errors. Raises CannotWrite for a name that is no text."""
-    lines = [HEADER]
+def bounds_toml(bounds: Mapping[str, Mapping[str, ExpectedRange]]) -> bytes:
+    """A file of bounds."""
+    text = HEADER
     for name, mine in bounds.items():
-        lines.append(tomli_w.dumps({"recordings": {name: {}}}))
+        text += f"{tomli_w.dumps({'recordings': {name: {}}})}"
         for metric, bound in mine.items():
             sides = ", ".join(f"{side} = {value!r}" for side, value in bound.model_dump(exclude_none=True).items())
             event = accepted(metric, bound)
-            comment = f"  # accepts {event}; edit it unless that is meant" if event else ""
-            lines.append(f"{metric} = {{ {sides} }}{comment}\n")
-        lines.append("\n")
-    try:
-        return "".join(lines).rstrip("\n").encode() + b"\n"
-    except UnicodeEncodeError as error:
-        raise CannotWrite(path, "the name of a run is no text") from error
+            text += f"{metric} = {{ {sides} }}"
+            text += f"  # accepts {event}; edit it unless that is meant\n" if event else "\n"
+        text += "\n"
+    return text.rstrip("\n").encode("utf-8", "replace") + b"\n"
 
 
 def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
@@ -209,16 +161,13 @@ def junit_xml(runs: Sequence[RunCheck], labels: Sequence[str]) -> bytes:
     """
     root = ET.Element("testsuites", name="quadlog check")
     for run, label in zip(runs, map(printable, labels), strict=True):
-        found = [(check.metric, "failure", check.reason) for check in run.checks]
-        if run.error is not None:
-            found = [("run", "error", run.error)]
-        cases = found or [("expectations", "failure", NO_BOUNDS)]
+        none = {"metric": "expectations", "reason": NO_BOUNDS} if run.error is None else {"metric": "run"}
         suite = ET.SubElement(root, "testsuite", name=label)
-        for name, kind, why in cases:
-            case = ET.SubElement(suite, "testcase", classname=label, name=name)
-            if why:
-                text = printable(f"{name}: {why}")
-                ET.SubElement(case, kind, type=name, message=text).text = text
+        for bound in run.bounds or [none]:
+            case = ET.SubElement(suite, "testcase", classname=label, name=bound["metric"])
+            if why := bound.get("reason", run.error):
+                text, kind = printable(f"{bound['metric']}: {why}"), "failure" if run.error is None else "error"
+                ET.SubElement(case, kind, type=bound["metric"], message=text).text = text
     for element in (*root, root):
         for count, kind in (("tests", "testcase"), ("failures", "failure"), ("errors", "error")):
             element.set(count, str(len(list(element.iter(kind)))))

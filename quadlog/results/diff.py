@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from quadlog.errors import clipped, printable, some_of
-from quadlog.results.arrays import MapSequence
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
 from quadlog.results.stages import STAGE_FILES
@@ -19,14 +19,10 @@ from quadlog.results.text import print_table, terminal_width
 from quadlog.results.view import Moment
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
-KEYS = {
-    "fixes": ["t_ns", "tag"], "ranges": ["t_ns", "tag", "anchor"], "innovations": ["t_ns", "tag"],
-    "links": ["tag", "anchor"], "uwb_errors": ["t_ns", "tag", "source"], "paths": ["t_ns", "i"],
-    "resim_paths": ["t_ns", "i"], "body": ["body", "speeds", "joint", "phase"], "gait": ["body", "speeds"],
-}  # fmt: skip
-"""Key columns of the results that t_ns alone does not identify."""
+_KEYS = ("t_ns", "tag", "anchor", "i", "body", "speeds", "joint", "phase")
+"""Columns that identify a row, where a result has them."""
 COLUMNS = ("stage", "result", "column", "rows", "t_ns", "a", "b", "apart", "largest")
 MADE = "made"
 """The stage of how the runs were made, which is no difference of results."""
@@ -46,11 +42,13 @@ def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> D
     """
     from pandas import DataFrame
 
-    made = _values(_origins(a), _origins(b), "run.json")
-    found = [{"stage": MADE, **row} for row in made]
+    def recorded(what: Callable[[Run], dict[str, Any]]) -> Iterator[dict[str, Any]]:
+        return merge_frames("run.json", DataFrame([what(a)], dtype=object), DataFrame([what(b)], dtype=object))
+
+    found = [{"stage": MADE, **row} for row in recorded(_origins)]
     for stage, files in STAGE_FILES.items():
         rows = [row for name in files for row in _result(name, a, b, absolute, relative)]
-        rows += list(_values(_read(a), _read(b), "run.json")) if stage == "ingest" else []
+        rows += [*recorded(_read)] if stage == "ingest" else []
         rows.sort(key=lambda row: (row["column"] != "", row["t_ns"] is None, row["t_ns"] or 0))
         found += [{"stage": stage, **row} for row in rows]
     return DataFrame(found, columns=list(COLUMNS), dtype=object)
@@ -76,35 +74,25 @@ def diff_text(differences: DataFrame, start_ns: int) -> str:
 
     start_ns: 0 s of the instants.
     """
-    made: list[Any] = list(differences[differences["stage"] == MADE].itertuples())
-    found: list[Any] = list(of_results(differences).itertuples())
-    blocks = [f"results: {printable(_first(found[0], start_ns)) if found else 'the same'}\n"]
-    if made:
-        origins = [(row.column, _text(row.a, 6), _text(row.b, 6)) for row in made]
-        blocks.append(print_table(("made with", "A", "B"), origins, width=terminal_width()))
-    if found:
-        rows = [
-            (
-                *(row.stage, row.result, row.column, row.rows, _seconds(row.t_ns, start_ns)),
-                *(_text(row.a, 5), _text(row.b, 5), row.largest),
-            )
-            for row in found
-        ]
+    at_s = ["" if t_ns is None else f"{(t_ns - start_ns) / 1e9:.3f}" for t_ns in differences["t_ns"]]
+    shown = differences.assign(at_s=at_s, **{side: differences[side].map(partial(_text, digits=5)) for side in "ab"})
+    made, found = shown[shown["stage"] == MADE], of_results(shown)
+    blocks = ["" if len(found) else "results: the same\n"]
+    row: Any
+    for row, when in zip(of_results(differences).head(1).itertuples(), found["at_s"], strict=False):
+        at = f" at {when} s (t_ns {row.t_ns})" if when else ""
+        by = "" if row.apart is None else f" (by {_text(row.apart)})"
+        values = "" if row.a is row.b is None else f": {_text(row.a)} | {_text(row.b)}{by}"
+        what = ", ".join(filter(None, [row.result, row.column]))
+        blocks = [printable(f"results: differ, first in stage {row.stage}: {what}{at}{values}") + "\n"]
+    if len(made):
+        rows = made[["column", "a", "b"]].to_numpy().tolist()
+        blocks.append(print_table(("made with", "A", "B"), rows, width=terminal_width()))
+    if len(found):
+        rows = found[["stage", "result", "column", "rows", "at_s", "a", "b", "largest"]].to_numpy().tolist()
         header = ("stage", "result", "column", "rows", "first s", "A", "B", "largest")
         blocks.append(print_table(header, rows, width=terminal_width()))
     return "\n".join(blocks)
-
-
-def _first(row: Any, start_ns: int) -> str:
-    at = "" if row.t_ns is None else f" at {_seconds(row.t_ns, start_ns)} s (t_ns {row.t_ns})"
-    by = "" if row.apart is None else f" (by {_text(row.apart)})"
-    what = f"{row.result}, {row.column}" if row.column else row.result
-    values = f": {_text(row.a)} | {_text(row.b)}{by}" if row.a is not None or row.b is not None else ""
-    return f"differ, first in stage {row.stage}: {what}{at}{values}"
-
-
-def _seconds(t_ns: Any, start_ns: int) -> str:
-    return "" if t_ns is None else f"{(t_ns - start_ns) / 1e9:.3f}"
 
 
 def _text(value: Any, digits: int = 9) -> str:
@@ -124,12 +112,8 @@ def differing_settings(records: Sequence[RunRecord]) -> list[str]:
         config = _flat(record.config.model_dump(mode="json"))
         options = {key: value for key, value in _flat(record.options).items() if key not in _OF_THE_SAMPLE}
         runs.append({key: value for key, value in config.items() if not key.startswith(_OF_THE_RECORDING)} | options)
-    lines = []
-    for key in dict.fromkeys(key for run in runs for key in run):
-        values = list(dict.fromkeys(str(run.get(key, "not set")) for run in runs))
-        if len(values) > 1:
-            lines.append(printable(f"{key}: {some_of(values)}"))
-    return lines
+    values = {key: list(dict.fromkeys(str(run.get(key, "not set")) for run in runs)) for run in runs for key in run}
+    return [printable(f"{key}: {some_of(of)}") for key, of in values.items() if len(of) > 1]
 
 
 def _origins(run: Run) -> dict[str, Any]:
@@ -157,28 +141,17 @@ def _flat(values: Mapping[str, Any] | Sequence[Any], prefix: str = "") -> dict[s
     return found
 
 
-def _values(a: Mapping[str, Any], b: Mapping[str, Any], result: str) -> Iterator[dict[str, Any]]:
-    for key in dict.fromkeys((*a, *b)):
-        if a.get(key) != b.get(key):
-            yield _row(result, key, 1, None, a.get(key), b.get(key))
-
-
-def _row(
-    result: str, column: str, rows: int, t_ns: int | None, a: Any, b: Any, apart: Any = None, largest: Any = None
-) -> dict[str, Any]:
-    values = (result, column, rows, t_ns, a, b, apart, largest)
-    return dict(zip(COLUMNS[1:], values, strict=True))
+def _row(*values: Any) -> dict[str, Any]:
+    """The first of COLUMNS after the stage, in their order."""
+    return {**dict.fromkeys(COLUMNS[1:]), **dict(zip(COLUMNS[1:], values, strict=False))}
 
 
 def _result(name: str, a: Run, b: Run, absolute: float, relative: float) -> Iterator[dict[str, Any]]:
-    there = [(run.path / name).is_file() for run in (a, b)]
-    if any(there) and not all(there):
-        yield _row(name, "", 1, None, *("saved" if saved else "missing" for saved in there))
-    elif all(there):
-        one, other = _frame(a, name), _frame(b, name)
-        stem = name.partition(".")[0]
-        keys = KEYS.get(stem, ["t_ns"] if "t_ns" in one else ["index"])
-        yield from merge_frames(stem, one, other, keys, absolute, relative)
+    saved = ["saved" if (run.path / name).is_file() else "missing" for run in (a, b)]
+    if saved == ["saved", "saved"]:
+        yield from merge_frames(name.partition(".")[0], _frame(a, name), _frame(b, name), absolute, relative)
+    elif "saved" in saved:
+        yield _row(name, "", 1, None, *saved)
 
 
 def _frame(run: Run, name: str) -> DataFrame:
@@ -188,99 +161,64 @@ def _frame(run: Run, name: str) -> DataFrame:
     stem, _, suffix = name.partition(".")
     if suffix == "parquet":
         return DataFrame(read_table(run.path, stem, largest=math.inf))
-    if suffix == "tum":
-        poses = run.trajectory(stem)
-        assert poses is not None
-        columns = dict(zip("xyz", poses.position_m.T, strict=True))
-        columns |= dict(zip(("qx", "qy", "qz", "qw"), poses.quat_xyzw.T, strict=True))
-        return DataFrame({"t_ns": poses.t_ns, **columns})
+    if suffix == "tum" and (poses := run.trajectory(stem)) is not None:
+        seven = np.column_stack([poses.position_m, poses.quat_xyzw])
+        return DataFrame(seven, columns=[*"xyz", "qx", "qy", "qz", "qw"]).assign(t_ns=poses.t_ns)
+    if stem == "maps" and (maps := run.maps) is not None:
+        places = DataFrame(maps.origin_m, columns=["origin_x_m", "origin_y_m"]).assign(t_ns=maps.t_ns)
+        packed = (hashlib.blake2b(np.packbits(of).tobytes(), digest_size=8).hexdigest() for *_, of in maps)
+        places = places.assign(occupied=[int(of.sum()) for *_, of in maps], cells=list(packed))
+        return places.assign(cell_m=maps.cell_m, shape=f"{maps.shape[0]} by {maps.shape[1]}")
     if name == "metrics.json":
         metrics = {key: of for key, of in run.metrics.items() if key not in TIMINGS}
-        return _one_row({f"{key}.{part}": getattr(of, part) for key, of in metrics.items() for part in ("value", "n")})
-    if suffix == "yaml":
-        return _one_row(
-            dict(line.partition(": ")[::2] for line in (run.path / name).read_text("utf-8", "replace").splitlines())
+        return DataFrame(
+            [{f"{key}.{part}": getattr(of, part) for key, of in metrics.items() for part in ("value", "n")}]
         )
-    if name == "maps.npz":
-        return _map_frame(run.maps)
+    if suffix == "yaml":
+        text = (run.path / name).read_text("utf-8", "replace")
+        return DataFrame([dict(line.partition(": ")[::2] for line in text.splitlines())])
     if suffix == "npz":
         arrays = {key: Series(array.ravel()) for key, array in (run.arrays(stem) or {}).items()}
-        return DataFrame(arrays).rename(columns={"t_ns": "at_ns"}).rename_axis("index").reset_index()
-    content = np.frombuffer((run.path / name).read_bytes(), np.uint8)
-    return DataFrame({"index": np.arange(len(content)), "byte": content})
-
-
-def _one_row(values: dict[str, Any]) -> DataFrame:
-    from pandas import DataFrame
-
-    return DataFrame([{"index": 0, **values}])
-
-
-def _map_frame(maps: MapSequence | None) -> DataFrame:
-    """The place and size of each map, the number of its occupied cells, and a digest of them."""
-    from pandas import DataFrame
-
-    if maps is None:
-        return DataFrame({"t_ns": np.empty(0, np.int64)})
-    counts, digests = [], []
-    for index in range(len(maps)):
-        cells = maps.occupied(index)
-        counts.append(int(cells.sum()))
-        digests.append(hashlib.blake2b(np.packbits(cells).tobytes(), digest_size=8).hexdigest())
-    x_m, y_m = maps.origin_m.T
-    size = {"cell_m": maps.cell_m, "shape": f"{maps.shape[0]} by {maps.shape[1]}"}
-    columns = {"t_ns": maps.t_ns, "origin_x_m": x_m, "origin_y_m": y_m, "occupied": counts, "cells": digests}
-    return DataFrame(columns | size)
+        return DataFrame(arrays).rename(columns={"t_ns": "at_ns"})
+    return DataFrame({"byte": np.frombuffer((run.path / name).read_bytes(), np.uint8)})
 
 
 def merge_frames(
-    name: str, a: DataFrame, b: DataFrame, keys: Sequence[str], absolute: float = 0.0, relative: float = 0.0
+    name: str, a: DataFrame, b: DataFrame, absolute: float = 0.0, relative: float = 0.0
 ) -> Iterator[dict[str, Any]]:
     """The differences of two tables, whose rows are matched by key, and by their order within a key."""
     if a.equals(b):
         return
     columns = list(dict.fromkeys((*a.columns, *b.columns)))
-    a, b = (frame.reindex(columns=columns).assign(_nth=frame.groupby(list(keys)).cumcount()) for frame in (a, b))
-    both = a.merge(b, "outer", on=[*keys, "_nth"], suffixes=("_a", "_b"), indicator="_in").sort_values(list(keys))
+    keys = [key for key in _KEYS if key in a] + (["source"] if name == "uwb_errors" else [])
+    a, b = (of.reindex(columns=columns).assign(_nth=of.groupby(keys).cumcount() if keys else of.index) for of in (a, b))
+    both = a.merge(b, "outer", on=[*keys, "_nth"], suffixes=("_a", "_b"), indicator="_in").sort_values([*keys, "_nth"])
     for letter, side in (("A", "left_only"), ("B", "right_only")):
         alone = both[both["_in"] == side]
         if len(alone):
-            yield _row(name, f"rows only in {letter}", len(alone), _instant(alone), None, None)
+            yield _row(name, f"rows only in {letter}", len(alone), _instant(alone))
     both = both[both["_in"] == "both"]
     for column in columns:
         if column in keys or column in TIMINGS or column.startswith("us_"):
             continue
         one, other = both[f"{column}_a"], both[f"{column}_b"]
-        apart = _apart(column, one, other)
-        differ = (one != other) & ~(one.isna() & other.isna())
-        if apart is not None:
-            with np.errstate(invalid="ignore"):  # infinity by a tolerance of 0
+        differ, apart = (one != other) & ~(one.isna() & other.isna()), None
+        if {one.dtype.kind, other.dtype.kind} <= set("iuf"):
+            with np.errstate(invalid="ignore"):  # infinity less infinity, and by a tolerance of 0
+                # Unsigned numbers would wrap around, and large integers lose digits.
+                kind = np.float64 if "f" in one.dtype.kind + other.dtype.kind else np.int64
+                apart = (one.astype(kind) - other.astype(kind)).abs()
+                if column.endswith("_rad"):  # the shorter way around
+                    apart = apart.where(apart <= np.pi, (2 * np.pi - apart).abs())
                 allowed = np.maximum(absolute, relative * np.maximum(one.abs(), other.abs()))
-            differ &= ~((apart <= allowed) & np.isfinite(apart))
-        rows = both[differ]
-        if len(rows):
-            first = rows.iloc[0]
-            distances = (None, None) if apart is None else (apart[differ].iloc[0], apart[differ].max())
-            values = (first[f"{column}_a"], first[f"{column}_b"], *distances)
-            yield _row(name, column, len(rows), _instant(rows), *map(_plain, values))
-
-
-def _apart(column: str, one: Series, other: Series) -> Series | None:
-    """How far numbers are apart, angles the shorter way around; None of texts and truth values."""
-    kinds = {one.dtype.kind, other.dtype.kind}
-    if not kinds <= set("iuf"):
-        return None
-    with np.errstate(invalid="ignore"):  # infinity less infinity
-        kind = np.float64 if "f" in kinds else np.int64  # unsigned numbers would wrap around
-        apart = (one.astype(kind) - other.astype(kind)).abs()
-    return apart.where(apart <= np.pi, (2 * np.pi - apart).abs()) if column.endswith("_rad") else apart
+            differ &= (apart > allowed) | ~np.isfinite(apart)
+        if differ.any():
+            found = [one[differ].iloc[0], other[differ].iloc[0]]
+            found += [] if apart is None else [apart[differ].iloc[0], apart[differ].max()]
+            # As Python has them, None for NaN.
+            values = [None if of != of else of.item() if hasattr(of, "item") else of for of in found]
+            yield _row(name, column, int(differ.sum()), _instant(both[differ]), *values)
 
 
 def _instant(rows: DataFrame) -> int | None:
     return int(rows.iloc[0]["t_ns"]) if "t_ns" in rows else None
-
-
-def _plain(value: Any) -> Any:
-    """A Python value, None for NaN."""
-    value = value.item() if hasattr(value, "item") else value
-    return None if isinstance(value, float) and np.isnan(value) else value

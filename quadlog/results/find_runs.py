@@ -18,6 +18,8 @@ from quadlog.results.tables import TABLES, has_table, read_table
 from quadlog.storage.atomic_write import is_part
 from quadlog.storage.remote_path import RemotePath, copy_object
 
+FAILED = "failed.json"
+"""The reason why a recording was not replayed. A folder without other files counts as absent."""
 # Files that quadlog writes into a run folder; `--force` removes only these.
 FAILED = "failed.json"
 """The reason why a recording was not replayed. A folder without other files counts as absent."""

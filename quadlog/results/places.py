@@ -1,127 +1,90 @@
-"""Where a run is made: its folder is claimed without overwriting anything; a run stands until its successor does."""
+"""Where a run is made: beside its place, which it takes when it is complete; the run before stands until then."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from quadlog.errors import CannotWrite, RunExists
 from quadlog.recordings.file_names import says_run
 from quadlog.results.find_runs import OWN_FILES, is_absent
-from quadlog.results.record import is_finished, read_record, write_record
-from quadlog.storage.atomic_write import check_name, is_part, move_whole, remove_stale_parts, uninterrupted
+from quadlog.storage.atomic_write import check_name, is_part, move_folder, new_folder, part_folder, uninterrupted
 
-_FIRST = {"run.json", "config.toml"}
-
-
-def claim(path: Path, replace: bool = False) -> None:
-    """Make the folder `path`, or with `replace` take over an existing run, whose files are kept until Run.create.
-
-    Raises RunExists without the flag; CannotWrite if the folder is not a run but has files, is a symbolic link, or
-    cannot be made.
-    """
-    check_name(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        names = {entry.name for entry in path.iterdir()}
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
-    if not all(is_absent(name) for name in names):
-        if not says_run(path):
-            raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
-        if not replace:
-            raise RunExists(path)
-        if path.is_symlink():
-            raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
-    remove_stale_parts(path)
-
-
-def discard_if_empty(path: Path) -> None:
-    """Remove the folder of a run that failed before its first result, so that the next try needs no flag."""
-    with suppress(OSError):  # another process writes to it or has removed it
-        if {entry.name for entry in path.iterdir()} <= _FIRST and not path.is_symlink() and not is_finished(path):
-            for name in _FIRST:
-                (path / name).unlink(missing_ok=True)
-            path.rmdir()
+STORE = ".stages"
+"""The folder beside runs that holds results of stages, and what is not complete; no command takes it for a run."""
+_NEW, _OLD = "new-", "old-"
 
 
 @contextmanager
-def whole_run(path: Path, force: bool = False) -> Iterator[Path]:
-    """The folder to make a run in that cannot be resumed: quadlog's files in it are removed if the block fails.
+def new_run(path: Path, force: bool = False) -> Iterator[Path]:
+    """A folder below `.stages` to fill, which becomes the run `path` when the block ends, and vanishes if it fails.
 
-    A finished run stands until the new one, in `place_of_new(path)` meanwhile, is complete. Raises as `claim` does.
+    A run that is replaced, with `force`, stands until then; files in it that are not quadlog's stay. Raises as
+    `check_place`, and CannotWrite.
     """
-    place = path
-    if force and is_finished(path):
-        claim(path, replace=True)
-        place = place_of_new(path)
-    claim(place, replace=force)
-    try:
-        yield place
-    except BaseException:
-        with suppress(CannotWrite):
-            remove_own_files(place)
-        with suppress(OSError):  # it has other files
-            place.rmdir()
-            place.parent.rmdir()
-        raise
-    publish_new(path)
+    check_place(path, force)
+    with new_folder(path.parent), part_folder(path.parent / STORE) as part:
+        yield part
+        try:
+            with uninterrupted():
+                new = path.parent / STORE / f"{_NEW}{path.name}"
+                shutil.rmtree(new, ignore_errors=True)
+                move_folder(part, new)
+                settle(path)
+        except OSError as error:
+            raise CannotWrite(path, error.strerror or str(error)) from error
+    with suppress(OSError):
+        (path.parent / STORE).rmdir()  # where it holds no results
 
 
-def place_of_new(run: Path) -> Path:
-    """Where a run is made that replaces `run` when it is complete; no command takes it for a run."""
-    return run.parent / ".stages" / run.name
+def check_place(path: Path, replace: bool = False) -> None:
+    """Whether a run may be made here.
 
-
-def publish_new(run: Path) -> None:
-    """Replace the run by the finished one in `place_of_new`, if there is one; files that are not quadlog's stay.
-
-    To be repeated after a kill: `run.json` says first that the run is unfinished, `config.toml` comes after the earlier
-    run is removed, and the new `run.json` last. Raises CannotWrite.
+    Raises RunExists for a run without the flag; CannotWrite if the folder is no run but has files, or is a link.
     """
-    new = place_of_new(run)
-    if not is_finished(new):
-        return
-    ends = {"config.toml": -1, "run.json": 1}
+    check_name(path)
+    settle(path)
     try:
-        with uninterrupted():
-            run.mkdir(exist_ok=True)
-            write_record(run, read_record(new), finished=False)
-            if (new / "config.toml").is_file():
-                remove_own_files(run, keep={"run.json"})
-            files = [path.relative_to(new) for path in new.rglob("*") if path.is_file() and not is_part(path.name)]
-            for name in sorted(files, key=lambda name: (ends.get(str(name), 0), name)):
-                (run / name).parent.mkdir(exist_ok=True)
-                move_whole(new / name, run / name)
-            remove_new(run)
-    except OSError as error:
-        raise CannotWrite(run, error.strerror or str(error)) from error
-
-
-def remove_new(run: Path) -> None:
-    """Remove what is in `place_of_new`, and the folder around it if it is empty."""
-    shutil.rmtree(place_of_new(run), ignore_errors=True)
-    with suppress(OSError):  # there are others
-        place_of_new(run).parent.rmdir()
-
-
-def remove_own_files(path: Path, keep: Collection[str] = ()) -> None:
-    """Remove pictures and quadlog's other files but those to keep, `run.json` last; links, never what they lead to."""
-    plots = path / "plots"
-    try:
-        if plots.is_dir() and not plots.is_symlink():
-            remove_stale_parts(plots)
-            for picture in sorted(plots.glob("*.png")):
-                picture.unlink(missing_ok=True)
-            if not any(plots.iterdir()):
-                with suppress(OSError):  # another process is drawing
-                    plots.rmdir()
-        for name in sorted(OWN_FILES - {*keep}, key=lambda name: (name == "run.json", name)):
-            if (path / name).is_symlink() or (path / name).is_file():
-                (path / name).unlink(missing_ok=True)
-        if plots.is_symlink():
-            plots.unlink(missing_ok=True)
+        names = {entry.name for entry in path.iterdir()} if path.exists() or path.is_symlink() else set()
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
+    if path.is_symlink() and replace:
+        raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
+    if all(is_absent(name) for name in names):
+        return
+    if not says_run(path):
+        raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
+    if not replace:
+        raise RunExists(path)
+
+
+def settle(path: Path) -> None:
+    """Put a complete new run in its place by two renames, unless a kill cut these off: then what is left of them.
+
+    Raises CannotWrite.
+    """
+    new, old = (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD))
+    try:
+        if new.is_dir():
+            if path.is_dir() and not old.exists():
+                move_folder(path, old)
+            move_folder(new, path)
+        if old.is_dir() and path.is_dir():
+            for entry in [*old.glob("plots/*"), *old.iterdir()]:
+                name = entry.relative_to(old)
+                if not _is_own(name) and not (path / name).exists():
+                    (path / name).parent.mkdir(exist_ok=True)
+                    entry.rename(path / name)
+            shutil.rmtree(old, ignore_errors=True)
+        elif old.is_dir():
+            move_folder(old, path)
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
+
+
+def _is_own(name: Path) -> bool:
+    """Whether a file of a run is quadlog's."""
+    picture = name.parent.name == "plots" and name.suffix == ".png"
+    return picture or is_part(name.name) or str(name) in OWN_FILES | {"plots"}

@@ -40,7 +40,7 @@ SCENARIOS = table_schema(
 
 
 Row = Mapping[str, Any]
-"""The columns of planners.parquet with plain values; None or NaN where there is none."""
+"""The columns of planners.parquet with plain values; None where there is none."""
 _HEADER = ("planner", "found %", "cells", "ratio", "95 %", "excess %", "time us", "p95 us")
 _KEY = (
     "cells: expanded per replan; ratio: cells of the baseline / cells of this planner, above 1 is better; excess: of "
@@ -55,30 +55,16 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
     """
     if to in ("json", "csv"):
         return print_table(PLANNERS.names, [[row[name] for name in PLANNERS.names] for row in rows], to)
-    sources: dict[str, list[Row]] = {}
+    tables: dict[str, list[list[Any]]] = {}
     for row in rows:
-        sources.setdefault(row["source"], []).append(row)
-    tables = [TitledTable(_title(each, mine[0]), _HEADER, list(map(_cells, mine))) for each, mine in sources.items()]
-    return print_tables(tables, to, [_KEY, *notes], terminal_width())
-
-
-def _title(source: str, row: Row) -> str:
-    counts = (f"{row[name]} {name if row[name] != 1 else name[:-1]}" for name in ("episodes", "replans"))
-    return f"{source}: {', '.join(counts)}"
-
-
-def _cells(row: Row) -> list[Any]:
-    low, high = row["ratio_low"], row["ratio_high"]
-    known = low is not None and high is not None and math.isfinite(low) and math.isfinite(high)
-    return [
-        *(row["planner"], _percent(row["success_rate"]), row["expanded_mean"], row["ratio_expanded"]),
-        *(interval_text((low, high) if known else None), _percent(row["suboptimality_mean"])),
-        *(row["us_median"], row["us_p95"]),
-    ]
-
-
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
+        ends, excess = (row["ratio_low"], row["ratio_high"]), row["suboptimality_mean"]
+        cells = [row["planner"], 100 * row["success_rate"], row["expanded_mean"], row["ratio_expanded"]]
+        cells += ["" if None in ends else interval_text(ends), None if excess is None else 100 * excess]
+        counts = (f"{row[name]} {name if row[name] != 1 else name[:-1]}" for name in ("episodes", "replans"))
+        title = f"{row['source']}: {', '.join(counts)}"
+        tables.setdefault(title, []).append([*cells, row["us_median"], row["us_p95"]])
+    titled = [TitledTable(title, _HEADER, lines) for title, lines in tables.items()]
+    return print_tables(titled, to, [_KEY, *notes], terminal_width())
 
 
 MOST_QUESTIONS = 1200
@@ -118,7 +104,7 @@ class QuestionSample:
         self.asked = self._bytes = 0
         self.unit = "cells" if row_zero_on_top else "m"
         self._most = MOST_QUESTIONS // sources, MOST_BYTES // sources
-        self._last: tuple[Bool, Bool, NDArray[np.uint8]] | None = None
+        self._last: tuple[tuple[Bool, ...], NDArray[np.uint8]] = ((), np.empty(0, np.uint8))
 
     def add(self, number: int, at: tuple[int, int], query: Query, occupied: Bool, paths: Mapping[str, Cells]) -> None:
         """The number-th question, with cells (L, 2) of the window on each planner's path; again, to add planners.
@@ -147,13 +133,12 @@ class QuestionSample:
 
     def _bits(self, occupied: Bool, blocked: Bool, coarse: int) -> NDArray[np.uint8]:
         """The map of a question; the same object while questions are about the same arrays."""
-        if self._last is None or self._last[0] is not occupied or self._last[1] is not blocked:
-            layers = [occupied] if occupied is blocked else [occupied, blocked]
+        layers = (occupied,) if occupied is blocked else (occupied, blocked)
+        if tuple(map(id, layers)) != tuple(map(id, self._last[0])):
             turned = [layer[::-1] if self.unit == "cells" else layer for layer in layers]
-            bits = np.stack([np.packbits(_coarse(layer, coarse), axis=1) for layer in turned])
-            self._last = occupied, blocked, bits
-            self._bytes += bits.nbytes
-        return self._last[2]
+            self._last = layers, np.stack([np.packbits(_coarse(layer, coarse), axis=1) for layer in turned])
+            self._bytes += self._last[1].nbytes
+        return self._last[1]
 
     def _places(self, window: Window, cells: NDArray[np.integer]) -> Float:
         places = window.centre_of(cells.reshape(-1, 2))

@@ -118,7 +118,8 @@ class RunRecord(Record):
     command: the arguments, the program first. options: what else the result depends on (stamp, start_s, until, …).
     recorded_s: length of what was replayed. notes: choices that affected the result. startup_s: imports and
     compilation, not part of the stages. realtime_factor: recorded_s / seconds in the stages. reused: stages taken from
-    an earlier replay. anchors_from_messages: whether the anchors in config are those that the messages carry.
+    earlier replays. anchors_from_messages: whether the anchors in config are those that the messages carry.
+    results: keys of the stages' results in the folder `.stages` beside the run, and that of the run itself.
     finished: False from the first file of a run to the last one, which is this record again.
     """
 
@@ -140,6 +141,7 @@ class RunRecord(Record):
     reused: Sequence[str] = ()
     plugins: Sequence[PluginRecord] = ()
     anchors_from_messages: bool = False
+    results: Mapping[str, str] = {}
     finished: bool = True
     host: Mapping[str, Any] = Field(default_factory=describe_host)
     packages: Mapping[str, str] = Field(default_factory=package_versions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,7 +20,6 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
 from quadlog.results.find_runs import fetch, fetch_runs
-from quadlog.results.places import remove_own_files
 from quadlog.results.record import (
     RunRecord,
     SavedMetric,
@@ -73,13 +72,9 @@ class Run:
         self._remote: RemotePath | None = None
 
     @classmethod
-    def create(cls, path: Path, record: RunRecord, keep: Collection[str] = ()) -> Self:
-        """Begin a run in a claimed folder: its record, unfinished, then `config.toml`; quadlog's other files go.
-
-        keep: names of files that stay. Raises CannotWrite.
-        """
+    def create(cls, path: Path, record: RunRecord) -> Self:
+        """Begin a run in a new folder: its record, unfinished, then `config.toml`. Raises CannotWrite."""
         write_record(path, record, finished=False)
-        remove_own_files(path, {"run.json", *keep})
         config = tomli_w.dumps(record.config.model_dump(exclude_none=True))
         write_whole(path / "config.toml", (_CONFIG_HEADER + config).encode())
         return cls(path, record)

@@ -7,7 +7,6 @@ import math
 import re
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from string import ascii_uppercase
 from typing import Any, NamedTuple
 
@@ -45,16 +44,14 @@ def print_table(
 
     escape = escape_markdown if to == "markdown" else printable
     cells = [[escape(cell) if isinstance(cell, str) else shown(cell) for cell in row] for row in rows]
-    cells = cells or [[""] * len(header)]
-    columns = zip(*cells, strict=True)
+    lines = [list(map(escape, header)), *(cells or [[""] * len(header)])]
+    columns = list(zip(*lines[1:], strict=True))
     right = [any(column) and all(_NUMBER.fullmatch(cell) or not cell for cell in column) for column in columns]
-    align = ["right" if each else "left" for each in right]
-    lines = [list(map(escape, header)), *cells]
+    how: dict[str, Any] = {"colalign": ["right" if each else "left" for each in right], "disable_numparse": True}
     if _STYLES[to] == "plain":  # tabulate would widen columns below a header
-        limits = None if width is None else _folded(lines, right, width)
-        text = tabulate(lines, (), "plain", colalign=align, maxcolwidths=limits, disable_numparse=True)
+        text = tabulate(lines, (), "plain", maxcolwidths=width and _folded(lines, right, width), **how)
     else:
-        text = tabulate(cells, lines[0], _STYLES[to], colalign=align, disable_numparse=True)
+        text = tabulate(lines[1:], lines[0], _STYLES[to], **how)
     if to == "latex":
         # A bracket or star would be an option of the line end before it.
         text = re.sub(r"^ *(?=[\[*])", "{}", text.translate(_LATEX), flags=re.MULTILINE)
@@ -67,27 +64,19 @@ def _exists(value: Any) -> bool:
 
 def shown(cell: Any) -> str:
     """A cell as readers see it."""
-    if not _exists(cell):
-        return ""
-    return sig(cell, 4) if isinstance(cell, float) else minus(str(cell))
+    return "" if not _exists(cell) else sig(cell, 4) if isinstance(cell, float) else minus(str(cell))
 
 
 def _folded(lines: Sequence[Sequence[str]], keep: Sequence[bool], width: int) -> list[int]:
-    """The width of each column: what is left beside the numbers is shared among texts.
-
-    Words are broken only where the table does not fit otherwise.
-    """
+    """The width of each column: numbers keep theirs, and words are broken only where nothing else helps."""
     columns = list(zip(*lines, strict=True))
     widths = [max(map(len, column)) for column in columns]
-    texts = [at for at, kept in enumerate(keep) if not kept]
-    left = width - 2 * (len(widths) - 1) - sum(widths[at] for at, kept in enumerate(keep) if kept)
-    words = {at: max(len(word) for cell in columns[at] for word in cell.split() or [""]) for at in texts}
-    floors = words if sum(words.values()) <= left else dict.fromkeys(texts, _NARROWEST)
-    spare = left - sum(floors.values())
-    for done, at in enumerate(sorted(texts, key=lambda at: widths[at] - floors[at])):
-        more = max(0, min(widths[at] - floors[at], spare // (len(texts) - done)))
-        widths[at] = min(widths[at], floors[at] + more)
-        spare -= more
+    words = [max(len(word) for cell in column for word in cell.split() or [""]) for column in columns]
+    for _ in range(sum(widths) + 2 * (len(widths) - 1) - width):
+        texts = [at for at, kept in enumerate(keep) if not kept and widths[at] > _NARROWEST]
+        at = max(texts, key=lambda at: (widths[at] > words[at], widths[at]), default=None)
+        if at is not None:
+            widths[at] -= 1
     return widths
 
 
@@ -111,14 +100,11 @@ class TitledTable(NamedTuple):
 
 def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = (), width: int | None = None) -> str:
     """Tables for readers below their titles, then notes; in latex titles and notes are comments."""
-    if to == "markdown":
-        blocks = [f"{escape_markdown(each.title)}\n\n{print_table(each.header, each.rows, to)}" for each in tables]
-        return "\n".join([*blocks, *(f"{escape_markdown(note)}\n" for note in notes)])
-    mark = "% " if to == "latex" else ""
-    blocks = [f"{mark}{printable(each.title)}\n{print_table(each.header, each.rows, to, width)}" for each in tables]
-    below = "".join(f"{mark}{printable(note)}\n" for note in notes)
-    needs = "% needs \\usepackage{booktabs}\n" if to == "latex" else ""
-    return needs + "\n".join([*blocks, *([below] if below else [])])
+    escape, gap = (escape_markdown, "\n") if to == "markdown" else (printable, "")
+    mark, needs = ("% ", "% needs \\usepackage{booktabs}\n") if to == "latex" else ("", "")
+    blocks = [f"{mark}{escape(of.title)}\n{gap}{print_table(of.header, of.rows, to, width)}" for of in tables]
+    below = gap.join(f"{mark}{escape(note)}\n" for note in notes)
+    return needs + "\n".join([*blocks, *filter(None, [below])])
 
 
 MOST_BESIDE = 4
@@ -135,31 +121,25 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
     json: a flat object for each run, with `run`, its path. csv: a row for each run and metric, with mean, std and
     quantiles of the samples behind the value, and its 95 % interval.
     """
+    values = {run.label: {name: of.value for name, of in run.metrics.items()} for run in runs}
     if to == "json":
-        names = list(dict.fromkeys(name for run in runs for name in run.metrics))
-        rows = [[str(run.path), *(_value(run, name) for name in names)] for run in runs]
+        names = list(dict.fromkeys(name for of in values.values() for name in of))
+        rows = [[str(run.path), *map(values[run.label].get, names)] for run in runs]
         return print_table(["run", *names], rows, to)
     if to == "csv":
-        return print_table(_CSV, [_csv_row(run, name) for run in runs for name in run.metrics], to)
+        rows = [
+            [str(run.path), name, of.value, of.unit, of.n,
+             *(getattr(of.summary, part, None) for part in _CSV[5:9]), *(of.interval or (None, None))]
+            for run in runs for name, of in run.metrics.items()
+        ]  # fmt: skip
+        return print_table(_CSV, rows, to)
     if len(runs) == 1:
         (run,) = runs
         found = [(name, of.value, interval_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
         return print_tables(tables, to, [_ONE_RUN], terminal_width())
-    values = {run.label: {name: of.value for name, of in run.metrics.items()} for run in runs}
     notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
     return values_text(values, to, notes, averaged=not differing)
-
-
-def _value(run: MeasuredRun, name: str) -> float | None:
-    return run.metrics[name].value if name in run.metrics else None
-
-
-def _csv_row(run: MeasuredRun, name: str) -> Sequence[Any]:
-    each = run.metrics[name]
-    of, (low, high) = each.summary, each.interval or (None, None)
-    spread_of = (None,) * 4 if of is None else (of.mean, of.std, of.p50, of.p95)
-    return (str(run.path), name, each.value, each.unit, each.n, *spread_of, low, high)
 
 
 def interval_text(interval: Interval | None, digits: int = 3) -> str:
@@ -172,35 +152,32 @@ def values_text(
 ) -> str:
     """Metrics of runs by label: side by side where they are few or not averaged, and how they spread over the runs."""
     known = {name for values in runs.values() for name in values}
-    names = [*(name for name in CATALOGUE if name in known), *sorted(known - CATALOGUE.keys())]
-    units = [CATALOGUE[name].unit if name in CATALOGUE else "" for name in names]
-    labels, tables, legend = list(runs), [], []
+    units = {name: CATALOGUE[name].unit for name in CATALOGUE if name in known} | dict.fromkeys(
+        sorted(known - CATALOGUE.keys()), ""
+    )
+    labels, tables, legend = list(runs), [], list[str]()
     for first in range(0, len(labels), MOST_BESIDE) if len(labels) <= MOST_BESIDE or not averaged else ():
-        mine = labels[first : first + MOST_BESIDE]
-        short = max(map(len, mine)) > _LONGEST_LABEL and len(mine) > 1
-        heads = list(ascii_uppercase[: len(mine)]) if short else mine
-        legend += [f"{head}: {label}" for head, label in zip(heads, mine, strict=True)] if short else []
-        rows = [
-            (name, *(runs[label].get(name) for label in mine), unit) for name, unit in zip(names, units, strict=True)
-        ]
-        title = f"Metrics of {', '.join(mine)}"
-        tables.append(TitledTable(title, ("metric", *heads, "unit"), rows))
+        heads = mine = labels[first : first + MOST_BESIDE]
+        if max(map(len, mine)) > _LONGEST_LABEL and len(mine) > 1:
+            heads = list(ascii_uppercase[: len(mine)])
+            legend += map(": ".join, zip(heads, mine, strict=True))
+        rows = [(name, *(runs[label].get(name) for label in mine), unit) for name, unit in units.items()]
+        tables.append(TitledTable(f"Metrics of {', '.join(mine)}", ("metric", *heads, "unit"), rows))
     if averaged and len(labels) > 1:
         header = ("metric", "mean", "95 %", "lowest", "highest", "n")
-        tables.append(TitledTable(f"Over {len(labels)} runs", header, [(name, *_spread(name, runs)) for name in names]))
+        tables.append(TitledTable(f"Over {len(labels)} runs", header, [_spread(name, runs) for name in units]))
     return print_tables(tables, to, [*legend, *notes], terminal_width())
 
 
 def _spread(name: str, runs: Mapping[str, Mapping[str, float]]) -> tuple[Any, ...]:
-    """Mean, interval, lowest and highest value, and number of runs that have the metric."""
+    """The metric, its mean, interval, lowest and highest value, and the number of runs that have it."""
     values = [float(of[name]) for of in runs.values() if name in of]
     over = spread(values, CATALOGUE[name].kind if name in CATALOGUE else "quantity")
     assert over is not None
-    return over.mean, interval_text(over.interval, 2), min(values), max(values), over.runs
+    return name, over.mean, interval_text(over.interval, 2), min(values), max(values), over.runs
 
 
-@dataclass(frozen=True, slots=True)
-class WorstInstant:
+class WorstInstant(NamedTuple):
     """A time stamp, seconds since the start of the run, and the sample."""
 
     t_ns: int
@@ -208,8 +185,7 @@ class WorstInstant:
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class RunAtWorst:
+class RunAtWorst(NamedTuple):
     """A run's value and its worst instants, the worst first; why_none: the reason if there are none.
 
     details: further lines on what is behind the value.
@@ -229,17 +205,14 @@ def explain_text(name: str, runs: Sequence[RunAtWorst]) -> str:
     facts = {"formula": entry.formula, "source": entry.source, "unit": entry.unit or "none", "n counts": entry.counted}
     lines = [f"{name}: {entry.meaning}", *(f"  {title:<9} {what}" for title, what in facts.items())]
     for run in runs:
-        lines += ["", *_run_lines(run, entry.unit)]
+        lines += ["", f"{printable(run.label)}: "]
+        if run.value is None:
+            lines[-1] += "has no such metric"
+            continue
+        why = "worst, at least 1 s apart:" if run.instants else run.why_none
+        lines[-1] += f"{f'{run.value:.6g} {entry.unit}'.rstrip()}, n = {run.n}; {why}"
+        rows = [(each.t_ns, f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
+        header = ("t_ns", "s from start", f"sample {entry.unit}".rstrip())
+        table = print_table(header, rows).splitlines() if rows else []
+        lines += [f"  {line}" for line in [*table, *run.details]]
     return "\n".join(lines) + "\n"
-
-
-def _run_lines(run: RunAtWorst, unit: str) -> list[str]:
-    if run.value is None:
-        return [f"{printable(run.label)}: has no such metric"]
-    title = f"{printable(run.label)}: {run.value:.6g} {unit}".rstrip() + f", n = {run.n}"
-    details = [f"  {line}" for line in run.details]
-    if not run.instants:
-        return [f"{title}; {run.why_none}", *details]
-    rows = [(each.t_ns, f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
-    table = print_table(("t_ns", "s from start", f"sample {unit}".rstrip()), rows)
-    return [f"{title}; worst, at least 1 s apart:", *(f"  {line}" for line in table.splitlines()), *details]

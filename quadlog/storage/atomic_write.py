@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import secrets
+import shutil
 import signal
 import threading
 import time
@@ -22,10 +23,10 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]{8}\.part")
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
-_watching: list[list[Path]] = []
 _unfinished: set[Path] = set()
 _new_folders: set[Path] = set()
 _complete_s: dict[Path, float] = {}
+_TRIES = 10
 
 
 @contextmanager
@@ -46,8 +47,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         _begin(part, path)
         yield part
         _publish(part, path)
-        for written in _watching:
-            written.append(path)
         if path.name == "report.html":
             note_complete(path)
     except BaseException as error:
@@ -65,11 +64,42 @@ def write_whole(path: Path, content: bytes) -> None:
         part.write_bytes(content)
 
 
-def move_whole(path: Path, target: Path) -> None:
-    """Rename a file that this process or another has written whole. Raises OSError."""
-    path.replace(target)
-    if path in _complete_s:
-        _complete_s[target] = _complete_s.pop(path)
+@contextmanager
+def part_folder(parent: Path) -> Iterator[Path]:
+    """A folder to fill and to rename; under its first name it vanishes when the block ends, as `whole_file`'s files do.
+
+    Raises CannotWrite.
+    """
+    check_name(parent)
+    part = parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
+    _unfinished.add(part)
+    try:
+        for _ in range(_TRIES):
+            with suppress(FileNotFoundError):  # another process has removed the empty parent
+                part.mkdir(parents=True)
+                break
+        yield part
+    except OSError as error:
+        if is_full(error) or not part.is_dir():
+            raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
+        raise
+    finally:
+        _remove(part)
+        _unfinished.discard(part)
+
+
+def move_folder(folder: Path, target: Path) -> None:
+    """Rename a folder whose files were written whole. Raises OSError."""
+    folder.rename(target)
+    for path in [path for path in _complete_s if path.is_relative_to(folder)]:
+        _complete_s[target / path.relative_to(folder)] = _complete_s.pop(path)
+
+
+def _remove(part: Path) -> None:
+    if part.is_dir() and not part.is_symlink():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
+        part.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -94,17 +124,6 @@ def new_folder(path: Path) -> Iterator[None]:
     _new_folders.discard(path)
 
 
-@contextmanager
-def files_written() -> Iterator[list[Path]]:
-    """The files that this process writes whole while the block runs, each as soon as it has its name."""
-    written: list[Path] = []
-    _watching.append(written)
-    try:
-        yield written
-    finally:
-        _watching.pop()
-
-
 def note_complete(path: Path) -> None:
     """Note that a file was written when all others of its folder were; beside a run.json a page is not the last."""
     _complete_s[path] = time.monotonic()
@@ -120,7 +139,7 @@ def remove_unfinished() -> None:
     """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
     for part in tuple(_unfinished):
         with suppress(OSError):
-            part.unlink(missing_ok=True)
+            _remove(part)
     for folder in tuple(_new_folders):
         _remove_empty(folder)
 
@@ -162,12 +181,12 @@ def is_full(error: OSError) -> bool:
 def remove_stale_parts(folder: Path) -> None:
     """Remove what killed runs left in `folder`, as far as that is sure: others may be writing there at this moment."""
     for part in folder.iterdir():
-        if is_part(part.name) and (part.is_symlink() or part.is_file()) and _is_left(part):
-            part.unlink(missing_ok=True)
+        if is_part(part.name) and _is_left(part):
+            _remove(part)
 
 
 def is_part(name: str) -> bool:
-    """Whether a file of this name is one that `whole_file` had not finished."""
+    """Whether a file or folder of this name is one that was not finished."""
     return name.startswith(".quadlog-") and name.endswith(".part")
 
 

@@ -57,7 +57,7 @@ def step(number, worker="host:1", stage="map", steps=3, total=10, factor=2.5):
     return who | {"stage": stage, "steps": steps, "total": total, "realtime_factor": factor}
 
 
-def test_each_worker_has_a_line_and_all_have_one_with_the_time_left(monkeypatch):
+def test_each_worker_has_a_line_and_all_have_one(monkeypatch):
     screen = terminal(monkeypatch)
     tally = BatchCounts(3)
     with open_progress() as bars:

@@ -15,7 +15,6 @@ import pytest
 from quadlog.cli.main import run
 from quadlog.metrics.comparison.over_seeds import over_seeds
 from quadlog.results.numbers import sig
-from quadlog.results.stage_marks import MARKS_FILE
 from quadlog.results.stages import STAGE_FILES
 from tests.cli.conftest import FOLLOW
 from tests.lab.runs import unfinish
@@ -96,28 +95,24 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced_once_the_new_one_is_co
     refused = quadlog(*arguments)
     assert (refused.code, "--resume" in refused.err) == (1, True)
     table, page = ((mine / name).read_bytes() for name in ("sweep.parquet", "report.html"))
-    marks = {each: (each / MARKS_FILE).stat().st_mtime_ns for each in (mine / ASTAR, mine / IA_STAR)}
+    plans = {each: (each / "plans.parquet").stat().st_mtime_ns for each in (mine / ASTAR, mine / IA_STAR)}
     unfinish(mine / IA_STAR)
-    (mine / "sweep.parquet").unlink()
-    assert quadlog(*arguments).code == 1, "a page without its table is not replaced"
-    (mine / "sweep.parquet").write_bytes(table)
     resumed = quadlog(*arguments, "--resume", "--json")
     assert (resumed.code, "reused 4 of 4 stages" in resumed.err) == (3, True)
     assert [row["exit_code"] for row in json.loads(resumed.out)] == [0, 0, 1, 1]
-    assert {each: (each / MARKS_FILE).stat().st_mtime_ns for each in marks} == marks
+    assert {each: (each / "plans.parquet").stat().st_mtime_ns for each in plans} == plans
 
     def stop(*_):
         raise KeyboardInterrupt
 
     before = bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR)
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.pipelines.sweep.sweep.take_over", stop)  # the shared stages are done by then
+        patch.setattr("quadlog.pipelines.sweep.sweep.shared_stages", stop)  # results are forgotten by then
         assert quadlog(*arguments, "--force").code == 1
     assert bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR) == before
     assert quadlog(*arguments, "--force").code == 3
     assert ((mine / "sweep.parquet").read_bytes(), (mine / "report.html").read_bytes()) == (table, page)
-    assert all((each / MARKS_FILE).stat().st_mtime_ns > at for each, at in marks.items())
-    assert not (mine / ".stages").exists()
+    assert all((each / "plans.parquet").stat().st_mtime_ns > at for each, at in plans.items())
 
 
 def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog):

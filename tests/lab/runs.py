@@ -11,7 +11,6 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.results.arrays import MapsWriter
-from quadlog.results.places import claim
 from quadlog.results.record import InputRecord, RunRecord, read_record, write_record
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
@@ -32,7 +31,7 @@ def begin_run(path: Path, config: Mapping[str, Any] | None = None) -> Run:
         seed=0,
         recorded_s=1.0,
     )
-    claim(path)
+    path.mkdir(parents=True, exist_ok=True)
     return Run.create(path, record)
 
 

@@ -15,11 +15,12 @@ from rosbags.rosbag2 import Writer as Db3Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.config.schema import Config
+from quadlog.lidar.levelling import level_rotations
+from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.info import describe_recording
-from quadlog.pipelines.stages.tilt import Tilt
+from quadlog.pipelines.log import open_log, read_log
+from quadlog.pipelines.request import ReplayOptions
 from quadlog.recordings.decoders.ros_messages import BUNDLED
-from quadlog.recordings.recording import open_configured
-from quadlog.recordings.tf_tree import TransformTree
 
 T0_NS, STEP_NS, N = 1_700_000_000 * 10**9, 2_000_000, 1500
 LEGS = ("FL", "FR", "RL", "RR")
@@ -113,11 +114,10 @@ def test_a_go2_log_gives_joints_imu_and_odometry(tmp_path: Path, replay_command:
 
 
 def test_a_go2_that_stands_level_is_level_whatever_its_legs_do(tmp_path: Path) -> None:
-    with open_configured(go2_log(tmp_path / "walk"), Config(), ()) as recording:
-        tilt = Tilt(recording, TransformTree(), TransformTree(), Config(), "/lowstate", None)
-        for gathered in recording.gathered(["/lowstate"]):
-            tilt.take(gathered)
-        rotations, why_not = tilt.rotations(np.array([T0_NS + (N - 1) * STEP_NS]))
+    with open_log(go2_log(tmp_path / "walk"), Config(), ReplayOptions()) as log:
+        up = read_log(log, Progress()).up
+    assert up is not None
+    rotations, why_not = level_rotations(np.array([T0_NS + (N - 1) * STEP_NS]), up)
     assert why_not is None
     np.testing.assert_allclose(rotations, [np.eye(3)], atol=1e-9)
 

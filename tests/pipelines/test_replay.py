@@ -17,9 +17,8 @@ from evo.tools import file_interface
 from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, EmptyWindow, MissingInput
 from quadlog.pipelines.executor.progress import Kept, Silent
-from quadlog.pipelines.replay import replay
+from quadlog.pipelines.replay import finished_outcome, replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.resume import finished_outcome
 from quadlog.results.arrays import load_maps
 from quadlog.simulation.synthetic.follow import synthesize
 
@@ -28,7 +27,7 @@ CONTRACT_FILES = {
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
     *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
     "contacts.parquet",
-    *("resim_paths.parquet", "stages.json"),
+    "resim_paths.parquet",
     *("maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum", "map.pgm", "map.yaml"),
     *("links.parquet", "dilution.npz", "uwb_errors.parquet", "innovations.parquet", "pose_uncertainty.parquet"),
 }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int
-from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.tilt import frozen
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
@@ -26,6 +28,10 @@ from quadlog.positioning.heading.heading import (
 )
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD, SensorDrift
 from quadlog.positioning.track.tracker import Track
+from quadlog.recordings.streams import Streams
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
 UNCERTAIN_HEADING_RAD = np.radians(5.0)
@@ -47,62 +53,62 @@ class _YawSensor:
 
 
 def find_heading(
-    walk: ReplayContext, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None = None
+    data: LogData, journal: Journal, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None = None
 ) -> tuple[Float, Float]:
     """Yaw (T,) of base at the track's instants, and its std (T,): a sensor's turned onto the course, or the course.
 
     by_tags, of several tags on the robot, takes the place of the course unless it is known worse than that.
     """
-    if not walk.config.uwb.smooth:
-        return _causal_heading(walk, track, tag_ahead_m, by_tags)
+    if not data.config.uwb.smooth:
+        return _causal_heading(data, journal, track, tag_ahead_m, by_tags)
     course, course_std = course_heading(track), course_heading_std(track)
     if by_tags is not None and np.median(by_tags.std_rad) > np.hypot(np.median(course_std), SIDEWAYS_STD_RAD):
         tags_deg = _median_deg(by_tags.std_rad)
-        walk.note(
+        journal.note(
             f"the lever arms of the tags show the heading to {tags_deg:.1f} degrees only, and are not used for it"
         )
         by_tags = None
-    aligned = {sensor.role: _align(track, sensor, tag_ahead_m, by_tags) for sensor in _orientations(walk)}
-    rate_only = _rate_only(walk)
+    aligned = {sensor.role: _align(track, sensor, tag_ahead_m, by_tags) for sensor in _orientations(data.streams)}
+    rate_only = _rate_only(data.streams.imu, journal)
     if rate_only is not None:
         gyro = align_gyro(track, rate_only.t_ns, rate_only.angular_radps[:, 2], tag_ahead_m, by_tags)
         aligned["imu"] = gyro.heading
         if gyro.upside_down and gyro.heading.told:
-            walk.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
+            journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     told = {role: each for role, each in aligned.items() if each.told}
     if by_tags is not None:
-        return _best_with_tags(walk, by_tags, told)
+        return _best_with_tags(journal, by_tags, told)
     if not told:
-        _tell_course(walk, _why_course(aligned), course_std)
+        _tell_course(journal, _why_course(aligned), course_std)
         return course, course_std
     best = min(told, key=lambda role: np.median(told[role].yaw_std_rad))
     if np.median(told[best].yaw_std_rad) > np.median(course_std):
         std_deg = np.degrees(np.median(told[best].yaw_std_rad))
-        _tell_course(walk, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
+        _tell_course(journal, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
         return course, course_std
-    walk.use(best)
-    _tell_choice(walk, best, told)
-    _tell_aligned(walk, best, told[best])
+    journal.use(best)
+    _tell_choice(journal, best, told)
+    _tell_aligned(journal, best, told[best])
     return told[best].yaw_rad, told[best].yaw_std_rad
 
 
-def _best_with_tags(walk: ReplayContext, by_tags: TagsYaw, told: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
+def _best_with_tags(journal: Journal, by_tags: TagsYaw, told: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
     """The yaw of the tags, or that of the sensor that is known best once it is turned onto it."""
     tags_std = float(np.median(by_tags.std_rad))
     best = min(told, key=lambda role: np.median(told[role].yaw_std_rad), default=None)
     if best is None or np.median(told[best].yaw_std_rad) >= tags_std:
         others = "" if best is None else f", better than {best} ({_median_deg(told[best].yaw_std_rad):.1f} degrees)"
-        walk.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
-        _warn_if_uncertain(walk, tags_std)
+        journal.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
+        _warn_if_uncertain(journal, tags_std)
         return by_tags.yaw_rad, by_tags.std_rad
-    walk.use(best)
-    _tell_choice(walk, best, told)
+    journal.use(best)
+    _tell_choice(journal, best, told)
     own = told[best]
-    walk.note(
+    journal.note(
         f"heading from {best}, turned by {np.degrees(own.offset_rad):.1f} degrees onto the yaw of the tags: known to "
         f"{_median_deg(own.yaw_std_rad):.1f} degrees, the tags' own to {np.degrees(tags_std):.1f} degrees"
     )
-    _warn_if_uncertain(walk, float(np.median(own.yaw_std_rad)))
+    _warn_if_uncertain(journal, float(np.median(own.yaw_std_rad)))
     return own.yaw_rad, own.yaw_std_rad
 
 
@@ -111,7 +117,7 @@ def _median_deg(std_rad: Float) -> float:
 
 
 def _causal_heading(
-    walk: ReplayContext, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None
+    data: LogData, journal: Journal, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None
 ) -> tuple[Float, Float]:
     """Heading that the robot could have had at each instant: of the first sensor, in a fixed order, that is aligned.
 
@@ -119,11 +125,11 @@ def _causal_heading(
     is not used here.
     """
     aligned: dict[str, CausalHeading] = {}
-    for sensor in _orientations(walk):
+    for sensor in _orientations(data.streams):
         aligned[sensor.role] = align_yaw_causally(
             track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift, by_tags=by_tags
         )
-    rate_only = _rate_only(walk)
+    rate_only = _rate_only(data.streams.imu, journal)
     if rate_only is not None:
         rate_radps = rate_only.angular_radps[:, 2]
         aligned["imu"] = align_gyro_causally(track, rate_only.t_ns, rate_radps, tag_ahead_m, by_tags)
@@ -135,29 +141,29 @@ def _causal_heading(
     used = [role for role, heading in aligned.items() if heading.told.any()]
     if not used:
         if by_tags is None:
-            _tell_course(walk, _why_course(aligned), std_rad)
+            _tell_course(journal, _why_course(aligned), std_rad)
         else:
-            walk.note(f"heading from the lever arms of the tags, known to {_median_deg(std_rad):.1f} degrees")
-            _warn_if_uncertain(walk, float(np.median(std_rad)))
+            journal.note(f"heading from the lever arms of the tags, known to {_median_deg(std_rad):.1f} degrees")
+            _warn_if_uncertain(journal, float(np.median(std_rad)))
         return yaw_rad, std_rad
     for role in reversed(used):
-        walk.use(role)
+        journal.use(role)
         told = aligned[role].told
         yaw_rad = np.where(told, aligned[role].yaw_rad, yaw_rad)
         std_rad = np.where(told, aligned[role].yaw_std_rad, std_rad)
     end_rad = float(std_rad[-1])
     told_by = "the course" if by_tags is None else "the tags"
-    walk.note(
+    journal.note(
         f"heading from {used[0]}, turned at each instant by what {told_by} had told until then; at the end known to "
         f"{np.degrees(end_rad):.1f} degrees: an obstacle 10 m away is off by {10 * end_rad:.2f} m"
     )
-    _warn_if_uncertain(walk, end_rad)
+    _warn_if_uncertain(journal, end_rad)
     return yaw_rad, std_rad
 
 
-def _orientations(walk: ReplayContext) -> list[_YawSensor]:
+def _orientations(streams: Streams) -> list[_YawSensor]:
     """Every orientation of the recording, the IMU's first."""
-    imu, odometry = walk.streams.imu, walk.streams.odometry
+    imu, odometry = streams.imu, streams.odometry
     sensors: list[_YawSensor] = []
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
         sensors.append(_YawSensor("imu", imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT))
@@ -166,26 +172,20 @@ def _orientations(walk: ReplayContext) -> list[_YawSensor]:
     return sensors
 
 
-def _rate_only(walk: ReplayContext) -> ImuSeries | None:
+def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
     """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are told."""
-    imu = walk.streams.imu
     if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
         return None
     if imu.quat_xyzw is not None:
-        walk.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
+        journal.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
     known = np.isfinite(imu.angular_radps[:, 2])
     if not known.all():
-        walk.warn(f"imu: {np.sum(~known)} of {len(imu)} messages without a number as yaw rate are left out")
+        journal.warn(f"imu: {np.sum(~known)} of {len(imu)} messages without a number as yaw rate are left out")
         imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known], quat_xyzw=None)
     gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
     if gap_s > SILENT_S:
-        walk.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
+        journal.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
     return imu if len(imu) else None
-
-
-def frozen(imu: ImuSeries) -> bool:
-    """Drivers without an orientation may send the same one all the time."""
-    return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
 
 
 def _align(track: Track, sensor: _YawSensor, tag_ahead_m: float, by_tags: TagsYaw | None) -> AlignedHeading:
@@ -201,49 +201,51 @@ def _why_course(aligned: Mapping[str, AlignedHeading | CausalHeading]) -> str:
     return f"the robot never moved for long enough while {names} gave yaw"
 
 
-def _tell_course(walk: ReplayContext, why: str, std_rad: Float) -> None:
+def _tell_course(journal: Journal, why: str, std_rad: Float) -> None:
     std = float(np.median(std_rad))
     if std < 0.99 * UNKNOWN_YAW_STD_RAD:
         known = f"known to {np.degrees(std):.1f} degrees, and wrong where it walks sideways or backwards"
     else:
         known = "the robot hardly moves, so nothing is known of it"
-    walk.warn(f"{why}: {COURSE_ONLY}; {known}")
+    journal.warn(f"{why}: {COURSE_ONLY}; {known}")
 
 
-def _tell_choice(walk: ReplayContext, best: str, told: Mapping[str, AlignedHeading]) -> None:
+def _tell_choice(journal: Journal, best: str, told: Mapping[str, AlignedHeading]) -> None:
     """Why this sensor and no other; and a warning where they contradict each other."""
     own = told[best]
     for role, other in told.items():
         if role == best:
             continue
         own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))
-        walk.note(f"heading is better told by {best} ({own_deg:.1f} degrees) than by {role} ({other_deg:.1f} degrees)")
+        journal.note(
+            f"heading is better told by {best} ({own_deg:.1f} degrees) than by {role} ({other_deg:.1f} degrees)"
+        )
         apart = np.abs(wrap_angle(own.yaw_rad - other.yaw_rad))
         contrary = apart > DISAGREEMENT_STD * np.hypot(own.yaw_std_rad, other.yaw_std_rad)
         if np.mean(contrary) > DISAGREEMENT_SHARE:
-            walk.warn(
+            journal.warn(
                 f"{best} and {role} contradict each other in {np.mean(contrary):.0%} of the time: their headings are "
                 f"up to {np.degrees(apart.max()):.0f} degrees apart; that of {best} is used"
             )
 
 
-def _tell_aligned(walk: ReplayContext, role: str, heading: AlignedHeading) -> None:
+def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading) -> None:
     std = float(np.median(heading.yaw_std_rad))
     drift = ""
     if abs(heading.drift_radps) > 2 * heading.drift_std_radps > 0:
         drift = f", its drift of {np.degrees(heading.drift_radps) * 60:.1f} degrees a minute taken out"
-    walk.note(
+    journal.note(
         f"heading from {role}, turned by {np.degrees(heading.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
         f"an obstacle 10 m away is off by {10 * std:.2f} m"
     )
-    _warn_if_uncertain(walk, std)
+    _warn_if_uncertain(journal, std)
     if heading.askew_share > ASKEW_SHARE:
-        walk.warn(
+        journal.warn(
             f"in {heading.askew_share:.0%} of its motion the robot walks more than 60 degrees off its heading, "
             f"sideways or backwards; were such steps the most, the heading from {role} is turned wrongly"
         )
 
 
-def _warn_if_uncertain(walk: ReplayContext, std_rad: float) -> None:
+def _warn_if_uncertain(journal: Journal, std_rad: float) -> None:
     if std_rad > UNCERTAIN_HEADING_RAD:
-        walk.warn(f"heading is known to {np.degrees(std_rad):.1f} degrees only; 1 degree is 17 cm at 10 m")
+        journal.warn(f"heading is known to {np.degrees(std_rad):.1f} degrees only; 1 degree is 17 cm at 10 m")

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from quadlog.messages import Float, Int, JointSeries
-from quadlog.pipelines.stages.context import ReplayContext
+from quadlog.pipelines.journal import Journal
 from quadlog.positioning.foot_order import better_foot_order
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 BATCH_ROWS = 16384
 
 
-def write_joints(walk: ReplayContext) -> None:
+def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
     """Writes joints.parquet where the log has joints; warns where its feet seem to be swapped."""
-    joints = walk.streams.joints
+    joints = data.streams.joints
     if joints is None:
         return
-    walk.use("joints")
-    walk.count("joint_states", len(joints))
-    _warn_of_swapped_feet(walk, joints)
-    with TableWriter(walk.run.path / "joints.parquet", TABLES["joints"]) as table:
+    journal.use("joints")
+    journal.count("joint_states", len(joints))
+    _warn_of_swapped_feet(data, journal, joints)
+    with TableWriter(folder / "joints.parquet", TABLES["joints"]) as table:
         for begin in range(0, len(joints), BATCH_ROWS):
             rows = slice(begin, begin + BATCH_ROWS)
-            contacts = {} if walk.legs is None else dict(zip(CONTACTS, walk.legs.contact[rows].T, strict=True))
+            contacts = {} if data.legs is None else dict(zip(CONTACTS, data.legs.contact[rows].T, strict=True))
             table.append(_columns(joints, rows) | contacts)
 
 
@@ -34,13 +40,13 @@ def _columns(joints: JointSeries, rows: slice) -> dict[str, Float | Int]:
     return columns | dict(zip(FOOT_FORCES, joints.foot_force_n[rows].T, strict=True))
 
 
-def _warn_of_swapped_feet(walk: ReplayContext, joints: JointSeries) -> None:
+def _warn_of_swapped_feet(data: LogData, journal: Journal, joints: JointSeries) -> None:
     better = better_foot_order(joints.position_rad, joints.foot_force_n)
-    used = walk.recording.joints.used.get(walk.roles.topic("joints") or "")
+    used = data.log.recording.joints.used.get(data.log.roles.topic("joints") or "")
     if better is None or used is None or used.feet is None:
         return
     places = ",".join(str(used.feet[foot]) for foot in better)
-    walk.warn(
+    journal.warn(
         "joints: the foot forces contradict the legs: feet press while their legs lift them; they would fit in the "
         f"order  --set robot.feet=[{places}]"
     )

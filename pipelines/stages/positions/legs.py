@@ -11,7 +11,8 @@ from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_bet
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.pipelines.stages.context import ReplayContext
+    from quadlog.pipelines.journal import Journal
+    from quadlog.pipelines.log import LogData
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"
@@ -24,15 +25,15 @@ MOST_SLIPPING, MOST_SLIPPING_BY_FORCE = 0.5, 0.2
 again."""
 
 
-def track_legs(walk: ReplayContext) -> LegTrack | None:
+def track_legs(data: LogData) -> LegTrack | None:
     """The track of the body by its joints, None where no angle is known. Raises UnknownName and UnusableRobot."""
-    joints = walk.streams.joints
+    joints = data.streams.joints
     if joints is None or not np.isfinite(joints.position_rad).any():
         return None
     from quadlog.positioning.leg_odometry import LegGeometry, leg_track
 
-    robot = robot_of(walk.config)
-    return leg_track(joints, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m), walk.streams.imu)
+    robot = robot_of(data.config)
+    return leg_track(joints, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m), data.streams.imu)
 
 
 def robot_of(config: Config) -> Robot:
@@ -47,42 +48,44 @@ def robot_of(config: Config) -> Robot:
     return robot_model(config, flat()).robot
 
 
-def tell_legs(walk: ReplayContext, track: LegTrack) -> None:
+def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     """Which robot was assumed, and a warning for everything that leaves the drift without a bound."""
     from quadlog.positioning.leg_odometry import HOLD_S, MAX_GAP_S, AttitudeSource, ContactSource
 
-    robot = walk.config.robot
+    robot = data.config.robot
     if not robot.model_fields_set & {"model", "preset"}:
-        walk.warn(
+        journal.warn(
             f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances are as wrong as "
             "they are; set robot.preset or robot.model"
         )
     else:
-        walk.note(f"legs: lengths and hips are those of {robot.model!r}")
+        journal.note(f"legs: lengths and hips are those of {robot.model!r}")
     if track.attitude is AttitudeSource.GYRO:
-        walk.warn("legs: no IMU gives an orientation; yaw is summed up from its rates, bias included")
+        journal.warn("legs: no IMU gives an orientation; yaw is summed up from its rates, bias included")
     if track.attitude is AttitudeSource.FEET:
-        walk.warn("legs: there is no IMU; yaw comes from the feet alone, and the ground is taken to be level")
+        journal.warn("legs: there is no IMU; yaw comes from the feet alone, and the ground is taken to be level")
     if ContactSource.HEIGHT in track.contact_sources:
-        walk.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
+        journal.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
-        walk.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
+        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
     usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
     if usual_s > MAX_GAP_S:
-        walk.warn(f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand")
+        journal.warn(
+            f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand"
+        )
     elif track.gap_s > MAX_GAP_S:
         taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"
-        walk.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile {taken}")
+        journal.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile {taken}")
     by_force = set(track.contact_sources) == {ContactSource.FORCE}
     if track.slipping_share > (MOST_SLIPPING_BY_FORCE if by_force else MOST_SLIPPING):
-        walk.warn(
+        journal.warn(
             f"legs: feet that carry move against the ground in {track.slipping_share:.0%} of the time: they slip, or "
             "robot.model or robot.joints is wrong"
         )
-    assert walk.streams.joints is not None
-    unknown = float(np.isnan(walk.streams.joints.position_rad).any(axis=1).mean())
+    assert data.streams.joints is not None
+    unknown = float(np.isnan(data.streams.joints.position_rad).any(axis=1).mean())
     if unknown:
-        walk.warn(f"legs: {unknown:.1%} of the joint states lack angles; those legs are left out there")
+        journal.warn(f"legs: {unknown:.1%} of the joint states lack angles; those legs are left out there")
 
 
 def legs_motion(track: LegTrack, *, causal: bool) -> BodyMotion | None:

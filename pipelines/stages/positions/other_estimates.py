@@ -2,40 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import find_frame_offset
-from quadlog.pipelines.stages.context import ReplayContext, RobotTrack
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.tracks import RobotTrack
 from quadlog.recordings.roles import names_estimator, names_truth
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 SAME_M = 1e-3
 """A track whose distance from another one is less in most of its poses is that very track."""
 LONGEST_GAP_S = 1.0
 
 
-def settle_reference(walk: ReplayContext, robot: RobotTrack) -> None:
-    """Drop a reference that the robot's track was made of, and say how far other estimates are from the track."""
-    if (reference := walk.streams.reference) is not None:
-        walk.use("reference")
-        (topic,) = walk.used["reference"]
+def settled_reference(data: LogData, journal: Journal, robot: RobotTrack) -> PoseSeries | None:
+    """The reference unless the robot's track was made of it; says how far other estimates are from the track."""
+    if (reference := data.streams.reference) is not None:
+        journal.use("reference")
+        (topic,) = data.log.roles.topics("reference")
         if not names_truth(topic) and _is_source(robot, topic, reference):
-            walk.warn(
+            journal.warn(
                 f"no error is given: {topic}, the chosen reference, is what the robot's {robot.source} is made of"
             )
-            walk.streams = replace(walk.streams, reference=None)
-    for topic, poses in walk.streams.estimates.items():
-        if topic in walk.used.get("pose", ()) or robot.source == "fixed":
+            reference = None
+    for topic, poses in data.streams.estimates.items():
+        if robot.source == "fixed" or ("pose" in journal.topics and topic in data.log.roles.topics("pose")):
             continue
         if _is_source(robot, topic, poses):
-            walk.note(f"{topic} is not compared: the robot's {robot.source} is made of it")
+            journal.note(f"{topic} is not compared: the robot's {robot.source} is made of it")
         elif (apart := find_frame_offset(poses.position_m[:, :2], _track_at(robot, poses))) is not None:
             aligned = poses.frame_id != robot.frame_id
             apart_m = apart.after_m if aligned else apart.before_m
             how = " once aligned" if aligned else ""
-            walk.note(f"differs from {topic} by {apart_m:.2f} m rms{how} (another estimate, not a reference)")
+            journal.note(f"differs from {topic} by {apart_m:.2f} m rms{how} (another estimate, not a reference)")
+    return reference
 
 
 def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from quadlog.config.schema import Config
 from quadlog.errors import MissingInput
 from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
-from quadlog.pipelines.stages.context import ReplayContext, RobotTrack, TargetTrack
-from quadlog.pipelines.stages.positions.heading import find_heading, frozen
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.log import LogData
+from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.joints import write_joints
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
-from quadlog.pipelines.stages.positions.other_estimates import settle_reference
+from quadlog.pipelines.stages.positions.other_estimates import settled_reference
 from quadlog.pipelines.stages.positions.tag_errors import lever_of
-from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, write_uwb
+from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.ways_out import ways_out, why_failed, why_none
+from quadlog.pipelines.stages.scans import track_clouds, wants_lidar_track
+from quadlog.pipelines.stages.tilt import frozen
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
+from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.roles import kinds_of
+from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 
@@ -32,93 +40,109 @@ LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
 
-def locate_walk(walk: ReplayContext) -> None:
-    """Fills walk.robot and walk.target; writes poses, target and trajectory.tum, with UWB fixes, ranges and stds too.
+LOCATING = (
+    *("topics", "uwb", "robot.preset", "robot.model", "robot.joints", "robot.feet"),
+    *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m")),
+)
+
+
+@stage("position", reads=LOCATING, load=Tracks.load)
+def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dict[str, str]:
+    """Writes poses, target and trajectory.tum, with UWB fixes, ranges and stds too. Returns the names of frames.
 
     Raises MissingInput where the chosen source is not in the recording.
     """
-    walk.progress.begin("position", None)
-    with walk.clock.stage("position"):
-        walk.legs = track_legs(walk)
-        uwb = locate_tags(walk)
-        walk.robot = _robot(walk, uwb)
-        walk.target = _target(walk, uwb, walk.robot)
-        _tell_unlocated(walk, walk.robot)
-        other = _other_track(walk, uwb, walk.robot.source)
-        settle_reference(walk, walk.robot)
-        walk.begin_folder()
+    journal.progress.begin("position", None)
+    with journal.clock.stage("position"):
+        tracker = track_clouds(data, config) if wants_lidar_track(config, data.log.roles, data.log.by_uwb) else None
+        config = with_carried_anchors(config, data.streams.anchor_places)
+        data = with_legs(replace(data, config=config, tracker=tracker))
+        uwb = locate_tags(data, journal)
+        robot = _robot(data, journal, uwb)
+        target = _target(data, journal, uwb, robot)
+        _tell_unlocated(data, journal, robot)
+        other = _other_track(data, journal, uwb, robot.source)
+        reference = settled_reference(data, journal, robot)
+        data = replace(data, streams=replace(data.streams, reference=reference))
         if uwb is not None:
-            write_uwb(walk, uwb)
-        _write_tracks(walk)
+            write_uwb(folder, data, uwb)
+        _write_tracks(folder, robot, target, reference)
         if other is not None:
-            write_table(walk.run.path / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
-        write_joints(walk)
-    walk.note(f"robot position from {walk.robot.source}, {_target_words(walk.target)}")
+            write_table(folder / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
+        write_joints(folder, data, journal)
+    journal.lose(data.log.recording.losses)
+    journal.note(f"robot position from {robot.source}, {_target_words(target)}")
+    return {"frame": robot.frame_id, "reference_frame": "" if reference is None else reference.frame_id}
 
 
-def _tell_unlocated(walk: ReplayContext, robot: RobotTrack) -> None:
+def with_legs(data: LogData) -> LogData:
+    """The data with the body's track by its joints, where these tell one. Raises UnknownName and UnusableRobot."""
+    return replace(data, legs=track_legs(data))
+
+
+def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
     """Count the time without positions, which is a loss where it is much of the log."""
-    spanned_ns, lost_ns = walk.last_ns - walk.first_ns, 0
-    tried = walk.tracker is not None or walk.legs is not None
+    spanned_ns, lost_ns = data.last_ns - data.first_ns, 0
+    tried = data.tracker is not None or data.legs is not None
     if robot.source != "fixed":
-        lost_ns = unlocated_ns(robot.t_ns, walk.first_ns, walk.last_ns)
-    elif tried and walk.config.topics.position == "auto":
+        lost_ns = unlocated_ns(robot.t_ns, data.first_ns, data.last_ns)
+    elif tried and data.config.topics.position == "auto":
         lost_ns = spanned_ns
-    if robot.source == "lidar" and walk.tracker is not None:
+    if robot.source == "lidar" and data.tracker is not None:
         # Scans that are lost for less than a second leave no gap, but positions there are between measured ones.
-        lost_ns = max(lost_ns, round(walk.tracker.lost_share() * spanned_ns))
+        lost_ns = max(lost_ns, round(data.tracker.lost_share() * spanned_ns))
     if lost_ns:
-        walk.count("unlocated_ms", lost_ns // 1_000_000)
+        journal.count("unlocated_ms", lost_ns // 1_000_000)
     if lost_ns > MOST_UNLOCATED * spanned_ns:
-        why = why_failed(walk, robot.source)
+        why = why_failed(data, robot.source)
         detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
-        walk.own_losses.append(Loss("positions", f"{detail}: {why}" if why else detail))
-        walk.say_what_is_new()
+        journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
 
 
-def _robot(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack:
+def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack:
     """The track of the configured source, or of the first of AUTO_ORDER that there is."""
-    wanted = walk.config.topics.position
+    wanted = data.config.topics.position
     sources: dict[str, Callable[[], RobotTrack | None]] = {
-        "uwb": lambda: _from_uwb(walk, uwb),
-        "tf": lambda: _from_tf(walk),
-        "odometry": lambda: _from_odometry(walk),
-        "pose": lambda: _from_lone_pose(walk),
-        "legs": lambda: _from_legs(walk),
-        "lidar": lambda: _from_lidar(walk),
-        "fixed": lambda: _fixed(walk),
+        "uwb": lambda: _from_uwb(data, journal, uwb),
+        "tf": lambda: _from_tf(data, journal),
+        "odometry": lambda: _from_odometry(data, journal),
+        "pose": lambda: _from_lone_pose(data, journal),
+        "legs": lambda: _from_legs(data, journal),
+        "lidar": lambda: _from_lidar(data, journal),
+        "fixed": lambda: _fixed(data),
     }
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            walk.warn(
-                f"no position was found: the robot is taken to stand at the origin all the time; {ways_out(walk)}"
-            )
+            others = ways_out(data, journal)
+            journal.warn(f"no position was found: the robot is taken to stand at the origin all the time; {others}")
         return track
     if wanted in sources:
         chosen = sources[wanted]()
-    elif wanted in {channel.topic for channel in walk.recording.channels}:
-        walk.use("position", wanted)
-        kinds = kinds_of(walk.recording.types_of(wanted)[0])
-        chosen = _from_poses(walk.streams.odometry, "odometry" if Odometry in kinds else "pose")
+    elif wanted in {channel.topic for channel in data.log.recording.channels}:
+        journal.use("position", wanted)
+        kinds = kinds_of(data.log.recording.types_of(wanted)[0])
+        chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose")
     else:
         chosen = _from_poses(read_tum(Path(wanted)), "file")
     if chosen is None:
-        raise MissingInput("position", f"topics.position = {wanted!r}, but {why_none(walk, wanted)}", ways_out(walk))
+        raise MissingInput(
+            "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
+        )
     return chosen
 
 
-def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | None:
+def _from_uwb(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack | None:
     if uwb is None or uwb.robot is None or len(uwb.robot.track) == 0:
         return None
     if uwb.body is None:
         track = uwb.robot.track
-        x_m, y_m = lever_of(walk.config, uwb.robot.tag)
+        x_m, y_m = lever_of(data.config, uwb.robot.tag)
     else:
         track = uwb.body.track
         x_m, y_m = uwb.body.middle_m.tolist()
     tags = [uwb.robot] if uwb.body is None else uwb.body.tags
-    yaw_rad, yaw_std_rad = find_heading(walk, track, x_m, None if uwb.body is None else uwb.body.yaw)
+    yaw_rad, yaw_std_rad = find_heading(data, journal, track, x_m, None if uwb.body is None else uwb.body.yaw)
     return RobotTrack(
         track.t_ns,
         tag_to_base(track.position_m, yaw_rad, x_m, y_m),
@@ -128,20 +152,20 @@ def _from_uwb(walk: ReplayContext, uwb: UwbPositions | None) -> RobotTrack | Non
         yaw_std_rad=yaw_std_rad,
         # base is on the ground, below the tags by the heights that were given for them.
         z_m=track.z_m - np.mean([tag.height_m for tag in tags]) if all(tag.height_solved for tag in tags) else None,
-        tilt_rad=_tilt(walk, track.t_ns),
+        tilt_rad=_tilt(data.streams, track.t_ns),
     )
 
 
-def _other_track(walk: ReplayContext, uwb: UwbPositions | None, used: str) -> RobotTrack | None:
+def _other_track(data: LogData, journal: Journal, uwb: UwbPositions | None, used: str) -> RobotTrack | None:
     """The track of the lidar where UWB's is used, and the other way round, for a comparison."""
     if used == "uwb":
-        return _from_lidar(walk)
-    return _from_uwb(walk, uwb) if used == "lidar" else None
+        return _from_lidar(data, journal)
+    return _from_uwb(data, journal, uwb) if used == "lidar" else None
 
 
-def _tilt(walk: ReplayContext, t_ns: Int) -> Float | None:
+def _tilt(streams: Streams, t_ns: Int) -> Float | None:
     """Roll and pitch (N, 2) of base at t_ns (N,) by the IMU, or else by odometry that is not planar; None without."""
-    imu, odometry = walk.streams.imu, walk.streams.odometry
+    imu, odometry = streams.imu, streams.odometry
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
         return tilt_at(t_ns, up_in_base(imu.t_ns, imu.quat_xyzw))
     if odometry is not None and odometry.quat_xyzw[:, :2].any():
@@ -149,42 +173,42 @@ def _tilt(walk: ReplayContext, t_ns: Int) -> Float | None:
     return None
 
 
-def _from_tf(walk: ReplayContext) -> RobotTrack | None:
-    topics, tree = walk.config.topics, walk.streams.tf
-    base = walk.roles.frames.base_frame(topics.base_frame)
+def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
+    topics, tree = data.config.topics, data.streams.tf
+    base = data.log.roles.frames.base_frame(topics.base_frame)
     frame = None if base is None else tree.fixed_frame(base, topics.map_frame)
     series = None if base is None or frame is None else tree.pose_series(base, frame)
     if series is not None:
-        walk.use("tf")
+        journal.use("tf")
         if frame != topics.map_frame:
-            walk.note(f"no frame {topics.map_frame} moves {base} in tf: {frame}, in which it moves, is the map")
+            journal.note(f"no frame {topics.map_frame} moves {base} in tf: {frame}, in which it moves, is the map")
     return _from_poses(series, "tf")
 
 
-def _from_odometry(walk: ReplayContext) -> RobotTrack | None:
+def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
     """Raises AmbiguousTopic where a choice of one is needed."""
-    walk.roles.topic("odometry")
-    if walk.streams.odometry is not None:
-        walk.use("odometry")
-    return _from_poses(walk.streams.odometry, "odometry")
+    data.log.roles.topic("odometry")
+    if data.streams.odometry is not None:
+        journal.use("odometry")
+    return _from_poses(data.streams.odometry, "odometry")
 
 
-def _from_lone_pose(walk: ReplayContext) -> RobotTrack | None:
-    topics = walk.roles.topics("pose")
+def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
+    topics = data.log.roles.topics("pose")
     if len(topics) != 1:
         return None
-    walk.use("pose")
-    return _from_poses(walk.streams.estimates.get(topics[0]), "pose")
+    journal.use("pose")
+    return _from_poses(data.streams.estimates.get(topics[0]), "pose")
 
 
-def _from_legs(walk: ReplayContext) -> RobotTrack | None:
-    track = walk.legs
+def _from_legs(data: LogData, journal: Journal) -> RobotTrack | None:
+    track = data.legs
     if track is None:
         return None
-    walk.use("joints")
-    if walk.streams.imu is not None:
-        walk.use("imu")
-    tell_legs(walk, track)
+    journal.use("joints")
+    if data.streams.imu is not None:
+        journal.use("imu")
+    tell_legs(data, journal, track)
     rows = rows_apart(track, STEP_S)
     rows = rows[located_rows(track.t_ns, track.standing)[rows]]
     if len(rows) == 0:
@@ -197,13 +221,13 @@ def _from_legs(walk: ReplayContext) -> RobotTrack | None:
     return RobotTrack(track.t_ns[rows], xy_m, wrap_angle(yaw_rad), "legs", LEGS_FRAME, tilt_rad=tilt_rad)
 
 
-def _from_lidar(walk: ReplayContext) -> RobotTrack | None:
-    track = None if walk.tracker is None else walk.tracker.track().measured()
-    if walk.tracker is None or track is None or len(track.t_ns) == 0:
+def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
+    track = None if data.tracker is None else data.tracker.track().measured()
+    if data.tracker is None or track is None or len(track.t_ns) == 0:
         return None
-    walk.use("lidar")
-    for text in walk.tracker.warnings():
-        walk.warn(text)
+    journal.use("lidar")
+    for text in data.tracker.warnings():
+        journal.warn(text)
     turned = track.rotation
     yaw_rad = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     tilt_rad = tilt_of(turned[:, 2])
@@ -219,14 +243,14 @@ def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
     return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
 
 
-def _fixed(walk: ReplayContext) -> RobotTrack:
-    t_ns = np.unique(np.array([walk.first_ns, walk.last_ns], dtype=np.int64))
+def _fixed(data: LogData) -> RobotTrack:
+    t_ns = np.unique(np.array([data.first_ns, data.last_ns], dtype=np.int64))
     return RobotTrack(t_ns, np.zeros((len(t_ns), 2)), np.zeros(len(t_ns)), "fixed")
 
 
-def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTrack | None:
+def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTrack | None:
     """What is followed: the person's tag, a pose topic, a fixed point, or the robot itself so much later."""
-    topics = walk.config.topics
+    topics = data.config.topics
     person = None if uwb is None else uwb.person
     if topics.target == "fixed":
         point = np.array([[topics.target_x_m, topics.target_y_m]])
@@ -245,13 +269,13 @@ def _target(walk: ReplayContext, uwb: UwbPositions | None, robot: RobotTrack) ->
     if topics.target in ("auto", "ahead"):
         if np.hypot(*(robot.xy_m - robot.xy_m[0]).T).max() < STOOD_M:
             if robot.source != "fixed":
-                walk.note("the robot stood still: there is no way ahead of it")
+                journal.note("the robot stood still: there is no way ahead of it")
             return None
         return _ahead(robot, topics.ahead_s)
-    if walk.streams.target is None:
+    if data.streams.target is None:
         raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")
-    series = walk.streams.target
-    walk.use("target")
+    series = data.streams.target
+    journal.use("target")
     return TargetTrack(series.t_ns, series.position_m[:, :2], topics.target)
 
 
@@ -266,9 +290,7 @@ def _target_words(target: TargetTrack | None) -> str:
     return "nothing is followed" if target is None else f"target from {target.source}"
 
 
-def _write_tracks(walk: ReplayContext) -> None:
-    folder, robot, target, reference = walk.run.path, walk.robot, walk.target, walk.streams.reference
-    assert robot is not None
+def _write_tracks(folder: Path, robot: RobotTrack, target: TargetTrack | None, reference: PoseSeries | None) -> None:
     x_m, y_m = robot.xy_m.T
     write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
     if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
@@ -297,7 +319,6 @@ def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_ra
     write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
 
 
-def robot_track(walk: ReplayContext) -> RobotTrack:
+def robot_track(data: LogData, journal: Journal) -> RobotTrack:
     """The robot's track from the configured source other than UWB. Raises MissingInput."""
-    walk.legs = track_legs(walk)
-    return _robot(walk, None)
+    return _robot(with_legs(data), journal, None)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
-from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.positions.body import solve_body, tell_roles, velocity_words
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.positions.body import solve_body, tell_body, tell_roles, velocity_words
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.tag_errors import (
@@ -37,31 +38,34 @@ from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
-from quadlog.results.arrays import ARRAYS
+from quadlog.results.arrays import ARRAYS, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.log import LogData
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 
 
-def write_uwb_tables(walk: ReplayContext, uwb: UwbPositions) -> None:
+def write_uwb_tables(folder: Path, data: LogData, uwb: UwbPositions) -> None:
     """The links of every tag, the geometry's dilution, and the errors of the tags that sit on the robot."""
-    _write_links(walk, uwb)
+    _write_links(folder, data, uwb)
     robot_tag = None if uwb.robot is None else uwb.robot.tag
-    dilution = dilution_of(uwb.located, robot_tag, walk.config, DILUTION_ROWS, DILUTION_COLUMNS)
+    dilution = dilution_of(uwb.located, robot_tag, data.config, DILUTION_ROWS, DILUTION_COLUMNS)
     if dilution is not None:
-        walk.run.write("dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
-    errors = errors_of_tags(uwb.located, levers_on_robot(walk.config, robot_tag), walk.streams.reference)
+        write_arrays(folder, "dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
+    errors = errors_of_tags(uwb.located, levers_on_robot(data.config, robot_tag), data.streams.reference)
     if errors:
-        _write_errors(walk.run.path, errors)
+        _write_errors(folder, errors)
 
 
-def _write_links(walk: ReplayContext, uwb: UwbPositions) -> None:
+def _write_links(folder: Path, data: LogData, uwb: UwbPositions) -> None:
     """A row for every tag and configured anchor, also a silent one."""
-    config, streams = walk.config, walk.streams
+    config, streams = data.config, data.streams
     assert streams.ranges is not None
     anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
     places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
-    with TableWriter(walk.run.path / "links.parquet", TABLES["links"]) as links:
+    with TableWriter(folder / "links.parquet", TABLES["links"]) as links:
         for result in uwb.located.tags:
             quality = link_quality(
                 result.ranges, anchor_ids, result.bias, config.uwb.range_std_m, uwb.located.why_no_bias
@@ -100,15 +104,15 @@ MOSTLY_LATE = 0.5
 """A link with a larger share of NLOS is warned of."""
 
 
-def tell_located(walk: ReplayContext, located: Located) -> None:
+def tell_located(data: LogData, journal: Journal, located: Located) -> None:
     """Counts for `run.json`, and a warning for every range and epoch that could not be used."""
     counts = located.counts
-    walk.counts |= {"ranges": counts.total, "ranges_used": counts.used}
-    walk.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
-    for text in located_warnings(located, walk.config, walk.first_ns):
-        walk.warn(text)
-    for text in _located_notes(located, walk.config):
-        walk.note(text)
+    journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
+    journal.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
+    for text in located_warnings(located, data.config, data.first_ns):
+        journal.warn(text)
+    for text in _located_notes(located, data.config):
+        journal.note(text)
 
 
 def located_warnings(located: Located, config: Config, first_ns: int) -> list[str]:
@@ -251,50 +255,53 @@ class UwbPositions:
     body: LocatedBody | None = None
 
 
-def locate_tags(walk: ReplayContext) -> UwbPositions | None:
+def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
     """Every tag of the recording located, those of the robot together; None when UWB is not used, which is said."""
-    config, ranges, places = walk.config, walk.streams.ranges, walk.streams.anchor_places
+    config, ranges, places = data.config, data.streams.ranges, data.streams.anchor_places
     if not config.uwb.anchors:
         known = f" and its messages place {len(places)} of the {FEWEST_ANCHORS} that a fix needs" if places else ""
-        for topic in walk.roles.found["uwb"].topics if "uwb" in walk.roles.found else ():
-            walk.warn(
+        for topic in data.log.roles.found["uwb"].topics if "uwb" in data.log.roles.found else ():
+            journal.warn(
                 f"{topic}: ranges are not used, no [[uwb.anchors]] are configured{known}; quadlog init writes a form"
             )
         return None
     if not wants_uwb(config):
         return None
     if ranges is None:
-        walk.warn("anchors are configured, but the recording has no UWB ranges")
+        journal.warn("anchors are configured, but the recording has no UWB ranges")
         return None
-    _tell_places(walk)
+    _tell_places(data, journal)
     tags = tags_of(config, ranges)
-    robot, motion = body_tags_of(config, list(tags)), _body_motion(walk) if config.uwb.odometry else None
+    robot, motion = body_tags_of(config, list(tags)), _body_motion(data) if config.uwb.odometry else None
     if len(robot) == 1 and motion is not None:
         tags[robot[0]] = replace(tags[robot[0]], body_motion=motion)
     if robot and motion is not None and motion.source == "odometry":
-        walk.use("odometry")
+        journal.use("odometry")
     anchors, settings = anchors_of(config), settings_of(config)
     located, body = locate(ranges, anchors, list(tags.values()), settings), None
     if len(robot) > 1:
-        located, body = solve_body(walk, located, robot, anchors, settings, motion)
-    tell_roles(walk, located)
+        located, body = solve_body(config, located, robot, anchors, settings, motion)
+        tell_body(journal, body)
+    tell_roles(config, journal, located)
     levers_m = {tag: lever_of(config, tag) for tag in robot}
-    for text in fault_warnings(check_located(located, anchors, settings, levers_m, walk.streams.odometry), anchors):
-        walk.warn(text)
-    tell_located(walk, located)
+    for text in fault_warnings(check_located(located, anchors, settings, levers_m, data.streams.odometry), anchors):
+        journal.warn(text)
+    tell_located(data, journal, located)
     by_id = {result.tag: result for result in located.tags}
     roles = roles_of(config, list(tags))
-    walk.use("uwb")
+    journal.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)), body)
 
 
-def _tell_places(walk: ReplayContext) -> None:
+def _tell_places(data: LogData, journal: Journal) -> None:
     """Where the anchors' positions come from, and a warning where sources contradict one another."""
-    places = walk.streams.anchor_places
-    if walk.anchors_from_messages:
-        walk.note(f"positions of {len(places)} anchors from the messages; quadlog init writes them as [[uwb.anchors]]")
-    for text in place_warnings(places, {} if walk.anchors_from_messages else configured_places(walk.config)):
-        walk.warn(text)
+    places = data.streams.anchor_places
+    if data.anchors_carried:
+        journal.note(
+            f"positions of {len(places)} anchors from the messages; quadlog init writes them as [[uwb.anchors]]"
+        )
+    for text in place_warnings(places, {} if data.anchors_carried else configured_places(data.config)):
+        journal.warn(text)
 
 
 def configured_places(config: Config) -> dict[int, Float]:
@@ -327,9 +334,14 @@ def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> C
     """The configuration with the anchors that the messages place, where it has none and they are enough for a fix."""
     if config.uwb.anchors or len(places) < FEWEST_ANCHORS or not may_use_uwb(config):
         return config
+    return with_anchors(config, {anchor: place.position_m for anchor, place in places.items()})
+
+
+def with_anchors(config: Config, places_m: Mapping[int, Sequence[float]]) -> Config:
+    """The configuration with anchors at these places (x, y, z)."""
     anchors = [
-        Anchor(id=anchor, **dict(zip(("x_m", "y_m", "z_m"), place.position_m, strict=True)))
-        for anchor, place in places.items()
+        Anchor(id=anchor, **dict(zip(("x_m", "y_m", "z_m"), place_m, strict=True)))
+        for anchor, place_m in places_m.items()
     ]
     return config.model_copy(update={"uwb": config.uwb.model_copy(update={"anchors": anchors})})
 
@@ -347,13 +359,13 @@ def odometry_motion(streams: Streams) -> BodyMotion | None:
     )
 
 
-def _body_motion(walk: ReplayContext) -> BodyMotion | None:
+def _body_motion(data: LogData) -> BodyMotion | None:
     """The robot's own motion by odometry, or else its legs or the lidar; None where nothing gives velocities."""
-    causal = not walk.config.uwb.smooth
-    motion = odometry_motion(walk.streams)
-    if motion is None and walk.legs is not None:
-        return legs_motion(walk.legs, causal=causal)
-    track = None if motion is not None or walk.tracker is None else walk.tracker.track()
+    causal = not data.config.uwb.smooth
+    motion = odometry_motion(data.streams)
+    if motion is None and data.legs is not None:
+        return legs_motion(data.legs, causal=causal)
+    track = None if motion is not None or data.tracker is None else data.tracker.track()
     return motion if track is None else body_motion(track, causal=causal)
 
 
@@ -406,12 +418,12 @@ def settings_of(config: Config) -> LocateSettings:
     )
 
 
-def write_uwb(walk: ReplayContext, uwb: UwbPositions) -> None:
+def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:
     """fixes, ranges and innovations, tag after tag; and what tells how good they are."""
     with ExitStack() as stack:
-        fixes = stack.enter_context(TableWriter(walk.run.path / "fixes.parquet", TABLES["fixes"]))
-        ranges = stack.enter_context(TableWriter(walk.run.path / "ranges.parquet", TABLES["ranges"]))
-        innovations = stack.enter_context(TableWriter(walk.run.path / "innovations.parquet", TABLES["innovations"]))
+        fixes = stack.enter_context(TableWriter(folder / "fixes.parquet", TABLES["fixes"]))
+        ranges = stack.enter_context(TableWriter(folder / "ranges.parquet", TABLES["ranges"]))
+        innovations = stack.enter_context(TableWriter(folder / "innovations.parquet", TABLES["innovations"]))
         for result in uwb.located.tags:
             fixes.append(_fix_columns(result))
             innovations.append(
@@ -420,7 +432,7 @@ def write_uwb(walk: ReplayContext, uwb: UwbPositions) -> None:
             rows = result.ranges
             columns = {"t_ns": rows.t_ns, "anchor": rows.anchor, "range_m": rows.range_m}
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})
-    write_uwb_tables(walk, uwb)
+    write_uwb_tables(folder, data, uwb)
 
 
 def _fix_columns(result: TagResult) -> dict[str, object]:

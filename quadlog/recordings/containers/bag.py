@@ -37,7 +37,7 @@ from quadlog.recordings.containers.chunks import (
     losses_of,
     span_of,
 )
-from quadlog.recordings.containers.compression import decompress
+from quadlog.recordings.containers.compression import Unpacked, decompress
 from quadlog.recordings.containers.container import Channel, Loss, shared_channels
 from quadlog.recordings.formatting import ros2_type_name
 from quadlog.storage.byte_ranges import ByteSource
@@ -337,13 +337,19 @@ def read_bag(path: Path, file: ByteSource) -> ChunkedReader:
 class BagFormat(PieceFormat):
     """How a piece of a bag is read."""
 
+    def __init__(self, file: ByteSource) -> None:
+        super().__init__(file)
+        self._unpacked = Unpacked()
+
     def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
         frame = chunk_of(read_frame(self.file, piece.offset))
         if piece.length:  # found by a walk, which knows where it ends whatever the record says
             frame = replace(frame, data_length=piece.offset + piece.length - frame.data_offset)
         if at_most is not None and number(frame.fields, b"size") > at_most:
             return None
-        return read_chunk(self.file, frame)
+        if text(frame.fields, b"compression") != "bz2":
+            return read_chunk(self.file, frame)
+        return Body(self._unpacked.data(piece.offset, lambda: read_chunk(self.file, frame).data), frame.data_length)
 
     def entries(self, body: Body) -> Entries:
         return message_entries(body)

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import bz2
 import io
+import os
 import shutil
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
+from weakref import finalize
 
 import lz4.frame
 import zstandard
@@ -135,6 +138,35 @@ _INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
     "lz4": partial(_inflate_streams, lz4.frame.LZ4FrameDecompressor),
     "bz2": partial(_inflate_streams, bz2.BZ2Decompressor),
 }
+
+
+class Unpacked:
+    """Chunks that take long to decompress, kept in a nameless temporary file for a second reading while there is room.
+
+    Safe to use from several threads.
+    """
+
+    def __init__(self) -> None:
+        self._file: BinaryIO | None = None
+        self._places: dict[int, tuple[int, int]] = {}
+        self._end = self._room = 0
+        self._lock = threading.Lock()
+
+    def data(self, key: int, unpack: Callable[[], memoryview]) -> memoryview:
+        """What `unpack` gives, or gave before for this key. Raises what it raises."""
+        if (place := self._places.get(key)) is not None and self._file is not None:
+            return memoryview(os.pread(self._file.fileno(), place[1], place[0]))
+        data = unpack()
+        with self._lock, suppress(OSError):  # the disk is full: it is decompressed again
+            if self._file is None:
+                self._file = cast(BinaryIO, tempfile.TemporaryFile(prefix="quadlog-"))  # noqa: SIM115
+                finalize(self, self._file.close)
+                self._room = shutil.disk_usage(tempfile.gettempdir()).free // 2
+            if self._end + len(data) <= self._room and os.pwrite(self._file.fileno(), data, self._end) == len(data):
+                self._places[key] = self._end, len(data)
+                self._end += len(data)
+        return data
+
 
 _MAX_UNPACKED_BYTES = 1 << 37
 _ELSEWHERE = "TMPDIR names another folder"

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
-from quadlog.metrics.intervals import FEWEST_VALUES
+from quadlog.metrics.intervals import FEWEST_VALUES, Interval
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
@@ -33,8 +32,9 @@ from quadlog.results.page.blocks import (
     render,
 )
 from quadlog.results.page.pack import Pack
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, ShownQuestion, format_rows
+from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
 from quadlog.results.tables import write_table
+from quadlog.results.text import interval_text
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
 from quadlog.results.words import State
 from quadlog.storage.atomic_write import uninterrupted, write_whole
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
 MOST_DRAWN = 8
 """Sources with paths and charts, the first ones; the others have their verdict and their table."""
-MOST_SOURCES = 200
 LOG_FROM = 20
 """Values of a larger ratio than this get a logarithmic axis."""
 Columns = Mapping[str, NDArray[Any]]
@@ -53,8 +52,7 @@ TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"
 TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedSource:
+class ComparedSource(NamedTuple):
     """A source's comparison, its columns of replans.parquet and scenarios.parquet, and the questions to show."""
 
     comparison: Comparison
@@ -114,69 +112,55 @@ def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
 def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> Page:
     """The page. about: how to read it; losses: what of recordings was lost."""
     pack, names = Pack(), [printable(source.comparison.source) for source in sources]
-    more = len(names) - 3
-    title = f"Planners on {', '.join(names[:3])}{f' and {count(more)} more' if more > 0 else ''}"
-    sections = []
-    for number, (name, source) in enumerate(zip(names[:MOST_SOURCES], sources, strict=False)):
-        own = [Verdict(verdict(source.comparison)[1:])] if len(sources) > 1 else []
-        sections.append(Section(name, [*own, *_drawn(source, number, pack), planner_table(source.comparison, number)]))
-    first: list[Any] = [Verdict(_findings(sources[:MOST_SOURCES], names))]
+    more = f" and {count(len(names) - 3)} more" if len(names) > 3 else ""
+    sections, lines = [], []
+    for number, (name, source) in enumerate(zip(names, sources, strict=True)):
+        own = _verdict(source.comparison)
+        sections.append(Section(name, [Verdict(own[1:]), *_drawn(source, number, pack)]))
+        lines.append(Sentence(name, own[0].text, own[0].state))
+    if len(sources) == 1:
+        lines = _verdict(sources[0].comparison)
+    first: list[Any] = [Verdict(lines)]
     if losses:
         first.append(Notes("Lost from the recordings (exit code 3)", list(map(printable, losses)), "bad"))
-    if len(names) > MOST_SOURCES:
-        first.append(Notes("Left out", [f"The first {MOST_SOURCES} sources stand here; planners.csv has the others."]))
-    if len(sections) == 1:
-        sections = [Section("", [*first, *sections[0].blocks])]
-    else:
-        sections.insert(0, Section("", first))
+    if len(sources) == 1:
+        first += sections.pop().blocks[1:]
     notes = [Details("Rules, counts and intervals", [Text(printable(line)) for line in about])]
     facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
-    return Page(title, [*sections, Section("How to read this", notes, pack.thinned)], facts, links=files, pack=pack)
+    sections = [Section("", first), *sections, Section("How to read this", notes, pack.thinned)]
+    return Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
 
 
-def verdict(comparison: Comparison) -> list[Sentence]:
+def _verdict(comparison: Comparison) -> list[Sentence]:
     """Up to four sentences: cells, cells with optimal paths, time, and what they rest on."""
-    better = any(_judged(comparison, row)[1] == "good" for row in comparison.rows)
-    return [
-        Sentence(subject, text, "good" if subject == "Cells" and better else "")
-        for subject, text in verdict_lines(comparison)
-    ]
-
-
-def _findings(sources: Sequence[ComparedSource], names: Sequence[str]) -> list[Sentence]:
-    if len(sources) == 1:
-        return verdict(sources[0].comparison)
-    firsts = [verdict(source.comparison)[0] for source in sources]
-    return [Sentence(name, line.text, line.state) for name, line in zip(names, firsts, strict=False)]
+    states: dict[str, State] = {"Cells": "good"} if "good" in _judged(comparison).values() else {}
+    return [Sentence(subject, text, states.get(subject, "")) for subject, text in verdict_lines(comparison)]
 
 
 def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
-    """The map beside the ratios and the charts of each question, on one clock of the source's own."""
-    group = f"source-{number}"
-    sample = source.sample
-    charts = []
-    if number < MOST_DRAWN and (panel := ratio_panel(source.comparison)) is not None:
+    """The map beside the ratios and the charts of each question, on one clock of the source's own; the table."""
+    group, sample, comparison = f"source-{number}", source.sample, source.comparison
+    charts, view = [], list[Any]()
+    if number < MOST_DRAWN and (panel := ratio_panel(comparison)) is not None:
         pack.add(f"ratios-{number}", [panel], group)
         charts.append(Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
-    if sample is None or not sample.kept:
-        return charts
-    names = [row.planner for row in source.comparison.rows]
-    pack.add(f"paths-{number}", question_scene(sample, names), group)
-    answers = _answers(source.replans, sample, names)
-    counted = source.comparison.counted
-    if len(sample.kept) > 1:
-        pack.add(f"answers-{number}", answer_panels(answers, sample.step, counted), group)
-        charts.append(Drawn(f"answers-{number}", f"Each {sample.step}", _thinned(sample)))
-    hardest = int(np.nanargmax(answers[names[0]][counted])) + 1
-    view = Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-    return [Beside(view, charts) if charts else view, *([Text(_thinned(sample))] if sample.stride > 1 else [])]
-
-
-def _thinned(sample: QuestionSample) -> str:
-    if sample.stride == 1:
-        return f"Every {sample.step} in the order of asking."
-    return f"Every {sample.stride}th {sample.step} of {count(sample.asked)}; replans.parquet has all."
+    if sample is not None and sample.kept:
+        names = [row.planner for row in comparison.rows]
+        pack.add(f"paths-{number}", question_scene(sample, names), group)
+        answers = _answers(source.replans, sample, comparison.counted)
+        caption = f"Every {sample.step} in the order of asking."
+        if sample.stride > 1:
+            caption = f"Every {sample.stride}th {sample.step} of {count(sample.asked)}; replans.parquet has all."
+        if len(sample.kept) > 1:
+            panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
+            pack.add(f"answers-{number}", panels, group)
+            charts.append(Drawn(f"answers-{number}", f"Each {sample.step}", caption))
+        cells = next(iter(answers.values()))
+        hardest = int(np.nanargmax(cells[names[0]])) + 1
+        scene = Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
+        view = [Beside(scene, charts) if charts else scene, *([Text(caption)] if sample.stride > 1 else [])]
+    return [*(view or charts), planner_table(comparison, number)]
 
 
 RATIO_CAPTION = (
@@ -186,16 +170,13 @@ RATIO_CAPTION = (
 
 def ratio_panel(comparison: Comparison) -> Panel | None:
     """The forest plot of ratios to the baseline, best first; None without a ratio."""
-    names = [row.planner for row in comparison.rows]
-    rows = [row for row in comparison.rows if row.ratio_expanded is not None and row.planner != comparison.baseline]
-    rows.sort(key=lambda row: -(row.ratio_expanded or 0.0))
     spreads = {}
-    for row in rows:
-        interval = None
-        if row.ratio_low is not None and row.ratio_high is not None and not _too_few(comparison):
-            interval = (row.ratio_low, row.ratio_high)
-        color, ratios = look(names.index(row.planner))["color"], comparison.episode_ratios[row.planner]
-        spreads[row.planner] = Spread(row.ratio_expanded or 0.0, interval, ratios, color)
+    for number, row in enumerate(comparison.rows):
+        if row.ratio_expanded is not None and row.planner != comparison.baseline:
+            interval = None if _too_few(comparison) else _interval(row)
+            ratios = comparison.episode_ratios[row.planner]
+            spreads[row.planner] = Spread(row.ratio_expanded, interval, ratios, look(number)["color"])
+    spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
     what = f"times fewer {_what(comparison)} than {comparison.baseline}"
     log = all(spread.value > 0 for spread in spreads.values())
     return forest(what, spreads, f"{comparison.baseline} / planner", log, [1.0]) if spreads else None
@@ -217,12 +198,13 @@ def question_scene(sample: QuestionSample, names: Sequence[str]) -> Scene:
         if layer == 0 or any(len(of.bits) > 1 for of in maps):
             grids = MapSequence.of(origin, cell, np.stack([of.bits[layer] for of in maps]), columns)
             layers.append(Windows(label, color, steps[new], grids))
-    layers += [_paths(shown, name, steps, number) for number, name in enumerate(names)]
-    for label, color, shape, places in (
-        ("goal", "target", "star", np.array([of.goal for of in shown])),
-        ("start", "text", "dot", np.array([of.start for of in shown])),
-    ):
-        layers.append(Track(label, color, steps, places[:, 0], places[:, 1], shape=shape, trail=False))  # type: ignore[arg-type]
+    for number, name in enumerate(names):  # a line for each question, without points where the planner found none
+        paths = [of.paths.get(name, np.empty((0, 2))) for of in shown]
+        x, y = np.concatenate(paths).T
+        layers.append(Lines(name, first=np.cumsum([0, *map(len, paths)]), x=x, y=y, seconds=steps, **look(number)))
+    goals, starts = np.array([of.goal for of in shown]), np.array([of.start for of in shown])
+    layers.append(Track("goal", "target", steps, goals[:, 0], goals[:, 1], shape="star", trail=False))
+    layers.append(Track("start", "text", steps, starts[:, 0], starts[:, 1], shape="dot", trail=False))
     size = cell * np.array([columns, maps[0].bits.shape[1]])
     far = origin + size
     extent = extent_of((origin[:, 0], origin[:, 1]), (far[:, 0], far[:, 1]))
@@ -231,47 +213,34 @@ def question_scene(sample: QuestionSample, names: Sequence[str]) -> Scene:
     return Scene(layers, extent, unit, (f"x ({unit})", f"y ({unit})"), step=sample.step, near=near)
 
 
-def _paths(shown: Sequence[ShownQuestion], name: str, steps: NDArray[Any], number: int) -> Lines:
-    """A line for each question, without points where the planner found none."""
-    paths = [of.paths.get(name, np.empty((0, 2))) for of in shown]
-    points = np.concatenate([np.empty((0, 2)), *paths])
-    return Lines(
-        name, first=np.cumsum([0, *map(len, paths)]), x=points[:, 0], y=points[:, 1], seconds=steps, **look(number)
-    )
+def _answers(replans: Columns, sample: QuestionSample, counted: str) -> dict[str, DataFrame]:
+    """Cells, time and extra cost at each question shown, a column for each planner."""
+    from pandas import DataFrame
 
-
-def _answers(replans: Columns, sample: QuestionSample, names: Sequence[str]) -> dict[str, DataFrame]:
-    """Rows of replans.parquet by planner, one for each question shown."""
-    from pandas import DataFrame, MultiIndex
-
-    table = DataFrame(dict(replans)).set_index(["episode", "replan"])
-    shown = MultiIndex.from_tuples([of.at for of in sample.kept.values()])
-    return {name: table[table["planner"] == name].loc[shown] for name in names}
-
-
-def answer_panels(answers: Mapping[str, DataFrame], step: str, counted: str) -> list[Panel]:
-    """Cells, time and extra cost of every planner at each question, over its step."""
-    excess = {name: 100 * (of["cost"] / of["optimal_cost"] - 1).to_numpy() for name, of in answers.items()}
-    excess = {name: np.where(np.abs(values) < 1e-6, 0.0, values) for name, values in excess.items()}
+    table = DataFrame(dict(replans))
+    excess = 100 * (table["cost"] / table["optimal_cost"] - 1)
     what = "neighbours" if counted == "touched" else "cells"
-    panels = [
-        question_panel(f"{what} {counted}", {name: of[counted].to_numpy() for name, of in answers.items()}, step),
-        question_panel("time (µs)", {name: of["us"].to_numpy() for name, of in answers.items()}, step),
-    ]
-    if any((values > 0).any() for values in excess.values()):
-        panels.append(question_panel("cost above the optimum (%)", excess, step, zero=True))
-    return panels
+    titles = {counted: f"{what} {counted}", "us": "time (µs)", "excess": "cost above the optimum (%)"}
+    table["excess"], index = excess.mask(excess.abs() < 1e-6, 0.0), ["episode", "replan"]
+    found = {}
+    for name, title in titles.items():
+        wide = table.pivot(index=index, columns="planner", values=name)[table["planner"].unique()]
+        wide = wide.loc[[of.at for of in sample.kept.values()]]
+        if name != "excess" or (wide.to_numpy() > 0).any():
+            found[title] = wide
+    return found
 
 
-def question_panel(what: str, values: Mapping[str, NDArray[Any]], step: str, zero: bool = False) -> Panel:
+def question_panel(what: str, values: Mapping[str, Any] | DataFrame, step: str, zero: bool = False) -> Panel:
     """A curve for each planner over the questions from 1; on a logarithmic axis 0 is left out."""
-    every = np.concatenate([np.asarray(of, float) for of in values.values()])
+    curves = {str(name): np.asarray(of, float) for name, of in values.items()}
+    every = np.concatenate([*curves.values()])
     positive = every[np.isfinite(every) & (every > 0)]
     log = not zero and len(positive) > 0 and bool(positive.max() > LOG_FROM * positive.min())
     style: Any = "points" if step == "query" else "line"
     series = []
-    for number, (name, of) in enumerate(values.items()):
-        shown = np.where(np.asarray(of) > 0, of, np.nan) if log else np.asarray(of, float)
+    for number, (name, of) in enumerate(curves.items()):
+        shown = np.where(of > 0, of, np.nan) if log else of
         series.append(Series(name, x=np.arange(1.0, len(shown) + 1), y=shown, style=style, **look(number)))
     return Panel(what, series, step, zero=zero, log=log)
 
@@ -285,30 +254,27 @@ def planner_table(comparison: Comparison, number: int) -> Table:
         Column("p95 (µs)", True, True), Column("length", True, True),
         Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
     ]  # fmt: skip
-    rows = [_row(comparison, row) for row in comparison.rows]
+    rows, states = [], _judged(comparison)
+    for row in comparison.rows:
+        total = getattr(row, f"{comparison.counted}_total")
+        us = comparison.us.median_interval(row.planner) if comparison.paired_replans else None
+        cells = [Cell(sig(of), of) for of in (row.ratio_expanded, row.us_median)]
+        cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
+        cells += [Cell(count(total), total)]
+        cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
+        cells[0] = cells[0]._replace(below=interval_text(_interval(row)), state=states[row.planner])
+        cells[1] = cells[1]._replace(below=interval_text(us))
+        cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
+        rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
     note = "Below a number: its 95 % interval. Those of the verdict are wider, since it names the best of several."
     if _too_few(comparison):
         note = f"{note} Of fewer than {FEWEST_VALUES} episodes: below a ratio the range of their ratios."
     return Table(columns, rows, f"planners-{number}", note, sortable=True)
 
 
-def _row(comparison: Comparison, row: PlannerRow) -> list[Cell]:
-    total = {"expanded": row.expanded_total, "generated": row.generated_total, "touched": row.touched_total}
-    cells = total[comparison.counted]
-    word, state = _judged(comparison, row)
-    us = comparison.us.median_interval(row.planner) if comparison.paired_replans else None
-    return [
-        Cell(row.planner),
-        Cell(sig(row.ratio_expanded), row.ratio_expanded, word, state=state),
-        Cell(sig(row.us_median), row.us_median, "" if us is None else f"{sig(us[0])} to {sig(us[1])}"),
-        Cell(percent(row.success_rate), row.success_rate, state="" if row.success_rate == 1 else "warn"),
-        Cell(percent(row.suboptimality_mean), row.suboptimality_mean),
-        Cell(count(cells), cells),
-        Cell(sig(cells / row.replans), cells / row.replans),
-        Cell(sig(row.us_p95), row.us_p95),
-        Cell(sig(row.length_m_total), row.length_m_total),
-        Cell(percent(row.fallback_share), row.fallback_share),
-    ]
+def _interval(row: PlannerRow) -> Interval | None:
+    """Of the ratio to the baseline."""
+    return None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
 
 
 def _too_few(comparison: Comparison) -> bool:
@@ -316,15 +282,11 @@ def _too_few(comparison: Comparison) -> bool:
     return 1 < comparison.paired_episodes < FEWEST_VALUES
 
 
-def _judged(comparison: Comparison, row: PlannerRow) -> tuple[str, State]:
-    """The interval of a planner's ratio in words, and its colour."""
-    if row.planner == comparison.baseline:
-        return "baseline", ""
-    if row.ratio_expanded is None:
-        return "", ""
-    if row.ratio_low is None or row.ratio_high is None:
-        return "no interval", ""
-    words = f"{sig(row.ratio_low)} to {sig(row.ratio_high)}"
-    if _too_few(comparison):
-        return words, ""
-    return words, "good" if row.ratio_low > 1 else "bad" if row.ratio_high < 1 else ""
+def _judged(comparison: Comparison) -> dict[str, State]:
+    """Good or bad, of the planners whose interval of the ratio says so."""
+    found: dict[str, State] = {}
+    for row in comparison.rows:
+        is_known = row.planner != comparison.baseline and not _too_few(comparison)
+        low, high = (is_known and _interval(row)) or (1.0, 1.0)
+        found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
+    return found

@@ -18,20 +18,18 @@ from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.stages.resume import finished_outcome
-from quadlog.pipelines.stages.stage import stages_for
-from quadlog.results.find_runs import OWN_FILES, runs_here
-from quadlog.results.places import claim
+from quadlog.pipelines.store import run_key
+from quadlog.results.find_runs import runs_here
+from quadlog.results.places import new_run
 from quadlog.results.record import RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run
-from quadlog.results.stage_marks import StageMark, mark_files, write_marks
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
 
 FILES_UNTIL = {
-    "position": ("fixes.parquet", "report.html", "stages.json"),
-    "map": ("fixes.parquet", "maps.npz", "dilution.npz", "report.html", "stages.json"),
+    "position": ("fixes.parquet", "report.html"),
+    "map": ("fixes.parquet", "maps.npz", "dilution.npz", "report.html"),
 }
 Request = Callable[..., ReplayRequest]
 
@@ -58,7 +56,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
     there = follow_request(tmp_path / "walk", until="map")
     local = replay(there, Silent())
     assert outcome.metrics.keys() == local.metrics.keys()
-    with runs_here([request_there.run], OWN_FILES) as (here,):
+    with runs_here([request_there.run]) as (here,):
         ours, theirs = saved(here), saved(tmp_path / "walk")
         assert names(bucket) == theirs.keys()
         pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them
@@ -74,6 +72,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
 
 def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
     """A run of a few bytes: what is published, and when, does not depend on what is in it."""
+    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
     record = RunRecord(
         quadlog_version=__version__,
         command=request.command,
@@ -83,17 +82,14 @@ def small_replay(request: ReplayRequest, progress: Any) -> ReplayOutcome:
         seed=0,
         recorded_s=1.0,
         stages=[StageRecord(name="ingest", seconds=2.0, peak_memory_mb=300.0)],
+        results={"run": run_key(request)},
     )
-    claim(request.run, replace=request.existing is not Existing.REFUSE)
-    run = Run.create(request.run, record)
-    for name in FILES_UNTIL[request.options.until]:
-        (run.path / name).write_bytes(name.encode())
-    marks = [StageMark(stage=stage.name, key="", files=[], known={}) for stage in stages_for(request.options.until)]
-    marks[0].files.extend(mark_files(run.path, ["fixes.parquet"]))
-    write_marks(run.path, marks)
-    metrics = {"eta_m": {"value": 0.25, "n": 3, "unit": "m"}}
-    run.write("metrics", metrics)
-    run.finish(record)
+    with new_run(request.run, request.existing is not Existing.REFUSE) as place:
+        for name in FILES_UNTIL[request.options.until]:
+            (place / name).write_bytes(name.encode())
+        run = Run.create(place, record)
+        run.write("metrics", metrics)
+        run.finish(record)
     return ReplayOutcome(request.recording, request.run, 0, metrics=metrics)
 
 
@@ -113,8 +109,6 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     assert heard.lines == [f"{small.run}: already done with the same input, config and version"]
     assert finished.metrics["eta_m"]["value"] == 0.25
     assert bucket.info(f"{bucket.name}/runs/walk/run.json")["ETag"] == written
-    bucket.rm_file(f"{bucket.name}/runs/walk/fixes.parquet")
-    assert finished_outcome(small) is None
     bucket.pipe_file(f"{bucket.name}/runs/walk/notes.txt", b"mine")
     until_position = replace(small, options=replace(small.options, until="position"), existing=Existing.FORCE)
     replay_anywhere(until_position, Silent())
@@ -155,7 +149,7 @@ def test_what_is_interrupted_leaves_what_was_there(
     assert {path: bucket.cat(path) for path in bucket.find(f"{bucket.name}/runs")} == before
 
 
-def test_the_record_says_first_that_the_run_is_unfinished_and_comes_last(
+def test_the_record_goes_first_and_comes_last(
     small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replay_anywhere(small, Silent())

@@ -6,20 +6,23 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from quadlog.config.file import load_config
+from quadlog.config.schema import Config
 from quadlog.geometry import interpolate_angle, quat_from_yaw, wrap_angle
 from quadlog.messages import Imu, Odometry, Pose, UwbRanges
 from quadlog.pipelines.evaluation.reference import compare_with_own_reference
-from quadlog.pipelines.executor.progress import Silent, StageClock
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.log import open_log, read_log
+from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.context import ReplayContext
-from quadlog.pipelines.stages.ingest import open_log, open_walk
-from quadlog.pipelines.stages.positions.position import locate_walk
+from quadlog.pipelines.stages.tracks import RobotTrack
+from quadlog.results.record import read_record
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 
@@ -115,25 +118,26 @@ def magnetised(t_s: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 
 
 @contextmanager
-def located(folder: Path, made: Made, *overrides: str) -> Iterator[ReplayContext]:
-    """The recording written, read and located."""
+def located(folder: Path, made: Made, *overrides: str) -> Iterator[SimpleNamespace]:
+    """What a replay of the recording, once written, leaves of its positions."""
     anchors = ", ".join(f"{{ id = {i}, x_m = {x}, y_m = {y}, z_m = {z} }}" for i, (x, y, z) in enumerate(ANCHORS_M))
     (folder / "quadlog.toml").write_text(CONFIG.format(anchors=anchors))
     write_recording(WRITERS["mcap"](folder / "walk.mcap"), made.messages())
-    config = load_config(folder / "quadlog.toml", list(overrides), {})
-    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(until="position"), plots=False)
-    clock = StageClock()
-    with open_log(request, clock, Silent()) as log, open_walk(log, request, clock, Silent()) as walk:
-        locate_walk(walk)
-        yield walk
+    config, options = load_config(folder / "quadlog.toml", list(overrides), {}), ReplayOptions(until="position")
+    request = ReplayRequest(folder / "walk.mcap", folder / "run", config, options, draws=False, plots=False)
+    replay(request, Silent())
+    record = read_record(request.run)
+    used = {each.role: (each.topic,) for each in record.topics}
+    robot = RobotTrack.read(request.run)
+    yield SimpleNamespace(robot=robot, notes=record.notes, warnings=record.warnings, used=used, run=request.run)
 
 
-def yaw_error(walk: ReplayContext, made: Made) -> np.ndarray:
+def yaw_error(walk: SimpleNamespace, made: Made) -> np.ndarray:
     _, yaw = made.base((walk.robot.t_ns - START_NS) * 1e-9)
     return wrap_angle(walk.robot.yaw_rad - yaw)
 
 
-def note(walk: ReplayContext, start: str) -> str:
+def note(walk: SimpleNamespace, start: str) -> str:
     return next(each for each in walk.notes if each.startswith(start))
 
 
@@ -269,7 +273,7 @@ def test_a_causal_heading_comes_with_what_was_known_then(tmp_path):
 
 def test_a_reference_in_another_frame_is_told(tmp_path):
     with located(tmp_path, Made(imu_yaw=turned_imu, reference_shift_m=(1.0, -2.0))) as walk:
-        warnings = compare_with_own_reference(walk.run.path).warnings
+        warnings = compare_with_own_reference(walk.run).warnings
         said = next(each for each in warnings if "reference seems to lie in another frame" in each)
         assert "shifted by (" in said
 
@@ -278,7 +282,8 @@ def test_a_heading_between_the_imus_messages_is_that_of_the_imu(tmp_path):
     """The oracle is the sensor itself, turned: the stage adds one number to it."""
     made = Made(imu_yaw=turned_imu)
     with located(tmp_path, made) as walk:
-        imu = walk.streams.imu
+        with open_log(tmp_path / "walk.mcap", Config(), ReplayOptions()) as log:
+            imu = read_log(log, Silent()).streams.imu
         z, w = imu.quat_xyzw[:, 2], imu.quat_xyzw[:, 3]
         sensor = interpolate_angle(walk.robot.t_ns, imu.t_ns, 2 * np.arctan2(z, w))
         added = wrap_angle(walk.robot.yaw_rad - sensor)

@@ -1,10 +1,7 @@
-"""What the pass over a recording keeps of a cloud."""
+"""What is kept of a cloud."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,63 +13,35 @@ from quadlog.config.file import load_config
 from quadlog.lidar.deskew import Skewed
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.compact import CompactScan
-from quadlog.messages import Float, Imu, Int, PointCloud, Pose
-from quadlog.pipelines.stages.perceive import deskewed
-from quadlog.pipelines.stages.scans import Scanner, ScanRow, ScanSettings, Spill, end_of_sweep_ns
-from quadlog.pipelines.stages.tilt import Tilt
-from quadlog.recordings.decoders.columns import Columns
-from quadlog.recordings.gathering import Many
+from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
+from quadlog.pipelines.stages.maps import deskewed
+from quadlog.pipelines.stages.mount import LidarMount
+from quadlog.pipelines.stages.scans import Scan, Scanner
+from quadlog.pipelines.stages.tilt import up_of_base
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
 MOUNT_M = 0.4
 
 
-IMU, ODOMETRY = "/imu", "/odom"
-
-
 class Seen:
-    """What the pass over a recording does with a cloud after it has read orientations, and what is told of it later."""
+    """What becomes of a cloud beside orientations."""
 
     def __init__(
-        self,
-        folder: Path,
-        *settings: str,
-        imu: Float | None,
-        odometry: Float | None = None,
-        tree: TransformTree | None = None,
+        self, *settings: str, imu: Float | None, odometry: Float | None = None, tree: TransformTree | None = None
     ) -> None:
         """imu, odometry: (N, 4) orientations, 20 ms apart about T_NS."""
-        self.config = load_config(None, list(settings), {})
-        self.mount = np.eye(4)
-        self.mount[2, 3] = MOUNT_M
-        of_imu = [Imu(0, "imu", each, np.zeros(3), np.zeros(3)) for each in ([] if imu is None else imu)]
-        recording = SimpleNamespace(sample=lambda topic, count: of_imu[:count])
-        topics = IMU if imu is not None else None, ODOMETRY if odometry is not None else None
-        self.tilt = Tilt(recording, *[tree or TransformTree()] * 2, self.config, *topics)  # type: ignore[arg-type]
-        for topic, kind, quat_xyzw in ((IMU, Imu, imu), (ODOMETRY, Pose, odometry)):
-            if quat_xyzw is not None:
-                values = np.concatenate([np.zeros((len(quat_xyzw), 3)), quat_xyzw], axis=1)
-                self.tilt.take(Many(np.arange(len(values)), at(len(values)), topic, Columns(kind, None, values)))
-        self.spill = Spill(folder)
-        scans = ScanSettings.of_config(self.config, maps=True)
-        self.scanner = Scanner(scans, 0, self.mount, self.tilt, self.spill)
+        config, mount, tree = load_config(None, list(settings), {}), np.eye(4), tree or TransformTree()
+        mount[2, 3] = MOUNT_M
+        of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
+        poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
+        streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
+        up = up_of_base(streams, tree, config.topics, of_imu) if config.lidar.level else None
+        data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up)
+        self._scanner = Scanner(config, 0, data, maps=True)
 
-    def take(self, cloud: PointCloud, t_ns: int = T_NS) -> ScanRow:
-        self.scanner.take(t_ns, cloud)
-        return [ScanRow.from_bytes(each) for each in self.spill][-1]
-
-
-@pytest.fixture
-def look(tmp_path) -> Iterator[Callable[..., Seen]]:
-    with ExitStack() as stack:
-
-        def made(*settings: str, **orientations: Any) -> Seen:
-            seen = Seen(tmp_path, *settings, **orientations)
-            stack.enter_context(seen.spill)
-            return seen
-
-        yield made
+    def take(self, cloud: PointCloud, t_ns: int = T_NS) -> Scan:
+        return self._scanner.classified(t_ns, cloud)
 
 
 def at(count: int) -> Int:
@@ -102,8 +71,8 @@ def cloud(roll_deg: float = 0.0, offset_ns: np.ndarray | None = None) -> PointCl
     return PointCloud(T_NS, "lidar", (body * range_m[:, None]).astype(np.float32), ring, offset_ns)
 
 
-def tilt_deg(row: ScanRow) -> float:
-    return float(np.degrees(np.arccos(row.normal[2])))
+def tilt_deg(scan: Scan) -> float:
+    return float(np.degrees(np.arccos(scan.row["ground_nz"])))
 
 
 @pytest.mark.parametrize(
@@ -114,29 +83,27 @@ def tilt_deg(row: ScanRow) -> float:
         ([], None, tilted(8.0), 0.0),
         ([], FROZEN, None, 8.0),
         ([], FROZEN, tilted(8.0), 0.0),
-        ([], np.concatenate([FROZEN, FROZEN, FROZEN[:20], tilted(8.0, 1)]), None, 8.0),
         ([], tilted(8.0, 5), None, 0.0),
     ],
-    ids=["imu", "not wanted", "odometry", "frozen", "frozen beside odometry", "frozen until it is too late", "too old"],
+    ids=["imu", "not wanted", "odometry", "frozen", "frozen beside odometry", "too old"],
 )
-def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, imu, odometry, expected_deg, look):
-    seen = look(*settings, imu=imu, odometry=odometry)
-    assert tilt_deg(seen.take(cloud(roll_deg=8.0))) == pytest.approx(expected_deg, abs=0.3)
-    assert seen.scanner.tally.tilted == {}
+def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, imu, odometry, expected_deg):
+    scan = Seen(*settings, imu=imu, odometry=odometry).take(cloud(roll_deg=8.0))
+    assert tilt_deg(scan) == pytest.approx(expected_deg, abs=0.3)
+    assert scan.not_levelled is None
 
 
-def test_where_nothing_else_tells_the_tilt_moving_tf_does(look):
+def test_where_nothing_else_tells_the_tilt_moving_tf_does():
     tree = TransformTree()
     values = np.concatenate([np.zeros((21, 3)), tilted(8.0)], axis=1)
     tree.add_moving("/tf", "map", "base_link", np.arange(21), at(21), values)
-    seen = look(imu=None, tree=tree)
-    assert tilt_deg(seen.take(cloud(roll_deg=8.0))) == pytest.approx(0.0, abs=0.3)
+    assert tilt_deg(Seen(imu=None, tree=tree).take(cloud(roll_deg=8.0))) == pytest.approx(0.0, abs=0.3)
 
 
-def test_an_orientation_that_is_too_old_is_not_used_and_counted(look):
-    seen = look(imu=tilted(8.0))
-    assert tilt_deg(seen.take(cloud(roll_deg=8.0), T_NS + 1_000_000_000)) == pytest.approx(8.0, abs=0.3)
-    assert seen.scanner.tally.tilted == {NotLevelled.STALE: 1}
+def test_an_orientation_that_is_too_old_is_not_used():
+    scan = Seen(imu=tilted(8.0)).take(cloud(roll_deg=8.0), T_NS + 1_000_000_000)
+    assert tilt_deg(scan) == pytest.approx(8.0, abs=0.3)
+    assert scan.not_levelled is NotLevelled.STALE
 
 
 @pytest.mark.parametrize(
@@ -149,35 +116,24 @@ def test_an_orientation_that_is_too_old_is_not_used_and_counted(look):
         (np.repeat(np.arange(900, dtype=np.int64) * 1_000_000_000, 16), "true", 1, Skewed.ABSURD_TIMES),
     ],
 )
-def test_when_points_were_measured_is_kept_as_far_as_it_can_be(offset_ns, deskew, slots, skewed, look):
-    row = look(f"lidar.deskew={deskew}", imu=tilted(0.0)).take(cloud(offset_ns=offset_ns))
+def test_when_points_were_measured_is_kept_as_far_as_it_can_be(offset_ns, deskew, slots, skewed):
+    row = Seen(f"lidar.deskew={deskew}", imu=tilted(0.0)).take(cloud(offset_ns=offset_ns))
     assert (len(row.slot_ns), row.skewed) == (slots, skewed)
     assert (np.diff(row.slot_ns) > 0).all()
     assert len(CompactScan.from_bytes(row.compact).slot_ns) == slots
 
 
-@pytest.mark.parametrize(("step_ns", "last_ns"), [(100_000, 89_900_000), (1_000_000_000, 0)])
-def test_a_sweep_ends_with_its_last_point_unless_its_times_are_absurd(step_ns, last_ns):
-    offset_ns = np.repeat(np.arange(900, dtype=np.int64) * step_ns, 16)
-    assert end_of_sweep_ns(T_NS, cloud(offset_ns=offset_ns)) == T_NS + last_ns
+def test_an_empty_cloud_shows_nothing():
+    seen = Seen(imu=tilted(0.0))
+    scan, empty = seen.take(cloud()), seen.take(PointCloud(T_NS, "lidar", np.empty((0, 3), np.float32)))
+    assert (scan.level, scan.row["n_raw"], scan.row["n_valid"]) == (True, 14400, 14400)
+    assert scan.row["n_ground"] + scan.row["n_obstacle"] + scan.row["n_outlier"] == 14400
+    assert (empty.level, empty.row["n_raw"], empty.row["ground_found"], empty.shows_nothing) == (None, 0, False, True)
 
 
-def test_a_row_is_read_back_as_it_was_written(look):
-    seen = look(imu=tilted(0.0))
-    row = seen.take(cloud())
-    assert row.ground_found
-    assert row.n_raw == row.n_valid == 14400
-    assert row.n_ground + row.n_obstacle + row.n_outlier == 14400
-    empty = seen.take(PointCloud(T_NS, "lidar", np.empty((0, 3), np.float32)))
-    assert (empty.n_raw, empty.ground_found, empty.shows_nothing, empty.ground) == (0, False, True, None)
-
-
-def test_every_scan_says_how_it_was_seen(look):
-    for method, route in (("range_image", "rings"), ("paper", "paper")):
-        seen = look(f"lidar.method={method}", imu=tilted(0.0))
-        for _ in range(3):
-            seen.take(cloud())
-        assert seen.scanner.tally.routes == {route: 3}
+@pytest.mark.parametrize(("method", "route"), [("range_image", "rings"), ("paper", "paper")])
+def test_every_scan_says_how_it_was_classified(method, route):
+    assert Seen(f"lidar.method={method}", imu=tilted(0.0)).take(cloud()).route == route
 
 
 def test_points_are_put_where_they_were_at_the_scans_instant():

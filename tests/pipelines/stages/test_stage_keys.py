@@ -11,11 +11,18 @@ from pydantic import BaseModel
 
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
+from quadlog.config.version import package_versions
+from quadlog.pipelines import store
+from quadlog.pipelines.log import ingest
+from quadlog.pipelines.replay import planned_keys
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages import resume as module
-from quadlog.pipelines.stages.resume import stage_keys
-from quadlog.pipelines.stages.stage import stages_for
+from quadlog.pipelines.stages.control import resimulate
+from quadlog.pipelines.stages.maps import filter_and_map
+from quadlog.pipelines.stages.plan import replan
+from quadlog.pipelines.stages.positions.position import locate
 
+FIXTURES = Path(__file__).parents[3] / "fixtures"
+STAGES = (ingest, locate, filter_and_map, replan, resimulate)
 ROBOT = '<mujoco><worldbody><body name="{name}"><geom size="1"/></body></worldbody></mujoco>'
 # A value beside the default for what a rule below cannot make one of.
 OTHERS = {
@@ -35,11 +42,12 @@ OTHERS = {
 
 def request(config: Config | None = None, **options: object) -> ReplayRequest:
     chosen = replace(ReplayOptions(), **options)  # type: ignore[arg-type]
-    return ReplayRequest(Path("walk.mcap"), Path("run"), config or load_config(environ={}), chosen)
+    return ReplayRequest(FIXTURES / "follow.mcap", Path("run"), config or load_config(environ={}), chosen)
 
 
-def keys(config: Config | None = None, identity: str = "one", **options: object) -> list[str]:
-    return list(stage_keys(request(config, **options), identity).values())
+def keys(config: Config | None = None, **options: object) -> list[str]:
+    """Of `ingest`, and of each result behind it."""
+    return list(dict.fromkeys(planned_keys(request(config, **options)).values()))
 
 
 def unchanged(one: list[str], other: list[str]) -> int:
@@ -88,48 +96,54 @@ def test_another_value_of_any_key_starts_at_the_stage_that_reads_it(name):
     assert leaves(changed)[name] != LEAVES[name]
     readers = [
         number
-        for number, stage in enumerate(stages_for("report"))
+        for number, stage in enumerate(STAGES)
         if any(name == told or name.startswith(f"{told}.") for told in stage.reads)
     ]
-    assert unchanged(keys(), keys(changed)) == min(readers, default=len(stages_for("report")))
+    assert readers, "a key that no stage reads decides nothing"
+    assert unchanged(keys(), keys(changed)) == min(readers)
 
 
 @pytest.mark.parametrize("name", ["grid.dilation_m", "robot.model", "results.cloud_samples", "lidar.mount.x_m"])
 def test_some_of_them_by_hand(name):
-    first = {"grid.dilation_m": 2, "robot.model": 0, "results.cloud_samples": 1, "lidar.mount.x_m": 0}
+    first = {"grid.dilation_m": 3, "robot.model": 1, "results.cloud_samples": 2, "lidar.mount.x_m": 0}
     changed = load_config(settings={name: other_value(name, LEAVES[name])}, environ={})
     assert unchanged(keys(), keys(changed)) == first[name]
 
 
-@pytest.mark.parametrize("options", [{"identity": "two"}, {"stamp": "log"}, {"start_s": 0.0}, {"duration_s": 9.0}])
-def test_another_input_or_option_starts_anew(options):
+@pytest.mark.parametrize("options", [{"stamp": "log"}, {"start_s": 0.0}, {"duration_s": 9.0}])
+def test_another_option_starts_anew(options):
     assert unchanged(keys(), keys(**options)) == 0
 
 
 def test_another_seed_starts_at_the_first_stage_that_draws_numbers():
-    assert unchanged(keys(), keys(seed=1)) == 3
+    assert unchanged(keys(), keys(seed=1)) == 4
     paper = load_config(settings={"lidar.method": "paper"}, environ={})
-    assert unchanged(keys(paper), keys(paper, seed=1)) == 1
+    assert unchanged(keys(paper), keys(paper, seed=1)) == 2
 
 
 def test_how_far_to_go_is_in_no_key_and_filter_alone_is_not_half_of_the_map():
     whole = keys()
-    for until, count in (("ingest", 0), ("position", 1), ("map", 2), ("plan", 3), ("control", 4)):
+    for until, count in (("ingest", 1), ("position", 2), ("map", 3), ("plan", 4), ("control", 5)):
         assert keys(until=until) == whole[:count]
-    assert keys(until="filter")[0] == whole[0]
-    assert keys(until="filter")[1] != whole[1]
+    assert keys(until="filter")[:2] == whole[:2]
+    assert keys(until="filter")[2] != whole[2]
 
 
-def test_another_version_of_quadlog_of_a_package_or_of_the_machine_starts_anew(monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("__version__", "0.0.1"), ("package_versions", lambda: {"numpy": "1.0"}), ("platform.machine", lambda: "abacus")],
+)
+def test_another_version_of_quadlog_of_a_package_or_of_the_machine_starts_anew(name, other, monkeypatch):
     before = keys()
-    monkeypatch.setattr(module, "__version__", "0.0.1")
+    monkeypatch.setattr(f"quadlog.pipelines.store.{name}", other)
+    store.versions.cache_clear()
     assert unchanged(before, keys()) == 0
     monkeypatch.undo()
-    monkeypatch.setattr(module, "package_versions", lambda: {"numpy": "1.0"})
-    assert unchanged(before, keys()) == 0
-    monkeypatch.undo()
-    monkeypatch.setattr(module.platform, "machine", lambda: "abacus")
-    assert unchanged(before, keys()) == 0
+    store.versions.cache_clear()
+
+
+def test_the_packages_that_decide_are_among_the_versions():
+    assert {"numpy", "scipy", "numba", "llvmlite", "small_gicp", "mujoco"} <= package_versions().keys()
 
 
 def test_a_trajectory_that_the_configuration_names_counts_by_its_content(tmp_path):
@@ -162,30 +176,14 @@ def test_a_users_robot_counts_by_all_that_its_file_includes(tmp_path):
     one = keys(config)
     assert keys(config) == one
     included.write_text(ROBOT.format(name="b"))
-    assert unchanged(one, keys(config)) == 0  # legs of its lengths may tell the position
-    included.unlink()  # what cannot be read is never the same
-    assert unchanged(keys(config), keys(config)) == 3
-    # Nobody walks with it where no body walks.
-    kinematic = load_config(settings={"robot.model": str(model), "simulation.controller": "kinematic"}, environ={})
-    assert keys(kinematic) == keys(kinematic)
+    assert unchanged(one, keys(config)) == 1  # legs of its lengths may tell the position
 
 
-def test_plugins_that_may_take_part_are_in_the_keys(install):
-    config = load_config(environ={})
-    before = keys(config)
-    planner = {"quadlog.planners": {"greedy": "greedy:Greedy"}}
-    install("greedy-planner", "1.0", planner, {"greedy": "class Greedy: pass"})
-    assert keys(config) == before
-    greedy = load_config(settings={"planner.name": "greedy"}, environ={})
-    one = keys(greedy)
-    install("report-decoder", "1.0", {"quadlog.decoders": {"my_msgs/msg/Report": "report:decoder"}})
-    assert unchanged(one, keys(greedy)) == 0
-
-
-def test_another_version_of_the_planner_plans_anew(install, monkeypatch):
-    planner = {"quadlog.planners": {"greedy": "greedy:Greedy"}}
-    install("greedy-planner", "1.0", planner, {"greedy": "class Greedy: pass"})
-    greedy = load_config(settings={"planner.name": "greedy"}, environ={})
-    one, found = keys(greedy), module.all_plugins()
-    monkeypatch.setattr(module, "all_plugins", lambda: [replace(each, version="1.1") for each in found])
-    assert unchanged(one, keys(greedy)) == 2
+def test_plugins_are_in_the_keys(install):
+    before = keys()
+    store.versions.cache_clear()
+    install(
+        "greedy-planner", "1.0", {"quadlog.planners": {"greedy": "greedy:Greedy"}}, {"greedy": "class Greedy: pass"}
+    )
+    assert unchanged(before, keys()) == 0
+    store.versions.cache_clear()

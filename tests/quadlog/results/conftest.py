@@ -18,7 +18,6 @@ from mcap_protobuf.decoder import DecoderFactory
 from quadlog.config.schema import Config
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
-from quadlog.results.places import claim
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, read_table, write_table
@@ -104,7 +103,7 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
     """Writes the tiny run into a folder, the same bytes every time."""
 
     def write(path: Path) -> Path:
-        claim(path)
+        path.mkdir(parents=True, exist_ok=True)
         run = Run.create(path, tiny_record)
         t_ns = START_NS + np.arange(40, dtype=np.int64) * 100_000_000
         yaw_rad = np.linspace(0, np.pi / 2, 40)

@@ -27,13 +27,6 @@ def test_a_file_is_what_the_run_holds(tiny_run: Path, tmp_path: Path, to: str, w
     assert sorted([each.name for each in tiny_run.iterdir()]) == before
 
 
-def test_a_walk_along_a_course_has_its_trajectory(tiny_run: Path, tmp_path: Path) -> None:
-    (tiny_run / "poses.parquet").unlink()
-    (tiny_run / "trajectory.tum").write_text("0.000000000 1.0 2.0 0.0 0.0 0.0 0.0 1.0\n")
-    export_run(tiny_run, "tum", tmp_path / "out")
-    assert (tmp_path / "out").read_bytes() == (tiny_run / "trajectory.tum").read_bytes()
-
-
 def test_csv_keeps_every_digit_and_names_are_no_formulas(tiny_run: Path, tmp_path: Path) -> None:
     poses = read_table(tiny_run, "poses")
     poses["source"][:] = '=HYPERLINK("http://x")'

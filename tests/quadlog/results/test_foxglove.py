@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from mcap.reader import SeekingReader
-from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
@@ -24,6 +23,7 @@ from quadlog.results.foxglove import MOST_RESIDUALS, PLOTTED, RESIDUAL, write_de
 from quadlog.results.record import LossRecord, RunRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, read_table, write_table
+from tests.quadlog.results.conftest import decode_mcap
 
 START_NS = 1_700_000_000_123_456_789
 COUNTS = {
@@ -49,27 +49,13 @@ COUNTS = {
 }
 
 
-def read(path: Path, topic: str) -> list[tuple[int, Any]]:
-    """(log time, decoded message) of a topic."""
-    with path.open("rb") as file:
-        reader = SeekingReader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        return [(message.log_time, each) for _, _, message, each in reader.iter_decoded_messages(topics=[topic])]
-
-
-def test_topics_schemas_and_counts(tiny_run: Path) -> None:
+def test_topics_schemas_and_counts(tiny_run: Path, derived: Any) -> None:
+    counts = {topic: (type(of[0][1]).__name__, len(of)) for topic, of in derived.items()}
+    residuals = [topic for topic in counts if topic.startswith(RESIDUAL)]
+    assert sum(counts.pop(topic)[1] for topic in residuals) == len(read_table(tiny_run, "ranges")["t_ns"])
+    assert counts == COUNTS
     with (tiny_run / "derived.mcap").open("rb") as file:
-        summary = SeekingReader(file).get_summary()
         stored = [message.log_time for *_, message in SeekingReader(file).iter_messages(log_time_order=False)]
-    assert summary is not None
-    assert summary.statistics is not None
-    counts = summary.statistics.channel_message_counts
-    found = {
-        channel.topic: (summary.schemas[channel.schema_id].name.removeprefix("foxglove."), counts.get(channel.id, 0))
-        for channel in summary.channels.values()
-    }
-    residuals = {topic for topic in found if topic.startswith(RESIDUAL)}
-    assert {topic: found[topic] for topic in found if topic not in residuals} == COUNTS
-    assert sum(found[topic][1] for topic in residuals) == len(read_table(tiny_run, "ranges")["t_ns"])
     assert stored == sorted(stored)
     assert stored[0] == START_NS
 
@@ -107,14 +93,11 @@ def test_messages_are_the_tables(tiny_run: Path, derived: Any) -> None:
 
 
 def test_residuals_of_many_anchors_share_the_room(tmp_path: Path, tiny_record: RunRecord) -> None:
-    rows = {"t_ns": np.arange(6000) + START_NS, "tag": np.zeros(6000, int), "anchor": np.arange(6000) % 10}
-    write_table(
-        tmp_path / "ranges.parquet", TABLES["ranges"], rows | dict.fromkeys(("range_m", "predicted_m", "weight"), 1.0)
-    )
-    path = write_derived(Run(tmp_path, tiny_record))
-    counts = [len(read(path, f"{RESIDUAL}/0/{anchor}")) for anchor in range(10)]
-    assert counts == [300] * 10
-    assert sum(counts) <= MOST_RESIDUALS
+    rows: dict[str, Any] = {"t_ns": np.arange(6000) + START_NS, "tag": 0, "anchor": np.arange(6000) % 10}
+    rows |= dict.fromkeys(("range_m", "predicted_m", "weight"), 1.0)
+    write_table(tmp_path / "ranges.parquet", TABLES["ranges"], rows)
+    found = decode_mcap(write_derived(Run(tmp_path, tiny_record)))
+    assert [len(found[f"{RESIDUAL}/0/{anchor}"]) for anchor in range(10)] == [MOST_RESIDUALS * 3 // 40] * 10
 
 
 def test_grids_are_the_maps(tiny_run: Path, derived: Any) -> None:
@@ -132,18 +115,26 @@ def test_scans_lie_in_map_with_the_colours_of_their_classes(tmp_path: Path, tiny
     arrays |= {"label": np.tile(label, 2), "x_m": [3.0, np.nan], "y_m": [-4.0, np.nan], "yaw_rad": [2.0, np.nan]}
     arrays |= {"classes": ["invalid", "ground", "obstacle", "unheard of"]}
     write_arrays(tmp_path, "cloud_samples", arrays)
-    ((t_ns, cloud),) = read(write_derived(Run(tmp_path, tiny_record)), "/quadlog/scan")
+    ((t_ns, cloud),) = decode_mcap(write_derived(Run(tmp_path, tiny_record)))["/quadlog/scan"]
     assert t_ns == START_NS
-    kind = {1: "u1", 7: "<f4"}
-    form = {"names": [field.name for field in cloud.fields], "offsets": [field.offset for field in cloud.fields]}
-    form |= {"formats": [kind[field.type] for field in cloud.fields], "itemsize": cloud.point_stride}
-    points = np.frombuffer(cloud.data, np.dtype(form))
-    np.testing.assert_array_equal(np.column_stack([points[name] for name in "xyz"]), xyz_m)
-    np.testing.assert_array_equal(points["label"], label)
+    kinds = {7: "<f4", 1: "u1"}
+    form = {field.name: (kinds[field.type], field.offset) for field in cloud.fields}
+    assert list(form) == [*"xyz", "label", "red", "green", "blue", "alpha"]
+    assert [form[name][0] for name in form] == 3 * ["<f4"] + 5 * ["u1"]
+    points = np.column_stack(
+        [
+            np.frombuffer(
+                cloud.data,
+                np.dtype({"names": [name], "formats": [kind], "offsets": [at], "itemsize": cloud.point_stride}),
+            )[name]
+            for name, (kind, at) in form.items()
+        ]
+    )
+    np.testing.assert_array_equal(points[:, :4], np.column_stack([xyz_m, label]))
     at, turn = cloud.pose.position, cloud.pose.orientation
     assert (cloud.frame_id, at.x, at.y, at.z) == ("map", 3.0, -4.0, 0.0)
     assert Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_euler("ZYX")[0] == pytest.approx(2.0)
-    colors = {int(each["label"]): (each["red"], each["green"], each["blue"]) for each in points}
+    colors = {int(each[3]): tuple(each[4:7]) for each in points}
     assert colors[1] != colors[2]
     assert colors[0] == colors[3]
 
@@ -171,17 +162,17 @@ def test_a_walk_along_a_course_is_the_robot_and_its_tilt_is_scipys(tmp_path: Pat
     for name in ("z_m", "roll_rad", "pitch_rad"):
         control[name][7] = np.nan  # as without a body
     write_table(tmp_path / "control.parquet", TABLES["control"], control)
-    path = write_derived(Run(tmp_path, tiny_record))
-    frames = [each for _, each in read(path, "/quadlog/tf")]
+    found = decode_mcap(write_derived(Run(tmp_path, tiny_record)))
+    frames = [each for _, each in found["/quadlog/tf"]]
     assert {(frame.parent_frame_id, frame.child_frame_id) for frame in frames} == {("map", "base")}
     turns = [frame.rotation for frame in frames]
     angles = np.nan_to_num(np.column_stack([control["yaw_rad"], control["pitch_rad"], control["roll_rad"]]))
-    found = Rotation.from_quat([[turn.x, turn.y, turn.z, turn.w] for turn in turns])
-    assert (Rotation.from_euler("ZYX", angles).inv() * found).magnitude().max() < 1e-7
+    turned = Rotation.from_quat([[turn.x, turn.y, turn.z, turn.w] for turn in turns])
+    assert (Rotation.from_euler("ZYX", angles).inv() * turned).magnitude().max() < 1e-7
     expected = np.nan_to_num(np.column_stack([control[name] for name in ("x_m", "y_m", "z_m")]))
     at = [frame.translation for frame in frames]
     np.testing.assert_array_equal([[place.x, place.y, place.z] for place in at], expected)
-    assert not read(path, "/quadlog/resim/tf")
+    assert "/quadlog/resim/tf" not in found
 
 
 @pytest.mark.parametrize("t_ns", [-1, (1 << 32) * 10**9])
@@ -201,13 +192,13 @@ def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_reco
         "losses": [LossRecord(cause="crc", detail=words[0])],
         "warnings": [words[1]],
     }
-    path = write_derived(Run(tiny_run, tiny_record.model_copy(update=changed)), tmp_path / "a.mcap")
-    ((t_ns, frame),) = read(path, "/quadlog/tf_static")
+    found = decode_mcap(write_derived(Run(tiny_run, tiny_record.model_copy(update=changed)), tmp_path / "a.mcap"))
+    ((t_ns, frame),) = found["/quadlog/tf_static"]
     assert (t_ns, frame.parent_frame_id, frame.child_frame_id) == (START_NS, "base", "lidar")
     assert (frame.translation.x, frame.translation.y, frame.translation.z) == (0.2, -0.1, 0.45)
     turn = Rotation.from_quat([frame.rotation.x, frame.rotation.y, frame.rotation.z, frame.rotation.w])
     assert (turn.inv() * Rotation.from_euler("ZYX", [90, -20, 10], degrees=True)).magnitude() < 1e-9
-    lines = [line.message for _, line in read(path, "/quadlog/log")]
+    lines = [line.message for _, line in found["/quadlog/log"]]
     assert lines[:2] == [words[0], "half a pair: ?"]
     assert not [line for line in lines if "realtime_factor" in line]  # a duration is no result
 

@@ -13,9 +13,9 @@ import pytest
 
 from quadlog.errors import CannotWrite
 from quadlog.storage.atomic_write import (
-    files_written,
     is_part,
     new_folder,
+    part_folder,
     part_prefix,
     remove_stale_parts,
     remove_unfinished,
@@ -166,17 +166,16 @@ def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == b"first"
 
 
-def test_files_written_lists_files_once_they_are_renamed(tmp_path: Path) -> None:
-    write_whole(tmp_path / "before", b"")
-    with files_written() as outer:
-        write_whole(tmp_path / "a", b"")
-        with files_written() as inner:
-            write_whole(tmp_path / "b", b"")
-            with pytest.raises(CannotWrite):
-                write_whole(tmp_path / "gone" / "c", b"")
-    write_whole(tmp_path / "after", b"")
-    assert outer == [tmp_path / "a", tmp_path / "b"]
-    assert inner == [tmp_path / "b"]
+def test_a_folder_that_is_not_renamed_vanishes_and_what_a_killed_process_left_of_one_too(tmp_path: Path) -> None:
+    with part_folder(tmp_path / "store") as kept:
+        write_whole(kept / "a", b"")
+        kept.rename(tmp_path / "store" / "key")
+    with part_folder(tmp_path / "store") as part:
+        write_whole(part / "a", b"")
+    killed = tmp_path / "store" / f"{part_prefix(2**22 + 1)}00000000.part"
+    killed.mkdir()
+    remove_stale_parts(tmp_path / "store")
+    assert [path.name for path in (tmp_path / "store").iterdir()] == ["key"]
 
 
 def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:

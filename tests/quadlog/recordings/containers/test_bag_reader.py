@@ -161,3 +161,11 @@ def test_transforms_under_both_names_of_ros_1_are_one_topic(tmp_path):
         assert recording.types_of("/tf") == ["tf2_msgs/msg/TFMessage"]
         assert len(list(recording.messages("/tf"))) == 2
         assert recording.losses == []
+
+
+def test_what_takes_long_to_decompress_is_decompressed_once(tmp_path, recordings, monkeypatch):
+    with open_container(recordings.bag(tmp_path / "a.bag", recordings.some(400), "bz2")) as container:
+        first = recordings.read(container)
+        container._first._bodies.clear()
+        monkeypatch.delattr("quadlog.recordings.containers.bag.decompress")
+        assert recordings.read(container) == first

@@ -1,0 +1,305 @@
+"""A recording that is open for a replay: the roles of its topics, its window, and what its small topics hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypedDict
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.errors import AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay
+from quadlog.lidar.levelling import UpSeries
+from quadlog.messages import PointCloud
+from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.request import ReplayOptions
+from quadlog.pipelines.stages.mount import CloudMover, LidarMount, find_mount, imu_in_base, imu_mount, moved_mounts
+from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
+from quadlog.pipelines.stages.tilt import contradicts_gravity, up_of_base
+from quadlog.pipelines.store import only, stage
+from quadlog.recordings.recording import Recording, open_configured
+from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.streams import Gatherer, Streams
+from quadlog.results.record import InputRecord, describe_file, describe_input_aside
+from quadlog.results.stages import STAGES
+from quadlog.storage.byte_ranges import LocalBytes
+from quadlog.storage.shared_digest import SharedDigest
+
+if TYPE_CHECKING:
+    from quadlog.pipelines.stages.scans import LidarTracker
+    from quadlog.positioning.leg_odometry import LegTrack
+
+READING = (
+    *("topics", "uwb.anchors", "uwb.range_topics", "robot.joints", "robot.feet"),
+    *("lidar.level", "lidar.mount", "lidar.pose_gap_s"),
+)
+"""Of the configuration, what decides which topics are read, and how."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """An open recording, which topic plays which role, and whether there are ranges and anchors to locate by.
+
+    path: as it was given. config: without what reading does not depend on.
+    """
+
+    path: Path
+    recording: Recording
+    roles: Roles
+    options: ReplayOptions
+    config: Config
+    by_uwb: bool
+
+    @property
+    def lidar(self) -> str | None:
+        """The topic of the clouds; None without one, or where there is a choice."""
+        return unless_ambiguous(self.roles, "lidar")
+
+    def last_stage(self) -> str:
+        """The last stage that was asked for, or `position` where it was not by its name and there is no lidar.
+
+        Raises MissingInput and AmbiguousTopic.
+        """
+        until = self.options.until
+        if until == "report" and "lidar" not in self.roles.found:
+            return "position"
+        if STAGES.index(until) >= STAGES.index("filter") and self.roles.topic("lidar") is None:
+            raise MissingInput("filter", self.roles.why_none("lidar"), "stop before it with  --until position")
+        return until
+
+    @cached_property
+    def window(self) -> tuple[int | None, int | None]:
+        """--start and --duration as instants on the chosen clock, None where it is open."""
+        start_s, duration_s = self.options.start_s, self.options.duration_s
+        if start_s is None and duration_s is None:
+            return None, None
+        start_ns = self._first_ns() + round((start_s or 0.0) * 1e9)
+        return start_ns, None if duration_s is None else start_ns + round(duration_s * 1e9)
+
+    def _first_ns(self) -> int:
+        first = next(iter(self.recording.messages(self.roles.played)), None)
+        if first is None:
+            unknown = "".join(f"; {topic} {why}" for topic, why in self.recording.joints.refused.items())
+            words = f"no message of a type that quadlog uses; see  quadlog info{unknown}"
+            raise NothingToReplay(self.recording.path, words)
+        return first.t_ns
+
+    def span_ns(self, streams: Streams) -> tuple[int, int]:
+        """First and last instant of what was read, not of a reference alone.
+
+        Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
+        """
+        series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.target]
+        filled = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None and len(each)]
+        spans_ns = [(int(t_ns[0]), int(t_ns[-1])) for t_ns in filled]
+        clouds_ns, tf_ns = streams.clouds_ns[~streams.repeated_clouds], streams.tf.span_ns()
+        spans_ns += [(int(clouds_ns.min()), int(clouds_ns.max()))] if len(clouds_ns) else []
+        spans_ns += [] if tf_ns is None else [tf_ns]
+        reference = streams.reference
+        if not spans_ns and reference is not None and len(reference):
+            spans_ns.append((int(reference.t_ns[0]), int(reference.t_ns[-1])))
+        if spans_ns:
+            return min(first_ns for first_ns, _ in spans_ns), max(last_ns for _, last_ns in spans_ns)
+        begin_ns = self._first_ns()
+        if self.window != (None, None):
+            raise EmptyWindow(self.recording.path, self.recording.span_ns)
+        return begin_ns, begin_ns
+
+
+@contextmanager
+def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log]:
+    """Open a recording and detect the roles of its topics; only its index and a few messages are read."""
+    config = only(config, READING)
+    with open_configured(path, config, options.msg_path, options.stamp) as recording:
+        roles = detect_roles(recording, config.topics)
+        yield Log(path, recording, roles, options, config, locates_by_uwb(recording, roles, config))
+
+
+@dataclass(frozen=True)
+class LogData:
+    """What the small topics of a log hold, and the stamps of its clouds, which are streamed apart.
+
+    config: of the stage that uses it. mount: of the lidar; mover: of clouds whose frame moves in base. up: which way is
+    up in base, None where nothing tells. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
+    its joints and by its clouds, None where there is none.
+    """
+
+    log: Log
+    config: Config
+    input: InputRecord
+    streams: Streams
+    mount: LidarMount
+    mover: CloudMover | None
+    up: UpSeries | None
+    first_ns: int
+    last_ns: int
+    legs: LegTrack | None = None
+    tracker: LidarTracker | None = None
+
+    @property
+    def anchors_carried(self) -> bool:
+        """Whether the anchors are those that the messages place."""
+        return with_carried_anchors(self.log.config, self.streams.anchor_places) is not self.log.config
+
+    def clouds(self) -> Iterator[tuple[int, PointCloud]]:
+        """The clouds and their stamps, without those that a clock set back stamps a second time."""
+        repeated = iter(self.streams.repeated_clouds.tolist())
+        for t_ns, _, cloud in self.log.recording.messages(self.log.lidar or (), *self.log.window):
+            if isinstance(cloud, PointCloud) and not next(repeated, False):
+                yield t_ns, cloud if self.mover is None else self.mover.moved(t_ns, cloud)
+
+
+def read_log(log: Log, progress: Progress) -> LogData:
+    """The first reading of a log: the small topics, and the stamps of its clouds.
+
+    Raises AmbiguousTopic for a role that is needed, EmptyWindow, NothingToReplay and ClocksDiffer.
+    """
+    recording, roles, config = log.recording, log.roles, log.config
+    describe = _describing(log)
+    topics = _topics_to_read(log)
+    wanted = Gatherer(**topics)
+    wanted.take_static(recording)
+    counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
+    progress.begin("ingest", None if None in counts or log.window != (None, None) else sum(filter(None, counts)))
+    for gathered in recording.gathered(wanted.moving, *log.window) if wanted.moving else ():
+        wanted.take(gathered, recording.stamp)
+        if gathered.topic == log.lidar:
+            progress.advance()
+    streams, frames, base_frame = wanted.streams(), roles.frames, config.topics.base_frame
+    imu = streams.imu
+    if imu is not None and (wrong := contradicts_gravity(recording, str(topics["imu"]))) is not None:
+        streams.warnings.append(wrong)
+        imu = replace(imu, quat_xyzw=None)
+    mount = find_mount(recording, roles, config, log.lidar, topics["odometry"])
+    gap_ns = round(config.lidar.pose_gap_s * 1e9)
+    mover = None if mount.moving is None else CloudMover(mount, streams, gap_ns)
+    streams.warnings.extend(_of_mounts(log, mount, mover, streams))
+    first_ns, last_ns = log.span_ns(streams)
+    return LogData(
+        log=log,
+        config=config,
+        input=describe(),
+        streams=replace(streams, imu=None if imu is None else imu_in_base(imu, frames, base_frame)),
+        mount=mount,
+        mover=mover,
+        up=up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
+        first_ns=first_ns,
+        last_ns=last_ns,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a replay needs of the small topics at its end. tags: those that ranged.
+
+    anchors: id -> x, y, z of those that the messages place where none are configured.
+    """
+
+    input: InputRecord
+    first_ns: int
+    last_ns: int
+    tags: Sequence[int]
+    anchors: Mapping[int, Sequence[float]]
+
+    @classmethod
+    def load(cls, _: Path, state: Any) -> Self:
+        """As stage `ingest` has left them."""
+        anchors = {int(anchor): place_m for anchor, place_m in state["anchors"].items()}
+        return cls(**state | {"input": InputRecord(**state["input"]), "anchors": anchors})
+
+
+@stage("ingest", reads=READING, load=Facts.load)
+def ingest(_: Path, journal: Journal, __: Config, read: Callable[[], LogData]) -> dict[str, Any]:
+    """The first reading of a log."""
+    with journal.clock.stage("ingest"):
+        data = read()
+    tell_recording(data, journal)
+    ranges, places = data.streams.ranges, data.streams.anchor_places if data.anchors_carried else {}
+    return {
+        "input": data.input.model_dump(exclude_none=True),
+        "first_ns": int(data.first_ns),
+        "last_ns": int(data.last_ns),
+        "tags": [] if ranges is None else np.unique(ranges.tag).tolist(),
+        "anchors": {anchor: list(map(float, place.position_m)) for anchor, place in places.items()},
+    }
+
+
+def tell_recording(data: LogData, journal: Journal) -> None:
+    """Losses and warnings of the recording so far; and roles whose choice is left to the user."""
+    roles, recording = data.log.roles, data.log.recording
+    journal.lose([*recording.losses, *data.streams.losses])
+    for text in (*recording.warnings, *data.streams.warnings):
+        journal.warn(text)
+    for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
+        if choices := roles.choices(role):
+            journal.warn(f"{what}: {choices}")
+    for topic, why in roles.unused_truths.items():
+        journal.warn(f"no reference is used: {topic} {why}")
+    for topic, why in recording.joints.refused.items() if "joints" not in roles.found else ():
+        journal.warn(f"{topic}: its joints are not used: it {why}")
+
+
+def _describing(log: Log) -> Callable[[], InputRecord]:
+    """A function that describes the input once it is read; hashes the bytes while they are read, where possible."""
+    file = getattr(log.recording.container, "file", None)
+    if not isinstance(file, LocalBytes):
+        return describe_input_aside(log.path).result
+    digest = SharedDigest(file)
+    return lambda: describe_file(log.path, digest.finish())
+
+
+def _of_mounts(log: Log, mount: LidarMount, mover: CloudMover | None, streams: Streams) -> list[str]:
+    """What a user should know of the mounts, now that all transforms are read."""
+    frames, base_frame = log.roles.frames, log.config.topics.base_frame
+    fixed, base = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame)
+    if streams.imu is not None and base is not None and imu_mount(streams.imu.frame_id, frames, base) is not None:
+        fixed.append((streams.imu.frame_id, base))
+    return moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())
+
+
+class _Topics(TypedDict):
+    uwb: tuple[str, ...]
+    odometry: str | None
+    imu: str | None
+    joints: str | None
+    reference: str | None
+    target: str | None
+    tf: tuple[str, ...]
+    estimates: tuple[str, ...]
+    lidar: str | None
+
+
+def _topics_to_read(log: Log) -> _Topics:
+    """The topics by role, as the gatherer takes them. Raises AmbiguousTopic for a role that is needed."""
+    roles, position = log.roles, log.config.topics.position
+    chosen = position if position in {channel.topic for channel in log.recording.channels} else None
+    # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.
+    needs_odometry = position in ("auto", "uwb", "odometry")
+    by_tf = position == "auto" and not log.by_uwb and "tf" in roles.found
+    odometry = unless_ambiguous(roles, "odometry") if by_tf else roles.topic("odometry") if needs_odometry else None
+    # Otherwise the IMU is only used to level scans and to turn the body of legs.
+    upright = unless_ambiguous(roles, "imu") if log.config.lidar.level or "joints" in roles.found else None
+    return {
+        "uwb": roles.topics("uwb") if log.by_uwb else (),
+        "odometry": chosen or odometry,
+        "imu": roles.topic("imu") if log.by_uwb and position in ("auto", "uwb") else upright,
+        "joints": unless_ambiguous(roles, "joints"),
+        "reference": unless_ambiguous(roles, "reference"),
+        "target": roles.topic("target"),
+        "tf": roles.topics("tf"),
+        "estimates": roles.topics("pose"),
+        "lidar": log.lidar,
+    }
+
+
+def unless_ambiguous(roles: Roles, role: str) -> str | None:
+    """The topic of an optional role; None if there is a choice."""
+    try:
+        return roles.topic(role)
+    except AmbiguousTopic:
+        return None

@@ -1,0 +1,272 @@
+"""Stages `filter` and `map`: classify the clouds, and place them on the grid at the robot's poses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.config.schema import Config
+from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
+from quadlog.lidar.deskew import Skewed, slot_poses
+from quadlog.lidar.levelling import NotLevelled
+from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
+from quadlog.mapping.compact import CompactScan
+from quadlog.mapping.grid import window_around
+from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
+from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.placing import ScanPlacer
+from quadlog.messages import Float, Int
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.log import LogData
+from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scan, Scanner, WholeScan
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
+from quadlog.pipelines.store import stage
+from quadlog.results.arrays import ARRAYS, MapsWriter, write_arrays
+from quadlog.results.tables import TABLES, TableWriter
+from quadlog.storage.formats.ros_map import write_rosmap
+
+FILTERING = ("lidar", "ground", "results.cloud_samples")
+MAPPING = (
+    *FILTERING,
+    *(f"grid.{key}" for key in ("cell_m", "size_cells", "min_height_m", "max_height_m", "min_points")),
+    *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "decay_s", "target_radius_m")),
+    *("robot.preset", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
+)
+
+
+def _folder(folder: Path, _: Any) -> Path:
+    return folder
+
+
+@stage("filter", reads=FILTERING, load=_folder)
+def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
+    """Stage `filter` alone: scans.parquet and the cloud samples."""
+    with journal.clock.laps("filter"):
+        for _ in _filtered(folder, journal, config, data, tracks.robot, Scanner(config, seed, data, maps=False)):
+            pass
+
+
+# One pass over the clouds for both: compact scans are not saved, so changed settings of maps read the clouds again.
+@stage("filter", "map", reads=MAPPING, load=_folder)
+def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
+    """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
+    shape = config.grid.size_cells, config.grid.size_cells
+    with (
+        journal.clock.laps("filter", "map") as lap,
+        MapsWriter(folder / "maps.npz", config.grid.cell_m, shape) as maps,
+    ):
+        mapper, scanner = _Mapper(config, tracks.target, maps), Scanner(config, seed, data, maps=True)
+        for scan, place in _filtered(folder, journal, config, data, tracks.robot, scanner):
+            lap("filter")
+            mapper.add(journal, scan, place)
+            lap("map")
+        lap("filter")
+        mapper.write(folder, journal, config.lidar.pose_gap_s)
+        lap("map")
+
+
+class ScanPlace(NamedTuple):
+    """Poses x, y, yaw (3,) at a scan's stamp and (K, 3) at its time slots, NaN where unknown.
+
+    skewed: why the scan cannot be deskewed by them, or None.
+    """
+
+    pose: Float
+    slot_pose: Float
+    skewed: Skewed | None
+
+
+ROUNDING_NS = 1_000_000
+"""Of a scan's middle, which is found from its times in two ways."""
+
+
+def places_of(scans: Sequence[tuple[int, Int]], robot: RobotTrack, max_gap_s: float) -> list[ScanPlace]:
+    """The places of scans, each given by its stamp and the middles of its time slots (K,)."""
+    bounds = np.cumsum([0, *(1 + len(slot_ns) for _, slot_ns in scans)]).tolist()
+    instants = np.concatenate([part for t_ns, slot_ns in scans for part in ([t_ns], slot_ns)])
+    found = robot.poses_at(np.asarray(instants, dtype=np.int64), max_gap_s)
+    places = []
+    for (t_ns, slot_ns), begin, end in zip(scans, bounds[:-1], bounds[1:], strict=True):
+        if robot.source == "lidar" and not _is_matched(slot_ns, robot):
+            found[begin:end] = np.nan
+        at_slots, skewed = slot_poses(t_ns, slot_ns, found[begin:end])
+        places.append(ScanPlace(found[begin], at_slots, skewed if robot.source != "fixed" else Skewed.NO_TIMES))
+    return places
+
+
+def _is_matched(slot_ns: Int, robot: RobotTrack) -> bool:
+    """Whether the scan itself gave a pose, at its middle: one that was lost shows another place than the map's."""
+    middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
+    at = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
+    return bool(at[1] > at[0])
+
+
+def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
+    """Points (N, 3) of base at their time slots (N,) of slot_pose (K, 3), moved into base at a pose (3,)."""
+    cos, sin = np.cos(slot_pose[:, 2])[slot], np.sin(slot_pose[:, 2])[slot]
+    x_m, y_m = slot_pose[slot, :2].T - pose[:2, None]
+    x_m, y_m = x_m + cos * xyz_m[:, 0] - sin * xyz_m[:, 1], y_m + sin * xyz_m[:, 0] + cos * xyz_m[:, 1]
+    cos, sin = np.cos(pose[2]), np.sin(pose[2])
+    return np.column_stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, xyz_m[:, 2]]).astype(np.float32)
+
+
+AT_ONCE = 64
+"""Scans whose poses are looked up together."""
+
+
+def _filtered(
+    folder: Path, journal: Journal, config: Config, data: LogData, robot: RobotTrack, scanner: Scanner
+) -> Iterator[tuple[Scan, ScanPlace]]:
+    """Every scan with its place; writes its row, and at the end the samples, and what is to be known of all."""
+    journal.progress.begin("filter", len(data.streams.clouds_ns))
+    tally, gap_s = _Tally(), config.lidar.pose_gap_s
+    clouds = (scanner.classified(t_ns, cloud) for t_ns, cloud in data.clouds())
+    with TableWriter(folder / "scans.parquet", TABLES["scans"]) as table:
+        while scans := list(islice(clouds, AT_ONCE)):
+            places = places_of([(each.t_ns, each.slot_ns) for each in scans], robot, gap_s)
+            for scan, place in zip(scans, places, strict=True):
+                table.add_row(scan.row)
+                tally.count(journal, scan, place)
+                yield scan, place
+                journal.progress.advance((scan.t_ns - data.first_ns) * 1e-9)
+    write_arrays(folder, "cloud_samples", _samples(scanner.samples.kept(), robot, gap_s))
+    journal.lose(data.log.recording.losses)
+    for text in data.log.recording.warnings:
+        journal.warn(text)
+    if not data.mount.known:
+        journal.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
+    topic = str(data.log.lidar)
+    tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})")
+
+
+UNUSUAL = {
+    "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
+    "scans_without_ground": "no ground is found, as in a 2-D scan; heights are those above base's own floor",
+    "scans_with_steep_ground": "the plane taken for the ground is too steep to be one, probably a wall; what lies "
+    "in it is not in those maps",
+}
+
+
+class _Tally:
+    """Numbers of scans by what is to be known of them."""
+
+    def __init__(self) -> None:
+        self._routes: Counter[str] = Counter()
+        self._skewed: Counter[Skewed] = Counter()
+        self._tilted: Counter[NotLevelled] = Counter()
+
+    def count(self, journal: Journal, scan: Scan, place: ScanPlace) -> None:
+        """One scan more."""
+        journal.count("scans")
+        if scan.not_levelled is not None:
+            self._tilted[scan.not_levelled] += 1
+        if scan.shows_nothing:
+            journal.count("scans_without_points")
+            return
+        self._routes[scan.route] += 1
+        if (reason := scan.skewed or place.skewed) is not None:
+            self._skewed[reason] += 1
+        if not scan.level:
+            journal.count("scans_without_ground" if scan.level is None else "scans_with_steep_ground")
+
+    def tell(self, journal: Journal, config: Config, why: str) -> None:
+        """Notes on the classification, and warnings of unusual scans; why: the lidar's topic and why it was chosen."""
+        journal.use("lidar")
+        n = journal.counts.get("scans", 0)
+        for route, count in self._routes.most_common():
+            journal.note(f"{count} of {self._routes.total()} scans classified {ROUTE_WORDS[route]}")
+        for reason, count in self._skewed.items():
+            journal.count("scans_not_deskewed", count)
+            if reason is not Skewed.NO_TIMES and config.lidar.deskew:
+                journal.warn(f"{count} of {n} scans keep the robot's motion: {reason.value}")
+        for why_not, count in self._tilted.items():
+            journal.count("scans_not_levelled", count)
+            journal.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
+        for name, text in UNUSUAL.items():
+            if count := journal.counts.get(name, 0):
+                journal.warn(f"{count} of {n} scans: {text}" + (why if count == n else ""))
+
+
+def _samples(scans: Sequence[WholeScan], robot: RobotTrack, max_gap_s: float) -> dict[str, Any]:
+    """The arrays of `cloud_samples.npz`: points in base at their scan's instant, if its place is known."""
+    places = places_of([(each.t_ns, each.slot_ns) for each in scans], robot, max_gap_s) if scans else []
+    xyz_m = [
+        deskewed(scan.xyz_m, scan.slot, place.pose, place.slot_pose) if np.isfinite(place.pose).all() else scan.xyz_m
+        for scan, place in zip(scans, places, strict=True)
+    ]
+    pose_at = np.array([place.pose for place in places], np.float64).reshape(-1, 3)
+    return {
+        "t_ns": [scan.t_ns for scan in scans],
+        "offset": np.cumsum([0, *map(len, xyz_m)], dtype=np.int64),
+        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *xyz_m], dtype=np.float32),
+        "label": np.concatenate([np.empty(0, np.uint8), *(scan.label for scan in scans)], dtype=np.uint8),
+        **dict(zip(("x_m", "y_m", "yaw_rad"), pose_at.T, strict=True)),
+        "classes": [each.name.lower() for each in PointClass],
+    }
+
+
+class _Mapper:
+    """Lays scans on the grid, one after the other: the map at each, and those of the whole run."""
+
+    def __init__(self, config: Config, target: TargetTrack | None, maps: MapsWriter) -> None:
+        self._grid, self._height_mm, self._maps = config.grid, round(config.robot.height_m * 1000), maps
+        # Returns of a target with a body are kept out of the map.
+        self._target = target if target is not None and target.has_body else None
+        self._placer = ScanPlacer(config.grid.min_points, config.grid.target_radius_m)
+        self._memory = make_memory(config)
+        self._whole = AccumulatedMap(config.grid.cell_m)
+        self._ground = GroundHeight(config.results.ground_cell_m)
+
+    def add(self, journal: Journal, scan: Scan, place: ScanPlace) -> None:
+        """One scan more, in time order."""
+        if scan.shows_nothing:
+            return
+        if not np.isfinite(place.pose).all():
+            journal.count("scans_without_pose")
+            return
+        at_ns = np.array([scan.t_ns], np.int64)
+        target_m = np.full(2, np.nan) if self._target is None else self._target.at(at_ns)[0]
+        window = window_around(place.pose[:2], self._grid.cell_m, self._grid.size_cells)
+        compact = CompactScan.from_bytes(scan.compact)
+        placed = self._placer.place(compact, place.slot_pose, target_m, window)
+        self._maps.append(scan.t_ns, window.origin_m, self._memory.add(scan.t_ns, window, placed))
+        # An obstacle lower than the robot blocks, even if rays pass above it.
+        self._whole.add(window, placed, self._height_mm)
+        # A wall taken for the ground says nothing about the height of the floor.
+        if compact.level:
+            self._ground.add(compact, place.slot_pose)
+
+    def write(self, folder: Path, journal: Journal, gap_s: float) -> None:
+        """The map of the whole run and its ground; and what is in no map."""
+        if (whole := self._whole.to_cells()) is not None:
+            cells, window = whole
+            write_rosmap(folder, cells, window.origin_m, window.cell_m)
+        if (ground := self._ground.to_map()) is not None:
+            write_arrays(folder, "ground", {key: getattr(ground, key) for key in ARRAYS["ground"]})
+        for name, skipped in (("map.pgm", self._whole.skipped), ("ground.npz", self._ground.skipped)):
+            if skipped:
+                journal.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
+        if skipped := self._memory.skipped:
+            journal.warn(f"{skipped} maps hold one scan alone: the run covers more than memory may grow to")
+        if lost := journal.counts.get("scans_without_pose", 0):
+            journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them")
+
+
+def make_memory(config: Config) -> Memory:
+    """The memory of the section grid."""
+    grid = config.grid
+
+    def lattice(layers: dict) -> Layers:
+        return SlidingLattice(layers) if grid.extent == "window" else GrowingLattice(grid.cell_m, layers)
+
+    if grid.memory == "scan":
+        return ScanMemory()
+    if grid.memory == "decay":
+        return DecayMemory(lattice(DecayMemory.LAYERS), grid.decay_s)
+    return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)

@@ -1,0 +1,334 @@
+"""Results by key: a folder for each in `.stages`, filled once, whole or not at all, and linked into the runs.
+
+A key is a digest of all that a result depends on. `--resume`, sweeps, `--dry-run` and the second try of a killed worker
+are one thing here: they ask for results by their keys, and what is there is not made again. Deleting it is safe.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import shutil
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from quadlog.config.plugins import all_plugins
+from quadlog.config.schema import Config
+from quadlog.config.section import Section
+from quadlog.config.version import package_versions
+from quadlog.errors import NotARun, QuadlogError
+from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.results.places import STORE
+from quadlog.results.record import RUN_FORMAT, own_files, read_object
+from quadlog.storage.atomic_write import is_part, part_folder, remove_stale_parts, write_whole
+from quadlog.storage.remote_path import RemotePath
+from quadlog.version import __version__
+
+R = TypeVar("R")
+ENDS_BYTES = 1 << 16
+MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
+"""Where definitions are looked for below a folder of --msg-path."""
+STATE = "_state.json"
+"""Of a result: its journal, and what its stage returned. It is not linked into runs."""
+
+
+@dataclass(frozen=True)
+class Stage(Generic[R]):
+    """fill(folder, journal, config, *inputs) writes files and returns a state of JSON; load(folder, state) reads both.
+
+    names: as `--until` takes them. reads: the sections and keys of the configuration that `fill` is given; it has no
+    others, so that none can be missing in the key.
+    """
+
+    names: tuple[str, ...]
+    reads: tuple[str, ...]
+    fill: Callable[..., Any]
+    load: Callable[[Path, Any], R]
+
+
+def stage(
+    *names: str,
+    reads: tuple[str, ...],
+    load: Callable[[Path, Any], R],
+) -> Callable[[Callable[..., Any]], Stage[R]]:
+    """Make a stage of the function below."""
+    return lambda fill: Stage(names, reads, fill, load)
+
+
+@dataclass(frozen=True)
+class Keyed(Generic[R]):
+    """What a stage needs: its key, and how to have it, where it is needed."""
+
+    key: str
+    get: Callable[[], R]
+
+
+class Do(Protocol):
+    """What a replay gives its stages to: one that does them, or one that finds their keys alone."""
+
+    def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
+        """The result of a stage on its inputs, each Keyed or a plain value of JSON."""
+
+
+class Keys:
+    """Does nothing, and knows the key of every stage that would be done, in order."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config.model_dump(mode="json")
+        self.of: dict[str, str] = {}
+
+    def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
+        key = key_of(stage, self._config, inputs)
+        self.of |= dict.fromkeys(stage.names, key)
+        return Keyed(key, partial(_not_done, stage.names))
+
+
+class Doing:
+    """Does stages, or takes them from the store, and links their files into the folder of a run.
+
+    last: the last stage that is wanted. journal: of all stages. reused: the names of those that were in the store, but
+    for `ingest`.
+    keys: of all so far.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        run: Path | None,
+        config: Config,
+        last: str,
+        journal: Journal,
+        before: Callable[[str], None],
+    ) -> None:
+        """run: None to fill the store alone. before: called with each name of a stage that is done next."""
+        self._before = before
+        self._store, self._run, self._config, self._last = store, run, config, last
+        self._dumped = config.model_dump(mode="json")
+        self.journal = journal
+        self.reused: tuple[str, ...] = ()
+        self.keys: dict[str, str] = {}
+
+    def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
+        key = key_of(stage, self._dumped, inputs)
+        if self._last in self.keys:
+            return Keyed(key, partial(_not_done, stage.names))
+        if self._store.has(key):
+            self.reused += tuple(name for name in stage.names if name != "ingest")
+        kept = self._store.get(key, partial(self._fill, stage, inputs), self._run)
+        self.keys |= dict.fromkeys(stage.names, key)
+        self.journal.add(Journal.from_json(kept["journal"]))
+        # From the run where there is one: another process may remove results that no finished run has.
+        return Keyed(key, partial(stage.load, self._run or self._store.folder / key, kept["state"]))
+
+    def _fill(self, stage: Stage[Any], inputs: tuple[Any, ...], folder: Path) -> None:
+        page = self.journal.page()
+        given = [each.get() if isinstance(each, Keyed) else each for each in inputs]
+        for name in stage.names:
+            self._before(name)
+        state = stage.fill(folder, page, only(self._config, stage.reads), *given)
+        write_whole(folder / STATE, json.dumps({"journal": page.to_json(), "state": state}).encode())
+
+
+def _not_done(names: tuple[str, ...]) -> Any:
+    raise LookupError(f"{names[-1]} was not asked for")
+
+
+class Store:
+    """The results beside the runs of a folder."""
+
+    def __init__(self, output: Path) -> None:
+        self.folder = output / STORE
+
+    def has(self, key: str) -> bool:
+        """Whether the result of this key is there."""
+        return (self.folder / key / STATE).is_file()
+
+    def get(self, key: str, fill: Callable[[Path], None], run: Path | None) -> Any:
+        """The state of a result, whose files are linked into a run; `fill` makes all of it where there is none yet.
+
+        Raises OSError, and what fill raises.
+        """
+        folder = self.folder / key
+        with suppress(FileNotFoundError):  # there is none, or another process removes it
+            return _taken(folder, run)
+        with part_folder(self.folder) as part:
+            fill(part)
+            for file in part.iterdir():
+                file.chmod(0o444)
+            kept = _taken(part, run)
+            try:
+                part.rename(folder)
+            except OSError:
+                if not self.has(key):  # another process was not faster
+                    raise
+        return kept
+
+    def forget(self, keys: Iterable[str]) -> None:
+        """Remove results."""
+        for key in keys:
+            shutil.rmtree(self.folder / key, ignore_errors=True)
+
+    def trim(self, kept: Collection[str] = ()) -> None:
+        """Remove the results that no run has, and what killed processes have begun; kept: keys of results that stay."""
+        if not self.folder.is_dir():
+            return
+        kept = {*kept, *self._keys_of_runs()}
+        for state in self.folder.glob(f"*/{STATE}"):
+            if state.parent.name not in kept and not is_part(state.parent.name):
+                shutil.rmtree(state.parent, ignore_errors=True)
+        with suppress(OSError):
+            remove_stale_parts(self.folder)
+            self.folder.rmdir()  # if it is empty
+
+    def _keys_of_runs(self) -> Iterator[str]:
+        for run in self.folder.parent.iterdir():
+            with suppress(NotARun):
+                results = read_object(run, "run.json", "").get("results")
+                yield from results.values() if isinstance(results, dict) else ()
+
+
+def stored_bytes(output: Path) -> int:
+    """Size of the results beside the runs of a folder, of which runs have most too."""
+    folder = output / STORE
+    return sum(file.stat().st_size for file in folder.glob("*/*")) if folder.is_dir() else 0
+
+
+def _taken(source: Path, run: Path | None) -> Any:
+    """The state of a result, and its files put into a run: hard links where the file system has them, else copies."""
+    kept = json.loads((source / STATE).read_text())
+    for file in source.iterdir() if run is not None else ():
+        if run is not None and file.name != STATE:
+            (run / file.name).unlink(missing_ok=True)
+            try:
+                os.link(file, run / file.name)
+            except FileNotFoundError:
+                raise
+            except OSError:
+                shutil.copyfile(file, run / file.name)
+    return kept
+
+
+def digest(*parts: Any) -> str:
+    """A key from values of JSON."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:40]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@cache
+def versions() -> str:
+    """A digest of what all results depend on: quadlog, the packages that decide, plug-ins, Python, kind of machine."""
+    plugins = [(each.name, each.distribution, each.version) for each in all_plugins()]
+    # Compiled code may round otherwise on another kind of machine.
+    machine = [platform.python_version(), platform.system(), platform.machine()]
+    return digest(__version__, RUN_FORMAT, package_versions(), plugins, machine)
+
+
+def key_of(stage: Stage[Any], config: dict[str, Any], inputs: tuple[Any, ...]) -> str:
+    """A digest of versions, the stage's names, its configuration (as JSON has it) and its inputs."""
+    values = {name: _content(_value(config, name)) for name in stage.reads}
+    keys = [each.key if isinstance(each, Keyed) else each for each in inputs]
+    return digest(versions(), stage.names, values, keys)
+
+
+def _value(dumped: Any, name: str) -> Any:
+    """Of a dotted key, or of a whole section."""
+    for part in name.split("."):
+        dumped = dumped[part]
+    return dumped
+
+
+def _content(value: Any) -> Any:
+    """The value, with what is in the files that it names."""
+    if isinstance(value, dict):
+        return {name: _content(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_content(each) for each in value]
+    return [value, _content_of(Path(value))] if isinstance(value, str) and _is_file(value) else value
+
+
+def _content_of(path: Path) -> str:
+    """A digest of a file, that of a robot with its includes."""
+    with path.open("rb") as file:
+        if not file.read(100).lstrip().startswith(b"<"):
+            return file_digest(path)
+    from quadlog.simulation.robot.model_files import content_digest
+
+    try:
+        return content_digest(path)
+    except QuadlogError:
+        return file_digest(path)  # no robot, or one that the stage will refuse
+
+
+def _is_file(name: str) -> bool:
+    try:
+        return bool(name) and Path(name).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def only(config: Config, names: tuple[str, ...]) -> Config:
+    """The configuration with these sections and keys, and no others: to read one of those is an AttributeError."""
+    fields: dict[str, Any] = {}
+    parts: dict[str, set[str]] = {}
+    for section, _, key in (name.partition(".") for name in names):
+        if key:
+            parts.setdefault(section, set()).add(key)
+        else:
+            fields[section] = getattr(config, section)
+    for section, keys in parts.items():
+        whole: Section = getattr(config, section)
+        fields.setdefault(section, _with_fields(whole, {key: getattr(whole, key) for key in keys}))
+    return _with_fields(config, fields)
+
+
+def _with_fields(section: Any, fields: dict[str, Any]) -> Any:
+    copy = section.model_copy()
+    object.__setattr__(copy, "__dict__", fields)
+    object.__setattr__(copy, "__pydantic_fields_set__", section.model_fields_set & fields.keys())
+    return copy
+
+
+def log_key(path: Path, options: ReplayOptions) -> str:
+    """A digest of a recording and of what of it is read, without reading all of it.
+
+    A file is known by its size, the time of its last change and its two ends, where containers have their indexes.
+    """
+    folders = [Path(each) for each in options.msg_path]
+    definitions = [
+        (file.relative_to(folder).as_posix(), file_digest(file))
+        for folder in folders
+        for pattern in MSG_PATTERNS
+        for file in sorted(folder.glob(pattern))
+    ]
+    files = [_identity(each) for each in own_files(path)]
+    return digest(files, definitions, [options.stamp, options.start_s, options.duration_s])
+
+
+def _identity(path: Path) -> list[Any]:
+    if isinstance(path, RemotePath):
+        told = path.open_object().told
+        return [str(path), told.size_bytes, told.etag or told.last_modified]
+    status = path.stat()
+    with path.open("rb") as file:
+        ends = file.read(ENDS_BYTES)
+        file.seek(max(status.st_size - ENDS_BYTES, 0))
+        return [path.name, status.st_size, status.st_mtime_ns, digest((ends + file.read(ENDS_BYTES)).hex())]
+
+
+def run_key(request: ReplayRequest) -> str:
+    """A digest of all that a run depends on, but for the stage it ends with."""
+    options = request.options.to_dict() | {"until": None}
+    config = _content(request.config.model_dump(mode="json"))
+    return digest(versions(), log_key(request.recording, request.options), config, options)
