@@ -219,7 +219,7 @@ FIGURES = (
            }, STRIDE_S), compared=False),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
-           search),
+           search, saved=True),
     Figure("ranges", "Range residuals over time",
            "Measured minus predicted range. A late range most likely had no line of sight (NLOS).",
            ranges, compared=False),
