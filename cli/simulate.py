@@ -58,7 +58,7 @@ def command(
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.
     """
-    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate, trot_32s
+    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
     from quadlog.results.text import values_text
 
     keys = {"controller": "simulation.controller", "terrain": "simulation.terrain", "speed": "pursuit.speed_mps"}
@@ -68,7 +68,7 @@ def command(
     config, how = options.configured(given, **keys).config, {"command": ("quadlog", *sys.argv[1:]), **given}
     request = SimulateRequest(course, config, range(seed, seed + seeds), plots=not no_plots, **how)
     with open_progress() as progress:
-        runs = (trot_32s if course == TROT else simulate)(request, jobs, progress)
+        runs = simulate(request, jobs, progress)
     if as_json:
         print_json([each.to_dict() for each in runs])
         return

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
@@ -18,31 +18,29 @@ from quadlog.pipelines.executor.pool import side_by_side
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.simulation.courses import Remarks, find_course, ground_remarks, make_ground
 from quadlog.pipelines.simulation.run_folder import (
-    TrotDescription,
-    WalkDescription,
+    Description,
+    Walked,
     fill_folder,
-    fill_trot_folder,
-    trot_verdict,
-    walk_verdict,
+    trotted_results,
+    walked_results,
 )
-from quadlog.pipelines.simulation.trot import CURVES, TrottedCurve, plan_trot, trot_once
-from quadlog.pipelines.simulation.walk import check_rate, walk_once, warm_up
+from quadlog.pipelines.simulation.trot import CURVES, plan_trot, trot_once
+from quadlog.pipelines.simulation.walk import check_rate, walk_once
 from quadlog.results.places import new_run
 from quadlog.simulation.course_walk import TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
+from quadlog.simulation.robot.height_field import HeightField
 from quadlog.storage.atomic_write import is_part
 
 DISTURBED_OVERRIDES = tuple(
     f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
 )
 """What --disturbed is short for, as --set takes it."""
-Task = TypeVar("Task")
-Walked = TypeVar("Walked")
 
 
 @dataclass(frozen=True, slots=True)
 class SimulateRequest:
-    """course: a name or a file; TROT for trot_32s. seeds: of the walks, one each. plots: in plots/, beside the page."""
+    """course: a name, TROT with both its curves, or a file. seeds: one for each walk. plots: also in plots/."""
 
     course: str
     config: Config
@@ -72,22 +70,73 @@ class SimulatedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seed:
-    """What one walk needs, in this process or in another."""
+class _Walk:
+    """What one walk needs, in this process or another. course: None for a trot, whose curve is the controller."""
 
     request: SimulateRequest
-    course: Course
+    course: Course | None
     config: Config
     remarks: Remarks
+    controller: str
     seed: int
     run: Path
+
+    def warm_up(self, progress: Progress) -> float:
+        """Load and compile by the plan of a trot or a tenth of a second of a walk; returns the seconds it took.
+
+        Raises what is wrong with robot, ground or curve.
+        """
+        started = time.perf_counter()
+        with on_first_compilation(lambda: progress.say(SAID)):
+            if self.course is None:
+                plan_trot(self.config.simulation, self.controller, self.seed)
+            else:
+                walk_once(self.course, self.config, self._ground(self.course), 0, most_s=0.1)
+        return time.perf_counter() - started
+
+    def results(self) -> Walked:
+        """Simulate it."""
+        if self.course is None:
+            return trotted_results(trot_once(self.config.simulation, self.controller, self.seed))
+        ground = self._ground(self.course)
+        simulated = walk_once(self.course, self.config, ground, self.seed)
+        most_n = self.config.mpc.f_max_n
+        return walked_results(self.course, self.request.course, ground, self.remarks, simulated, most_n)
+
+    def _ground(self, course: Course) -> HeightField:
+        return make_ground(self.request.course, course, self.config, self.seed)
 
 
 def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
     """Walk the course once for each seed; a fall is a result. Returns the walks in the order of the seeds.
 
-    Raises UsageError, AlreadyExists and what the course, the ground and the robot raise, before anything is walked.
+    trot-32s walks with both curves: these are the controllers, and come one after the other. Raises UsageError,
+    AlreadyExists and what the course, the ground and the robot raise, before anything is walked.
     """
+    walks = _trots(request) if request.course == TROT else _walks(request)
+    for walk in () if request.force else walks:
+        if walk.run.is_dir() and not all(is_part(entry.name) for entry in walk.run.iterdir()):
+            raise AlreadyExists(walk.run)
+    for warning in walks[0].remarks.warnings:
+        progress.say(f"warning: {warning}")
+    progress.begin("simulate", len(walks))
+    # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
+    startup_s = walks[-1].warm_up(progress)
+    workers = min(jobs or cores(), len(walks))
+    if workers == 1:
+        runs = []
+        for walk in walks:
+            runs.append(_save(walk, startup_s, progress))
+            progress.advance()
+    else:
+        runs = side_by_side(_save_elsewhere, walks, workers, progress)
+    for folder in dict.fromkeys(each.run.parent for each in runs):
+        summarise(folder, progress)
+    return runs
+
+
+def _walks(request: SimulateRequest) -> list[_Walk]:
+    """One along the course for each seed."""
     controller = request.config.simulation.controller
     if controller == NO_CONTROLLER:
         raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
@@ -95,120 +144,35 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     config = request.config.model_copy(update={"pursuit": pursuit})
-    folder = request.output / f"{course.name}-{controller}"
-    remarks = ground_remarks(course, config)
-    todo = [_Seed(request, course, config, remarks, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
-    _refuse_existing(request, (each.run for each in todo))
-    if any(each.run.resolve() == Path(config.simulation.terrain).resolve() for each in todo):
+    folder, remarks = request.output / f"{course.name}-{controller}", ground_remarks(course, config)
+    walks = [
+        _Walk(request, course, config, remarks, controller, seed, folder / f"seed-{seed:03d}") for seed in request.seeds
+    ]
+    if any(walk.run.resolve() == Path(config.simulation.terrain).resolve() for walk in walks):
         raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
-    for warning in remarks.warnings:
-        progress.say(f"warning: {warning}")
-    progress.begin("simulate", len(todo))
-    workers = min(jobs or cores(), len(todo))
-    # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
-    startup_s = _warm_up(todo[0], progress)
-    if workers == 1:
-        runs = _one_by_one(lambda each: _walk(each, startup_s, progress), todo, progress)
-    else:
-        runs = side_by_side(_walk_elsewhere, todo, workers, progress)
-    _summarise(runs, progress)
-    return runs
+    return walks
 
 
-def _refuse_existing(request: SimulateRequest, runs: Iterable[Path]) -> None:
-    for run in () if request.force else runs:
-        if run.is_dir() and not all(is_part(entry.name) for entry in run.iterdir()):
-            raise AlreadyExists(run)
+def _trots(request: SimulateRequest) -> list[_Walk]:
+    """One with each curve for each seed, in the curve's folder: below it where there are several seeds."""
+    folders = {seed: f"seed-{seed:03d}" if len(request.seeds) > 1 else "" for seed in request.seeds}
+    return [
+        _Walk(request, None, request.config, Remarks(), curve, seed, request.output / TROT / curve / folder)
+        for curve in CURVES
+        for seed, folder in folders.items()
+    ]
 
 
-def _one_by_one(walk: Callable[[Task], Walked], todo: Iterable[Task], progress: Progress) -> list[Walked]:
-    walked = []
-    for each in todo:
-        walked.append(walk(each))
-        progress.advance()
-    return walked
+def _save(walk: _Walk, startup_s: float, progress: Progress) -> SimulatedRun:
+    """Simulate one walk into its folder."""
+    walked, request = walk.results(), walk.request
+    made_by = walk.seed, request.command, startup_s, request.plots
+    with new_run(walk.run, request.force) as folder:
+        metrics = fill_folder(folder, Description(request.course, walk.controller, walk.config, *made_by), walked)
+    progress.say(f"{walk.run}: {walked.ended or 'done'}")
+    name = TROT if walk.course is None else walk.course.name
+    return SimulatedRun(walk.run, name, walk.controller, walk.seed, walked.ended, metrics)
 
 
-def _walk(each: _Seed, startup_s: float, progress: Progress) -> SimulatedRun:
-    """One seed from its ground to its folder."""
-    ground = make_ground(each.request.course, each.course, each.config, each.seed)
-    simulated = walk_once(each.course, each.config, ground, each.seed)
-    request = each.request
-    made_by = each.seed, request.command, startup_s, request.plots
-    description = WalkDescription(request.course, each.course, ground, each.remarks, each.config, *made_by)
-    with new_run(each.run, request.force) as folder:
-        metrics = fill_folder(folder, description, simulated)
-    ended = walk_verdict(simulated)
-    progress.say(f"{each.run}: {ended or 'done'}")
-    return SimulatedRun(each.run, each.course.name, each.config.simulation.controller, each.seed, ended, metrics)
-
-
-def _warm_up(each: _Seed, progress: Progress) -> float:
-    ground = make_ground(each.request.course, each.course, each.config, each.seed)
-    return warm_up(each.course, each.config, ground, progress.say)
-
-
-def _walk_elsewhere(each: _Seed, progress: Progress) -> SimulatedRun:
-    return _walk(each, _warm_up(each, progress), progress)
-
-
-def trot_32s(request: SimulateRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
-    """Walk with both curves for each seed; a fall is a result. Returns the walks curve by curve, these as controllers.
-
-    Raises AlreadyExists, and InvalidConfigValue for a curve out of reach, before anything is written.
-    """
-    _refuse_existing(request, (_trot_folder(request, curve, seed) for curve in CURVES for seed in request.seeds))
-    startup_s = _warm_up_trot(request, progress)
-    progress.begin("simulate", len(request.seeds))
-    workers = min(jobs or cores(), len(request.seeds))
-    if workers > 1:
-        todo = [(request, seed) for seed in request.seeds]
-        pairs = side_by_side(_walk_pair_elsewhere, todo, workers, progress)
-    else:
-        pairs = _one_by_one(lambda seed: _walk_pair(request, seed, startup_s, progress), request.seeds, progress)
-    runs = [run for curve in range(len(CURVES)) for run in (pair[curve] for pair in pairs)]
-    _summarise(runs, progress)
-    return runs
-
-
-def _trot_folder(request: SimulateRequest, curve: str, seed: int) -> Path:
-    """The curve's folder, and one below it for each seed where there are several."""
-    folder = request.output / TROT / curve
-    return folder if len(request.seeds) == 1 else folder / f"seed-{seed:03d}"
-
-
-def _warm_up_trot(request: SimulateRequest, progress: Progress) -> float:
-    """Load and compile, here once for all workers, by what joints are sent to; returns the seconds it took."""
-    started = time.perf_counter()
-    with on_first_compilation(lambda: progress.say(SAID)):
-        plan_trot(request.config.simulation, "3d-curve", request.seeds[0])
-    return time.perf_counter() - started
-
-
-def _walk_pair(request: SimulateRequest, seed: int, startup_s: float, progress: Progress) -> list[SimulatedRun]:
-    """Both curves of a seed, simulated before anything is written."""
-    walks = {curve: trot_once(request.config.simulation, curve, seed) for curve in CURVES}
-    return [_save(request, curve, seed, walk, startup_s, progress) for curve, walk in walks.items()]
-
-
-def _save(
-    request: SimulateRequest, curve: str, seed: int, walk: TrottedCurve, startup_s: float, progress: Progress
-) -> SimulatedRun:
-    description = TrotDescription(curve, request.config, seed, request.command, startup_s, request.plots)
-    run = _trot_folder(request, curve, seed)
-    with new_run(run, request.force) as folder:
-        metrics = fill_trot_folder(folder, description, walk)
-    ended = trot_verdict(walk)
-    progress.say(f"{run}: {ended or 'done'}")
-    return SimulatedRun(run, TROT, curve, seed, ended, metrics)
-
-
-def _walk_pair_elsewhere(each: tuple[SimulateRequest, int], progress: Progress) -> list[SimulatedRun]:
-    request, seed = each
-    return _walk_pair(request, seed, 0.0, progress)
-
-
-def _summarise(runs: Sequence[SimulatedRun], progress: Progress) -> None:
-    """summary.parquet and report.html of the folders that hold the runs."""
-    for folder in dict.fromkeys(each.run.parent for each in runs):
-        summarise(folder, progress)
+def _save_elsewhere(walk: _Walk, progress: Progress) -> SimulatedRun:
+    return _save(walk, walk.warm_up(progress), progress)

@@ -22,7 +22,7 @@ from quadlog.config.plugins import all_plugins
 from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.config.version import package_versions
-from quadlog.errors import NotARun, QuadlogError
+from quadlog.errors import NotARun, QuadlogError, RecordingNotFound
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.results.places import STORE
@@ -320,7 +320,10 @@ def _identity(path: Path) -> list[Any]:
     if isinstance(path, RemotePath):
         told = path.open_object().told
         return [str(path), told.size_bytes, told.etag or told.last_modified]
-    status = path.stat()
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise RecordingNotFound(path) from None
     with path.open("rb") as file:
         ends = file.read(ENDS_BYTES)
         file.seek(max(status.st_size - ENDS_BYTES, 0))

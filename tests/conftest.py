@@ -110,6 +110,8 @@ def write_distribution(
 def forget_plugins() -> None:
     """What was found on the path until now."""
     plugins._installed.cache_clear()
+    if "quadlog.pipelines.store" in sys.modules:
+        sys.modules["quadlog.pipelines.store"].versions.cache_clear()  # type: ignore[attr-defined]
     if "quadlog.recordings.decoding" in sys.modules:
         sys.modules["quadlog.recordings.decoding"].plugged_decoder.cache_clear()  # type: ignore[attr-defined]
 

@@ -155,7 +155,9 @@ CLAIMS: dict[str, Callable[[str], bool]] = {
         "<testcase" in Path("checks.xml").read_text()
     ),
     "quadlog diff runs/yesterday runs/astar/yesterday --tolerance 1e-9": words("plan"),
-    "quadlog replay bags/ -c quadlog.toml -o season --resume --dry-run": words("skip", "0 of 2 to replay", "about"),
+    "quadlog replay bags/ -c quadlog.toml -o season --resume --dry-run": words(
+        "skip", "0 of 2 to replay", "may be deleted"
+    ),
     "quadlog replay bags/ -c quadlog.toml -o season --resume --jobs 4": kept,
     "quadlog --version": words("quadlog"),
     "quadlog metrics runs/yesterday": words("eta_m", "95 %"),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.messages import Float
 from quadlog.metrics.metric import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
@@ -35,10 +35,11 @@ SavedMetrics = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class TrotDescription:
-    """What was simulated; startup_s: what loading and compiling took before."""
+class Description:
+    """Which walk: its course or a file's path, its controller or a trot's curve; startup_s: loading and compiling."""
 
-    curve: str
+    course: str
+    controller: str
     config: Config
     seed: int
     command: tuple[str, ...]
@@ -46,40 +47,60 @@ class TrotDescription:
     plots: bool = True
 
 
-def fill_trot_folder(folder: Path, description: TrotDescription, trotted: TrottedCurve) -> SavedMetrics:
-    """Write everything about a walk, and return its metrics as saved."""
-    walk, clock = trotted.walk, StageClock()
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """What a walk leaves for its folder.
 
-    def write_results(run: Run) -> None:
-        control = dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()
-        run.write("control", control)
-        _write_trajectory(run, control)
+    control: the columns of that table. ended: how, where it did not arrive. record: further fields of `RunRecord`.
+    write: writes all further results.
+    """
 
-    record = partial(_trot_record, description, trotted, clock)
-    return _fill(folder, description, trot_metrics(trotted), write_results, clock, record)
+    control: Mapping[str, Any]
+    metrics: Metrics
+    ended: str
+    lasted_s: float
+    walking_s: float
+    record: dict[str, Any]
+    write: Callable[[Run], None] | None = None
 
 
-def _fill(
-    folder: Path,
-    description: TrotDescription | WalkDescription,
-    metrics: Metrics,
-    write_results: Callable[[Run], None],
-    clock: StageClock,
-    record: Callable[[], RunRecord],
-) -> SavedMetrics:
-    """Write config, metrics and results, then plots and the page on them; `run.json` last."""
-    saved = saved_metrics(metrics)
+def fill_folder(folder: Path, description: Description, walked: Walked) -> SavedMetrics:
+    """Write all results of a walk, then plots and the page on them, `run.json` last. Returns the saved metrics."""
+    saved, clock = saved_metrics(walked.metrics), StageClock()
     with clock.stage("report"):
-        run = Run.create(folder, record())
+        record = _record(description, walked, clock)
+        run = Run.create(folder, record)
         run.write("metrics", saved)
-        write_results(run)
-        drawings = drawings_of(Run(folder, record()))
+        run.write("control", walked.control)
+        _write_trajectory(run, walked.control)
+        if walked.write is not None:
+            walked.write(Run(folder, record))
+        drawings = drawings_of(Run(folder, record))
         if description.plots:
             write_plots(folder, drawings)
-    finished = record()
+    finished = _record(description, walked, clock)
     write_run_page(Run(folder, finished), drawings)
     run.finish(finished)
     return saved
+
+
+def _record(description: Description, walked: Walked, clock: StageClock) -> RunRecord:
+    options = {"course": description.course, "controller": description.controller, "seed": description.seed}
+    warnings = [*walked.record["warnings"], *([f"the robot {walked.ended}"] if walked.ended else [])]
+    spent_s = {"control": walked.walking_s, "report": clock.seconds.get("report", 0.0)}
+    peaks_mb = {"control": peak_memory_mb(), "report": clock.peak_memory_mb.get("report", 0.0)}
+    return RunRecord(
+        quadlog_version=__version__,
+        command=list(description.command),
+        config=description.config,
+        options=options,
+        seed=description.seed,
+        recorded_s=walked.lasted_s,
+        stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
+        startup_s=description.startup_s,
+        realtime_factor=walked.lasted_s / walked.walking_s,
+        **walked.record | {"warnings": warnings},
+    )
 
 
 def _write_trajectory(run: Run, control: Mapping[str, Any]) -> None:
@@ -88,86 +109,53 @@ def _write_trajectory(run: Run, control: Mapping[str, Any]) -> None:
     write_tum(run.path / "trajectory.tum", t_ns, x_m, y_m, yaw_rad, z_m, tilt_rad)
 
 
-def _stages(seconds: float, clock: StageClock) -> list[StageRecord]:
-    """Walking, and what was written since."""
-    peaks_mb = {"control": peak_memory_mb(), "report": clock.peak_memory_mb.get("report", 0.0)}
-    spent_s = {"control": seconds, "report": clock.seconds.get("report", 0.0)}
-    return [StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in peaks_mb]
-
-
-def trot_verdict(trotted: TrottedCurve) -> str:
-    """That and when the robot fell; empty if it did not."""
-    fallen = trotted.walk.fallen
-    return f"fell after {trotted.walk.t_ns[np.argmax(fallen)] / NS:.2f} s" if fallen.any() else ""
-
-
-def _record(
-    description: TrotDescription | WalkDescription,
-    clock: StageClock,
-    lasted_s: float,
-    walking_s: float,
-    course: str,
-    controller: str,
-    **own: Any,
-) -> RunRecord:
-    """What both kinds of walks say of themselves; own: the other fields."""
-    return RunRecord(
-        quadlog_version=__version__,
-        command=list(description.command),
-        config=description.config,
-        options={"course": course, "controller": controller, "seed": description.seed},
-        seed=description.seed,
-        recorded_s=lasted_s,
-        stages=_stages(walking_s, clock),
-        startup_s=description.startup_s,
-        realtime_factor=lasted_s / walking_s,
-        **own,
-    )
-
-
-def _trot_record(description: TrotDescription, trotted: TrottedCurve, clock: StageClock) -> RunRecord:
+def trotted_results(trotted: TrottedCurve) -> Walked:
+    """What a trot leaves."""
     walk, robot = trotted.walk, trotted.planned.robot
-    # The joint angles that the robot is sent to.
-    targets = trotted.planned.targets_rad.tobytes()
-    return _record(
-        *(description, clock, float(walk.t_ns[-1]) / NS, trotted.seconds, TROT, description.curve),
-        input=InputRecord(path=TROT, size_bytes=len(targets), sha256=hashlib.sha256(targets).hexdigest()),
-        counts={"samples": len(walk.t_ns)},
-        warnings=[f"the robot {ended}"] if (ended := trot_verdict(trotted)) else [],
-        notes=[
-            f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
-            f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, and a posture",
-        ],
+    targets = trotted.planned.targets_rad.tobytes()  # the joint angles that the robot is sent to
+    fallen = walk.fallen.any()
+    return Walked(
+        control=dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns(),
+        metrics=trot_metrics(trotted),
+        ended=f"fell after {walk.t_ns[np.argmax(walk.fallen)] / NS:.2f} s" if fallen else "",
+        lasted_s=float(walk.t_ns[-1]) / NS,
+        walking_s=trotted.seconds,
+        record={
+            "input": InputRecord(path=TROT, size_bytes=len(targets), sha256=hashlib.sha256(targets).hexdigest()),
+            "counts": {"samples": len(walk.t_ns)},
+            "warnings": [],
+            "notes": [
+                f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
+                f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, a posture",
+            ],
+        },
     )
 
 
-@dataclass(frozen=True, slots=True)
-class WalkDescription:
-    """What was simulated: course_argument is the course's name, or the file it came from."""
+def walked_results(
+    course: Course, path: str, ground: HeightField, remarks: Remarks, simulated: SimulatedWalk, most_n: float
+) -> Walked:
+    """What a walk along a course leaves. path: the course's name or file; most_n: the largest force of a foot."""
 
-    course_argument: str
-    course: Course
-    ground: HeightField
-    remarks: Remarks
-    config: Config
-    seed: int
-    command: tuple[str, ...]
-    startup_s: float
-    plots: bool = True
+    def write(run: Run) -> None:
+        _write_tables(run, course.path_m, ground)
+        write_derived(run)
+        write_layout(run)
 
-
-def fill_folder(folder: Path, description: WalkDescription, simulated: SimulatedWalk) -> SavedMetrics:
-    """Write everything about a walk, and return its metrics as saved."""
-    clock = StageClock()
-    record = partial(_walk_record, description, simulated, clock)
-
-    def write_results(run: Run) -> None:
-        _write_tables(run, description, simulated)
-        results = Run(folder, record())
-        write_derived(results)
-        write_layout(results)
-
-    return _fill(folder, description, walk_metrics(simulated), write_results, clock, record)
+    return Walked(
+        control=simulated.walk.control,
+        metrics=walk_metrics(simulated),
+        ended=walk_verdict(simulated),
+        lasted_s=_lasted_s(simulated),
+        walking_s=simulated.seconds,
+        record={
+            "input": _walk_input(path, course.path_m),
+            "counts": {"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
+            "warnings": [*remarks.warnings, *_warnings(simulated, most_n)],
+            "notes": list(remarks.notes),
+        },
+        write=write,
+    )
 
 
 def walk_metrics(simulated: SimulatedWalk) -> Metrics:
@@ -200,15 +188,11 @@ def _lasted_s(simulated: SimulatedWalk) -> float:
     return float(t_ns[-1] - t_ns[0]) / NS
 
 
-def _write_tables(run: Run, description: WalkDescription, simulated: SimulatedWalk) -> None:
-    control, path_m = simulated.walk.control, description.course.path_m
-    run.write("control", control)
+def _write_tables(run: Run, path_m: Float, ground: HeightField) -> None:
     # The course is the one plan of the walk.
     course = {"t_ns": np.zeros(len(path_m), np.int64), "i": np.arange(len(path_m))}
     x_m, y_m = path_m.T
     run.write("paths", course | {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m})
-    _write_trajectory(run, control)
-    ground = description.ground
     if not ground.is_plane:
         # A corner's height stands for the cell about it.
         origin_m = np.array(ground.origin_m) - ground.cell_m / 2
@@ -217,33 +201,19 @@ def _write_tables(run: Run, description: WalkDescription, simulated: SimulatedWa
         run.write("ground", {"origin_m": origin_m, "cell_m": ground.cell_m, "height_m": ground.height_m, "count": seen})
 
 
-def _walk_record(description: WalkDescription, simulated: SimulatedWalk, clock: StageClock) -> RunRecord:
-    controller = description.config.simulation.controller
-    return _record(
-        *(description, clock, _lasted_s(simulated), simulated.seconds, description.course_argument, controller),
-        input=_walk_input(description),
-        counts={"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
-        warnings=_warnings(description, simulated),
-        notes=list(description.remarks.notes),
-    )
-
-
-def _walk_input(description: WalkDescription) -> InputRecord:
+def _walk_input(name: str, path_m: Float) -> InputRecord:
     """The file the path came from; of a course of quadlog's own, its points."""
-    name = description.course_argument
     if name not in COURSES:
         return describe_input(Path(name))
-    points = np.ascontiguousarray(description.course.path_m, np.float64).tobytes()
+    points = np.ascontiguousarray(path_m, np.float64).tobytes()
     return InputRecord(path=name, size_bytes=len(points), sha256=hashlib.sha256(points).hexdigest())
 
 
-def _warnings(description: WalkDescription, simulated: SimulatedWalk) -> list[str]:
-    warnings = list(description.remarks.warnings)
-    if ended := walk_verdict(simulated):
-        warnings.append(f"the robot {ended}")
+def _warnings(simulated: SimulatedWalk, most_n: float) -> list[str]:
+    warnings = []
     if simulated.failed_solves:
         warnings.append(f"{simulated.failed_solves} solves failed, and older or simpler forces had to do: see counts")
-    weight_n, most_n = simulated.walk.mass_kg * GRAVITY_MPS2, description.config.mpc.f_max_n
+    weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
     # Two feet carry in a trot, and have to push harder than the weight to go up.
     if weight_n > 1.5 * most_n:
         warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from quadlog.control.locomotion.robot import ROBOTS, Robot
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
-from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot.disturbances import DisturbanceSettings
 from quadlog.simulation.robot.height_field import HeightField
@@ -148,14 +146,3 @@ def solver_counts(robot: WalkingRobot | UnicycleRobot) -> dict[str, int]:
     if walker.wbc.damped:
         counts["wbc_damped"] = walker.wbc.damped
     return counts
-
-
-def warm_up(course: Course, config: Config, ground: HeightField, say: Callable[[str], None]) -> float:
-    """Load and compile what a walk needs by a tenth of a second of it; returns the seconds it took.
-
-    say: told in one line when there is anything to compile.
-    """
-    started = time.perf_counter()
-    with on_first_compilation(lambda: say(SAID)):
-        walk_once(course, config, ground, 0, most_s=0.1)
-    return time.perf_counter() - started

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,16 +28,17 @@ if TYPE_CHECKING:
 STRIP_M = 2.0
 """Half width of the strip of a scan seen from the side."""
 
-Curve = tuple[str, str, str]
-"""Column, label and colour."""
 
-
-def curves(name: str, *layout: tuple[str, Sequence[Curve]]) -> Callable[[Run], list[Panel] | None]:
-    """A maker of panels from columns of one table: for each panel its quantity with unit, and its curves."""
+def curves(
+    name: str, panels: Mapping[str, str], period_s: float = 0.0, metric: str = ""
+) -> Callable[[Run], list[Panel] | None]:
+    """A maker of panels of one table: its curves by quantity with unit. metric: without which there are none."""
 
     def make(run: Run) -> list[Panel] | None:
         table = run.table(name)
-        return None if table is None else with_curves(Panel(what, _series(table, wanted)) for what, wanted in layout)
+        if table is None or (metric and run.metric(metric) is None):
+            return None
+        return with_curves(Panel(what, _series(table, wanted), period_s=period_s) for what, wanted in panels.items())
 
     return make
 
@@ -48,15 +48,22 @@ def with_curves(panels: Iterable[Panel]) -> list[Panel] | None:
     return [panel for panel in panels if panel.series] or None
 
 
-def _series(table: DataFrame, columns: Sequence[Curve]) -> list[Series]:
-    """A curve for each column that has a value."""
+def _series(table: DataFrame, curves: str) -> list[Series]:
+    """A curve for each "column, label, colour" that has a value; angles in degrees."""
     found = []
-    for column, label, color in columns:
+    for column, label, color in (curve.split(", ") for curve in curves.split("; ")):
         values = table[column].to_numpy(float)
         if np.isfinite(values).any():
+            values = np.degrees(values) if column.endswith("_rad") else values
             seconds, values = break_gaps(table["seconds"].to_numpy(), values)
             found.append(Series(label, color, seconds, values))
     return found
+
+
+def _points(table: DataFrame, column: str, label: str, color: str) -> list[Series]:
+    """Points of a column of these rows; nothing without rows."""
+    seconds, values = (table[name].to_numpy(float) for name in ("seconds", column))
+    return [Series(label, color, seconds, values, "points")] if len(table) else []
 
 
 def tracking_error(run: Run) -> list[Panel] | None:
@@ -70,7 +77,7 @@ def tracking_error(run: Run) -> list[Panel] | None:
         ("error_m", "distance to the path (m)", "eta_m", "sigma_m"),
         ("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m"),
     ):
-        series = _series(control, [(column, "distance", "resim")])
+        series = _series(control, f"{column}, distance, resim")
         eta_m, sigma_m = run.metric(mean), run.metric(deviation)
         if series and eta_m is not None and len(control) > 1:
             ends = control["seconds"].to_numpy()[[0, -1]]
@@ -79,9 +86,9 @@ def tracking_error(run: Run) -> list[Panel] | None:
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, np.full(2, eta_m), variant=1))
         panels.append(Panel(what, series, zero=True, marks=changes))
-    side = _series(control, [("cross_track_m", "cross-track", "resim")])
+    side = _series(control, "cross_track_m, cross-track, resim")
     panels.append(Panel("cross-track error, left + (m)", side, marks=changes))
-    panels.append(Panel("heading error (°)", _degrees(_series(control, [("heading_error_rad", "heading", "resim")]))))
+    panels.append(Panel("heading error (°)", _series(control, "heading_error_rad, heading, resim")))
     return with_curves(panels)
 
 
@@ -95,38 +102,9 @@ def _reference_changes(run: Run, control: DataFrame) -> Array:
     return np.asarray(control["seconds"].to_numpy()[jumped])
 
 
-def _degrees(series: list[Series]) -> list[Series]:
-    return [Series(of.label, of.color, of.x, np.degrees(of.y), of.style, of.variant) for of in series]
-
-
-def posture(run: Run) -> list[Panel] | None:
-    """Pitch, roll and height of the simulated body."""
-    control = run.table("control")
-    if control is None:
-        return None
-    tilt = _degrees(_series(control, [("pitch_rad", "pitch", "plan"), ("roll_rad", "roll", "target")]))
-    return with_curves([Panel("tilt (°)", tilt), Panel("height (m)", _series(control, [("z_m", "height", "resim")]))])
-
-
-_TORQUES = [
-    (
-        f"{name} leg (N·m)",
-        # The widest curve first, which would hide the others.
-        [(f"tau_{3 * leg + joint:02d}_nm", label, color) for joint, label, color in
-         ((2, "calf", "plan"), (1, "thigh", "target"), (0, "hip", "robot"))],
-    )
-    for leg, name in enumerate(("front left", "front right", "rear left", "rear right"))
-]  # fmt: skip
-
-
+_LEGS = ("front left", "front right", "rear left", "rear right")
 STRIDE_S = 1.0
 """About the longest stride, within which torques oscillate."""
-
-
-def torques(run: Run) -> list[Panel] | None:
-    """Torque of each joint, a panel for each leg."""
-    panels = curves("control", *_TORQUES)(run)
-    return panels and [replace(panel, period_s=STRIDE_S) for panel in panels]
 
 
 def search(run: Run) -> list[Panel] | None:
@@ -136,14 +114,9 @@ def search(run: Run) -> list[Panel] | None:
         plans = run.table(name)
         if plans is None or run.simulated:
             continue
-        series = _series(plans, [("generated", "generated", "note"), ("expanded", "expanded", "robot")])
-        for label, rows, color in (
-            ("from scratch", plans["from_scratch"], "target"),
-            ("no path", ~plans["found"], "bad"),
-        ):
-            if rows.any():
-                of = plans[rows]
-                series.append(Series(label, color, of["seconds"].to_numpy(), of["expanded"].to_numpy(float), "points"))
+        series = _series(plans, "generated, generated, note; expanded, expanded, robot")
+        series += _points(plans[plans["from_scratch"]], "expanded", "from scratch", "target")
+        series += _points(plans[~plans["found"]], "expanded", "no path", "bad")
         panels.append(Panel(f"cells per replan, {walk}", series, zero=True))
     return with_curves(panels)
 
@@ -157,11 +130,8 @@ def ranges(run: Run) -> list[Panel] | None:
     several = table["tag"].nunique() > 1
     panels = []
     for (tag, anchor), link in table.groupby(["tag", "anchor"]):
-        series = []
-        for label, rows, color in (("in line of sight", ~link["late"], "robot"), ("late (NLOS)", link["late"], "note")):
-            if rows.any():
-                of = link[rows]
-                series.append(Series(label, color, of["seconds"].to_numpy(), of["residual_m"].to_numpy(), "points"))
+        series = _points(link[~link["late"]], "residual_m", "in line of sight", "robot")
+        series += _points(link[link["late"]], "residual_m", "late (NLOS)", "note")
         what = f"tag {tag}, anchor {anchor} (m)" if several else f"anchor {anchor} (m)"
         panels.append(Panel(what, series, lane=True, robust=True))
     return with_curves(panels)
@@ -170,8 +140,7 @@ def ranges(run: Run) -> list[Panel] | None:
 def residuals(run: Run) -> list[Panel] | None:
     """Distribution of the residuals of each anchor, over all tags."""
     table = run.table("ranges")
-    residual_m = None if table is None else (table["range_m"] - table["predicted_m"]).dropna()
-    if table is None or residual_m is None or not len(residual_m):
+    if table is None or not len(residual_m := (table["range_m"] - table["predicted_m"]).dropna()):
         return None
     limit_m = max(0.3, 1.15 * float(np.percentile(residual_m.abs(), 99)))
     edges = np.linspace(-limit_m, limit_m, 61)
@@ -192,10 +161,9 @@ def uwb_error(run: Run) -> list[Panel] | None:
     panels = []
     for tag, of_tag in errors.groupby("tag"):
         fixes, track = (of_tag[of_tag["source"] == source] for source in ("fixes", "track"))
-        series = [Series("fixes", "fix", fixes["seconds"].to_numpy(), fixes["error_m"].to_numpy(), "points")]
-        series += _series(track, [("error_m", "track", "robot"), ("bound_m", "95 % bound of the track", "text")])
-        shown = [curve for curve in series if len(curve.x)]
-        panels.append(Panel(f"distance to the reference, tag {tag} (m)", shown, zero=True, robust=True))
+        series = _points(fixes, "error_m", "fixes", "fix")
+        series += _series(track, "error_m, track, robot; bound_m, 95 % bound of the track, text")
+        panels.append(Panel(f"distance to the reference, tag {tag} (m)", series, zero=True, robust=True))
     return with_curves(panels)
 
 
@@ -208,77 +176,67 @@ def scan_side(run: Run) -> list[Panel] | None:
     for name, xyz_m in points.items():
         near = xyz_m[np.abs(xyz_m[:, 1]) <= STRIP_M]
         near = near[np.argsort(near[:, 0])]
-        series.append(Series(name, CLASSES.get(name, "soft"), near[:, 0], near[:, 2], "points"))
-    return with_curves([Panel("height (m)", [s for s in series if len(s.x)], "forward (m)")])
-
-
-def trot(run: Run) -> list[Panel] | None:
-    """Displacement and Euler angles of the trunk in the trot of [Foot]."""
-    control = run.table("control")
-    if control is None or run.metric("lateral_drift_m") is None:
-        return None
-    angles = [("roll_rad", "roll", "target"), ("pitch_rad", "pitch", "plan"), ("yaw_rad", "yaw", "robot")]
-    return with_curves([
-        Panel("forward (m)", _series(control, [("x_m", "forward", "resim")])),
-        Panel("to the left (m)", _series(control, [("y_m", "to the left", "resim")])),
-        Panel("height (m)", _series(control, [("z_m", "height", "resim")])),
-        Panel("Euler angles (°)", _degrees(_series(control, angles))),
-    ])  # fmt: skip
+        if len(near):
+            series.append(Series(name, CLASSES.get(name, "soft"), near[:, 0], near[:, 2], "points"))
+    return with_curves([Panel("height (m)", series, "forward (m)")])
 
 
 FIGURES = (
     Figure("trajectory", "Trajectory over the map",
            "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene, saved=True),
+    Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].",
+           curves("control", {
+               "forward (m)": "x_m, forward, resim", "to the left (m)": "y_m, to the left, resim",
+               "height (m)": "z_m, height, resim",
+               "Euler angles (°)": "roll_rad, roll, target; pitch_rad, pitch, plan; yaw_rad, yaw, robot",
+           }, metric="lateral_drift_m")),
     Figure("tracking_error", "Tracking error",
-           "Distance of the simulated robot to its reference path: to the nearest point, to where it was due at that "
-           "instant, to the side, and in heading [Tracking, eqs 45–47]. Vertical lines: the reference path of a replay "
-           "is replaced.", tracking_error, saved=True),
-    Figure("commands", "Commands",
-           "Speeds that the controller commands, and those that the simulated robot reaches [Tracking, eqs 15–16].",
-           curves("control",
-                  ("forward speed (m/s)", [("vx_mps", "reached", "resim"), ("cmd_v_mps", "commanded", "robot")]),
-                  ("speed to the left (m/s)", [("vy_mps", "reached", "resim")]),
-                  ("yaw rate (rad/s)", [("yaw_rate_radps", "reached", "resim"),
-                                        ("cmd_yaw_rate_radps", "commanded", "robot")]))),
-    Figure("clearance", "Clearance",
-           "Distance from the simulated body to the nearest obstacle, and from the robot to its target.",
-           curves("clearances", ("clearance (m)", [("clearance_m", "clearance", "resim")]),
-                  ("distance to the target (m)", [("target_distance_m", "distance", "target")]))),
-    Figure("lookahead", "Look-ahead",
-           "Look-ahead distance of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
-           curves("control", ("look-ahead (m)", [("lookahead_m", "look-ahead", "robot")]),
-                  ("gain", [("k_v", "k_v", "plan"), ("k_w", "k_w", "target")]))),
-    Figure("posture", "Posture",
-           "Pitch is positive with the nose down, roll with the left side up; height above z = 0 of the map.", posture),
-    Figure("torques", "Joint torques", "Torque of each joint of the simulated robot [Tracking, eqs 43–44]. "
-           "Of long walks the band of each stride; the curve itself where a chart is zoomed in.",
-           torques, compared=False),
-    Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].", trot),
+           "Of the simulated robot to its reference path [Tracking, eqs 45–47]. Vertical lines: the path is replaced.",
+           tracking_error, saved=True),
+    Figure("uwb_error", "Position error",
+           "To the reference. The track lies below its bound 95 % of the time if its covariance is right.",
+           uwb_error, saved=True),
+    Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
+           curves("control", {
+               "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
+               "speed to the left (m/s)": "vy_mps, reached, resim",
+               "yaw rate (rad/s)": "yaw_rate_radps, reached, resim; cmd_yaw_rate_radps, commanded, robot",
+           })),
+    Figure("clearance", "Clearance", "From the body to the nearest obstacle, and from the robot to its target.",
+           curves("clearances", {"clearance (m)": "clearance_m, clearance, resim",
+                                 "distance to the target (m)": "target_distance_m, distance, target"})),
+    Figure("lookahead", "Look-ahead", "Of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
+           curves("control", {"look-ahead (m)": "lookahead_m, look-ahead, robot",
+                              "gain": "k_v, k_v, plan; k_w, k_w, target"})),
+    Figure("posture", "Posture", "Pitch: positive with the nose down; roll: with the left side up.",
+           curves("control", {"tilt (°)": "pitch_rad, pitch, plan; roll_rad, roll, target",
+                              "height (m)": "z_m, height, resim"})),
+    Figure("torques", "Joint torques", "Of long walks the band of each stride [Tracking, eqs 43–44].",
+           # The widest curve first, which would hide the others.
+           curves("control", {
+               f"{name} leg (N·m)": f"tau_{3 * leg + 2:02d}_nm, calf, plan; tau_{3 * leg + 1:02d}_nm, thigh, target; "
+               f"tau_{3 * leg:02d}_nm, hip, robot" for leg, name in enumerate(_LEGS)
+           }, STRIDE_S), compared=False),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
-           search),
-    Figure("uwb_error", "Position error",
-           "Distance to the reference. The track lies below its bound 95 % of the time if the claimed covariance is "
-           "right; less means that it is too small.", uwb_error, "sensors", saved=True),
+           search, saved=True),
     Figure("ranges", "Range residuals over time",
-           "Measured minus predicted range, a lane for each anchor. A late range most likely had no line of sight "
-           "(NLOS).", ranges, "sensors", compared=False),
+           "Measured minus predicted range. A late range most likely had no line of sight (NLOS).",
+           ranges, compared=False),
     Figure("residuals", "Distribution of range residuals",
-           "For each anchor, its constant bias subtracted before. A tail to the right are late ranges; the outermost "
-           "steps hold everything beyond.", residuals, "sensors", compared=False),
+           "Without the constant bias. To the right: late ranges. The outermost steps hold all beyond.",
+           residuals, compared=False),
     Figure("uwb_geometry", "UWB geometry",
-           "Darker: the anchors' directions determine a position less well. An ellipse should hold the true position "
-           "in 95 of 100 cases.", geometry_scene, "sensors", compared=False),
-    Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene, "sensors",
-           compared=False),
+           "Darker: anchors determine a position less well. An ellipse holds the true one in 95 of 100 cases.",
+           geometry_scene, compared=False),
+    Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene, compared=False),
     Figure("scan_side", "The same scan from the side", f"Points within {STRIP_M:g} m to the left and right of the "
-           "robot.", scan_side, "sensors", compared=False),
+           "robot.", scan_side, compared=False),
     Figure("scans", "Points per scan", "Number of points of each class in each scan.",
-           curves("scans", ("points", [("n_valid", "valid", "text"), ("n_ground", "ground", "fix"),
-                                       ("n_obstacle", "obstacle", "target"), ("n_outlier", "outlier", "note")])),
-           "sensors"),
-    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell.", terrain_scene, "sensors",
-           compared=False),
+           curves("scans", {"points": "n_valid, valid, text; n_ground, ground, fix; n_obstacle, obstacle, target; "
+                                      "n_outlier, outlier, note"})),
+    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell; darker is higher.",
+           terrain_scene, compared=False),
 )  # fmt: skip
 
 

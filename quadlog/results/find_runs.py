@@ -27,7 +27,7 @@ OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
         *(file for files in STAGE_FILES.values() for file in files),
-        *("run.json", "config.toml", "stages.json", "report.html", "derived.mcap", "foxglove-layout.json"),
+        *("run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json"),
         FAILED,
     }
 )

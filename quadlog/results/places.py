@@ -25,18 +25,20 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
     `check_place`, and CannotWrite.
     """
     check_place(path, force)
-    with new_folder(path.parent), part_folder(path.parent / STORE) as part:
-        yield part
-        try:
-            with uninterrupted():
-                new = path.parent / STORE / f"{_NEW}{path.name}"
-                shutil.rmtree(new, ignore_errors=True)
-                move_folder(part, new)
-                settle(path)
-        except OSError as error:
-            raise CannotWrite(path, error.strerror or str(error)) from error
-    with suppress(OSError):
-        (path.parent / STORE).rmdir()  # where it holds no results
+    try:
+        with new_folder(path.parent), part_folder(path.parent / STORE) as part:
+            yield part
+            try:
+                with uninterrupted():
+                    new = path.parent / STORE / f"{_NEW}{path.name}"
+                    shutil.rmtree(new, ignore_errors=True)
+                    move_folder(part, new)
+                    settle(path)
+            except OSError as error:
+                raise CannotWrite(path, error.strerror or str(error)) from error
+    finally:
+        with suppress(OSError):
+            (path.parent / STORE).rmdir()  # where it holds no results
 
 
 def check_place(path: Path, replace: bool = False) -> None:

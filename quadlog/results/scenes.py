@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.metrics.catalogue import THEMES
 from quadlog.results.numbers import sig
 from quadlog.results.run import Run
 from quadlog.results.view import (
     GAP_S,
     Activity,
     Array,
-    Ellipses,
     Layer,
     Lines,
     Marks,
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
 AROUND_M = 2.0
 """Margin of the first view around the walk."""
-WIDER = 2.0
-"""Anchors are in the first view unless it would show the walk smaller than this."""
 STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 STANDS_N = 1.0
@@ -51,94 +49,108 @@ CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 
 def walk_scene(run: Run) -> Scene | None:
     """Everything that moved, on the maps it moved on; None where nothing did."""
-    level, levels = _error_levels(run)
-    tracks = [track for track in _tracks(run, level) if track is not None]
+    tracks, walls, truth = list(_tracks(run)), list(_walls(run)), _truth(run)
+    ways = list(_reference(run, truth))
     if not tracks:
         return None
-    layers: list[Layer] = [*_walls(run), *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
-    layers += [*_plans(run), *tracks, *_errors(run), *_contacts(run)]
-    extent = _around(run, tracks)
-    if run.maps is not None and _side(extent) < STANDS_M + 2 * AROUND_M:
-        extent = _seen(run)
-    moments, activity = _moments(run), list(_activity(run))
-    return Scene(layers, extent, body=_body(run), levels=levels, moments=moments, activity=activity)
+    layers: list[Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
+    layers += [*_plans(run), *ways, *tracks, *_error_levels(run, truth), *_errors(run), *_contacts(run)]
+    extent = _extent(run, [*ways, *tracks], walls)
+    body = run.config.robot.length_m, run.config.robot.width_m
+    return Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
 
 
-def _around(run: Run, tracks: Sequence[Track]) -> tuple[float, float, float, float]:
-    """Around the tracks, and the anchors where the view stays within WIDER times the size."""
-    walked = [(track.x, track.y) for track in tracks]
-    extent = extent_of(*walked, margin=AROUND_M)
-    anchors_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2)
-    wider = extent_of(*walked, (anchors_m[:, 0], anchors_m[:, 1]), margin=AROUND_M)
-    return wider if _side(wider) <= WIDER * _side(extent) else extent
+def _extent(run: Run, ways: Sequence[Track | Lines], walls: Sequence[Raster]) -> tuple[float, float, float, float]:
+    """Around the ways and the anchors near them; around all that was seen by a robot that stands."""
+    walked = [(way.x, way.y) for way in ways]
+    left, right, bottom, top = extent_of(*walked, margin=AROUND_M)
+    side = max(right - left, top - bottom)
+    if walls and side < STANDS_M + 2 * AROUND_M:
+        return _filled(walls[0])
+    x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2).T
+    near = (np.abs(x_m - (left + right) / 2) < side) & (np.abs(y_m - (bottom + top) / 2) < side)
+    return extent_of(*walked, (x_m[near], y_m[near]), margin=AROUND_M)
 
 
-def _side(extent: tuple[float, float, float, float]) -> float:
-    left, right, bottom, top = extent
-    return max(right - left, top - bottom)
-
-
-def _tracks(run: Run, level: Array | None = None) -> Iterator[Track | None]:
-    if run.simulated:
-        yield _track(run.table("control"), "simulated robot", "resim", feet=True)
-        return
-    truth = run.trajectory("reference")
-    if truth is not None and run.metric("ate_rmse_m") is not None:  # a reference in another frame lies elsewhere
-        seconds, x, y = break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
-        yield Track("reference", "text", seconds, x, y, shape="none", variant=1)
+def _tracks(run: Run) -> Iterator[Track]:
     target = run.table("target")
     if target is not None and set(target["source"]) != {"ahead"}:  # the robot's own future lies on its own track
-        yield _track(target, "target", "target", shape="person")
-    yield _track(run.table("poses"), "robot", "robot", level=level)
-    yield _track(run.table("other_poses"), "other track", "olive", shape="none", variant=2)
-    yield _track(run.table("control"), "simulated robot", "resim", feet=True)
+        yield from _track(target, "target", "target", shape="person")
+    if not run.simulated:
+        yield from _track(run.table("poses"), "robot", "robot")
+    yield from _track(run.table("control"), "simulated robot", "resim")
 
 
-def _track(
-    table: DataFrame | None, label: str, color: str, level: Array | None = None, feet: bool = False, **look: Any
-) -> Track | None:
+def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iterator[Track]:
     """The rows of a table that have a position."""
-    if table is None:
-        return None
-    known = np.isfinite(table["x_m"].to_numpy()) & np.isfinite(table["y_m"].to_numpy())
-    rows = table[known].sort_values("seconds")
-    if not len(rows):
-        return None
-    columns: dict[str, Any] = {"x": rows["x_m"].to_numpy(), "y": rows["y_m"].to_numpy()}
+    rows = _located(table)
+    if rows is None:
+        return
+    columns: dict[str, Any] = {"x": rows["x_m"], "y": rows["y_m"]}
     if "yaw_rad" in rows:
-        columns["yaw"] = rows["yaw_rad"].to_numpy()
-    if level is not None:
-        columns["level"] = level[known]
+        columns["yaw"] = rows["yaw_rad"]
     forces = [f"fz_{leg}_n" for leg in range(4)]
-    if feet and rows[forces].notna().all(axis=None):
+    if forces[0] in rows and rows[forces].notna().all(axis=None):
         columns["feet"] = (rows[forces].to_numpy() > STANDS_N) @ (1 << np.arange(4))
     seconds, *values = break_gaps(rows["seconds"].to_numpy(), *columns.values())
     look |= dict(zip(columns, values, strict=True))
-    return Track(label, color, seconds, **look)
+    yield Track(label, color, seconds, **look)
 
 
-def _error_levels(run: Run) -> tuple[Array | None, tuple[str, ...]]:
-    """The class (N,) of each pose's distance to the reference, -1 where unknown, and the classes in words.
+def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
+    """The columns (N,) of these names, separated by spaces."""
+    return (table[name].to_numpy() for name in names.split())
+
+
+def _located(table: DataFrame | None) -> DataFrame | None:
+    """The rows with a position, in time; None without any."""
+    rows = None if table is None else table[np.isfinite(table["x_m"]) & np.isfinite(table["y_m"])]
+    return None if rows is None or not len(rows) else rows.sort_values("seconds", kind="stable")
+
+
+def _truth(run: Run) -> list[Array] | None:
+    """Seconds, x and y of the reference, broken at gaps; None where it lies in another frame, and of a course."""
+    truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
+    return None if truth is None else break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+
+
+def _reference(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
+    other = _located(run.table("other_poses"))
+    if truth is not None:
+        yield line("reference", "text", truth[1], truth[2], 1)
+    if other is not None:
+        _, x_m, y_m = break_gaps(*columns_of(other, "seconds x_m y_m"))
+        yield line("other track", "olive", x_m, y_m, 2)
+
+
+def _error_levels(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
+    """The robot's way in the colours of four classes of its distance to the reference.
 
     Their limits are 1, 2 and 3 times a round number, so that about 95 % of the distances lie below the last.
     """
-    truth, poses = run.trajectory("reference"), run.table("poses")
-    if truth is None or poses is None or run.metric("ate_rmse_m") is None:
-        return None, ()
-    seconds, x_m, y_m = break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
-    at_x_m, at_y_m = (np.interp(poses["seconds"], seconds, values, np.nan, np.nan) for values in (x_m, y_m))
-    error_m = np.hypot(poses["x_m"].to_numpy() - at_x_m, poses["y_m"].to_numpy() - at_y_m)
+    poses = _located(run.table("poses"))
+    if truth is None or poses is None:
+        return
+    seconds, x_m, y_m = break_gaps(*columns_of(poses, "seconds x_m y_m"))
+    true_x_m, true_y_m = (np.interp(seconds, truth[0], values, np.nan, np.nan) for values in truth[1:])
+    error_m = np.hypot(x_m - true_x_m, y_m - true_y_m)
     if not np.isfinite(error_m).any():
-        return None, ()
+        return
     third_m = max(float(np.nanpercentile(error_m, 95)) / 3, 1e-3)
     power = 10.0 ** np.floor(np.log10(third_m))
     step_m = power * next(digit for digit in (1, 2, 3, 5, 10) if digit * power >= third_m * (1 - 1e-9))
     limits_m = step_m * np.arange(1, 4)
     level = np.where(np.isfinite(error_m), np.searchsorted(limits_m, np.nan_to_num(error_m)), -1)
-    return level, (*(f"≤ {sig(limit)} m" for limit in limits_m), f"> {sig(limits_m[-1])} m")
+    words = [*(f"≤ {sig(limit)} m" for limit in limits_m), f"> {sig(limits_m[-1])} m"]
+    for number, text in enumerate(words):
+        there = level == number
+        there[1:] |= there[:-1]  # as far as the next pose, so that the way has no holes
+        if there.any():
+            x, y = np.where(there, x_m, np.nan), np.where(there, y_m, np.nan)
+            yield replace(line(f"error {text}", f"level-{number}", x, y), wide=True)
 
 
-def _walls(run: Run) -> Iterator[Layer]:
+def _walls(run: Run) -> Iterator[Any]:
     if run.maps is not None:
         share, origin_m, cell_m = run.maps.occupancy
         seen = np.where(share > 0, share, np.nan)
@@ -146,12 +158,11 @@ def _walls(run: Run) -> Iterator[Layer]:
         yield Windows("map at this instant", "cell", run.seconds(run.maps.t_ns), run.maps)
 
 
-def _seen(run: Run) -> tuple[float, float, float, float]:
-    """Around all cells that were ever occupied."""
-    assert run.maps is not None
-    share, origin_m, cell_m = run.maps.occupancy
-    row, column = np.nonzero(np.nan_to_num(share) > 0)
-    return extent_of((origin_m[0] + cell_m * column, origin_m[1] + cell_m * row))
+def _filled(raster: Raster) -> tuple[float, float, float, float]:
+    """Around all cells that have a value."""
+    row, column = np.nonzero(np.isfinite(raster.values))
+    x, y = raster.origin[0] + raster.cell * column, raster.origin[1] + raster.cell * row
+    return extent_of((x, y), (x + raster.cell, y + raster.cell))
 
 
 def _anchors(run: Run) -> Iterator[Layer]:
@@ -182,7 +193,8 @@ def _scans(run: Run) -> Iterator[Layer]:
 def _course(run: Run) -> Iterator[Layer]:
     paths = run.table("paths")
     if run.simulated and paths is not None:
-        yield line("course", "note", paths["x_m"].to_numpy(), paths["y_m"].to_numpy(), 1)
+        x_m, y_m = columns_of(paths, "x_m y_m")
+        yield line("course", "note", x_m, y_m, 1)
 
 
 def _fixes(run: Run) -> Iterator[Layer]:
@@ -194,11 +206,12 @@ def _fixes(run: Run) -> Iterator[Layer]:
     outlier = fixes["outlier"].to_numpy()
     for label, color, rows in (("UWB fixes", "fix", fixes[~outlier]), ("outlying fixes", "olive", fixes[outlier])):
         if len(rows):
-            seconds, x_m, y_m = (rows[name].to_numpy() for name in ("seconds", "x_m", "y_m"))
+            seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
             yield Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
-    seconds, x_m, y_m = (fixes[name].to_numpy() for name in ("seconds", "x_m", "y_m"))
-    xx_m2, xy_m2, yy_m2 = (fixes[f"cov_{axes}_m2"].to_numpy() for axes in ("xx", "xy", "yy"))
-    yield Ellipses("95 % ellipse of the fix", "fix", seconds, x_m, y_m, xx_m2, xy_m2, yy_m2)
+    seconds = fixes["seconds"].to_numpy()
+    later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
+    until = np.minimum(later, seconds + GAP_S)
+    yield _ellipses("95 % ellipse of the fix", "fix", fixes, seconds=seconds, until=until)
 
 
 def _late_ranges(run: Run) -> Iterator[Layer]:
@@ -212,7 +225,7 @@ def _late_ranges(run: Run) -> Iterator[Layer]:
         x_m, y_m = np.array([places_m[anchor] for anchor in late["anchor"].tolist()]).T
         seconds = late["seconds"].to_numpy()
         until, radius_m = seconds + NEAR_S / 4, late["range_m"].to_numpy()
-        yield Marks(LATE, "note", x_m, y_m, "circle", seconds, until, radius_m, hidden=True)
+        yield Marks(LATE, "note", x_m, y_m, "ring", seconds, until, radius_m, 0 * radius_m, radius_m, hidden=True)
 
 
 LATE_STD = 3.0
@@ -242,45 +255,39 @@ def _errors(run: Run) -> Iterator[Layer]:
     """The line from the simulated robot to the nearest point of its reference path: the error itself."""
     control = run.table("control")
     if control is not None and control["ref_x_m"].notna().any():
-        columns = (control[name].to_numpy() for name in ("x_m", "ref_x_m", "y_m", "ref_y_m"))
-        seconds, x_m, ref_x_m, y_m, ref_y_m = break_gaps(control["seconds"].to_numpy(), *columns)
-        x, y = np.stack([x_m, ref_x_m], 1).ravel(), np.stack([y_m, ref_y_m], 1).ravel()
+        seconds, *ends = break_gaps(*columns_of(control, "seconds x_m ref_x_m y_m ref_y_m"))
+        x, y = (np.stack(pair, axis=1).ravel() for pair in (ends[:2], ends[2:]))
         yield Lines("distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True)
 
 
 def _contacts(run: Run) -> Iterator[Layer]:
     contacts = run.table("contacts")
     if contacts is not None:
-        yield Marks("contact", "bad", contacts["x_m"].to_numpy(), contacts["y_m"].to_numpy(), "cross")
-
-
-def _body(run: Run) -> tuple[float, float]:
-    return run.config.robot.length_m, run.config.robot.width_m
+        x_m, y_m = columns_of(contacts, "x_m y_m")
+        yield Marks("contact", "bad", x_m, y_m, "cross")
 
 
 def _moments(run: Run) -> list[Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
-    found = []
-    contacts = run.table("contacts")
-    if contacts is not None:
-        rows = contacts.sort_values("collision", ascending=False, kind="stable")
-        columns = zip(*(rows[name].tolist() for name in ("seconds", "cause", "collision")), strict=True)
-        found = [Moment(at_s, cause, "collision" if hit else "no collision") for at_s, cause, hit in columns]
-    first, known = len(found), {moment.seconds for moment in found}
-    for name in (name for labels in THEMES.values() for name in labels):
-        metric = run.metrics.get(name)
-        if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
-            continue
-        seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])
-        if seconds not in known:  # metrics of one error are worst at one instant
-            known.add(seconds)
+    contacts = []
+    table = run.table("contacts")
+    if table is not None:
+        rows = zip(*columns_of(table, "seconds cause collision"), strict=True)
+        contacts = [Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
+        contacts.sort(key=lambda moment: moment.value != "collision")
+    known = {moment.seconds: moment for moment in contacts}
+    for theme, labels in THEMES.items():
+        for name, label in labels.items():
+            metric = run.metrics.get(name)
+            if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
+                continue
+            seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])
             worst = "" if metric.worst is None else value_text(name, abs(metric.worst), metric.unit)
-            shows = (LATE,) if CATALOGUE[name].theme == "Position" else ()
-            label = CATALOGUE[name].label
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
-            found.append(Moment(seconds, what, worst, name, shows))
-    touched, others = found[:first], [*found[first:], *_worst_of_tags(run)]
-    return [*touched[:MOST_CONTACTS], *others, *touched[MOST_CONTACTS:]]
+            shows = (LATE,) if theme == "Position" else ()
+            known.setdefault(seconds, Moment(seconds, what, worst, name, shows))  # one for metrics of one error
+    worst_ones = [moment for moment in known.values() if moment.name]
+    return [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *contacts[MOST_CONTACTS:]]
 
 
 MOST_CONTACTS = 6
@@ -298,9 +305,9 @@ def _worst_of_tags(run: Run) -> Iterator[Moment]:
     if errors is None:
         return
     track = errors[errors["source"] == "track"].dropna(subset=["error_x_m", "error_y_m"])
-    seconds, tags, bound_m = (track[name].to_numpy() for name in ("seconds", "tag", "bound_m"))
-    error_m = np.hypot(track["error_x_m"].to_numpy(), track["error_y_m"].to_numpy())
-    beyond = np.where(bound_m > 0, error_m / np.where(bound_m > 0, bound_m, 1.0), 0.0)
+    seconds, tags, bound_m, x_m, y_m = columns_of(track, "seconds tag bound_m error_x_m error_y_m")
+    error_m = np.hypot(x_m, y_m)
+    beyond = np.divide(error_m, bound_m, out=np.zeros(len(track)), where=bound_m > 0)
     if beyond.max(initial=0.0) > 1:
         at = int(beyond.argmax())
         words = f"{sig(float(beyond[at]), 2)} × the bound"
@@ -312,19 +319,14 @@ def _worst_of_tags(run: Run) -> Iterator[Moment]:
         yield Moment(float(seconds[at]), f"worst error of tag {tag}", words, f"tag {tag}", (LATE,))
 
 
-_ROLES = (
-    ("lidar", "scans"),
-    ("UWB", "ranges"),
-    ("positions", "poses"),
-    ("target", "target"),
-    ("joints", "joints"),
-    ("plans", "plans"),
-)
+_ROLES = {
+    "lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "target", "joints": "joints", "plans": "plans"
+}  # fmt: skip
 
 
 def _activity(run: Run) -> Iterator[Activity]:
     """When there was data of each role, contacts, and instants at which the reference path changes."""
-    for label, name in _ROLES:
+    for label, name in _ROLES.items():
         table = run.table(name)
         if table is not None and not run.simulated:
             seconds = np.sort(table["seconds"].to_numpy())
@@ -333,8 +335,7 @@ def _activity(run: Run) -> Iterator[Activity]:
             yield Activity(label, spans=list(spans))
     contacts = run.table("contacts")
     if contacts is not None:
-        events = zip(contacts["seconds"].tolist(), contacts["cause"].tolist(), strict=True)
-        yield Activity("contacts", events=list(events))
+        yield Activity("contacts", events=list(zip(*columns_of(contacts, "seconds cause"), strict=True)))
 
 
 def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
@@ -343,49 +344,40 @@ def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
 
 
 def geometry_scene(run: Run) -> Scene | None:
-    """How well the anchors' directions determine a position, and fixes with their ellipses."""
+    """How well the anchors' directions determine a position, and some fixes with their ellipses."""
     grid, fixes = run.arrays("dilution"), run.table("fixes")
     if grid is None or fixes is None:
         return None
-    hdop, cell_m = grid["hdop"], float(grid["cell_m"])
-    known = hdop[np.isfinite(hdop)]
-    low = float(known.min()) if len(known) else 0.0
-    high = max(1.3 * low, min(float(np.percentile(known, 98)), 4.0)) if len(known) else 4.0
-    values = np.clip(np.where(np.isfinite(hdop), hdop, high), low, high)
-    left, bottom = grid["origin_m"].tolist()
+    known = grid["hdop"][np.isfinite(grid["hdop"])]
+    low, most = np.percentile(known, [0, 98]).tolist() if len(known) else (0.0, 4.0)
+    high = max(1.3 * low, min(most, 4.0))
+    dilution = _heat("HDOP", "soft", grid, np.where(np.isfinite(grid["hdop"]), grid["hdop"], high), low, high, "×")
     good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
-    layers: list[Layer] = [Raster("HDOP", "soft", values, (left, bottom), cell_m, low, high, "×")]
-    layers.append(Marks("UWB fixes", "fix", good["x_m"].to_numpy(), good["y_m"].to_numpy()))
-    layers += [
-        line(track.label, track.color, track.x, track.y, track.variant)
-        for track in _tracks(run)
-        if track is not None and track.label in ("reference", "robot")
-    ]
-    if len(good):
-        layers.append(_outlines(good.iloc[thin_evenly(len(good), 24)]))
-    rows, columns = hdop.shape
-    return Scene([*layers, *_anchors(run)], (left, left + columns * cell_m, bottom, bottom + rows * cell_m))
+    layers: list[Layer] = [dilution]
+    layers += [Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run, _truth(run))]
+    layers += [line(of.label, of.color, of.x, of.y) for of in _track(run.table("poses"), "robot", "robot")]
+    layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[thin_evenly(len(good), 24)]))
+    return Scene([*layers, *_anchors(run)], _filled(dilution))
+
+
+def _heat(label: str, color: str, grid: Any, values: Array, low: float, high: float, unit: str) -> Raster:
+    place = tuple(grid["origin_m"].tolist()), float(grid["cell_m"])
+    return Raster(label, color, np.clip(values, low, high), *place, low, high, unit)
 
 
 SCALE_95 = 2.4477
 """From the standard to the 95 % ellipse in two dimensions: √5.991."""
+EPOCH_S = 0.02
+"""Fixes of several tags within this time belong together."""
 
 
-def outline_95(x: Array, y: Array, xx: Array, xy: Array, yy: Array) -> tuple[Array, Array]:
-    """Points (N, 41) on the 95 % ellipses about (x, y) with these covariances (N,)."""
-    turn = np.linspace(0, 2 * np.pi, 41)
-    std_x = np.sqrt(np.maximum(xx, 1e-12))[:, None]
-    cross = xy[:, None] / std_x
-    std_y = np.sqrt(np.maximum(yy[:, None] - cross**2, 0.0))
-    along = SCALE_95 * std_x * np.cos(turn)
-    return x[:, None] + along, y[:, None] + SCALE_95 * (cross * np.cos(turn) + std_y * np.sin(turn))
-
-
-def _outlines(fixes: DataFrame) -> Lines:
-    columns = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
-    x_m, y_m = outline_95(*(fixes[name].to_numpy() for name in columns))
-    first = np.arange(len(fixes) + 1) * x_m.shape[1]
-    return Lines("95 % ellipses of some fixes", "note", first, x_m.ravel(), y_m.ravel())
+def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> Marks:
+    x_m, y_m, xx_m2, xy_m2, yy_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
+    along_m = np.sqrt(np.maximum(xx_m2, 1e-12))
+    cross_m = xy_m2 / along_m
+    aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
+    axes: dict[str, Any] = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
+    return Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 
 def scan_points(run: Run) -> dict[str, Array] | None:
@@ -409,8 +401,8 @@ def scan_scene(run: Run) -> Scene | None:
     layers: list[Layer] = [
         Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
     ]
-    corners = np.array(_body(run)) / 2 * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]
-    layers.append(line("robot", "robot", corners[:, 0], corners[:, 1]))
+    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
+    layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
     every = np.concatenate([of[:, :2] for of in points.values()])
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
     return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
@@ -421,13 +413,7 @@ def terrain_scene(run: Run) -> Scene | None:
     ground = run.arrays("ground")
     if ground is None or not np.isfinite(ground["height_m"]).any():
         return None
-    height_m, cell_m = ground["height_m"], float(ground["cell_m"])
-    low, high = np.nanpercentile(height_m, [1, 99]).tolist()
+    low, high = np.nanpercentile(ground["height_m"], [1, 99]).tolist()
     high = max(high, low + 0.02)  # a flat floor looks flat
-    left, bottom = ground["origin_m"].tolist()
-    row, column = np.nonzero(np.isfinite(height_m))
-    box = extent_of((left + cell_m * column, bottom + cell_m * row))
-    values = np.clip(height_m, low, high)
-    return Scene(
-        [Raster("height of the ground", "text", values, (left, bottom), cell_m, low, high, "m", "cividis")], box
-    )
+    heights = _heat("height of the ground", "plan", ground, ground["height_m"], low, high, "m")
+    return Scene([heights], _filled(heights))

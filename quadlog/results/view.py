@@ -28,10 +28,12 @@ GAP_S = MAX_UNMEASURED_NS * 1e-9
 COLORS = {
     "robot": "#0072B2", "target": "#D55E00", "plan": "#009E73", "resim": "#CC79A7", "note": "#E69F00",
     "fix": "#56B4E9", "olive": "#8A7A00", "text": "#1A1A1A", "soft": "#8C8C8C", "wall": "#6E6E6E", "cell": "#1A1A1A",
-    "bad": "#B3003C",
+    "bad": "#B3003C", "level-0": "#5AA9DC", "level-1": "#1F6FA8", "level-2": "#7A3B9A", "level-3": "#B3003C",
 }  # fmt: skip
 MOST_DOTS = 200
 """Of a row of a forest plot."""
+MOST_COMPARED = 4000
+"""Samples of a curve beside those of other runs, whose own pages have all."""
 CYCLE = ("robot", "target", "plan", "resim", "note", "fix", "olive", "text")
 """Colours of things that are many and alike (anchors, runs, planners); after these they repeat with another variant."""
 
@@ -77,9 +79,9 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raster:
-    """Still cells: values (rows, columns) from low to high, NaN for none, row = y; origin: lower-left corner.
+    """Still cells: values (rows, columns), NaN for none, row = y, from low, pale, to high, in the colour.
 
-    ramp: `fade`, from transparent to the colour, or the colour map `cividis`, which gets a scale.
+    origin: lower-left corner. unit: of a raster with a scale.
     """
 
     label: str
@@ -90,7 +92,6 @@ class Raster:
     low: float
     high: float
     unit: str = ""
-    ramp: Literal["fade", "cividis"] = "fade"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,11 +106,11 @@ class Windows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lines:
-    """Polylines; line k has the rows first[k] to first[k + 1] of x and y.
+    """Polylines with NaN in gaps; line k has the rows first[k] to first[k + 1] of x and y.
 
     seconds (K,): line k is shown from then until the next one's. shown: number of timed lines in a picture of the whole
     time; 0 for lines that only a single instant shows. measured: lines of two points, with their length beside the
-    second one.
+    second one. wide: beside a thin line on the same way.
     """
 
     label: str
@@ -121,23 +122,27 @@ class Lines:
     variant: int = 0
     shown: int = 12
     measured: bool = False
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """Points. seconds, until (N,): the time in which each is shown; radius (N,): of circles instead of points.
+    """Points. seconds, until (N,): the time in which each is shown. names: written beside the points.
 
-    names: written beside the points. hidden: switched off until the reader switches it on; left out of pictures.
+    along, cross, aside (N,): of rings instead of points, (x + along cos φ, y + cross cos φ + aside sin φ).
+    hidden: switched off until the reader switches it on; left out of pictures.
     """
 
     label: str
     color: str
     x: Array
     y: Array
-    shape: Literal["dot", "triangle", "cross", "star", "circle"] = "dot"
+    shape: Literal["dot", "triangle", "cross", "ring"] = "dot"
     seconds: Array | None = None
     until: Array | None = None
-    radius: Array | None = None
+    along: Array | None = None
+    cross: Array | None = None
+    aside: Array | None = None
     names: Sequence[str] = ()
     hidden: bool = False
 
@@ -146,8 +151,7 @@ class Marks:
 class Track:
     """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown.
 
-    feet: a bit for each standing foot, -1 where unknown. level: index of each pose's error class among the scene's
-    `levels`, -1 where unknown. trail: whether the way is drawn.
+    feet: a bit for each standing foot, -1 where unknown. trail: whether the way is drawn.
     """
 
     label: str
@@ -156,29 +160,13 @@ class Track:
     x: Array
     y: Array
     yaw: Array | None = None
-    shape: Literal["body", "person", "dot", "star", "none"] = "body"
+    shape: Literal["body", "person", "dot", "star"] = "body"
     feet: Array | None = None
-    level: Array | None = None
     trail: bool = True
     variant: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ellipses:
-    """The 95 % ellipse of each position, seconds (N,), with its covariance xx, xy, yy in m²; hidden as in Marks."""
-
-    label: str
-    color: str
-    seconds: Array
-    x: Array
-    y: Array
-    xx: Array
-    xy: Array
-    yy: Array
-    hidden: bool = False
-
-
-Layer = Raster | Windows | Lines | Marks | Track | Ellipses
+Layer = Raster | Windows | Lines | Marks | Track
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,8 +197,7 @@ class Scene:
     """Layers, lowest first, in metres or cells. extent: left, right, bottom, top of the first view.
 
     step: name of a step where the slider counts steps (`replan`), empty for seconds. near: width of a first view that
-    follows the last track; 0 for the whole extent. body: length and width of the
-    robot in metres.
+    follows the last track; 0 for the whole extent. body: length and width of the robot in metres.
     """
 
     layers: Sequence[Layer]
@@ -220,21 +207,14 @@ class Scene:
     step: str = ""
     near: float = 0.0
     body: tuple[float, float] | None = None
-    levels: Sequence[str] = ()
     moments: Sequence[Moment] = ()
     activity: Sequence[Activity] = ()
 
     @property
-    def moves(self) -> bool:
-        """Whether it has a time."""
-        return any(isinstance(layer, Track) for layer in self.layers)
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """First and last instant of the tracks; those that are only a way, as the reference, may last longer."""
-        tracks = [layer for layer in self.layers if isinstance(layer, Track)]
-        times = [track.seconds for track in [each for each in tracks if each.shape != "none"] or tracks]
-        return min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
+    def span(self) -> tuple[float, float] | None:
+        """First and last instant of the tracks; None for a scene without a time."""
+        ends = [layer.seconds[[0, -1]].tolist() for layer in self.layers if isinstance(layer, Track)]
+        return (min(first for first, _ in ends), max(last for _, last in ends)) if ends else None
 
 
 Drawing = Sequence[Panel] | Scene
@@ -244,15 +224,13 @@ Drawing = Sequence[Panel] | Scene
 class Figure:
     """A figure of a run. name: stem of its file. caption: how to read it. make: returns None without the data.
 
-    about: the part of the page, `walk` or `sensors`. saved: drawn into plots/ by a replay; `export --to figures` draws
-    all. compared: also shown for several runs.
+    saved: drawn into plots/ by a replay; `export --to figures` draws all. compared: also shown for several runs.
     """
 
     name: str
     title: str
     caption: str
     make: Callable[[Run], Drawing | None]
-    about: Literal["walk", "sensors"] = "walk"
     saved: bool = False
     compared: bool = True
 
@@ -338,12 +316,11 @@ def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
     merged: dict[str, Panel] = {}
     for number, (name, panels) in enumerate(runs.items()):
         for panel in panels:
-            one = merged.setdefault(panel.what, replace(panel, series=(), marks=np.empty(0)))
-            curves = [series for series in panel.series if series.style != "band"]
-            added = [
-                replace(series, label=f"{name}: {series.label}", color=look(number)["color"], variant=place)
-                for place, series in enumerate(curves)
-            ]
+            one, added = merged.setdefault(panel.what, replace(panel, series=(), marks=np.empty(0))), []
+            for place, series in enumerate(of for of in panel.series if of.style != "band"):
+                keep = thin_evenly(len(series.x), MOST_COMPARED)
+                look_of = {"color": look(number)["color"], "variant": place, "label": f"{name}: {series.label}"}
+                added.append(replace(series, x=series.x[keep], y=series.y[keep], **look_of))
             merged[panel.what] = replace(one, series=(*one.series, *added))
     return list(merged.values())
 
@@ -356,7 +333,7 @@ def merge_scenes(runs: Mapping[str, Scene]) -> Scene:
         tracks = [layer for layer in scene.layers if isinstance(layer, Track)]
         for place, track in enumerate(tracks):
             label = name if len(tracks) == 1 else f"{name}: {track.label}"
-            layers.append(replace(track, label=label, level=None, color=look(number)["color"], variant=place))
+            layers.append(replace(track, label=label, color=look(number)["color"], variant=place))
     box = np.array([scene.extent for scene in runs.values()])
     extent = (float(box[:, 0].min()), float(box[:, 1].max()), float(box[:, 2].min()), float(box[:, 3].max()))
-    return replace(first, layers=layers, extent=extent, levels=(), moments=(), activity=())
+    return replace(first, layers=layers, extent=extent, moments=(), activity=())

@@ -54,6 +54,11 @@ class Bound(NamedTuple):
     state: State
 
 
+def state_of(name: str, value: float, bound: Bound | None) -> State:
+    """How a value is coloured: by its bound, and without one by what is usual."""
+    return bound.state if bound is not None else "warn" if is_alarming(name, value) else ""
+
+
 def bounds_of(run: Run) -> dict[str, Bound]:
     """The bounds in the run's [expect], by metric."""
     found = {}

@@ -33,7 +33,7 @@ answer(async () => {
     say.linked.push(now() - Number(moment.hash.slice(3)));
   }
   say.shown = pixels("note");
-  const entry = (words) => all(".layers button").find(({ textContent }) => textContent === words);
+  const entry = (words) => all(".layers button").find(({ textContent }) => textContent.slice(1) === words);
   say.target = [pixels("target")];
   for (let time = 0; time < 2; time++) {
     entry("target").click();

@@ -79,8 +79,12 @@ def test_a_list_of_runs_is_sorted_searched_and_unfolded(tmp_path: Path, probe: P
     assert set(say["found"]) == {"walk-10", *(f"walk-10{digit}" for digit in range(10))}
 
 
-def test_planners_with_one_path_are_all_seen(tiny_run: Path, probe: Probe) -> None:
-    assert min(probe(PAGES["planners"](tiny_run), "planners")["seen"]) > 20
+def test_planners_with_one_path_are_all_seen_step_by_step(tiny_run: Path, probe: Probe) -> None:
+    say = probe(PAGES["planners"](tiny_run), "planners")
+    assert min(say["seen"]) > 20
+    assert say["keys"] == [2, 3, 2]
+    assert say["clock"].startswith("replan 2 of ")
+    assert say["heads"] == say["charts"] - 1 > 1  # the ratios have no step
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])

@@ -146,4 +146,4 @@ def test_of_a_remote_run_only_what_is_compared_is_asked_for(follow, web, quadlog
     assert (done.code, done.err) == (0, "")
     asked = {path.rpartition("/")[2] for _, path, _ in web.requests}
     assert {"run.json", "fixes.parquet", "maps.npz"} <= asked
-    assert asked.isdisjoint({"derived.mcap", "report.html", "foxglove-layout.json", "config.toml", "stages.json"})
+    assert asked.isdisjoint({"derived.mcap", "report.html", "foxglove-layout.json", "config.toml"})

@@ -99,7 +99,8 @@ def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_says_what_is_left(
     again = ["replay", *two, "--dry-run"]
     lines = ok(*again, "--resume", "--jobs", "2").splitlines()
     assert [line.split()[0] for line in lines[:2]] == ["skip", "run"]
-    assert lines[-1].startswith("1 of 2 to replay, ")
+    assert lines[2].startswith("1 of 2 to replay, ")
+    assert ".stages: " in lines[3]
     done = quadlog(*again, "--resume", "--json")
     _, new = json.loads(done.out)
     assert new["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size

@@ -50,8 +50,8 @@ def _planners(run: Path) -> Path:
 def _papers(run: Path) -> Path:
     rows = (PaperRow("e", 7.0), *(PaperRow(f"{v} (m)", 1.23, 1.2, 1.0, 1.5, v, "why") for v in Verdict))
     groups = (RowGroup("Judged", "Text.", rows), RowGroup("Unprinted", "", (PaperRow("f", 7.0),)))
-    table = PaperTable("one", "Title", "The `cap`.", "Sizes.", 0, True, groups, (), ("Erratum.",))
-    page: Page = papers_page([SavedTable(table, Origin("code", True, 0))], "code", ())
+    table = PaperTable("one", "Title", "The `cap`.", "Sizes.", 0, True, groups)
+    page: Page = papers_page([SavedTable(table, Origin("code", True, 0))], "code")
     return write_page(run.with_name("papers.html"), page)
 
 

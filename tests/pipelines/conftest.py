@@ -198,7 +198,7 @@ def results_of(run: Path) -> dict[str, object]:
         elif name == "metrics.json":
             found[name] = {key: each for key, each in json.loads(path.read_text()).items() if key != "realtime_factor"}
         else:
-            found[name] = None if name in ("stages.json", "report.html") else path.read_bytes()
+            found[name] = None if name == "report.html" else path.read_bytes()
     return found
 
 

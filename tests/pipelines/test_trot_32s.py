@@ -11,7 +11,7 @@ from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, InvalidConfigValue
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
-from quadlog.pipelines.simulate import SimulatedRun, SimulateRequest, trot_32s
+from quadlog.pipelines.simulate import SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
@@ -32,7 +32,7 @@ def short(monkeypatch) -> None:
 
 @pytest.fixture(scope="module")
 def walked(once) -> list[SimulatedRun]:
-    return once("trotted", lambda runs: trot_32s(_request(runs, "payload_kg=1.2"), 1, Silent()))
+    return once("trotted", lambda runs: simulate(_request(runs, "payload_kg=1.2"), 1, Silent()))
 
 
 def test_there_is_a_run_for_each_curve(walked):
@@ -91,16 +91,16 @@ def test_the_page_can_be_made_again(walked):
 
 
 def test_the_written_config_gives_the_same_walks(tmp_path, short):
-    walked = trot_32s(_request(tmp_path / "first", "payload_kg=1.2"), 1, Silent())
+    walked = simulate(_request(tmp_path / "first", "payload_kg=1.2"), 1, Silent())
     config = load_config(walked[0].run / "config.toml", [], {})
-    again = trot_32s(SimulateRequest("trot-32s", config, output=tmp_path / "again"), 1, Silent())
+    again = simulate(SimulateRequest("trot-32s", config, output=tmp_path / "again"), 1, Silent())
     for before, after in zip(walked, again, strict=True):
         for name in ("control.parquet", "config.toml", "trajectory.tum"):
             assert (after.run / name).read_bytes() == (before.run / name).read_bytes(), name
 
 
 def test_many_seeds_have_folders_below_the_curves(tmp_path, short):
-    runs = trot_32s(_request(tmp_path, seeds=(4, 5)), 1, Silent())
+    runs = simulate(_request(tmp_path, seeds=(4, 5)), 1, Silent())
     assert [str(each.run.relative_to(tmp_path / "trot-32s")) for each in runs] == [
         "baseline/seed-004",
         "baseline/seed-005",
@@ -116,7 +116,7 @@ def test_many_seeds_have_folders_below_the_curves(tmp_path, short):
 @pytest.mark.nightly
 def test_many_processes_give_the_same_bytes(walked, tmp_path):
     request = _request(tmp_path, "payload_kg=1.2", seeds=(0, 1))
-    there = [each for each in trot_32s(request, 2, Silent()) if each.seed == 0]
+    there = [each for each in simulate(request, 2, Silent()) if each.seed == 0]
     for a, b in zip(walked, there, strict=True):
         assert b.run.parts[-2:] == (a.run.name, "seed-000")
         for name in ("control.parquet", "trajectory.tum", "plots/euler_angles.png"):
@@ -125,23 +125,23 @@ def test_many_processes_give_the_same_bytes(walked, tmp_path):
 
 def test_nothing_is_overwritten_unless_forced(tmp_path, short):
     request = _request(tmp_path)
-    run = trot_32s(request, 1, Silent())[1].run
+    run = simulate(request, 1, Silent())[1].run
     (run / "mine.txt").touch()
     with pytest.raises(AlreadyExists, match="use --force to replace it"):
-        trot_32s(request, 1, Silent())
-    trot_32s(replace(request, force=True), 1, Silent())
+        simulate(request, 1, Silent())
+    simulate(replace(request, force=True), 1, Silent())
     assert (run / "mine.txt").exists()
 
 
 def test_a_curve_out_of_reach_leaves_nothing_behind(tmp_path):
     with pytest.raises(InvalidConfigValue, match="foot_curve_k"):
-        trot_32s(_request(tmp_path / "runs", "foot_curve_k=1"), 1, Silent())
+        simulate(_request(tmp_path / "runs", "foot_curve_k=1"), 1, Silent())
     assert not (tmp_path / "runs").exists()
 
 
 def test_a_fall_is_a_result(tmp_path, short):
     progress = Kept()
-    runs = trot_32s(_request(tmp_path, "payload_kg=50", "payload_x_m=0.4"), 1, progress)
+    runs = simulate(_request(tmp_path, "payload_kg=50", "payload_x_m=0.4"), 1, progress)
     assert all(each.metrics["fallen"]["value"] == 1 for each in runs)
     assert all(each.ended.startswith("fell after ") for each in runs)
     assert any("fell after" in line for line in progress.lines)

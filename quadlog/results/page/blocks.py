@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from quadlog.results.page.pack import Pack
@@ -48,10 +48,10 @@ class Shown(NamedTuple):
 
     label: str
     value: str
-    small: str = ""
-    help: str = ""
-    state: State = ""
-    seconds: float | None = None
+    small: str
+    help: str
+    state: State
+    seconds: float | None
 
 
 class Cards(NamedTuple):
@@ -105,18 +105,10 @@ class Table(NamedTuple):
     title: str = ""
 
 
-class Chart(NamedTuple):
-    """A drawing of the page's pack made of panels."""
+class Drawn(NamedTuple):
+    """A drawing of the page's pack: panels of curves, or a scene, which has a player if it moves.
 
-    name: str
-    title: str = ""
-    caption: str = ""
-
-
-class SceneView(NamedTuple):
-    """A drawing of the page's pack that is a scene; one that moves has a player.
-
-    start: instant of the first view. small: a thumbnail without controls, a link to href.
+    start: instant of the first view. href: where a thumbnail leads.
     """
 
     name: str
@@ -124,21 +116,20 @@ class SceneView(NamedTuple):
     caption: str = ""
     moments: Sequence[Moment] = ()
     start: float | None = None
-    small: bool = False
     href: str = ""
 
 
 class Beside(NamedTuple):
     """A scene with a player above its timeline, beside curves on its time axis in a column that scrolls by itself."""
 
-    scene: SceneView
-    charts: Sequence[Chart]
+    scene: Drawn
+    charts: Sequence[Drawn]
 
 
 class Gallery(NamedTuple):
-    """Thumbnails beside each other."""
+    """Scenes as thumbnails beside each other."""
 
-    views: Sequence[SceneView]
+    views: Sequence[Drawn]
 
 
 class Picture(NamedTuple):
@@ -208,31 +199,21 @@ def render(page: Page) -> bytes:
     )
     # Only files of this package and escaped data are inserted as they are.
     inside = {"styles": list(map(Markup, styles)), "scripts": list(map(Markup, scripts))}
-    data = Markup(_script_json(page.pack.finish())) if page.pack else None  # noqa: S704
+    data = htmlsafe_json_dumps(page.pack.finish(), separators=(",", ":"), allow_nan=False) if page.pack else None
     template = _environment().get_template("page.html.jinja")
     text = template.render(page=page, policy=policy, data=data, version=__version__, **inside)
     # Names may contain lone surrogates, which cannot be encoded.
     return text.encode("utf-8", "replace")
 
 
-def _script_json(content: Any) -> str:
-    """JSON that may stand inside a script element: no text in it can end the element or begin a comment."""
-    text = json.dumps(content, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
 @cache
 def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_own_file),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+    blanks: dict[str, Any] = {"trim_blocks": True, "lstrip_blocks": True, "keep_trailing_newline": True}
+    loader = jinja2.FunctionLoader(_own_file)
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, **blanks)
     environment.filters["kind"] = lambda block: type(block).__name__.lower()
     environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
+    environment.filters["instant"] = lambda seconds: f"#t={seconds:.3f}"
     return environment
 
 

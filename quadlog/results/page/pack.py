@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,6 @@ from quadlog.results.view import (
     Drawing,
     Layer,
     Lines,
-    Marks,
     Panel,
     Raster,
     Scene,
@@ -35,8 +34,8 @@ from quadlog.results.view import (
 DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""
 UNITS = {
-    **dict.fromkeys(("seconds", "until", "marks"), 1e-3), **dict.fromkeys(("x", "y", "radius"), 1e-3), "yaw": 1e-4,
-    **dict.fromkeys(("first", "feet", "level"), 1.0),
+    **dict.fromkeys(("seconds", "until", "marks", "x", "y", "along", "cross", "aside"), 1e-3), "yaw": 1e-4,
+    **dict.fromkeys(("first", "feet"), 1.0),
 }  # fmt: skip
 """Of instants (s), positions (m or cells), angles (rad) and counts; others get a power of ten by their span."""
 POSE_S = 0.04
@@ -59,7 +58,7 @@ class Pack:
         self._known: dict[bytes, int] = {}
         self._parts: list[bytes] = []
         self._cells: list[bytes] = []
-        self._notes: list[str] = []
+        self._notes: dict[str, None] = {}
         self._instants = np.empty(0)  # of the moments of the scene
 
     def __bool__(self) -> bool:
@@ -124,12 +123,8 @@ class Pack:
             after = np.searchsorted(self._instants, seconds).clip(1, len(self._instants)) - 1
             both = self._instants[np.minimum([after, after + 1], len(self._instants) - 1)]
             kept = np.union1d(kept, np.flatnonzero(np.abs(seconds - both).min(axis=0) <= NEAR_S))
-        self._note(f"{count(len(kept))} of {count(length)} {what}")
+        self._notes[f"{count(len(kept))} of {count(length)} {what}"] = None
         return kept
-
-    def _note(self, text: str) -> None:
-        if text not in self._notes:
-            self._notes.append(text)
 
     def _described(self, of: Any, keep: Array | None = None) -> dict[str, Any]:
         """The fields of a drawing's part: arrays (N,) as numbers of columns with the rows kept, others as they are."""
@@ -153,9 +148,8 @@ class Pack:
     def _scene(self, scene: Scene) -> dict[str, Any]:
         self._instants = np.sort([moment.seconds for moment in scene.moments])
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
-        activity = [{"label": row.label, "spans": row.spans, "events": row.events} for row in scene.activity]
-        span = {"span": scene.span} if scene.moves else {}
-        return self._described(replace(scene, moments=())) | {"layers": layers, "activity": activity, **span}
+        activity = [asdict(row) for row in scene.activity]
+        return self._described(scene) | {"layers": layers, "activity": activity, "moments": (), "span": scene.span}
 
     def _layer(self, layer: Layer) -> dict[str, Any]:
         match layer:
@@ -166,10 +160,8 @@ class Pack:
             case Lines():
                 return self._lines(layer)
             case Track():
-                return self._described(_turned(layer), self._poses(layer))
-        middle = layer.seconds
-        if isinstance(layer, Marks) and layer.seconds is not None and layer.until is not None:
-            middle = (layer.seconds + layer.until) / 2
+                return self._track(layer)
+        middle = None if layer.seconds is None or layer.until is None else (layer.seconds + layer.until) / 2
         return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label, middle))
 
     def _raster(self, layer: Raster) -> dict[str, Any]:
@@ -210,22 +202,18 @@ class Pack:
         first = np.cumsum([0, *map(len, rows)])
         return self._described(replace(layer, first=first, x=layer.x[every], y=layer.y[every], seconds=seconds))
 
-    def _poses(self, layer: Track) -> Array:
-        """Rows of a track: one each POSE_S or less often, with the row before each gap and the gap."""
-        seconds, gap = layer.seconds, np.isnan(layer.x)
-        if not len(seconds):
-            return np.arange(0)
+    def _track(self, track: Track) -> dict[str, Any]:
+        """A pose each POSE_S or less often, with the row before each gap and the gap.
+
+        Its yaw is unwrapped, so that a straight line between two poses is the shorter turn.
+        """
+        seconds, gap = track.seconds, np.isnan(track.x)
         step_s = max(POSE_S, float(seconds[-1] - seconds[0]) / MOST_POSES)
         slot = np.floor((seconds - seconds[0]) / step_s + 1e-6)
-        kept = np.append(True, np.diff(slot) > 0) | gap | np.append(gap[1:], False) | np.append(False, gap[:-1])
-        kept[-1] = True
+        kept = np.append(True, np.diff(slot) > 0) | gap | np.append(gap[1:], True) | np.append(False, gap[:-1])
         if step_s > POSE_S and not kept.all():
-            self._note(f"{layer.label}: a position every {step_s:.2g} s")
-        return np.flatnonzero(kept)
-
-
-def _turned(track: Track) -> Track:
-    """With yaw unwrapped, so that a straight line between two poses is the shorter turn."""
-    if track.yaw is None:
-        return track
-    return replace(track, yaw=np.where(np.isnan(track.yaw), np.nan, np.unwrap(np.nan_to_num(track.yaw))))
+            self._notes[f"{track.label}: a position every {step_s:.2g} s"] = None
+        yaw = track.yaw
+        if yaw is not None:
+            yaw = np.where(np.isnan(yaw), np.nan, np.unwrap(np.nan_to_num(yaw)))
+        return self._described(replace(track, yaw=yaw), np.flatnonzero(kept))

@@ -19,12 +19,11 @@ from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import (
     Beside,
     Cell,
-    Chart,
     Column,
     Details,
+    Drawn,
     Notes,
     Page,
-    SceneView,
     Section,
     Sentence,
     Table,
@@ -145,7 +144,7 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
     charts, view = [], list[Any]()
     if number < MOST_DRAWN and (panel := ratio_panel(comparison)) is not None:
         pack.add(f"ratios-{number}", [panel], group)
-        charts.append(Chart(f"ratios-{number}", "Ratios", RATIO_CAPTION))
+        charts.append(Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
     if sample is not None and sample.kept:
         names = [row.planner for row in comparison.rows]
         pack.add(f"paths-{number}", question_scene(sample, names), group)
@@ -156,10 +155,10 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
         if len(sample.kept) > 1:
             panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
             pack.add(f"answers-{number}", panels, group)
-            charts.append(Chart(f"answers-{number}", f"Each {sample.step}", caption))
+            charts.append(Drawn(f"answers-{number}", f"Each {sample.step}", caption))
         cells = next(iter(answers.values()))
         hardest = int(np.nanargmax(cells[names[0]])) + 1
-        scene = SceneView(f"paths-{number}", "paths of all planners", start=float(hardest))
+        scene = Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
         view = [Beside(scene, charts) if charts else scene, *([Text(caption)] if sample.stride > 1 else [])]
     return [*(view or charts), planner_table(comparison, number)]
 

@@ -16,12 +16,11 @@ from quadlog.results.page.blocks import (
     Beside,
     Cards,
     Cell,
-    Chart,
     Column,
     Details,
+    Drawn,
     Notes,
     Page,
-    SceneView,
     Section,
     Shown,
     Table,
@@ -31,10 +30,10 @@ from quadlog.results.page.blocks import (
 )
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
-from quadlog.results.record import LossRecord, SavedMetric
+from quadlog.results.record import LossRecord
 from quadlog.results.run import Run
 from quadlog.results.view import TIME, Drawing, Moment, Scene
-from quadlog.results.words import Bound, State, bounds_of, interval_text, is_alarming, label_of, value_text
+from quadlog.results.words import Bound, bounds_of, interval_text, label_of, state_of, value_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -53,28 +52,22 @@ def write_run_page(run: Run, drawings: Mapping[str, Drawing] | None = None) -> P
 
 def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
     """The page of a run and these drawings."""
-    pack, views = Pack(), dict[str, Any]()
-    for figure in FIGURES:
-        if (drawing := drawings.get(figure.name)) is not None:
-            pack.add(figure.name, drawing)
-            kind = SceneView if isinstance(drawing, Scene) else Chart
-            views[figure.name] = kind(figure.name, figure.title, figure.caption)
-    scene = drawings.get("trajectory")
+    pack, views = Pack(), dict[str, Drawn]()
+    for figure in (figure for figure in FIGURES if figure.name in drawings):
+        pack.add(figure.name, drawings[figure.name])
+        views[figure.name] = Drawn(figure.name, figure.title, figure.caption)
     first: list[Any] = [Verdict(verdict(run)), Cards(cards(run))]
+    scene = drawings.get("trajectory")
     if isinstance(scene, Scene):
+        player = Drawn("trajectory", moments=scene.moments, start=_start(scene.moments))
+        timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         del views["trajectory"]
-        player = SceneView("trajectory", moments=scene.moments, start=_start(scene.moments))
-        curves = [views.pop(name) for name in _timed(drawings)]
+        curves = [views.pop(name) for name in timed]
         first.append(Beside(player, curves) if curves else player)
-    walk, sensors = (
-        [views[figure.name] for figure in FIGURES if figure.about == about and figure.name in views]
-        for about in ("walk", "sensors")
-    )
     help_text = f"Drag in a chart to zoom, double-click to see all; a click moves the map there. {pack.thinned}"
     sections = [
         Section("", [*first, *_lost(run)]),
-        Section("Walk", walk),
-        Section("Sensors", [*_tables(run, "links"), *sensors], help_text.strip()),
+        Section("Sensors", [*_tables(run, "links"), *views.values()], help_text.strip()),
         Section("Metrics", [metric_table(run)] if run.metrics else []),
         Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run)]),
         Section("Topics", list(_topics(run))),
@@ -83,31 +76,17 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
     return Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
 
 
-def _timed(drawings: Mapping[str, Drawing]) -> list[str]:
-    """Charts over time, which stand beside the map; the error of the positions comes second."""
-    names = [
-        figure.name
-        for figure in FIGURES
-        if not isinstance(drawing := drawings.get(figure.name, ()), Scene) and drawing and drawing[0].x == TIME
-    ]
-    return sorted(names, key=lambda name: {"trot": 0, "tracking_error": 0, "uwb_error": 1}.get(name, 2))
-
-
 def _start(moments: Sequence[Moment]) -> float | None:
     """The instant of the first view: the worst one of what matters most, which the map then draws."""
-    worst = {moment.name: moment.seconds for moment in moments}
-    first = moments[0].seconds if moments else None
-    return next((worst[name] for name in _START if name in worst), first)
+    ranked = sorted(moments, key=lambda moment: _START.index(moment.name) if moment.name in _START else len(_START))
+    return ranked[0].seconds if ranked else None
 
 
 def _facts(run: Run) -> list[str]:
     record = run.record
-    stages = ", ".join(stage.name for stage in record.stages)
-    made = "simulated" if run.simulated else "replayed"
-    facts = [f"{sig(record.recorded_s)} s", f"{made} by quadlog {record.quadlog_version}"]
-    if record.realtime_factor is not None:
-        facts.insert(1, f"{sig(record.realtime_factor)} × real time")
-    return [*facts, stages]
+    speed = [] if record.realtime_factor is None else [f"{sig(record.realtime_factor)} × real time"]
+    made = f"{'simulated' if run.simulated else 'replayed'} by quadlog {record.quadlog_version}"
+    return [f"{sig(record.recorded_s)} s", *speed, made, ", ".join(stage.name for stage in record.stages)]
 
 
 def cards(run: Run) -> list[tuple[str, list[Shown]]]:
@@ -128,17 +107,10 @@ def _shown(run: Run, name: str, bound: Bound | None) -> Shown:
     metric, meaning = run.metrics.get(name), f"{CATALOGUE[name].meaning} ({name})"
     expected = "" if bound is None else f"expected {bound.words}"
     if metric is None:
-        return Shown(label_of(name), "not measured", expected, meaning, "bad")
-    state = _state(name, metric, bound)
-    small = expected or interval_text(name, metric)
+        return Shown(label_of(name), "not measured", expected, meaning, "bad", None)
+    small, value = expected or interval_text(name, metric), value_text(name, metric.value, metric.unit)
     seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
-    return Shown(label_of(name), value_text(name, metric.value, metric.unit), small, meaning, state, seconds)
-
-
-def _state(name: str, metric: SavedMetric | None, bound: Bound | None) -> State:
-    if bound is not None:
-        return bound.state
-    return "warn" if metric is not None and is_alarming(name, metric.value) else ""
+    return Shown(label_of(name), value, small, meaning, state_of(name, metric.value, bound), seconds)
 
 
 def metric_table(run: Run) -> Table:
@@ -149,17 +121,14 @@ def metric_table(run: Run) -> Table:
     for name in [*(n for n in known if n in run.metrics or n in bounds), *(n for n in run.metrics if n not in known)]:
         metric, bound = run.metrics.get(name), bounds.get(name)
         meaning = CATALOGUE[name].meaning if name in CATALOGUE else ""
-        expected = "" if bound is None else f" Expected {bound.words}."
-        state = _state(name, metric, bound)
-        shown = "not measured" if metric is None else value_text(name, metric.value, metric.unit, 4)
-        rows.append([
-            Cell(label_of(name), below=f"{meaning}.{expected}", state=state),
-            Cell(name, code=True),
-            Cell(shown, None if metric is None else metric.value, state=state),
-            Cell("" if metric is None else interval_text(name, metric)),
-            Cell("" if metric is None else count(metric.n), None if metric is None else metric.n),
-            Cell(known.get(name, "")),
-        ])  # fmt: skip
+        cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
+        if metric is not None:
+            value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric.value, bound)
+            interval, samples = Cell(interval_text(name, metric)), Cell(count(metric.n), metric.n)
+            cells = [Cell(value, metric.value, state=state), interval, samples]
+        below = f"{meaning}. Expected {bound.words}." if bound is not None else f"{meaning}."
+        row = Cell(label_of(name), below=below, state=cells[0].state), Cell(name, code=True), *cells
+        rows.append([*row, Cell(known.get(name, ""))])
     columns = [Column("metric"), Column("name", wide=True), Column("value", True), Column("95 % interval", True),
                Column("samples", True, True), Column("theme", wide=True)]  # fmt: skip
     note = ("95 % interval of the value, corrected for autocorrelation; empty if the walk is too short for one. "
@@ -167,24 +136,24 @@ def metric_table(run: Run) -> Table:
     return Table(columns, rows, "all-metrics", note, "Search, as in torque", sortable=True, folded=None)
 
 
-def frame_table(frame: DataFrame, names: Mapping[str, str], name: str, note: str = "") -> Table:
-    """Columns of a frame under their heads; texts to the left, numbers to the right, `seconds` as links."""
-    text = {column: frame[column].dtype.kind not in "fiu" for column in names if frame[column].astype(str).any()}
-    rows = []
-    for row in frame.head(MOST_ROWS).to_dict("records"):
-        cells = []
-        for column, is_text in text.items():
-            value = row[column]
-            if is_text:
-                cells.append(Cell({True: "yes", False: "no"}.get(value, str(value))))
-                continue
-            number = None if value is None or not np.isfinite(value) else float(value)
-            shown = percent(number) if column.endswith("_share") else sig(number)
-            cells.append(Cell(shown, number, seconds=number if column == "seconds" else None))
-        rows.append(cells)
+def frame_table(frame: DataFrame, heads: Mapping[str, str], name: str, note: str = "") -> Table:
+    """The columns of a frame that have a head; texts to the left, numbers to the right, `seconds` as links."""
+    text = {column: frame[column].dtype.kind not in "fiu" for column in heads if frame[column].astype(str).any()}
+    rows = [
+        [_cell(column, row[column], text[column]) for column in text]
+        for row in frame.head(MOST_ROWS).to_dict("records")
+    ]
     if len(frame) > MOST_ROWS:
         note = f"{note} The first {MOST_ROWS} of {count(len(frame))} rows.".strip()
-    return Table([Column(names[column], not is_text) for column, is_text in text.items()], rows, name, note)
+    return Table([Column(heads[column], not text[column]) for column in text], rows, name, note)
+
+
+def _cell(column: str, value: Any, is_text: bool) -> Cell:
+    if is_text:
+        return Cell({True: "yes", False: "no"}.get(value, str(value)))
+    number = float(value) if np.isfinite(value) else None
+    shown = percent(number) if column.endswith("_share") else sig(number)
+    return Cell(shown, number, seconds=number if column == "seconds" else None)
 
 
 _LEGS = {f"duty_factor_{leg}": f"duty {name}" for leg, name in enumerate(("FL", "FR", "RL", "RR"))}
@@ -236,29 +205,30 @@ def loss_text(loss: LossRecord) -> str:
     return f"{loss.cause}{topic}{times}: {loss.detail}"
 
 
+def _records(rows: Sequence[Mapping[str, Any]], heads: Mapping[str, str], name: str, note: str = "") -> Iterator[Table]:
+    from pandas import DataFrame
+
+    if rows:
+        yield frame_table(DataFrame(rows), heads, name, note)
+
+
 def _topics(run: Run) -> Iterator[Any]:
-    record = run.record
-    if record.topics:
-        columns = [Column("role"), Column("topic"), Column("messages", True), Column("why", wide=True)]
-        rows = [
-            [Cell(of.role), Cell(of.topic, below=of.type, code=True), Cell(count(of.messages)), Cell(of.why)]
-            for of in record.topics
-        ]
-        yield Table(columns, rows, "topics-used")
-    if record.notes:
-        yield Details("Choices that affected the result", [Text(note) for note in record.notes])
+    heads = {name: name for name in ("role", "topic", "type", "messages", "why")}
+    yield from _records([topic.model_dump() for topic in run.record.topics], heads, "topics-used")
+    if run.record.notes:
+        yield Details("Choices that affected the result", [Text(note) for note in run.record.notes])
 
 
 def _made(run: Run) -> Iterator[Any]:
     record = run.record
     total_s = sum(stage.seconds for stage in record.stages) or 1.0
-    columns = [Column("stage"), Column("time (s)", True), Column("share", True), Column("peak memory (MB)", True)]
-    rows = [
-        [Cell(stage.name), Cell(f"{stage.seconds:.2f}"), Cell(percent(stage.seconds / total_s, 2)),
-         Cell(f"{stage.peak_memory_mb:.0f}")]
+    heads = {"name": "stage", "seconds_": "time (s)", "time_share": "share", "peak_memory_mb": "peak memory (MB)"}
+    stages = [
+        {**stage.model_dump(), "seconds_": round(stage.seconds, 2), "time_share": stage.seconds / total_s}
         for stage in record.stages
-    ]  # fmt: skip
-    yield Table(columns, rows, "stages", f"Start-up, imports and compilation, took {record.startup_s:.1f} s more.")
+    ]
+    note = f"Start-up, imports and compilation, took {record.startup_s:.1f} s more."
+    yield from _records(stages, heads, "stages", note)
     yield Text(shlex.join(record.command), code=True)
     kind, value = record.input.fingerprint or ("no fingerprint", "")
     size = file_size(record.input.size_bytes)
@@ -267,6 +237,6 @@ def _made(run: Run) -> Iterator[Any]:
     if config.is_file():
         yield Details("Configuration", [Text(config.read_text(encoding="utf-8", errors="replace"), code=True)])
     versions = {**{key: str(value) for key, value in sorted(record.host.items())}, **record.packages}
-    rows = [[Cell(name), Cell(value)] for name, value in versions.items()]
-    yield Details("Versions and host", [Table([Column("package"), Column("version")], rows, "versions")])
+    rows = [{"package": name, "version": value} for name, value in versions.items()]
+    yield Details("Versions and host", list(_records(rows, {"package": "package", "version": "version"}, "versions")))
     yield Text("[Following], [Planning], [Tracking] and [Foot] are the papers listed in docs/references.md.")

@@ -23,13 +23,12 @@ from quadlog.results.numbers import NONE, count, sig
 from quadlog.results.page.blocks import (
     Beside,
     Cell,
-    Chart,
     Column,
     Details,
+    Drawn,
     Gallery,
     Notes,
     Page,
-    SceneView,
     Section,
     Sentence,
     Table,
@@ -43,8 +42,8 @@ from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
 from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
 from quadlog.results.tables import read_table
-from quadlog.results.view import Moment, Panel, Raster, Scene, Track, merge_panels, merge_scenes
-from quadlog.results.words import STATES, State, bounds_of, interval_text, is_alarming, label_of, value_text
+from quadlog.results.view import Moment, Raster, Scene, Track, merge_panels, merge_scenes
+from quadlog.results.words import STATES, Bound, State, bounds_of, interval_text, label_of, state_of, value_text
 
 if TYPE_CHECKING:
     from quadlog.metrics.comparison.paired import PairedDifference
@@ -65,6 +64,7 @@ class Listed:
     exit_code: int
     reason: str
     metrics: Mapping[str, float]
+    run: Run | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,23 +79,25 @@ class Compared:
     first_differences: Sequence[Moment] = ()
 
 
-def list_page(title: str, folder: Path, rows: Sequence[Listed], findings: Sequence[Sentence] = ()) -> Page:
+def list_page(
+    title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: Section | None = None
+) -> Page:
     """The page of a folder of runs: findings and the list, worst first; paths and curves, or thumbnails."""
-    runs = {row.name: run for row in rows if (run := _opened(folder, row.name)) is not None}
-    inputs = {(run.record.input.identity, run.simulated) for run in runs.values()}
-    compared = Compared(dict(list(runs.items())[:MOST_DRAWN]), shares_clock=len(inputs) == 1)
-    pack = Pack()
-    drawn = _over_each_other(compared, pack) if compared.shares_clock and len(runs) > 1 else _thumbnails(runs, pack)
-    left_out = len(runs) - (MOST_DRAWN if compared.shares_clock else MOST_THUMBNAILS)
+    runs = {row.name: row.run for row in rows if row.run is not None}
+    one_clock = len({(run.record.input.identity, run.simulated) for run in runs.values()}) == 1 < len(runs)
+    compared, pack = Compared(dict(list(runs.items())[:MOST_DRAWN]), one_clock), Pack()
+    drawn = _over_each_other(compared, pack) if one_clock else _thumbnails(runs, pack)
+    left_out = len(runs) - (MOST_DRAWN if one_clock else MOST_THUMBNAILS)
     note = f"{count(left_out)} further runs are not drawn. " if left_out > 0 else ""
-    settings = [settings_table(compared)] if len(compared.runs) > 1 else []
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
+    every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)))
     sections = [
-        Section("", [Verdict([*findings, *_ends(rows)]), runs_table(rows, runs)]),
+        Section("", [Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
+        *([settings] if settings else []),
         Section("Failed", [Notes("Not replayed", failed, "bad")] if failed else []),
         Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
-        Section("Settings that differ", [block for block in settings if block.rows]),
-        Section("All metrics", [Details("A column for each metric", [_whole_table(rows)])] if rows else []),
+        Section("Settings that differ", settings_table(compared)),
+        Section("All metrics", [Details("A column for each metric", [every])] if rows else []),
     ]
     return Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
@@ -104,15 +106,13 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
     """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
     pack = Pack()
     drawn = _over_each_other(compared, pack)
-    statuses = [
-        Sentence(name, f"{run.title}: {status(run)[0]}.", status(run)[1]) for name, run in compared.runs.items()
-    ]
-    settings = settings_table(compared)
+    said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
+    statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
     sections = [
         Section("", [Verdict([*_better(compared), *statuses]), *([Notes("Not comparable", notes)] if notes else [])]),
         Section("Paths and curves", drawn, pack.thinned),
         Section("Metrics", [compared_metrics(compared)]),
-        Section("Settings that differ", [settings] if settings.rows else []),
+        Section("Settings that differ", settings_table(compared)),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
     return Page(title, sections, facts, pack=pack)
@@ -145,24 +145,20 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
 
-def runs_table(rows: Sequence[Listed], runs: Mapping[str, Run]) -> Table:
-    """The runs, worst first, with the metrics that matter most, coloured by bounds and alarms."""
-    names = chosen_metrics(rows)
-    columns = [Column("run"), Column("ended"), *(_column(name) for name in names)]
+def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str]) -> Table:
+    """The runs, worst first, with these metrics, coloured by bounds and alarms."""
     found = []
     for row in rows:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
-        run = runs.get(row.name)
-        below, shown = (row.reason[:120], state) if run is None else status(run)
-        bounds = {} if run is None else bounds_of(run)
-        cells = [
-            _value_cell(name, row.metrics.get(name), bounds[name].state if name in bounds else None) for name in names
-        ]
-        href = "" if run is None else _link(row.name, run)
+        below, shown = (row.reason[:120], state) if row.run is None else status(row.run)
+        bounds = {} if row.run is None else bounds_of(row.run)
+        cells = [_value_cell(metric, row.metrics.get(metric), bounds.get(metric)) for metric in metrics]
+        href = "" if row.run is None else _link(row.name, row.run)
         found.append([Cell(row.name, href=href, below=below, state=state or shown), Cell(word, state=state), *cells])
     found.sort(key=lambda cells: (STATES.index(cells[1].state), STATES.index(cells[0].state)))
     search = "Search, as in walk-3" if len(found) > 10 else ""
-    return Table(columns, found, "runs", search=search, sortable=True, folded=100)
+    columns = [Column("run"), Column("ended"), *map(_column, metrics)]
+    return Table(columns, found, name, search=search, sortable=True, folded=100)
 
 
 def _link(name: str, run: Run) -> str:
@@ -175,18 +171,11 @@ def _column(name: str) -> Column:
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
-def _value_cell(name: str, value: float | None, state: State | None = None) -> Cell:
+def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> Cell:
     if value is None or not math.isfinite(value):
-        return Cell(NONE, state=state or "")
+        return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
-    text = value_text(name, value, unit).removesuffix(f" {unit}")
-    return Cell(text, value, state=state if state is not None else "warn" if is_alarming(name, value) else "")
-
-
-def _whole_table(rows: Sequence[Listed]) -> Table:
-    names = [name for name in CATALOGUE if any(name in row.metrics for row in rows)]
-    found = [[Cell(row.name), *(_value_cell(name, row.metrics.get(name)) for name in names)] for row in rows]
-    return Table([Column("run"), *(_column(name) for name in names)], found, "every-metric", sortable=True)
+    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state_of(name, value, bound))
 
 
 def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
@@ -197,65 +186,48 @@ def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
         if scene is not None:
             still = replace(scene, layers=[layer for layer in scene.layers if isinstance(layer, Raster | Track)])
             pack.add(f"walk-{number}", still, group=f"walk-{number}")  # a group each: no player moves them
-            views.append(SceneView(f"walk-{number}", name, small=True, href=_link(name, run)))
+            views.append(Drawn(f"walk-{number}", name, href=_link(name, run)))
     return [Gallery(views)] if views else []
 
 
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     """The paths of the runs in one player beside their curves, a colour for each run."""
     charts = []
-    for figure in FIGURES:
-        made = {name: figure.make(run) for name, run in compared.runs.items()} if figure.compared else {}
+    for figure in (figure for figure in FIGURES if figure.compared):
+        made = {name: figure.make(run) for name, run in compared.runs.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
-            pack.add(figure.name, _thinner(merge_panels(panels)))
-            charts.append(Chart(figure.name, figure.title, figure.caption))
+            pack.add(figure.name, merge_panels(panels))
+            charts.append(Drawn(figure.name, figure.title, figure.caption))
     scenes = {name: scene for name, run in compared.runs.items() if (scene := walk_scene(run)) is not None}
     if not scenes:
         return charts
     pack.add("paths", merge_scenes(scenes))
-    view = SceneView("paths", "paths", moments=compared.first_differences)
+    view = Drawn("paths", "paths", moments=compared.first_differences)
     return [Beside(view, charts)] if charts else [view]
-
-
-def _thinner(panels: Sequence[Panel], most: int = 4000) -> list[Panel]:
-    """Curves of several runs with at most so many samples each: the pages of the runs have all."""
-    found = []
-    for panel in panels:
-        steps = [slice(None, None, max(1, -(-len(one.x) // most))) for one in panel.series]
-        kept = [replace(one, x=one.x[of], y=one.y[of]) for one, of in zip(panel.series, steps, strict=True)]
-        found.append(replace(panel, series=kept))
-    return found
 
 
 def compared_metrics(compared: Compared) -> Table:
     """A row for each metric that a run has; differences to the first run, marked only where they are beyond chance."""
     names = list(compared.runs)
-    metrics = [
-        name
-        for labels in THEMES.values()
-        for name in labels
-        if any(name in run.metrics for run in compared.runs.values())
-    ]
-    columns = [Column("metric"), *(Column(name, True) for name in names)]
     rows: list[list[Cell]] = []
     same: list[list[Cell]] = []
-    for metric in metrics:
+    for metric in (metric for labels in THEMES.values() for metric in labels):
+        found = {name: run.metrics[metric] for name, run in compared.runs.items() if metric in run.metrics}
         cells = [Cell(label_of(metric), below=metric)]
-        values = []
-        for name, run in compared.runs.items():
-            of = run.metrics.get(metric)
+        for name in names:
+            of, paired = found.get(name), compared.paired.get(name, {}).get(metric)
             if of is None:
                 cells.append(Cell(NONE))
                 continue
-            values.append(of.value)
-            paired = compared.paired.get(name, {}).get(metric)
             below = interval_text(metric, of) if paired is None else _difference_text(metric, paired)
-            state = _judged(metric, paired)
-            cells.append(Cell(value_text(metric, of.value, of.unit), of.value, below, state=state))
-        (same if len(values) == len(names) and len(set(values)) == 1 else rows).append(cells)
+            cells.append(Cell(value_text(metric, of.value, of.unit), of.value, below, state=_judged(metric, paired)))
+        alike = len(found) == len(names) and len({of.value for of in found.values()}) == 1
+        if found:
+            (same if alike else rows).append(cells)
     note = f"Below: the 95 % interval, or the difference to {names[0]} on the instants that both have, coloured "
     note += "where it is beyond chance (all differences together, Bonferroni)."
+    columns = [Column("metric"), *(Column(name, True) for name in names)]
     return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
 
 
@@ -278,38 +250,31 @@ def _judged(name: str, paired: PairedDifference | None) -> State:
 def _better(compared: Compared) -> list[Sentence]:
     """In what the other runs are better or worse than the first, beyond chance."""
     first, found = next(iter(compared.runs)), []
+    looks: dict[State, tuple[str, State]] = {"good": ("better", "good"), "bad": ("worse", "warn")}
     for name, paired in compared.paired.items():
-        for word, state in (("better", "good"), ("worse", "warn")):
-            wanted = "good" if word == "better" else "bad"
-            clear = [metric for metric in paired if _judged(metric, paired[metric]) == wanted]
+        for judged, (word, state) in looks.items():
+            clear = [metric for metric in paired if _judged(metric, paired[metric]) == judged]
+            shown = [f"{label_of(metric)} ({_difference_text(metric, paired[metric])})" for metric in clear[:3]]
+            more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
             if clear:
-                shown = [f"{label_of(metric)} ({_difference_text(metric, paired[metric])})" for metric in clear[:3]]
-                more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
-                text = f"{word} than {first} beyond chance in {', '.join(shown)}{more}."
-                found.append(Sentence(name, text, state))  # type: ignore[arg-type]
+                found.append(Sentence(name, f"{word} than {first} beyond chance in {', '.join(shown)}{more}.", state))
     if compared.paired and not found:
         found.append(Sentence("Metrics", f"No difference to {first} is beyond chance."))
     return found
 
 
-def settings_table(compared: Compared) -> Table:
-    """Keys of configuration and options in which the runs differ."""
-    flat = {name: {**_flat(run.config.model_dump()), **_flat(dict(run.record.options)), "seed": run.record.seed}
-            for name, run in compared.runs.items()}  # fmt: skip
-    keys = dict.fromkeys(key for values in flat.values() for key in values)
-    rows = []
-    for key in keys:
-        texts = [str(values.get(key, NONE)) for values in flat.values()]
-        if len(set(texts)) > 1:
-            rows.append([Cell(key, code=True), *(Cell(text[:80]) for text in texts)])
-    return Table([Column("key"), *map(Column, flat)], rows, "settings")
+def settings_table(compared: Compared) -> list[Table]:
+    """Keys of configuration and options in which the runs differ, if there are any."""
+    from pandas import DataFrame, json_normalize
 
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-    return found
+    texts = {}
+    for name, run in compared.runs.items():
+        values = json_normalize({**run.config.model_dump(), **run.record.options, "seed": run.record.seed})
+        texts[name] = values.iloc[0].map(lambda value: str(value)[:80])
+    flat = DataFrame(texts).fillna(NONE)
+    differ = flat[flat.nunique(axis=1) > 1].itertuples(name=None)
+    rows = [[Cell(key, code=True), *map(Cell, values)] for key, *values in differ]
+    return [Table([Column("key"), *map(Column, texts)], rows, "settings")] if rows else []
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
@@ -318,34 +283,32 @@ def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
     for name in chosen_metrics(rows, 4):
         values = np.array([row.metrics[name] for row in rows if name in row.metrics])
         if len(values) > 1:
-            unit = CATALOGUE[name].unit
-            text = (
-                f"{value_text(name, float(values.mean()), unit)} ± {value_text(name, float(values.std(ddof=1)), unit)}"
+            mean, std = (
+                value_text(name, float(of), CATALOGUE[name].unit) for of in (values.mean(), values.std(ddof=1))
             )
-            found.append(Sentence(label_of(name), f"{text} (mean and standard deviation of {len(values)} runs)."))
+            text = f"{mean} ± {std} (mean and standard deviation of {len(values)} runs)."
+            found.append(Sentence(label_of(name), text))
     return found
 
 
 def write_folder_page(folder: Path) -> Path:
     """report.html of a folder of runs, from its summary.parquet. Raises NotARun, CannotWrite."""
     summary = read_table(folder, "summary")
-    names = [name for name in CATALOGUE if np.isfinite(summary[name]).any()]
     rows = []
-    for number, recording in enumerate(summary["recording"].tolist()):
-        values = {name: float(summary[name][number]) for name in names if np.isfinite(summary[name][number])}
-        rows.append(Listed(recording, int(summary["exit_code"][number]), summary["reason"][number], values))
+    for number, name in enumerate(summary["recording"].tolist()):
+        values = {key: float(summary[key][number]) for key in CATALOGUE if np.isfinite(summary[key][number])}
+        code, reason = int(summary["exit_code"][number]), summary["reason"][number]
+        rows.append(Listed(name, code, reason, values, _opened(folder, name)))
     known = {row.name for row in rows}
-    for path in find_runs([folder]) if any(is_run(inside) for inside in folder.iterdir()) else []:
-        name = path.relative_to(folder).as_posix()
+    inside = find_runs([folder]) if any(is_run(path) for path in folder.iterdir()) else []
+    for name in (path.relative_to(folder).as_posix() for path in inside):
         if name not in known and (run := _opened(folder, name)) is not None:  # in an inner folder
             code = ExitCode.WITH_LOSS if run.record.losses else ExitCode.DONE
-            rows.append(Listed(name, int(code), "", {key: metric.value for key, metric in run.metrics.items()}))
-    simulated = [run.simulated for row in rows if (run := _opened(folder, row.name)) is not None]
+            rows.append(Listed(name, int(code), "", {key: of.value for key, of in run.metrics.items()}, run))
+    simulated = [row.run.simulated for row in rows if row.run is not None]
     walks = bool(simulated) and all(simulated)
-    what = "walk" if walks else "recording"
-    title = f"{folder.resolve().name}: {count(len(rows))} {what}{'' if len(rows) == 1 else 's'}"
-    findings = spread_of(rows) if walks and len(rows) > 1 else []
-    return write_page(folder / "report.html", list_page(title, folder, rows, findings))
+    title = f"{folder.resolve().name}: {count(len(rows))} {'walk' if walks else 'recording'}{'s' * (len(rows) != 1)}"
+    return write_page(folder / "report.html", list_page(title, rows, spread_of(rows) if walks else []))
 
 
 def write_sweep_page(folder: Path) -> Path:
@@ -357,11 +320,10 @@ def write_sweep_page(folder: Path) -> Path:
         for name in summary.varying
         if name in summary.best
     ]
-    listed = [Listed(row.run, row.exit_code, row.reason, row.metrics) for row in rows]
+    listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
     title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
-    page = list_page(title, folder, listed, findings)
-    notes = Section("Settings", [_settings_values(summary), *map(Text, summary.notes())])
-    return write_page(folder / "report.html", replace(page, sections=[page.sections[0], notes, *page.sections[1:]]))
+    settings = Section("Settings", [_settings_values(summary), *map(Text, summary.notes())])
+    return write_page(folder / "report.html", list_page(title, listed, findings, settings))
 
 
 def _settings_values(summary: SweepSummary) -> Table:
@@ -373,8 +335,8 @@ def _settings_values(summary: SweepSummary) -> Table:
         cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
         for name in summary.varying:
             over = summary.over[name][number]
-            cell = _value_cell(name, over.mean, "good" if summary.best.get(name) == number else None)
             below = "" if over.low is None or over.high is None else f"{sig(over.low)} to {sig(over.high)}"
+            cell = _value_cell(name, over.mean, Bound("", "good" if summary.best.get(name) == number else ""))
             cells.append(cell._replace(below=below))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
     return Table(columns, found, "settings-values", sortable=True)

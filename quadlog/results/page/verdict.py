@@ -13,7 +13,7 @@ from quadlog.positioning.unlocated import MOST_UNLOCATED
 from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
-from quadlog.results.scenes import SCALE_95, STANDS_M
+from quadlog.results.scenes import SCALE_95, STANDS_M, columns_of
 from quadlog.results.view import GAP_S
 from quadlog.results.words import STATES, State, bounds_of, is_alarming, label_of
 
@@ -24,14 +24,10 @@ STEP_M = 0.1
 """The length of a walk is that of steps of at least this size, so that noise of positions does not add to it."""
 TOO_SHORT_S = 1.0
 _SOURCES = {
-    "uwb": "UWB ranges",
-    "tf": "tf",
-    "odometry": "odometry",
-    "pose": "a pose topic",
-    "legs": "the legs' joints",
-    "lidar": "scan matching",
+    "uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
     "file": "a trajectory file",
-}
+}  # fmt: skip
+"""In words; others are as they are."""
 
 
 def verdict(run: Run) -> list[Sentence]:
@@ -60,34 +56,34 @@ def walked_m(track: DataFrame) -> float:
     return length_m
 
 
-def _way(track: DataFrame) -> str:
-    length_m, lasted_s = walked_m(track), float(np.ptp(track["seconds"]))
-    return f"{sig(length_m)} m in {sig(lasted_s)} s" + (f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else "")
-
-
 def _recorded(run: Run) -> Iterator[Sentence]:
     poses, target, plans = run.table("poses"), run.table("target"), run.table("plans")
     if run.simulated:
         return
-    if poses is None:
-        ran = any(stage.name == "position" for stage in run.record.stages)
-        words = "No source gave positions of the robot." if ran else "Positions were not computed (--until ingest)."
-        yield Sentence("Recorded walk", words, "bad" if ran else "")
+    if poses is None and not any(stage.name == "position" for stage in run.record.stages):
+        yield Sentence("Recorded walk", "Positions were not computed (--until ingest).")
         return
-    if set(poses["source"]) == {"fixed"}:
-        yield Sentence("Recorded walk", "No source gave positions: the robot is fixed at the origin.", "bad")
+    if poses is None or set(poses["source"]) == {"fixed"}:
+        fixed = "" if poses is None else ": the robot is fixed at the origin"
+        yield Sentence("Recorded walk", f"No source gave positions of the robot{fixed}.", "bad")
     elif max(float(np.ptp(poses[name].dropna())) for name in ("x_m", "y_m")) < STANDS_M:
         moved = f"The robot moved less than {STANDS_M:g} m in {sig(float(np.ptp(poses['seconds'])))} s."
         yield Sentence("Recorded walk", moved, "good")
     else:
         follows = target is not None and bool(set(target["source"]) - {"ahead", "fixed"})
         did = "followed its target for" if follows else "walked"
-        yield Sentence("Recorded walk", f"The robot {did} {_way(poses)}.", "good")
-    yield from _missing(run, poses)
+        length_m, lasted_s = walked_m(poses), float(np.ptp(poses["seconds"]))
+        speed = f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else ""
+        yield Sentence("Recorded walk", f"The robot {did} {sig(length_m)} m in {sig(lasted_s)} s{speed}.", "good")
+    if poses is not None:
+        yield from _missing(run, poses)
     if plans is not None:
-        failed, total = int((~plans["found"]).sum()), count(len(plans))
-        words = f"All {total} replans found a path." if len(plans) > 1 else "The only replan found a path."
-        words = f"{count(failed)} of {total} replans found no path." if failed else words
+        failed = int((~plans["found"]).sum())
+        words = f"{count(failed)} of {count(len(plans))} replans found no path."
+        if not failed:
+            words = (
+                f"All {count(len(plans))} replans found a path." if len(plans) > 1 else "The only replan found a path."
+            )
         yield Sentence("Planning", words, "bad" if failed > 0.1 * len(plans) else "warn" if failed else "good")
 
 
@@ -122,26 +118,29 @@ def _simulated(run: Run) -> Iterator[Sentence]:
         yield Sentence("Simulated walk", words)
         return
     where = f"along {run.record.options['course']}" if run.simulated else "on the recorded maps"
-    text, state = f"The simulated robot walked {sig(walked_m(control))} m {where}", "good"
+    states: list[State] = ["good"]
+    text = f"The simulated robot walked {sig(walked_m(control))} m {where}"
     if control["fallen"].any():
-        text, state = f"{text} and fell at {control['seconds'][control['fallen']].min():.1f} s", "bad"
+        text += f" and fell at {control['seconds'][control['fallen']].min():.1f} s"
+        states.append("bad")
     elif run.simulated and run.metric("lateral_drift_m") is None and run.metric("completion_time_s") is None:
-        text, state = f"{text} and did not reach its end", "bad"
+        text += " and did not reach its end"
+        states.append("bad")
     else:
-        text = f"{text} without a fall"
-    hits = None if contacts is None else contacts["seconds"][contacts["collision"]]
-    collisions = 0 if hits is None else len(hits)
-    if hits is not None and collisions:
-        text, state = f"{text}; it touched obstacles {collisions} ×, first at {hits.min():.1f} s", "bad"
+        text += " without a fall"
+    hits = [] if contacts is None else contacts["seconds"][contacts["collision"]].tolist()
     clearance_m = run.metric("clearance_min_m")
-    if clearance_m is not None and not collisions:
-        text = f"{text}; nearest obstacle {sig(clearance_m, 2)} m away"
-        state = "warn" if state == "good" and _alarms(run, "clearance_min_m") else state
+    if hits:
+        text += f"; it touched obstacles {len(hits)} ×, first at {min(hits):.1f} s"
+        states.append("bad")
+    elif clearance_m is not None:
+        text += f"; nearest obstacle {sig(clearance_m, 2)} m away"
+        states += ["warn"] * _alarms(run, "clearance_min_m")
     outside = 0.0 if clearances is None else float(clearances["clearance_m"].isna().mean())
     if outside > 0:
-        text = f"{text}; outside of the recorded maps for {percent(outside, 2)} of the time"
-        state = "warn" if state == "good" else state
-    yield Sentence("Simulated walk", f"{text}.", state)  # type: ignore[arg-type]
+        text += f"; outside of the recorded maps for {percent(outside, 2)} of the time"
+        states.append("warn")
+    yield Sentence("Simulated walk", f"{text}.", min(states, key=STATES.index))
 
 
 def _positions(run: Run) -> Iterator[Sentence]:
@@ -180,9 +179,8 @@ def _bound_m(run: Run) -> float | None:
     table = run.table("pose_uncertainty")
     if table is None:
         return None
-    xx, xy, yy = (table[f"cov_{axes}_m2"].to_numpy() for axes in ("xx", "xy", "yy"))
-    with np.errstate(invalid="ignore"):
-        major_m2 = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
+    xx, xy, yy = columns_of(table, "cov_xx_m2 cov_xy_m2 cov_yy_m2")
+    major_m2 = (xx + yy) / 2 + np.hypot(xx - yy, 2 * xy) / 2
     known = major_m2[np.isfinite(major_m2)]
     return float(SCALE_95 * np.sqrt(max(np.median(known), 0.0))) if len(known) else None
 
@@ -190,7 +188,7 @@ def _bound_m(run: Run) -> float | None:
 def _bounds(run: Run) -> Iterator[Sentence]:
     bounds = bounds_of(run)
     broken = [
-        label_of(name) if run.metric(name) is not None else f"{label_of(name)} (not measured)"
+        f"{label_of(name)}{'' if run.metric(name) is not None else ' (not measured)'}"
         for name, bound in bounds.items()
         if bound.state == "bad"
     ]
@@ -198,18 +196,15 @@ def _bounds(run: Run) -> Iterator[Sentence]:
         do = "do" if len(broken) > 1 else "does"
         yield Sentence("Expected", f"{len(broken)} of {len(bounds)} bounds {do} not hold: {', '.join(broken)}.", "bad")
     elif bounds:
-        words = f"All {len(bounds)} bounds hold." if len(bounds) > 1 else "The bound holds."
-        yield Sentence("Expected", words, "good")
+        yield Sentence("Expected", f"All {len(bounds)} bounds hold." if len(bounds) > 1 else "The bound holds.", "good")
 
 
 def _losses(run: Run) -> Iterator[Sentence]:
-    causes = list(dict.fromkeys(loss.cause for loss in run.record.losses))
-    many, warnings = len(run.record.warnings), ""
-    if many:
-        first = run.record.warnings[0].rstrip(".")
-        warnings = f"; {many} warnings, the first: {first}" if many > 1 else f"; 1 warning: {first}"
+    causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), run.record.warnings
+    many = f"{len(warnings)} warnings, the first" if len(warnings) > 1 else "1 warning"
+    more = f"; {many}: {warnings[0].rstrip('.')}" if warnings else ""
     if causes:
-        yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){warnings}.", "bad")
-    elif not run.simulated or many:
-        nothing = "No warnings" if run.simulated else "Nothing was lost"
-        yield Sentence("Recording", f"{nothing}{warnings}.", "warn" if many else "good")
+        yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){more}.", "bad")
+    elif not run.simulated or warnings:
+        nothing = "No losses" if run.simulated else "Nothing was lost"
+        yield Sentence("Recording", f"{nothing}{more}.", "warn" if warnings else "good")

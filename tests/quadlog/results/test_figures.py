@@ -44,13 +44,10 @@ def pixels(png: bytes) -> np.ndarray:
 def test_every_figure_is_drawn_in_every_format_the_same_way_each_time(tiny_original: Path) -> None:
     drawings = drawings_of(Run(tiny_original))
     assert set(drawings) == NAMES - {"trot", "torques", "posture"}  # of which the tiny run has nothing
-    for drawing in drawings.values():
-        assert Image.open(io.BytesIO(render(drawing))).size[0] == 1200
-    for name in ("trajectory", "uwb_error"):
-        for to, begins in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
-            picture = render(drawings[name], to, width_in=3.5, point_size=8)  # type: ignore[arg-type]
-            assert picture.startswith(begins)
-            assert render(drawings[name], to, width_in=3.5, point_size=8) == picture  # type: ignore[arg-type]
+    for to, begins in (("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")):
+        pictures = [render(drawings["trajectory"], to, width_in=3.5, point_size=8) for _ in range(2)]  # type: ignore
+        assert pictures[0].startswith(begins)
+        assert pictures[0] == pictures[1]
 
 
 def test_figures_without_data_are_absent_and_their_old_pictures_vanish(tiny_run: Path) -> None:
@@ -98,8 +95,8 @@ def test_all_anchors_and_tags_are_shown(tiny_run: Path) -> None:
     anchors = next(layer for layer in scene.layers if layer.label == "anchors")
     assert anchors.names == [str(10 + number) for number in range(12)]  # type: ignore[union-attr]
     left, right, bottom, top = scene.extent
-    inside = (anchors.x > left) & (anchors.x < right) & (anchors.y > bottom) & (anchors.y < top)  # type: ignore
-    assert inside.all()
+    assert left < anchors.x.min() < anchors.x.max() < right  # type: ignore[union-attr]
+    assert bottom < anchors.y.min() < anchors.y.max() < top  # type: ignore[union-attr]
     worst = {moment.what: moment.value for moment in scene.moments if moment.name.startswith("tag")}
     assert worst["worst error of tag 5"] == "0.3 m"
     assert len(worst) == 6
@@ -153,8 +150,8 @@ def test_numbers_that_cannot_be_drawn_are_left_out_with_a_note(tiny_run: Path, v
     run = Run(tiny_run)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for drawing in drawings_of(run).values():
-            render(drawing)
+        pictures = [render(drawing) for drawing in drawings_of(run).values()]
+    assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     told = " ".join(run.notes)
     assert all(name in told for name in changed if name.startswith(("control", "poses", "fixes", "ranges")))
 
@@ -198,12 +195,9 @@ def test_a_legend_never_covers_the_quantity_of_its_panel(
     assert covered == []
 
 
-def test_a_curve_of_many_strides_is_their_band_and_of_few_itself() -> None:
+def test_a_curve_of_many_strides_is_their_band() -> None:
     seconds = np.arange(3000) / 50
-    panel = Panel("torque", [Series("a", "robot", seconds, np.sin(40 * seconds))], period_s=1.0)
-    blue = (np.abs(pixels(render([panel])) - [0x00, 0x72, 0xB2]).max(axis=2) < 40).sum()
-    band = banded_by(panel.series[0], 1.0)
+    band = banded_by(Series("a", "robot", seconds, np.sin(40 * seconds)), 1.0)
     assert len(band.x) == 60
     assert band.y == pytest.approx(-1, abs=0.05)
     assert band.upper == pytest.approx(1, abs=0.05)
-    assert blue < 300  # the band is translucent

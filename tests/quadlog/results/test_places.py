@@ -24,7 +24,7 @@ def test_the_same_run_has_the_same_bytes(write_run: Callable[[Path], Path], tmp_
     one, other = content(write_run(tmp_path / "a")), content(write_run(tmp_path / "b"))
     assert one == other
     of_some_logs = {"reference.tum", "joints.parquet", "other_poses.parquet", "body.parquet", "gait.parquet"}
-    assert set(one) == OWN_FILES - {"report.html", "stages.json", "failed.json"} - of_some_logs
+    assert set(one) == OWN_FILES - {"report.html", "failed.json"} - of_some_logs
 
 
 def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tiny_record: RunRecord) -> None:

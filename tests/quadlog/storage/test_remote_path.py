@@ -185,4 +185,4 @@ def test_a_web_server_has_no_folders_and_takes_nothing(web: Any, tmp_path: Path)
         with pytest.raises(StorageFailed, match="cannot be listed"):
             ask()
     with pytest.raises(CannotWrite, match="takes no files"):
-        (top / "x").upload(str(tmp_path))
+        (top / "x").upload_all(tmp_path, ["y"])

@@ -3,47 +3,41 @@
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
 const STEPS_PER_S = 5; // of a scene that counts steps, at speed 1
 
+const HELP = "player. Space plays and stops, left and right arrow step, plus and minus change the speed, home and end go to start and end, F follows the robot, 0 shows all.";
+
 const openScene = (place, scene, block) => {
   const [from, until] = scene.span ?? [0, 0];
-  const moves = scene.span && until > from;
-  const counted = scene.step !== "";
+  const moves = until > from;
   const small = place.classList.contains("small");
   const clock = clockOf(scene.group);
-  const { name } = place.dataset;
-  const canvas = element("canvas", { role: "img", "aria-label": name });
-  const tip = element("output", { class: "tip", hidden: true });
-  const stage = element("div", { class: "stage" }, canvas, tip);
+  const canvas = element("canvas", { role: "img", "aria-label": place.dataset.name });
+  const stage = element("div", { class: "stage" }, canvas);
   const view = openView(scene, canvas, block);
-  const shown = () => (moves && !small ? (clock.now ?? from) : until);
-  const draw = () => view.draw(shown());
+  const draw = () => view.draw(moves && !small ? (clock.now ?? from) : until);
   const changed = (act) => {
     act();
     draw();
     follow.setAttribute("aria-pressed", String(view.follows()));
   };
-  const follow = button("follow", counted ? "follow the start (F)" : "follow the robot (F)", () => changed(() => (view.follows() ? view.whole() : view.near(scene.near || 12))), { "aria-pressed": "false" });
+  const follow = button("follow", `follow the ${scene.step ? "start" : "robot"} (F)`, () => changed(() => (view.follows() ? view.whole() : view.near(scene.near || 12))), { "aria-pressed": "false" });
   const whole = button("all", "show all (0)", () => changed(view.whole));
+  const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
+  const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
+  const legend = legendOf(view.layers, draw);
+  const timeline = element("div", { class: "timeline", role: "group", "aria-label": HELP });
+  place.append(stage);
   if (!small) {
-    const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
-    const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
     stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
+    place.append(legend, ...(moves ? [timeline] : []));
   }
-  const legend = small ? [] : [legendOf(view.layers, scene, draw)];
-  const show = (labels) => {
-    for (const layer of view.layers) layer.hidden &&= !labels.includes(layer.label);
-    legend[0].mark();
-    draw();
-  };
-  const player = moves && !small ? addTransport(place.closest("figure").querySelector(".timeline"), scene, clock) : null;
-  place.append(stage, ...legend);
   place.classList.add("open");
-  const beside = place.closest(".beside");
   let fitted = false;
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
-    const fitting = Math.min(0.62 * innerHeight, Math.max(280, (width * (top - bottom)) / (right - left)));
-    const room = small ? 0.75 * width : beside ? beside.roomFor(legend[0], fitting) : Math.min(460, fitting);
-    const height = Math.round(Math.max(room, 160)); // a page that is printed may have no height
+    const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
+    const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
+    // The first screen also has verdict, cards, legend and timeline. A page that is printed may have no height.
+    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 530 : fitting, 280));
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
@@ -56,39 +50,46 @@ const openScene = (place, scene, block) => {
     draw();
   });
   if (small) return null;
-  addPointer(canvas, view, { tip, scene, changed, seek: moves ? (instant) => clock.set(instant) : null });
+  addPointer(stage, view, scene, changed, moves && clock);
   if (!moves) return null;
+  const player = addTransport(timeline, scene, clock);
   clock.listeners.push(draw);
-  const keys = { ...player.keys, f: () => follow.click(), 0: () => whole.click() };
-  return { stage, keys, show, start: player.start };
+  const show = (labels) => {
+    for (const layer of view.layers) layer.hidden &&= !labels.includes(layer.label);
+    legend.mark();
+    draw();
+  };
+  const keys = { ...player, f: () => follow.click(), 0: () => whole.click() };
+  return { stage, keys, show, start: () => clock.now ?? clock.set(Number(place.dataset.start ?? from)) };
 };
 
-const legendOf = (layers, scene, draw) => {
-  const swatch = ({ kind, color, variant, shape, ramp, trail }) => {
-    const cells = kind === "raster" || kind === "windows";
-    const form = kind === "marks" || trail === false ? shape : kind === "raster" && ramp !== "fade" ? ramp : cells ? "area" : variant ? "dashed" : "line";
-    return element("i", { class: `swatch ${form} of-${color}` });
-  };
-  const entry = (layer) => {
-    const scale = layer.kind === "raster" && layer.unit ? ` ${short(layer.low, 2)} to ${short(layer.high, 2)} ${layer.unit}` : "";
+const GLYPHS = { area: "■", line: "━", dashed: "╍", dot: "●", triangle: "▲", cross: "✕", ring: "○", star: "★", person: "●" };
+
+const legendOf = (layers, draw) => {
+  const form = ({ kind, variant, shape, trail }) =>
+    kind === "marks" || trail === false ? shape : kind === "raster" || kind === "windows" ? "area" : variant ? "dashed" : "line";
+  const entries = layers.map((layer) => {
+    const scale = layer.unit ? ` ${short(layer.low, 2)} to ${short(layer.high, 2)} ${layer.unit}` : "";
     const toggle = () => {
       layer.hidden = !layer.hidden;
       legend.mark();
       draw();
     };
-    return element("button", { type: "button", onclick: toggle }, swatch(layer), `${layer.label}${scale}`);
-  };
-  const entries = layers.map(entry);
+    const swatch = element("i", { "aria-hidden": "true" }, GLYPHS[form(layer)]);
+    swatch.style.color = `var(--${layer.color})`;
+    return element("button", { type: "button", onclick: toggle }, swatch, `${layer.label}${scale}`);
+  });
   const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);
   legend.mark = () => entries.forEach((made, at) => made.setAttribute("aria-pressed", String(!layers[at].hidden)));
   legend.mark();
-  const levels = scene.levels.map((words, at) => element("span", {}, element("i", { class: `swatch line of-level-${at}` }), words));
-  if (levels.length) legend.append(element("span", { class: "levels" }, "robot's error: ", ...levels));
   return legend;
 };
 
 // Wheel and pinch zoom about the pointer, drag moves, a click goes to the nearest instant of a track.
-const addPointer = (canvas, view, { tip, scene, changed, seek }) => {
+const addPointer = (stage, view, scene, changed, clock) => {
+  const tip = element("output", { class: "tip", hidden: true });
+  const canvas = stage.firstChild;
+  stage.append(tip);
   const fingers = new Map();
   let dragged = 0;
   canvas.addEventListener("pointerdown", (event) => {
@@ -109,8 +110,8 @@ const addPointer = (canvas, view, { tip, scene, changed, seek }) => {
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, ({ pointerId }) => fingers.delete(pointerId));
   canvas.addEventListener("pointerleave", () => (tip.hidden = true));
   canvas.addEventListener("click", (event) => {
-    const found = dragged < 4 && seek && view.nearest(event.offsetX, event.offsetY);
-    if (found) seek(found.seconds);
+    const found = dragged < 4 && clock && view.nearest(event.offsetX, event.offsetY);
+    if (found) clock.set(found.seconds);
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
@@ -118,7 +119,7 @@ const addPointer = (canvas, view, { tip, scene, changed, seek }) => {
   }, { passive: false });
   const readOff = (event) => {
     const [wx, wy] = view.world(event.offsetX, event.offsetY);
-    const found = seek && view.nearest(event.offsetX, event.offsetY);
+    const found = clock && view.nearest(event.offsetX, event.offsetY);
     const value = view.valueAt(wx, wy);
     tip.hidden = false;
     tip.textContent = `x ${wx.toFixed(2)}, y ${wy.toFixed(2)} ${scene.unit}${value && `, ${value}`}${found ? `, ${found.label} at ${found.seconds.toFixed(2)}${scene.step ? "" : " s"}` : ""}`;
@@ -184,7 +185,7 @@ const addTransport = (place, scene, clock) => {
   });
   const step = counted ? 1 : 0.1;
   const faster = (by) => (speed.selectedIndex = Math.min(Math.max(speed.selectedIndex + by, 0), SPEEDS.length - 1));
-  const keys = {
+  return {
     " ": () => setPlaying(!playing),
     ArrowLeft: (far) => seek(clock.now - (far ? 10 : 1) * step),
     ArrowRight: (far) => seek(clock.now + (far ? 10 : 1) * step),
@@ -193,5 +194,4 @@ const addTransport = (place, scene, clock) => {
     "+": () => faster(1),
     "-": () => faster(-1),
   };
-  return { keys, start: () => clock.now ?? seek(Number(place.dataset.start ?? from)) };
 };

@@ -6,16 +6,14 @@ const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
 const isTimed = (group, x) => x === "time (s)" || Object.values(pageData.scenes).some((scene) => scene.group === group && scene.step === x);
 
-const openCurves = (places, block) => {
-  const columnOf = (number) => block.columns[number];
+const openCurves = (places, { columns }) => {
   for (const place of places) {
     const { group, panels } = pageData.charts[place.dataset.chart];
-    for (const { x, series, rows, marks } of panels) {
-      const { whole } = stretchOf(group, x);
-      for (const value of series.flatMap((one) => [columnOf(one.x)[0], columnOf(one.x).at(-1)]).concat(rows.length ? [...columnOf(marks)] : [])) {
-        if (value < whole[0]) whole[0] = value;
-        if (value > whole[1]) whole[1] = value;
-      }
+    for (const panel of panels) {
+      const { whole } = stretchOf(group, panel.x);
+      panel.instants = columns[panel.marks];
+      const ends = panel.series.flatMap(({ x }) => [columns[x][0], columns[x].at(-1)]).concat(panel.rows.length ? [...panel.instants] : []);
+      for (const value of ends) Object.assign(whole, [Math.min(whole[0], value), Math.max(whole[1], value)]);
     }
   }
   for (const stretch of Object.values(stretches)) stretch.shown = [...stretch.whole];
@@ -25,34 +23,37 @@ const openCurves = (places, block) => {
   }, { rootMargin: "400px" });
   for (const place of places) {
     const { group, panels } = pageData.charts[place.dataset.chart];
-    panels.forEach((panel, number) => {
-      const last = number === panels.length - 1;
-      const plot = element("div", { class: "plot" });
+    for (const panel of panels) {
       const words = element("p", { class: "what" }, panel.what);
+      if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
+      const plot = element("div", { class: "plot" });
+      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, words, plot));
+      const few = panel.series.every(({ y }) => columns[y].filter(Number.isFinite).length < 2);
+      if (few) {
+        const only = ({ label, y }) => `${label} ${short(columns[y].find(Number.isFinite) ?? NaN, 3)}`;
+        plot.replaceWith(element("p", { class: "only" }, panel.series.map(only).join(", ")));
+        continue;
+      }
+      const last = panel === panels.at(-1);
       const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + 56 : panel.lane ? HEIGHTS.lane : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
       plot.style.minHeight = `${height}px`;
       plot.open = () => {
         near.unobserve(plot);
         plot.open = () => {};
-        openCurve({ plot, words, panel, group, height, last }, columnOf);
+        openCurve(plot, panel, group, height + (last ? 24 : 0), last, columns); // for the axis
       };
-      const few = panel.series.every(({ y }) => columnOf(y).filter(Number.isFinite).length < 2);
-      const only = ({ label, y }) => `${label} ${short(columnOf(y).find(Number.isFinite) ?? NaN, 3)}`;
-      const drawn = few ? element("p", { class: "only" }, panel.series.map(only).join(", ")) : plot;
-      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, words, drawn));
-      if (!few) near.observe(plot);
-    });
+      near.observe(plot);
+    }
     addZoomKeys(place, stretchOf(group, panels[0].x));
   }
   addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
 };
 
 // Columns over one x. NaN becomes null, a gap; where another series has a sample and this one has none is undefined.
-const joined = (series, columnOf) => {
-  const values = (column) => Array.from(columnOf(column), (value) => (Number.isNaN(value) ? null : value));
-  const tables = series.map(({ x, y, upper }) => [Array.from(columnOf(x)), values(y), ...(upper === undefined ? [] : [values(upper)])]);
-  const alike = series.every(({ x }) => x === series[0].x);
-  return alike ? [tables[0][0], ...tables.flatMap(([, ...ys]) => ys)] : uPlot.join(tables);
+const joined = (series, columns) => {
+  const values = (column) => Array.from(columns[column], (value) => (Number.isNaN(value) ? null : value));
+  const tables = series.map(({ x, y, upper }) => [Array.from(columns[x]), values(y), ...(upper === undefined ? [] : [values(upper)])]);
+  return series.every(({ x }) => x === series[0].x) ? [tables[0][0], ...tables.flatMap(([, ...ys]) => ys)] : uPlot.join(tables);
 };
 
 // Points as small squares, one for each pixel.
@@ -60,7 +61,7 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   const [xs, ys] = [chart.data[0], chart.data[number]];
   const [path, size, known] = [new Path2D(), across * devicePixelRatio, new Set()];
   for (let at = first; at <= last; at++) {
-    if (ys[at] === null || ys[at] === undefined) continue;
+    if (!Number.isFinite(ys[at])) continue;
     const [px, py] = [Math.round(chart.valToPos(xs[at], "x", true)), Math.round(chart.valToPos(ys[at], "y", true))];
     const key = px * 65536 + py;
     if (known.has(key)) continue;
@@ -91,31 +92,28 @@ const bandPaths = (period) => (chart, number, first, last) => {
   return { stroke: null, fill: path, flags: 0 };
 };
 
-const optionsOf = ({ panel, group, last }, height, stretch) => {
+const optionsOf = (panel, group, height, last, stretch) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
   const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
   const widened = ([low, high]) => (panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
-  const look = ({ label, color, style, variant }) => ({
-    label,
-    stroke: () => paint(color),
-    fill: style === "points" ? () => paint(color) : panel.period_s ? () => `color-mix(in srgb, ${paint(color)} 45%, transparent)` : undefined,
-    width: style === "points" ? (variant ? 1 : 0) : rows ? 4 : 1.5,
-    dash: style === "line" && variant && !rows ? DASHES[variant % 4] : undefined,
-    paths: style === "points" ? pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) : style === "steps" ? uPlot.paths.stepped({ align: 1 }) : panel.period_s ? bandPaths(panel.period_s) : undefined,
-    points: { show: false },
-    value: (_, value) => short(value, 3),
-  });
+  const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
+  const looks = {
+    points: ({ color, variant }) => ({ fill: () => paint(color), width: variant ? 1 : 0, paths: pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) }),
+    steps: () => ({ paths: uPlot.paths.stepped({ align: 1 }) }),
+    band: () => ({ width: 0 }),
+    line: ({ color, variant }) => ({ dash: rows ? [] : DASHES[variant % 4], ...(panel.period_s && { fill: fading(color, 45), paths: bandPaths(panel.period_s) }) }),
+  };
+  const look = (one) => ({ label: one.label, stroke: () => paint(one.color), width: rows ? 4 : 1.5, points: { show: false }, value: (_, value) => short(value, 3), ...looks[one.style](one) });
   const [series, bands] = [[{ label: panel.x, class: "unseen", value: (_, value) => short(value) }], []];
   for (const one of panel.series) {
-    series.push(look({ ...one, style: one.style === "band" ? "line" : one.style }));
+    series.push(look(one));
     if (one.style !== "band") continue;
     series.at(-1).value = (chart, low, number, at) => (at === null ? "–" : `${short(low, 3)} to ${short(chart.data[number + 1][at], 3)}`);
     series.push({ ...look(one), class: "unseen" });
-    bands.push({ series: [series.length - 1, series.length - 2], fill: () => `color-mix(in srgb, ${paint(one.color)} 20%, transparent)` });
-    for (const edge of series.slice(-2)) edge.width = 0;
+    bands.push({ series: [series.length - 1, series.length - 2], fill: fading(one.color, 20) });
   }
   const marks = (chart) => {
     const pen = chart.ctx;
@@ -186,13 +184,9 @@ const nearestSample = (chart, number, index) => {
   return xs[index] - xs[before] <= xs[after] - xs[index] ? before : after;
 };
 
-const openCurve = (spot, columnOf) => {
-  const { plot, words, panel, group } = spot;
-  const height = spot.height + (spot.last ? 24 : 0); // for the axis
+const openCurve = (plot, panel, group, height, last, columns) => {
   const stretch = stretchOf(group, panel.x);
-  panel.instants = columnOf(panel.marks);
-  if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
-  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spot, height, stretch) }, joined(panel.series, columnOf), plot);
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(panel, group, height, last, stretch) }, joined(panel.series, columns), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
   if (isTimed(group, panel.x)) addHead(chart, clockOf(group), stretch);
@@ -244,17 +238,17 @@ const showStretch = (stretch, from, to) => {
 };
 
 const addZoomKeys = (place, stretch) => {
-  const around = (factor) => {
-    const [middle, half] = [(stretch.shown[0] + stretch.shown[1]) / 2, (factor * (stretch.shown[1] - stretch.shown[0])) / 2];
+  const zoom = (factor, move = 0) => {
+    const [from, to] = stretch.shown;
+    const [middle, half] = [(from + to) / 2 + move * (to - from), (factor * (to - from)) / 2];
     showStretch(stretch, middle - half, middle + half);
   };
-  const pan = (share) => showStretch(stretch, ...stretch.shown.map((end) => end + share * (stretch.shown[1] - stretch.shown[0])));
-  const keys = { "+": () => around(0.5), "-": () => around(2), 0: () => showStretch(stretch, ...stretch.whole), PageUp: () => pan(-0.5), PageDown: () => pan(0.5) };
+  const keys = { "+": [0.5], "-": [2], 0: [1e9], PageUp: [1, -0.5], PageDown: [1, 0.5] };
   place.tabIndex = 0;
   place.addEventListener("keydown", (event) => {
     if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     event.stopPropagation();
-    keys[event.key]();
+    zoom(...keys[event.key]);
   });
 };

@@ -3,16 +3,6 @@
 (async () => {
   if (typeof DecompressionStream === "undefined") return document.body.classList.add("old-browser");
   const block = await unpack();
-  for (const beside of document.querySelectorAll(".beside")) {
-    const wide = matchMedia("(min-width: 75rem)");
-    // Above 75rem the map, its legend and the timeline fill the rest of the first screen, or a screen further down.
-    beside.roomFor = (legend, fitting) => {
-      if (!wide.matches) return Math.min(0.45 * innerHeight, fitting);
-      const below = legend.offsetHeight + beside.querySelector(".timeline").offsetHeight + 24;
-      const top = beside.getBoundingClientRect().top + scrollY;
-      return Math.max(320, innerHeight - (top > 0.6 * innerHeight ? 40 : top) - below);
-    };
-  }
   const places = [...document.querySelectorAll("[data-scene]")];
   const open = (place) => openScene(place, pageData.scenes[place.dataset.scene], block);
   const isNear = (place) => place.getBoundingClientRect().top < 2 * innerHeight;

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadlog.results.page.blocks import Chart, Page, Section, render
+from quadlog.results.page.blocks import Drawn, Page, Section, render
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.run import Run
@@ -115,7 +115,7 @@ def test_a_page_shows_what_a_reader_looks_for(tiny_run: Path) -> None:
     for words in (
         *("walk.mcap", "2 things to look at", "crc on /points, 5 ×: one chunk is damaged, from 1.0 s to 1.5 s"),
         *("no heading source: yaw is the course", "distance to the path", "sensor_msgs/msg/PointCloud2", "ab" * 32),
-        *("ingest 0.50", "quadlog replay walk.mcap", 'name = "ia_star"', "known to 0.09 m only"),
+        *("ingest 0.5 62.5", "quadlog replay walk.mcap", 'name = "ia_star"', "known to 0.09 m only"),
         "0.8 0.1 1.05 0.35 −0.05 appeared inside the body no",
         "1.8 0.42 2.15 0.35 −0.031 the robot cut a corner of its plan yes",
     ):
@@ -132,5 +132,5 @@ def test_a_minute_of_all_curves_weighs_little() -> None:
     panels = [Panel(str(number), [Series("a", "robot", seconds, y)]) for number, y in enumerate(curves)]
     pack = Pack()
     pack.add("all", panels)
-    page = render(Page("a minute", [Section("", [Chart("all")])], pack=pack))
+    page = render(Page("a minute", [Section("", [Drawn("all")])], pack=pack))
     assert len(page) < MINUTE_MB * 1e6 * 0.5  # beside as much for maps and paths
