@@ -91,11 +91,6 @@ def all_plugins() -> list[Plugin]:
     return [each for group in KINDS for name in plugin_names(group) for each in _installed(group)[name]]
 
 
-def is_installed(group: str, name: str, distribution: str, version: str) -> bool:
-    """Whether a plug-in that took part in an earlier run would take part again."""
-    return [(each.distribution, each.version) for each in _installed(group).get(name, ())] == [(distribution, version)]
-
-
 def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
     """The plug-in of a name, None where there is none. taken: whether quadlog has that name itself.
 

@@ -66,13 +66,3 @@ def detect(is_true: Bool, is_called: Bool) -> Detection:
 def ground_detection(truth: Labels, label: Labels) -> Detection:
     """Detection of the ground among points (N,) of PointClass."""
     return detect(truth == PointClass.GROUND, label == PointClass.GROUND)
-
-
-def outlier_detection(truth: Labels, label: Labels) -> Detection:
-    """How false points (N,) were told from returns; whatever a method drops, for whatever reason, is dropped as false.
-
-    `recall` is the share of false points found, `lost` the share of inliers
-    that went with them.
-    """
-    kept = (label == PointClass.GROUND) | (label == PointClass.OBSTACLE)
-    return detect(truth == PointClass.OUTLIER, ~kept)

@@ -15,8 +15,6 @@ USUAL_EPOCH_S = 0.05
 """Long enough for frames and fast rounds, in which a walker moves less than a range's std."""
 LONGEST_EPOCH_S = 1.0
 """Bound of the derived length: in a slower round a walker moves too far for a fix to mean anything."""
-THIN_S = 0.05
-"""Errors of a link's ranges are alike for so long at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +65,6 @@ def thin_rows(usable: np.ndarray, most: int) -> Int:
     """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
     rows = np.flatnonzero(usable)
     return rows[:: max(1, -(-len(rows) // most))]
-
-
-def thin_links(t_ns: Int, anchor: Int, most_slots: int) -> Int:
-    """Indices of N ranges in time order, at most one of each anchor's link in a slot of THIN_S, so rounds stay whole.
-
-    Slots are longer where there would be more than most_slots of them.
-    """
-    if len(t_ns) == 0:
-        return np.empty(0, dtype=np.int64)
-    slot_ns = max(round(THIN_S * 1e9), -(-int(t_ns[-1] - t_ns[0]) // max(most_slots, 1)))
-    slot = (t_ns - t_ns[0]) // slot_ns
-    _, first = np.unique(slot * (int(anchor.max()) + 1) + anchor, return_index=True)
-    return np.sort(first)
 
 
 def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:

@@ -32,11 +32,6 @@ def body_tags_of(config: Config, tags: list[int]) -> list[int]:
     return sorted(tags)[:1]
 
 
-def has_body_of_tags(config: Config) -> bool:
-    """Whether the table gives the robot several tags, which are solved together where they range."""
-    return sum(tag.role == "robot" for tag in config.uwb.tags) > 1
-
-
 def lever_of(config: Config, tag: int) -> tuple[float, float]:
     """Where a tag sits in base, x_m and y_m; at its origin unless the table says otherwise."""
     row = next((each for each in config.uwb.tags if each.id == tag), None)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -15,7 +14,6 @@ from quadlog.config.plugins import (
     all_plugins,
     find_plugin,
     foreign_code,
-    is_installed,
     plugin_names,
 )
 from quadlog.errors import PluginNameTaken, PluginUnusable
@@ -78,17 +76,6 @@ def test_a_distribution_without_metadata_is_still_named(install):
     plugin = find_plugin(PLANNERS, "plain", taken=False)
     assert plugin is not None
     assert (plugin.distribution, plugin.version) == ("an unnamed distribution", "?")
-
-
-def test_the_same_plugin_is_one_of_the_same_distribution_and_version(install, plugin_site):
-    install("quadlog-one", "1.0", {PLANNERS: {"walk": "one:Walk"}})
-    assert is_installed(PLANNERS, "walk", "quadlog-one", "1.0")
-    assert not is_installed(PLANNERS, "walk", "quadlog-one", "1.1")
-    assert not is_installed(PLANNERS, "walk", "quadlog-two", "1.0")
-    assert not is_installed(DECODERS, "walk", "quadlog-one", "1.0")
-    shutil.rmtree(plugin_site / "quadlog_one-1.0.dist-info")
-    install("quadlog-one", "2.0", {PLANNERS: {"walk": "one:Walk"}})
-    assert not is_installed(PLANNERS, "walk", "quadlog-one", "1.0")
 
 
 def test_help_looks_for_no_plugins(install):

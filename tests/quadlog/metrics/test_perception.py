@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.metrics.perception import Detection, detect, ground_detection, outlier_detection
+from quadlog.metrics.perception import Detection, detect, ground_detection
 
 GROUND, OBSTACLE, FALSE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE), np.uint8(PointClass.OUTLIER)
 CROPPED, INVALID = np.uint8(PointClass.CROPPED), np.uint8(PointClass.INVALID)
@@ -50,14 +50,6 @@ def test_ground_is_compared_with_everything_else():
     truth = np.array([GROUND, GROUND, GROUND, OBSTACLE, FALSE, OBSTACLE])
     label = np.array([GROUND, OBSTACLE, FALSE, GROUND, GROUND, OBSTACLE])
     assert ground_detection(truth, label) == Detection(6, 3, 3, 1)
-
-
-def test_a_point_that_is_dropped_is_dropped_as_false_whatever_it_is_called():
-    truth = np.array([FALSE, FALSE, FALSE, GROUND, OBSTACLE, OBSTACLE, GROUND, FALSE])
-    label = np.array([FALSE, CROPPED, INVALID, FALSE, INVALID, CROPPED, OBSTACLE, GROUND])
-    made = outlier_detection(truth, label)
-    assert made == Detection(8, 4, 6, 3)
-    assert (made.recall, made.lost) == (3 / 4, 3 / 4)
 
 
 @given(arrays(np.bool_, 40), arrays(np.bool_, 40), st.integers(0, 40))

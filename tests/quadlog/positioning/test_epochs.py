@@ -15,7 +15,6 @@ from quadlog.positioning.epochs import (
     USUAL_EPOCH_S,
     derive_epoch_s,
     group_epochs,
-    thin_links,
     thin_rows,
 )
 
@@ -132,14 +131,3 @@ def test_rows_are_thinned_evenly(n):
 
 def ids(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int64)
-
-
-def test_links_are_thinned_each_by_itself_and_rounds_stay_whole():
-    """Four anchors in turn, 100 rounds a second: every fifth round is left. Slower ones stay as they are."""
-    t_ns, anchor = np.arange(4000) * 2_500_000, np.arange(4000) % 4
-    kept = thin_links(t_ns, anchor, 5000)
-    np.testing.assert_array_equal(kept // 4 % 5, 0)
-    np.testing.assert_array_equal(np.bincount(anchor[kept]), 200)
-    np.testing.assert_array_equal(thin_links(10 * t_ns, anchor, 5000), np.arange(4000))
-    assert len(thin_links(10 * t_ns, anchor, 50)) <= 4 * 51
-    assert len(thin_links(t_ns[:0], anchor[:0], 5000)) == 0
