@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import re
 import resource
@@ -38,7 +39,7 @@ def ended(words, number, place, begun, group=False, **options):
     process = subprocess.Popen(
         command, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **options
     )
-    while begun and not list(place.rglob(begun)):
+    while begun and not glob.glob(f"{place}/**/{begun}", recursive=True, include_hidden=True):  # noqa: PTH207 - folders come and go
         assert process.poll() is None, process.communicate()
         time.sleep(0.005)
     if begun:

@@ -132,7 +132,8 @@ def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(t
     truth = walk.site.robot.at(seconds_since(poses["t_ns"], START_NS))
     np.testing.assert_allclose(poses["roll_rad"], truth.roll_rad, atol=1e-6)
     np.testing.assert_allclose(poses["pitch_rad"], truth.pitch_rad, atol=1e-6)
-    assert np.sqrt(np.mean((poses["z_m"] - truth.height_m) ** 2)) < 0.45  # its std is told to be 0.29 m
+    # Biases of links look like heights: 0.45 m rms over four seeds. A copy of a tag repeats its errors: 0.59 m.
+    assert np.sqrt(np.mean((poses["z_m"] - truth.height_m) ** 2)) < (0.5 if n_tags == 1 else 0.65)
     found = [outcome.metrics[name]["value"] for name in ("ate_rmse_m", "rpe_rmse_m")]
     # Where nobody gave the tag's height, base's is not known: errors are those in the plane.
     assert found == pytest.approx(by_evo(outcome.run, planar=height_m is None), abs=1e-9)

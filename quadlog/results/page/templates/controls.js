@@ -37,7 +37,7 @@ const openScene = (place, scene, block) => {
     const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
     const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
     // The first screen also has verdict, cards, legend and timeline. A page that is printed may have no height.
-    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 440 : fitting, 280));
+    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 480 : fitting, 280));
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
