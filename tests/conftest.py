@@ -62,7 +62,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The tour of the pages, the longest, begins; what needs a cluster, object storage or the trolley is nightly."""
     items.sort(key=lambda item: item.path.name != "test_docs.py")
     for item in items:
-        if {"cluster", "empty_cluster", "bucket", "trolley"} & set(getattr(item, "fixturenames", ())):
+        if {"make_cluster", "scheduler", "bucket", "trolley"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.nightly)
 
 

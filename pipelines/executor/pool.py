@@ -13,6 +13,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from types import TracebackType
@@ -43,6 +44,7 @@ class LocalPool(Executor):
     def __init__(self, workers: int) -> None:
         """The number of processes; `messages` receives what tasks `tell`."""
         os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
+        resource_tracker.ensure_running()  # the thread that starts it has SIGINT unblocked afterwards
         self._threads = ThreadPoolExecutor(workers, "quadlog-worker", initializer=_block_interrupts)
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self._own = threading.local()
