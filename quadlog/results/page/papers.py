@@ -6,19 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from quadlog.results.numbers import count, sig
-from quadlog.results.page.blocks import (
-    Cell,
-    Column,
-    Details,
-    Notes,
-    Page,
-    Picture,
-    Section,
-    Sentence,
-    Table,
-    Text,
-)
-from quadlog.results.page.blocks import Verdict as Findings
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.papers.picture import table_picture
 from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, SavedTable, Verdict
 from quadlog.results.words import State
@@ -40,7 +29,7 @@ LOOKS: dict[Verdict, tuple[str, State, str]] = {
 """Word, colour and rule of each verdict, worst first."""
 
 
-def papers_page(saved: Sequence[SavedTable], code: str) -> Page:
+def papers_page(saved: Sequence[SavedTable], code: str) -> blocks.Page:
     """The page of all tables in a folder. code: digest of the current quadlog; tables of another one are named."""
     tables = [of.table for of in saved]
     verdicts = [verdict for table in tables for verdict in table.claims.values()]
@@ -49,7 +38,7 @@ def papers_page(saved: Sequence[SavedTable], code: str) -> Page:
         for verdict, (word, state, rule) in LOOKS.items()
         if (number := verdicts.count(verdict))
     ]
-    first: list[Any] = [Findings(findings)]
+    first: list[Any] = [blocks.Verdict(findings)]
     fast, old = [t.name for t in tables if t.fast], [of.table.name for of in saved if of.origin.code != code]
     notes = []
     if fast:
@@ -57,14 +46,14 @@ def papers_page(saved: Sequence[SavedTable], code: str) -> Page:
     if old:
         notes.append(f"Measured by another quadlog, or with other packages, than the last table: {', '.join(old)}.")
     if notes:
-        first.append(Notes("Not all alike", notes))
+        first.append(blocks.Notes("Not all alike", notes))
     first.append(_overview(tables))
     facts = [
         f"{count(len(tables))} table{'s' * (len(tables) != 1)}",
         f"{count(len(verdicts))} printed numbers and claims, counted once for all settings",
     ]
-    sections = [Section("", first), *map(_section, tables)]
-    return Page("The papers' tables, measured again", sections, [*facts, "errata: docs/errata.md"])
+    sections = [blocks.Section("", first), *map(_section, tables)]
+    return blocks.Page("The papers' tables, measured again", sections, [*facts, "errata: docs/errata.md"])
 
 
 def _overview(tables: Sequence[PaperTable]) -> Table:
@@ -81,19 +70,21 @@ def _overview(tables: Sequence[PaperTable]) -> Table:
 LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
 
 
-def _section(table: PaperTable) -> Section:
+def _section(table: PaperTable) -> blocks.Section:
     files = f"{table.name}.csv, {table.name}.tex and {table.name}.json"
     fast = " (a fast run)" if table.fast else ""
-    blocks: list[Any] = [Text(f"{table.reproduced}. {table.sizes} Made by {table.command}{fast}; also as {files}.")]
+    shown: list[Any] = [
+        blocks.Text(f"{table.reproduced}. {table.sizes} Made by {table.command}{fast}; also as {files}.")
+    ]
     for number, group in enumerate(table.groups):
-        blocks.append(_group(group, f"{table.name}-{number}"))
+        shown.append(_group(group, f"{table.name}-{number}"))
     picture = table_picture(table)
     if picture is not None:
-        blocks.append(Picture(picture, f"{table.title}: our numbers beside the printed ones.", LEGEND))
-    return Section(table.name, blocks, f"{table.title}. {table.caption}".replace("`", ""))
+        shown.append(blocks.Picture(picture, f"{table.title}: our numbers beside the printed ones.", LEGEND))
+    return blocks.Section(table.name, shown, f"{table.title}. {table.caption}".replace("`", ""))
 
 
-def _group(group: RowGroup, name: str) -> Table | Details:
+def _group(group: RowGroup, name: str) -> Table | blocks.Details:
     """What the paper has first; other quantities on demand."""
     judged = [row for row in group.rows if row.paper is not None or row.reproduces is not None]
     others = [row for row in group.rows if row not in judged]
@@ -105,7 +96,7 @@ def _group(group: RowGroup, name: str) -> Table | Details:
     own = [Column("quantity"), Column("ours", True), Column("95 % interval", True), Column("note", wide=True)]
     cells = [[row[0], row[2], row[3], row[5]] for row in rows]
     summary = f"{group.title}: {len(rows)} quantities that the paper does not print"
-    return Details(summary, [Table(own, cells, name, group.text)])
+    return blocks.Details(summary, [Table(own, cells, name, group.text)])
 
 
 def _row(row: PaperRow) -> list[Cell]:

@@ -20,22 +20,8 @@ from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.figures import FIGURES
 from quadlog.results.find_runs import find_runs, is_run, run_name
 from quadlog.results.numbers import NONE, count, sig
-from quadlog.results.page.blocks import (
-    Beside,
-    Cell,
-    Column,
-    Details,
-    Drawn,
-    Gallery,
-    Notes,
-    Page,
-    Section,
-    Sentence,
-    Table,
-    Text,
-    Verdict,
-    write_page,
-)
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
@@ -80,8 +66,8 @@ class Compared:
 
 
 def list_page(
-    title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: Section | None = None
-) -> Page:
+    title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: blocks.Section | None = None
+) -> blocks.Page:
     """The page of a folder of runs: findings and the list, worst first; paths and curves, or thumbnails."""
     runs = {row.name: row.run for row in rows if row.run is not None}
     one_clock = len({(run.record.input.identity, run.simulated) for run in runs.values()}) == 1 < len(runs)
@@ -92,30 +78,36 @@ def list_page(
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
     every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)))
     sections = [
-        Section("", [Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
+        blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
         *([settings] if settings else []),
-        Section("Failed", [Notes("Not replayed", failed, "bad")] if failed else []),
-        Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
-        Section("Settings that differ", settings_table(compared)),
-        Section("All metrics", [Details("A column for each metric", [every])] if rows else []),
+        blocks.Section("Failed", [blocks.Notes("Not replayed", failed, "bad")] if failed else []),
+        blocks.Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
+        blocks.Section("Settings that differ", settings_table(compared)),
+        blocks.Section("All metrics", [blocks.Details("A column for each metric", [every])] if rows else []),
     ]
-    return Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
+    return blocks.Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
 
-def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> Page:
+def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> blocks.Page:
     """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
     pack = Pack()
     drawn = _over_each_other(compared, pack)
     said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
     statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
     sections = [
-        Section("", [Verdict([*_better(compared), *statuses]), *([Notes("Not comparable", notes)] if notes else [])]),
-        Section("Paths and curves", drawn, pack.thinned),
-        Section("Metrics", [compared_metrics(compared)]),
-        Section("Settings that differ", settings_table(compared)),
+        blocks.Section(
+            "",
+            [
+                blocks.Verdict([*_better(compared), *statuses]),
+                *([blocks.Notes("Not comparable", notes)] if notes else []),
+            ],
+        ),
+        blocks.Section("Paths and curves", drawn, pack.thinned),
+        blocks.Section("Metrics", [compared_metrics(compared)]),
+        blocks.Section("Settings that differ", settings_table(compared)),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
-    return Page(title, sections, facts, pack=pack)
+    return blocks.Page(title, sections, facts, pack=pack)
 
 
 def _opened(folder: Path, name: str) -> Run | None:
@@ -186,8 +178,8 @@ def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
         if scene is not None:
             still = replace(scene, layers=[layer for layer in scene.layers if isinstance(layer, Raster | Track)])
             pack.add(f"walk-{number}", still, group=f"walk-{number}")  # a group each: no player moves them
-            views.append(Drawn(f"walk-{number}", name, href=_link(name, run)))
-    return [Gallery(views)] if views else []
+            views.append(blocks.Drawn(f"walk-{number}", name, href=_link(name, run)))
+    return [blocks.Gallery(views)] if views else []
 
 
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
@@ -198,13 +190,13 @@ def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
             pack.add(figure.name, merge_panels(panels))
-            charts.append(Drawn(figure.name, figure.title, figure.caption))
+            charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
     scenes = {name: scene for name, run in compared.runs.items() if (scene := walk_scene(run)) is not None}
     if not scenes:
         return charts
     pack.add("paths", merge_scenes(scenes))
-    view = Drawn("paths", "paths", moments=compared.first_differences)
-    return [Beside(view, charts)] if charts else [view]
+    view = blocks.Drawn("paths", "paths", moments=compared.first_differences)
+    return [blocks.Beside(view, charts)] if charts else [view]
 
 
 def compared_metrics(compared: Compared) -> Table:
@@ -308,7 +300,7 @@ def write_folder_page(folder: Path) -> Path:
     simulated = [row.run.simulated for row in rows if row.run is not None]
     walks = bool(simulated) and all(simulated)
     title = f"{folder.resolve().name}: {count(len(rows))} {'walk' if walks else 'recording'}{'s' * (len(rows) != 1)}"
-    return write_page(folder / "report.html", list_page(title, rows, spread_of(rows) if walks else []))
+    return blocks.write_page(folder / "report.html", list_page(title, rows, spread_of(rows) if walks else []))
 
 
 def write_sweep_page(folder: Path) -> Path:
@@ -322,8 +314,8 @@ def write_sweep_page(folder: Path) -> Path:
     ]
     listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
     title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
-    settings = Section("Settings", [_settings_values(summary), *map(Text, summary.notes())])
-    return write_page(folder / "report.html", list_page(title, listed, findings, settings))
+    settings = blocks.Section("Settings", [_settings_values(summary), *map(blocks.Text, summary.notes())])
+    return blocks.write_page(folder / "report.html", list_page(title, listed, findings, settings))
 
 
 def _settings_values(summary: SweepSummary) -> Table:
