@@ -13,8 +13,8 @@ from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.find_runs import FAILED, fetch, run_name
 from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
-from quadlog.results.places import check_place
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
+from quadlog.results.run import check_place
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath

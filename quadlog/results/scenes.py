@@ -10,9 +10,8 @@ import numpy as np
 
 from quadlog.metrics.catalogue import THEMES
 from quadlog.results import view
-from quadlog.results.numbers import sig
 from quadlog.results.run import Run
-from quadlog.results.words import value_text
+from quadlog.results.text import sig, value_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame

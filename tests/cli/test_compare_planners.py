@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from quadlog.results import planners as tables
+from quadlog.results.studies.planners import PLANNERS
 
-COLUMNS = tables.PLANNERS
 PLAN = ["--planner", "ia_star", "--planner", "mt_d_star_lite"]
 FOREST = ["compare-planners", "forest:0.1", *PLAN, "--episodes", "2"]
 
@@ -25,7 +24,7 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog, tmp_
     assert [row["planner"] for row in rows] == ["astar", "ia_star", "mt_d_star_lite"]
     totals = {f"{count}_total" for count in ("expanded", "generated", "touched")}
     for row in rows:
-        assert list(row) == [name for name in COLUMNS.names if name in row]
+        assert list(row) == [name for name in PLANNERS.names if name in row]
         assert {name for name in row if type(row[name]) is int} == {"episodes", "replans", *totals}
         assert {name for name in row if type(row[name]) is str} == {"source", "planner"}
         assert {type(value) for value in row.values()} == {int, float, str}

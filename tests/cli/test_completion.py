@@ -16,7 +16,7 @@ from quadlog.config.control import Simulation
 from quadlog.config.file import PRESETS
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS as GROUP
-from quadlog.results.stages import STAGES
+from quadlog.results import STAGES
 
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "numba", "pydantic", "rich", "rosbags", "mcap", "mujoco", "jinja2")
 

@@ -15,9 +15,9 @@ import time
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results import planners as comparison_text
 from quadlog.results.page import planners as comparison_page
 from quadlog.results.record import is_finished
+from quadlog.results.studies import planners as comparison_text
 from tests.cli.conftest import FOLLOW
 
 # They would take hours.

@@ -14,8 +14,8 @@ import pytest
 
 from quadlog.cli.main import run
 from quadlog.metrics.comparison.over_seeds import over_seeds
-from quadlog.results.numbers import sig
-from quadlog.results.stages import STAGE_FILES
+from quadlog.results import STAGE_FILES
+from quadlog.results.text import sig
 from tests.cli.conftest import FOLLOW
 from tests.lab.runs import unfinish
 

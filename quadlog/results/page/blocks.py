@@ -20,8 +20,8 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from quadlog.results.page.pack import Pack
+from quadlog.results.text import State
 from quadlog.results.view import Moment
-from quadlog.results.words import State
 from quadlog.storage.atomic_write import write_whole
 from quadlog.version import __version__
 
@@ -132,14 +132,6 @@ class Gallery(NamedTuple):
     views: Sequence[Drawn]
 
 
-class Picture(NamedTuple):
-    """An embedded PNG of which there is no chart."""
-
-    png: bytes
-    alt: str
-    caption: str = ""
-
-
 class Text(NamedTuple):
     """A paragraph, or lines of code."""
 
@@ -194,7 +186,7 @@ def render(page: Page) -> bytes:
     scripts = [_own_file(name) for name in (*(_SCRIPTS if page.pack else ()), "table.js")]
     styles = [_own_file(name) for name in _STYLES]
     policy = (
-        f"default-src 'none'; img-src data:; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
+        f"default-src 'none'; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
         "base-uri 'none'; form-action 'none'"
     )
     # Only files of this package and escaped data are inserted as they are.
@@ -212,7 +204,6 @@ def _environment() -> jinja2.Environment:
     loader = jinja2.FunctionLoader(_own_file)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, **blanks)
     environment.filters["kind"] = lambda block: type(block).__name__.lower()
-    environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
     environment.filters["instant"] = lambda seconds: f"#t={seconds:.3f}"
     return environment
 

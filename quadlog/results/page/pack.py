@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.results import view
-from quadlog.results.numbers import count
+from quadlog.results.text import count
 
 DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""

@@ -15,15 +15,13 @@ from quadlog.metrics.intervals import FEWEST_VALUES, Interval
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
-from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
 from quadlog.results.tables import write_table
-from quadlog.results.text import interval_text
+from quadlog.results.text import State, count, ends_text, percent, sig
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
-from quadlog.results.words import State
 from quadlog.storage.atomic_write import uninterrupted, write_whole
 
 if TYPE_CHECKING:
@@ -252,8 +250,8 @@ def planner_table(comparison: Comparison, number: int) -> Table:
         cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
         cells += [Cell(count(total), total)]
         cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
-        cells[0] = cells[0]._replace(below=interval_text(_interval(row)), state=states[row.planner])
-        cells[1] = cells[1]._replace(below=interval_text(us))
+        cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row.planner])
+        cells[1] = cells[1]._replace(below=ends_text(us))
         cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
         rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
     note = "Below a number: its 95 % interval. Those of the verdict are wider, since it names the best of several."

@@ -11,15 +11,25 @@ import numpy as np
 
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.figures import FIGURES, drawings_of
-from quadlog.results.numbers import count, file_size, percent, sig
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
 from quadlog.results.record import LossRecord
 from quadlog.results.run import Run
+from quadlog.results.text import (
+    Bound,
+    bounds_of,
+    count,
+    file_size,
+    interval_text,
+    label_of,
+    percent,
+    sig,
+    state_of,
+    value_text,
+)
 from quadlog.results.view import TIME, Drawing, Moment, Scene
-from quadlog.results.words import Bound, bounds_of, interval_text, label_of, state_of, value_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -17,19 +17,31 @@ import numpy as np
 
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.results.diff import unlike_settings
 from quadlog.results.figures import FIGURES
 from quadlog.results.find_runs import find_runs, is_run, run_name
-from quadlog.results.numbers import NONE, count, sig
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
-from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
+from quadlog.results.studies.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
 from quadlog.results.tables import read_table
+from quadlog.results.text import (
+    NONE,
+    STATES,
+    Bound,
+    State,
+    bounds_of,
+    count,
+    interval_text,
+    label_of,
+    sig,
+    state_of,
+    value_text,
+)
 from quadlog.results.view import Moment, Raster, Scene, Track, merge_panels, merge_scenes
-from quadlog.results.words import STATES, Bound, State, bounds_of, interval_text, label_of, state_of, value_text
 
 if TYPE_CHECKING:
     from quadlog.metrics.comparison.paired import PairedDifference
@@ -82,7 +94,7 @@ def list_page(
         *([settings] if settings else []),
         blocks.Section("Failed", [blocks.Notes("Not replayed", failed, "bad")] if failed else []),
         blocks.Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
-        blocks.Section("Settings that differ", settings_table(compared)),
+        blocks.Section("Settings that differ", settings_table(compared.runs)),
         blocks.Section("All metrics", [blocks.Details("A column for each metric", [every])] if rows else []),
     ]
     return blocks.Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
@@ -104,7 +116,7 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
         ),
         blocks.Section("Paths and curves", drawn, pack.thinned),
         blocks.Section("Metrics", [compared_metrics(compared)]),
-        blocks.Section("Settings that differ", settings_table(compared)),
+        blocks.Section("Settings that differ", settings_table(compared.runs)),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
     return blocks.Page(title, sections, facts, pack=pack)
@@ -255,18 +267,11 @@ def _better(compared: Compared) -> list[Sentence]:
     return found
 
 
-def settings_table(compared: Compared) -> list[Table]:
+def settings_table(runs: Mapping[str, Run]) -> list[Table]:
     """Keys of configuration and options in which the runs differ, if there are any."""
-    from pandas import DataFrame, json_normalize
-
-    texts = {}
-    for name, run in compared.runs.items():
-        values = json_normalize({**run.config.model_dump(), **run.record.options, "seed": run.record.seed})
-        texts[name] = values.iloc[0].map(lambda value: str(value)[:80])
-    flat = DataFrame(texts).fillna(NONE)
-    differ = flat[flat.nunique(axis=1) > 1].itertuples(name=None)
-    rows = [[Cell(key, code=True), *map(Cell, values)] for key, *values in differ]
-    return [Table([Column("key"), *map(Column, texts)], rows, "settings")] if rows else []
+    unlike = unlike_settings([run.record for run in runs.values()], NONE)
+    rows = [[Cell(key, code=True), *(Cell(value[:80]) for value in of)] for key, of in unlike.items()]
+    return [Table([Column("key"), *map(Column, runs)], rows, "settings")] if rows else []
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:

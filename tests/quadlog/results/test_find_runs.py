@@ -118,9 +118,9 @@ def test_they_are_told_of_a_bucket_too(tiny_run: Path, tmp_path: Path, bucket: A
     bucket.put_file(str(tmp_path / "summary.parquet"), f"{bucket.name}/season/summary.parquet")
     for name in ("run.json", "config.toml", "metrics.json"):
         bucket.put_file(str(tiny_run / name), f"{bucket.name}/season/walk/{name}")
-    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as here:
+    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as (here, as_given):
         (failed,) = failed_recordings(here)
-        assert here.as_given(failed) == f"s3://{bucket.name}/season/broken"
+        assert as_given(failed) == f"s3://{bucket.name}/season/broken"
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_no_two_recordings_share_a_folder(stems: list[str]) -> None:
 @pytest.mark.parametrize(
     ("command", "copied"),
     [
-        (["export", "--to", "tum"], {"run.json", "poses.parquet", "trajectory.tum"}),
+        (["export", "--to", "tum"], {"run.json", "trajectory.tum"}),
         (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
         (
             ["compare-planners", "--planner", "astar"],

@@ -56,7 +56,7 @@ BYTES = (b"", b"{", b"{}", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"config":' * 9
 def test_a_number_out_of_range_is_damage(tiny_run: Path, place: str, number: str) -> None:
     value = {"x": "N"} if place == "options" else "N"
     text = json.dumps(json.loads((tiny_run / "run.json").read_text()) | {place: value})
-    refuse(tiny_run, text.replace('"N"', number).encode(), "(too large a|no finite) number")
+    refuse(tiny_run, text.replace('"N"', number).encode(), "is damaged")
 
 
 @pytest.mark.parametrize("damage", [*DAMAGE, *BYTES])

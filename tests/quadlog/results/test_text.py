@@ -17,7 +17,7 @@ from markdown_it import MarkdownIt
 from quadlog.cli import options
 from quadlog.errors import csv_cell
 from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
-from quadlog.results.planners import PLANNERS, format_rows
+from quadlog.results.studies.planners import PLANNERS, format_rows
 from quadlog.results.text import FORMATS, metrics_text, print_table, values_text
 
 NASTY = "a|b_$x#\x1b[31m\nc & 100% ~^{}<script>`*\\"

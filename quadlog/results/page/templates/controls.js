@@ -36,8 +36,10 @@ const openScene = (place, scene, block) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
     const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
-    // The first screen also has verdict, cards, legend and timeline. A page that is printed may have no height.
-    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 480 : fitting, 280));
+    // Beside curves the map ends with the screen: what lies above it, legend and timeline have their place there too.
+    const above = Math.min(stage.getBoundingClientRect().top + scrollY, innerHeight / 2);
+    const rest = innerHeight - above - (place.offsetHeight - stage.offsetHeight) - 12;
+    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? rest : fitting, 280)); // print may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));

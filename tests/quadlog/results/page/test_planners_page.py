@@ -24,7 +24,7 @@ from quadlog.pipelines.comparison.problems import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.query import Query
 from quadlog.results.page.planners import question_scene
-from quadlog.results.planners import MOST_BYTES, MOST_QUESTIONS, QuestionSample
+from quadlog.results.studies.planners import MOST_BYTES, MOST_QUESTIONS, QuestionSample
 from quadlog.results.view import Windows
 
 OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
