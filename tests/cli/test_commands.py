@@ -16,8 +16,6 @@ from click.testing import CliRunner
 
 from quadlog.cli.main import COMMANDS, cli, run
 from quadlog.config.plugins import DECODERS, PLANNERS
-from quadlog.errors import CannotWrite
-from quadlog.storage.atomic_write import write_whole
 from quadlog.version import __version__
 from tests.cli.conftest import FIXTURES
 
@@ -177,9 +175,6 @@ def test_what_goes_into_a_folder_spares_runs_and_pipes_too(to, folder, here, ref
     os.mkfifo(tmp_path / "tables" / "scans.csv")
     refused(2 if to == "rosmap" else 1, *here(f"export RUN --to {to} -o {folder} --force"))
     assert [path.name for path in (tmp_path / "tables").iterdir()] == ["scans.csv"]
-    (tmp_path / "stdout").symlink_to("tables/scans.csv")
-    with pytest.raises(CannotWrite, match="it is no regular file"):
-        write_whole(tmp_path / "stdout", b"")
 
 
 def test_files_beside_the_runs_are_skipped_wherever_they_stand(follow, tmp_path, quadlog, refused):

@@ -44,15 +44,6 @@ def test_the_csv_file_holds_what_the_contract_says(made):
     assert sum(row["reproduces"] == "no" for row in rows) >= 5
 
 
-def test_the_page_shows_numbers_and_pictures_and_says_that_it_is_fast(made):
-    names = {path.name for path in made.iterdir()}
-    assert names == {"report.html", *(f"following-uwb.{suffix}" for suffix in ("csv", "json", "tex"))}
-    page = (made / "report.html").read_text(encoding="utf-8")
-    assert "quadlog tables following-uwb --fast" in page
-    assert "Fast runs, with fewer draws and wider intervals than the full tables: following-uwb." in page
-    assert "errata: docs/errata.md" in page
-
-
 def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
     words = ["tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2"]
     code, out, err = quadlog(*words)

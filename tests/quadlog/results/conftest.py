@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -20,7 +19,7 @@ from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -52,19 +51,6 @@ def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return open_page
-
-
-@pytest.fixture
-def tiny_walk(tiny_run: Path) -> Path:
-    """The tiny run with the tables of a walk along a course alone."""
-    kept = {"control.parquet", "paths.parquet", "ground.npz", "metrics.json", "config.toml", "run.json"}
-    for each in tiny_run.iterdir():
-        if each.name not in kept:
-            each.unlink()
-    record = json.loads((tiny_run / "run.json").read_text())
-    record |= {"options": {"course": "line", "controller": "fpmw", "seed": 0}, "losses": [], "topics": []}
-    (tiny_run / "run.json").write_text(json.dumps(record))
-    return tiny_run
 
 
 @pytest.fixture(scope="session")
@@ -157,41 +143,6 @@ def decode_mcap(path: Path) -> dict[str, list[tuple[int, Any]]]:
 def tiny_run(tiny_original: Path, tmp_path: Path) -> Path:
     """A complete run folder of the test's own."""
     return shutil.copytree(tiny_original, tmp_path / "walk")
-
-
-@pytest.fixture
-def other(tiny_run: Path, tmp_path: Path) -> Path:
-    """A second copy of the tiny run, of the test's own."""
-    return shutil.copytree(tiny_run, tmp_path / "other")
-
-
-@pytest.fixture(scope="session")
-def change() -> Callable[..., None]:
-    """Replaces columns of a saved table: (run, name, column=values); a function gets the old values."""
-
-    def change(run: Path, name: str, **columns: Any) -> None:
-        table = read_table(run, name)
-        changed = {key: value(table[key]) if callable(value) else value for key, value in columns.items()}
-        _table(run, name, **table | changed)
-
-    return change
-
-
-@pytest.fixture(scope="session")
-def change_json() -> Callable[..., None]:
-    """Replaces entries of a JSON file: (path, {dotted name: value}); numbers in a name are places of a list."""
-
-    def change(path: Path, entries: dict[str, Any]) -> None:
-        content = json.loads(path.read_text())
-        for name, value in entries.items():
-            *way, last = (int(part) if part.isdecimal() else part for part in name.split("."))
-            inner = content
-            for part in way:
-                inner = inner[part]
-            inner[last] = value
-        path.write_text(json.dumps(content))
-
-    return change
 
 
 def _table(path: Path, name: str, **columns: Any) -> None:

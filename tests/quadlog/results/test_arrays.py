@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import quadlog.results
 from quadlog.errors import NotARun, TooLarge
 from quadlog.results import arrays
 from quadlog.results.arrays import MapsWriter, load_maps, read_arrays, write_arrays
@@ -178,12 +177,6 @@ def test_arrays_that_contradict_each_other_are_damage(tmp_path: Path, name: str,
     (tmp_path / f"{name}.npz").unlink()
     with pytest.raises(NotARun, match=rf"has no {name}\.npz"):
         read_arrays(tmp_path, name)
-
-
-def test_the_loader_of_the_contract() -> None:
-    assert quadlog.results.load_maps is load_maps
-    with pytest.raises(AttributeError, match="no attribute 'load_map'"):
-        quadlog.results.load_map  # noqa: B018
 
 
 def test_what_does_not_fit_is_not_written(tmp_path: Path) -> None:
