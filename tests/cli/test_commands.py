@@ -113,16 +113,6 @@ def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
         assert command.make_context(name, arguments).params
 
 
-def test_options_of_one_meaning_are_declared_alike():
-    """The same flag has the same short form, type and default wherever a command has it; help may differ."""
-    options = [each for name in COMMANDS for each in command_of(name).params if isinstance(each, click.Option)]
-    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force", "--jobs", "--seeds", "--resume"):
-        alike = [each for each in options if flag in each.opts]
-        assert len(alike) > 1
-        kinds = {(*each.opts, str(each.type), str(each.default), each.multiple, each.is_flag) for each in alike}
-        assert len(kinds) == 1, kinds
-
-
 @pytest.mark.parametrize("line", READS.values(), ids=READS)
 def test_what_is_not_there_or_hostile_is_one_line_and_nothing_is_written(line, here, quadlog, tmp_path):
     (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 40)

@@ -142,10 +142,3 @@ def test_what_is_rejected_or_missing_says_so_and_long_tables_are_cut(info):
     assert "  and 40 more, all of them in --json\n" in text
     weak = "\n".join(info_lines(info | {"uwb": [row | {"weak_first_path_share": 0.125}]}))
     assert all(words in weak for words in ("weak path", "12.5"))
-
-
-def test_a_log_whose_tags_hear_too_little_still_says_so(ok):
-    """Only one of the three configured anchors is in the log."""
-    anchors = ", ".join(f"{{id={i}, x_m={x}, y_m={y}, z_m=1.0}}" for i, x, y in ((0, 1.0, 1.0), (11, 9, 0), (12, 0, 9)))
-    row, _ = below(ok("info", FOLLOW[0], "--set", f"uwb.anchors=[{anchors}]").splitlines(), "tag", "role")
-    assert row[3:5] == ["0", row[2]]

@@ -108,7 +108,7 @@ class Table(NamedTuple):
 class Drawn(NamedTuple):
     """A drawing of the page's pack: panels of curves, or a scene, which has a player if it moves.
 
-    start: instant of the first view. href: where a thumbnail leads.
+    start: instant of the first view.
     """
 
     name: str
@@ -116,7 +116,6 @@ class Drawn(NamedTuple):
     caption: str = ""
     moments: Sequence[Moment] = ()
     start: float | None = None
-    href: str = ""
 
 
 class Beside(NamedTuple):
@@ -124,12 +123,6 @@ class Beside(NamedTuple):
 
     scene: Drawn
     charts: Sequence[Drawn]
-
-
-class Gallery(NamedTuple):
-    """Scenes as thumbnails beside each other."""
-
-    views: Sequence[Drawn]
 
 
 class Text(NamedTuple):

@@ -1,14 +1,14 @@
 """One page for several runs: a folder of recordings, the seeds of a course, a sweep, or runs side by side.
 
-What came out in a sentence, a list of the runs, their paths in one player or as thumbnails, curves over each other with
-a colour for each run, and the settings in which they differ.
+What came out in a sentence, a list of the runs, the settings in which they differ, and where runs share a clock their
+paths in one player and curves over each other, a colour for each run.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -41,14 +41,13 @@ from quadlog.results.text import (
     state_of,
     value_text,
 )
-from quadlog.results.view import Moment, Raster, Scene, Track, merge_panels, merge_scenes
+from quadlog.results.view import Moment, Scene, merge_panels, merge_scenes
 
 if TYPE_CHECKING:
     from quadlog.metrics.comparison.paired import PairedDifference
 
 MOST_DRAWN = 16
 """Runs whose paths and curves are drawn; the list has all."""
-MOST_THUMBNAILS = 48
 COLUMNS = 6
 """Metrics chosen for the list of runs; all of them are on demand."""
 END_WORDS: dict[int, tuple[str, State]] = {0: ("done", ""), 1: ("failed", "bad"), 3: ("with loss", "warn")}
@@ -80,13 +79,12 @@ class Compared:
 def list_page(
     title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: blocks.Section | None = None
 ) -> blocks.Page:
-    """The page of a folder of runs: findings and the list, worst first; paths and curves, or thumbnails."""
+    """The page of a folder of runs: findings and the list, worst first; paths and curves of runs of one recording."""
     runs = {row.name: row.run for row in rows if row.run is not None}
     one_clock = len({(run.record.input.identity, run.simulated) for run in runs.values()}) == 1 < len(runs)
     compared, pack = Compared(dict(list(runs.items())[:MOST_DRAWN]), one_clock), Pack()
-    drawn = _over_each_other(compared, pack) if one_clock else _thumbnails(runs, pack)
-    left_out = len(runs) - (MOST_DRAWN if one_clock else MOST_THUMBNAILS)
-    note = f"{count(left_out)} further runs are not drawn. " if left_out > 0 else ""
+    drawn = _over_each_other(compared, pack) if one_clock else []
+    note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
     every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)))
     sections = [
@@ -180,18 +178,6 @@ def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> C
         return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
     return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state_of(name, value, bound))
-
-
-def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
-    """A thumbnail of each walk, and the metrics that matter over the runs in order."""
-    views = []
-    for number, (name, run) in enumerate(list(runs.items())[:MOST_THUMBNAILS]):
-        scene = walk_scene(run)
-        if scene is not None:
-            still = replace(scene, layers=[layer for layer in scene.layers if isinstance(layer, Raster | Track)])
-            pack.add(f"walk-{number}", still, group=f"walk-{number}")  # a group each: no player moves them
-            views.append(blocks.Drawn(f"walk-{number}", name, href=_link(name, run)))
-    return [blocks.Gallery(views)] if views else []
 
 
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from quadlog.results.mpl import COLORS, render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
-from quadlog.results.tables import TABLES, UNBOUNDED, has_table, read_table, write_table
+from quadlog.results.tables import read_table
 from quadlog.results.view import Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors
@@ -69,9 +68,7 @@ def test_nothing_is_joined_across_a_gap(tiny_run: Path) -> None:
     with_gap(tiny_run)
     for label in ("robot", "target", "simulated robot"):
         track = track_of(tiny_run, label)
-        inside = (track.seconds > 3) & (track.seconds < 31)
-        before = (track.seconds > 1.9) & (track.seconds < 3.1)
-        assert np.isnan(track.x[inside | before]).any()
+        assert np.isnan(track.x[(track.seconds > 1.9) & (track.seconds < 31)]).any()
         assert np.isfinite(track.x[track.seconds < 1.9]).all()
     error = next(s for panel in panels_of(tiny_run, "tracking_error") for s in panel.series if s.label == "distance")
     assert np.isnan(error.y).sum() == 1
@@ -126,26 +123,6 @@ def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
     assert moments["ate_rmse_m"].seconds == pytest.approx(2.0)
     assert moments["ate_rmse_m"].shows
     assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ())
-
-
-@pytest.mark.parametrize("value", [1e13, -np.inf])
-def test_numbers_that_cannot_be_drawn_are_left_out_with_a_note(tiny_run: Path, value: float) -> None:
-    changed = []
-    for name in (name for name in TABLES if has_table(tiny_run, name)):
-        columns = read_table(tiny_run, name)
-        kept = set() if abs(value) < np.inf else UNBOUNDED
-        wrong = [key for key, of in columns.items() if of.dtype.kind == "f" and key not in kept]
-        for key in wrong:
-            columns[key][-1] = value
-        write_table(tiny_run / f"{name}.parquet", TABLES[name], columns)
-        changed += [f"{name}.{key}" for key in wrong]
-    run = Run(tiny_run)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        pictures = [render(drawing) for drawing in drawings_of(run).values()]
-    assert all(picture.startswith(b"\x89PNG") for picture in pictures)
-    told = " ".join(run.notes)
-    assert all(name in told for name in changed if name.startswith(("control", "poses", "fixes", "ranges")))
 
 
 def test_a_long_track_keeps_its_gaps_and_moments_when_it_is_thinned() -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import re
-import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -70,22 +69,6 @@ def test_the_file_depends_on_the_rows_alone(tmp_path: Path) -> None:
     assert (tmp_path / "batches").read_bytes() == whole
     assert (tmp_path / "rows").read_bytes() == whole
     assert pq.ParquetFile(tmp_path / "whole").metadata.num_row_groups == 3
-
-
-def test_memory_stays_bounded_while_writing(tmp_path: Path) -> None:
-    def peak(batches: int) -> int:
-        tracemalloc.start()
-        with TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table:
-            for _ in range(batches):
-                table.append(poses(5000))
-        try:
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    peak(1)
-    assert peak(60) < 1.2 * peak(20)
-    assert len(read_table(tmp_path, "poses")["t_ns"]) == 100_000
 
 
 def test_columns_are_checked_by_name(tmp_path: Path) -> None:
