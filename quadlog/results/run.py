@@ -276,7 +276,9 @@ def settle(path: Path) -> None:
         if old.is_dir() and path.is_dir():
             for entry in [*old.glob("plots/*"), *old.iterdir()]:
                 name = entry.relative_to(old)
-                if not _is_own(name) and not (path / name).exists():
+                picture = name.parent.name == "plots" and name.suffix == ".png"
+                own = picture or is_part(name.name) or str(name) in OWN_FILES | {"plots"}
+                if not own and not (path / name).exists():
                     (path / name).parent.mkdir(exist_ok=True)
                     entry.rename(path / name)
             shutil.rmtree(old, ignore_errors=True)
@@ -284,9 +286,3 @@ def settle(path: Path) -> None:
             move_folder(old, path)
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
-
-
-def _is_own(name: Path) -> bool:
-    """Whether a file of a run is quadlog's."""
-    picture = name.parent.name == "plots" and name.suffix == ".png"
-    return picture or is_part(name.name) or str(name) in OWN_FILES | {"plots"}

@@ -15,7 +15,6 @@ from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
-from quadlog.results.record import LossRecord
 from quadlog.results.run import Run
 from quadlog.results.text import (
     Bound,
@@ -189,16 +188,14 @@ def _torques(run: Run) -> Iterator[Table]:
 
 
 def _lost(run: Run) -> Iterator[Any]:
-    if run.record.losses:
-        yield blocks.Notes("Lost from the recording", [loss_text(loss) for loss in run.record.losses], "bad")
+    lines = []
+    for loss in run.record.losses:
+        topic, times = f" on {loss.topic}" if loss.topic else "", f", {count(loss.count)} ×" if loss.count else ""
+        lines.append(f"{loss.cause}{topic}{times}: {loss.detail}")
+    if lines:
+        yield blocks.Notes("Lost from the recording", lines, "bad")
     if run.record.warnings or run.notes:
         yield blocks.Notes("Warnings", [*run.record.warnings, *run.notes])
-
-
-def loss_text(loss: LossRecord) -> str:
-    """A loss in a line."""
-    topic, times = f" on {loss.topic}" if loss.topic else "", f", {count(loss.count)} ×" if loss.count else ""
-    return f"{loss.cause}{topic}{times}: {loss.detail}"
 
 
 def _records(rows: Sequence[Mapping[str, Any]], heads: Mapping[str, str], name: str, note: str = "") -> Iterator[Table]:

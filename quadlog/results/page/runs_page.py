@@ -7,6 +7,7 @@ paths in one player and curves over each other, a colour for each run.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -182,14 +183,16 @@ def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> C
 
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     """The paths of the runs in one player beside their curves, a colour for each run."""
-    charts = []
+    short = [re.sub(r"[^,/=]+=", "", name) for name in compared.runs]  # of a sweep the values alone
+    names = short if len(set(short)) == len(short) else list(compared.runs)
+    runs, charts = dict(zip(names, compared.runs.values(), strict=True)), []
     for figure in (figure for figure in FIGURES if figure.compared):
-        made = {name: figure.make(run) for name, run in compared.runs.items()}
+        made = {name: figure.make(run) for name, run in runs.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
             pack.add(figure.name, merge_panels(panels))
             charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
-    scenes = {name: scene for name, run in compared.runs.items() if (scene := walk_scene(run)) is not None}
+    scenes = {name: scene for name, run in runs.items() if (scene := walk_scene(run)) is not None}
     if not scenes:
         return charts
     pack.add("paths", merge_scenes(scenes))
