@@ -34,17 +34,6 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog, tmp_
 
 
 @pytest.mark.parametrize(
-    ("to", "holds"), [("table", "forest:0.1: 2 episodes"), ("markdown", "| ia\\_star | 100 |"), ("latex", "\\toprule")]
-)
-def test_text_says_how_to_read_it(quadlog, to, holds):
-    code, out, err = quadlog(*FOREST, "--format", to)
-    assert (code, err) == (0, "")
-    assert holds in " ".join(out.split())
-    assert "solved by all 3 planners: ratio, excess cost" in out
-    assert "fewer than 6 episodes are too few" in out
-
-
-@pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
         (["forest:-1"], 2, "forest:-1: trees per m² between 0 and"),

@@ -7,11 +7,10 @@ import subprocess
 import sys
 from typing import get_args
 
-import click
 import pytest
 from click.shell_completion import BashComplete
 
-from quadlog.cli.main import COMMANDS, cli, print_versions
+from quadlog.cli.main import COMMANDS, cli
 from quadlog.config.control import Simulation
 from quadlog.config.file import PRESETS
 from quadlog.config.planners import PLANNER_NAMES
@@ -66,13 +65,6 @@ def test_planners_of_plugins_are_offered_and_not_imported(install):
     install("quadlog-zig", "1.0", {GROUP: {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
     for command in ("replay", "compare-planners"):
         assert completed(f"{command} --planner z") == [("plain", "zigzag")]
-
-
-def test_completing_asks_for_no_version(capsys):
-    """The option's callback also runs while a command line is completed."""
-    context = click.Context(click.Command("quadlog"), resilient_parsing=True)
-    print_versions(context, click.Option(["--version"]), True)
-    assert capsys.readouterr() == ("", "")
 
 
 def test_bash_itself_completes(tmp_path):

@@ -9,24 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from quadlog.cli.main import run
-from quadlog.results.diff import COLUMNS, MADE, merge_frames
+from quadlog.results.diff import MADE, merge_frames
 from quadlog.results.tables import read_table
-from tests.cli.conftest import FOLLOW
 from tests.lab.runs import change, change_json
-
-SHORT = ["--until", "map", "--duration", "0.5", "--no-plots"]
-
-
-@pytest.fixture
-def other(once):
-    """A run of the same seconds that sees less of them."""
-
-    def make(folder):
-        assert run(["replay", *FOLLOW, "-o", str(folder), *SHORT, "--set", "grid.min_height_m=0.3"]) == 0
-        return folder / "follow"
-
-    return once("other", make)
 
 
 @pytest.fixture
@@ -55,19 +40,6 @@ def test_another_seed_alone_is_listed_and_is_no_difference(follow, copy, quadlog
     assert (done.code, "\x1b" in done.out, "red line" in done.out) == (4, False, True)
 
 
-def test_a_difference_is_found_in_its_stage_and_in_a_terminal(follow, other, quadlog):
-    done = quadlog("diff", follow, other)
-    assert done.code == 4
-    lines = done.out.splitlines()
-    assert lines[2].startswith("results: differ, first in stage map: maps, occupied at 0.000 s (t_ns 17672256")
-    assert "config.grid.min_height_m  0.05  0.3" in lines
-    rows = listed(quadlog, follow, other)
-    assert {row["stage"] for row in rows} == {MADE, "map"}
-    (cells,) = [row for row in rows if row["column"] == "occupied"]
-    assert (cells["rows"], cells["apart"] > 0, set(cells) <= set(COLUMNS)) == (5, True, True)
-    assert max(map(len, lines[3:])) <= 80
-
-
 def test_one_column_of_one_row(follow, copy, quadlog):
     poses = read_table(follow, "poses")
     change(copy, "poses", x_m=lambda x_m: x_m + 0.25 * (np.arange(len(x_m)) == 3))
@@ -77,6 +49,7 @@ def test_one_column_of_one_row(follow, copy, quadlog):
     first = quadlog("diff", follow, copy).out.splitlines()[2]
     assert first.startswith("results: differ, first in stage position: poses, x_m at ")
     assert first.endswith(" (by 0.25)")
+    assert max(map(len, quadlog("diff", follow, copy).out.splitlines()[3:])) <= 80
 
 
 def test_a_result_that_only_one_run_has_comes_first_and_a_damaged_one_is_an_error(follow, copy, quadlog, refused):

@@ -3,12 +3,10 @@ from __future__ import annotations
 import io
 import sys
 
-import pytest
 from rich.console import Console
 
 from quadlog.cli.progress import MAX_LINES, Bars, open_progress
-from quadlog.pipelines.batch.progress import BatchCounts, TaskProgress
-from quadlog.pipelines.executor.progress import send_to
+from quadlog.pipelines.batch.progress import BatchCounts
 
 
 def terminal(monkeypatch):
@@ -81,24 +79,3 @@ def test_more_workers_than_a_screen_holds_are_not_shown():
         for number in range(100):
             bars.hear(step(number, worker=f"host:{number}"))
         assert len(bars._bars.tasks) == MAX_LINES + 1
-
-
-def test_a_replay_reports_its_position_and_rate_but_not_at_every_step(monkeypatch):
-    now_s = [100.0]
-    monkeypatch.setattr("quadlog.pipelines.batch.progress.time.monotonic", lambda: now_s[0])
-    heard = []
-    send_to(heard.append, "tcp://worker")
-    told = TaskProgress(7, "walk")
-    told.begin("map", 1000)
-    for scan in range(100):
-        now_s[0] += 0.1
-        told.advance(0.3 * (scan + 1))
-    told.say("warning: few ranges")
-    told.say("robot position from uwb")
-    send_to(None)
-    assert told.warnings == ["warning: few ranges"]
-    assert {each["stage"] for each in heard} == {"map"}
-    assert 15 <= len(heard) <= 22
-    assert heard[-1]["realtime_factor"] == pytest.approx(3.0)
-    assert (heard[-1]["number"], heard[-1]["worker"], heard[-1]["total"]) == (7, "tcp://worker", 1000)
-    assert heard[-1]["peak_memory_mb"] > 10

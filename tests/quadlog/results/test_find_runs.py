@@ -42,16 +42,6 @@ def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
     assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
 
 
-def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "m")
-    for name in ("a.txt", "report.html", "summary.parquet"):
-        (tmp_path / name).write_text("")
-    assert find_runs(sorted(tmp_path.iterdir())) == [run]
-    (tmp_path / "no run").mkdir()
-    with pytest.raises(NotARun, match="no run"):
-        find_runs(sorted(tmp_path.iterdir()))
-
-
 def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
     run = make_run(tmp_path / "made" / "a")
     link = tmp_path / "chosen" / "fast"
