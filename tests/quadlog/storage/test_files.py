@@ -120,7 +120,6 @@ def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: st
     assert {path.name for path in tmp_path.iterdir()} == {names[0], *kept}
 
 
-
 def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:
     """Four processes write one name and clean up behind each other: the file is whole each time it is looked at."""
     script = f"""
