@@ -1,8 +1,8 @@
 """Three anchors, and one of them behind something for 0.6 s at a time: 50 Hz, constant velocity, 12 s, 40 runs.
 
 One epoch of three ranges cannot tell a late one; time can. A filter with a
-hard gate loses such a tag for good (1.9 m rms on average). `make bench` does
-the same 1000 times, with other seeds.
+hard gate loses such a tag for good (1.9 m rms on average). `make bench
+PARTS=estimators` does the same with other seeds.
 """
 
 from __future__ import annotations
