@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.positioning.unlocated import MOST_UNLOCATED
-from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
 from quadlog.results.scenes import SCALE_95, STANDS_M, columns_of
+from quadlog.results.text import STATES, State, bounds_of, count, is_alarming, label_of, percent, sig
 from quadlog.results.view import GAP_S
-from quadlog.results.words import STATES, State, bounds_of, is_alarming, label_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -204,10 +203,10 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 def _losses(run: Run) -> Iterator[Sentence]:
     causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), run.record.warnings
-    many = f"{len(warnings)} warnings, the first" if len(warnings) > 1 else "1 warning"
-    more = f"; {many}: {warnings[0].rstrip('.')}" if warnings else ""
+    lost = "" if run.simulated else "Nothing was lost."
     if causes:
-        yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){more}.", "bad")
-    elif not run.simulated or warnings:
-        nothing = "No losses" if run.simulated else "Nothing was lost"
-        yield Sentence("Recording", f"{nothing}{more}.", "warn" if warnings else "good")
+        lost = f"Part was lost ({', '.join(causes[:3])})."
+    of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
+    warning = f"Warning: {warnings[0].rstrip('.')}{of}." if warnings else ""
+    if words := f"{lost} {warning}".strip():
+        yield Sentence("Recording", words, "bad" if causes else "warn" if warnings else "good")
