@@ -14,8 +14,7 @@ import numpy as np
 
 from benchmarks.figures import Figure
 from quadlog.messages import Float, RangeSeries
-from quadlog.positioning.fix.least_squares import Fixes
-from quadlog.positioning.fix.trilateration import solve_gauss_newton
+from quadlog.positioning.fixes import Fixes, solve_fixes
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
 
 FIXES = 100_000
@@ -91,7 +90,7 @@ def _bound_m2(anchors_m: Float, position_m: Float) -> Float:
 
 
 def _solve(anchors_m: Float, range_m: Float) -> Fixes:
-    return solve_gauss_newton(anchors_m, range_m, HEIGHT_M, STD_M, np.inf)
+    return solve_fixes("gauss_newton", anchors_m, range_m, HEIGHT_M, STD_M, np.inf)
 
 
 def _seconds(action: object) -> float:

@@ -14,9 +14,7 @@ from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.causal import Known, follow
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.factors import TagRanges
-from quadlog.positioning.fix.ambiguity import heights_are_told, solve_on_side, start_on_side
-from quadlog.positioning.fix.least_squares import Fixes, require_spread
-from quadlog.positioning.fix.trilateration import solve_fixes
+from quadlog.positioning.fixes import Fixes, Side, heights_are_told, require_spread, solve_fixes, solve_on_side
 from quadlog.positioning.heading.odometry_velocity import (
     BodyMotion,
     MeasuredMotion,
@@ -183,12 +181,12 @@ class _Tag:
                 method, self.anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m
             )
         assert settings.mirror != "refuse"
-        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
-        start_m = start_on_side(*seen, settings.mirror)
+        start: Side | Float = settings.mirror
         if near is not None:
             zero = np.zeros(len(near))
-            start_m, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
-        return solve_on_side(*seen, settings.outlier_m, start_m)
+            start, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
+        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
+        return solve_on_side(*seen, settings.outlier_m, start)
 
     def _solves_height(self) -> bool:
         """Whether the height is solved for: where asked, or where the ranges of the whole log show it."""
