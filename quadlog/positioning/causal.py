@@ -104,7 +104,7 @@ class Known:
         excess = 1 + STAMP_STD_S**2 * (rate[:, :2] ** 2).sum(axis=1) / np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
         size = pose.shape[1]
         covariance[:, :size, :size] += STAMP_STD_S**2 * rate[:, :, None] * rate[:, None, :]
-        return track_of(self.body, t_ns, pose, rate, covariance, excess, tag)
+        return track_of(self.body, t_ns, (pose, rate, covariance), excess, tag)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """For each of the body's ranges (R,): residual by the pose that was known with it, weight, and its squared

@@ -193,7 +193,7 @@ class Tracked:
 
     def track(self, t_s: Float, t_ns: Int, tag: int | None) -> Track:
         """Of a tag, or of the body's origin, at t_ns (N,), which are t_s."""
-        return track_of(self.body, t_ns, *self.poses(t_s), np.array([self.excess]), tag)
+        return track_of(self.body, t_ns, self.poses(t_s), np.array([self.excess]), tag)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """For each of the body's ranges (R,): residual, weight, and its square over the variance that it should have.
@@ -226,10 +226,12 @@ class Tracked:
         return self.last.values[:n], np.sqrt(variance_m2)
 
 
-def track_of(
-    body: Body, t_ns: Int, pose: Float, rate: Float, covariance: Float, excess: Float, tag: int | None
-) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags, from poses and rates (N, D) and (N, 2D, 2D)."""
+def track_of(body: Body, t_ns: Int, poses: tuple[Float, Float, Float], excess: Float, tag: int | None) -> Track:
+    """Of a tag, or of the body's origin at the mean height of its tags.
+
+    poses: coordinates and rates (N, D), and their covariances (N, 2D, 2D); excess: see Track.
+    """
+    pose, rate, covariance = poses
     axes, size, n = body.axes, len(body.axes), len(t_ns)
     lever_m = np.zeros(2) if tag is None else body.ranges.lever_m[tag]
     height_m = body.ranges.height_m.mean() if tag is None else body.ranges.height_m[tag]

@@ -51,12 +51,6 @@ def test_early_ranges_are_trusted_longer_and_one_wild_range_does_not_count_again
     assert np.delete(weight, 50).min() > 0.7
 
 
-def test_a_link_heard_twice_a_second_is_judged_range_by_range():
-    """One range in a window: half trusted where both its own limit and that of a mean of one say so."""
-    weight = lateness_weights(windows_at(2, 10), np.array([0.0, 1.0, 2.0, 3.0, 0, 0, 0, 0, 0, 0]) * STD_M, STD_M)
-    np.testing.assert_allclose(weight[:4], [1.0, 1 / 1.25 / (1 + 1 / 9), 0.5 / (1 + 4 / 9), 1 / 3.25 / 2])
-
-
 def test_weights_for_biases_are_alike_on_both_sides_of_a_links_median():
     offsets_m = 0.3 + STD_M * np.array([-5.0, -1.0, 0.0, 1.0, 5.0])
     weight = symmetric_weights(offsets_m, np.zeros(5, dtype=np.int64), STD_M)
