@@ -10,7 +10,14 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.errors import MissingInput
-from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
+from quadlog.geometry import (
+    base_covariance,
+    roll_pitch_from_quat,
+    seconds_since,
+    tag_to_base,
+    wrap_angle,
+    yaw_from_quat,
+)
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.pipelines.journal import Journal
@@ -36,6 +43,8 @@ from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
+LEAST_TURN_RAD = 1.0
+"""A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -122,9 +131,9 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
     elif wanted in {channel.topic for channel in data.log.recording.channels}:
         journal.use("position", wanted)
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
-        chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose")
+        chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted)), "file")
+        chosen = _from_poses(read_tum(Path(wanted)), "file", journal)
     if chosen is None:
         raise MissingInput(
             "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
@@ -182,7 +191,7 @@ def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
         journal.use("tf")
         if frame != topics.map_frame:
             journal.note(f"no frame {topics.map_frame} moves {base} in tf: {frame}, in which it moves, is the map")
-    return _from_poses(series, "tf")
+    return _from_poses(series, "tf", journal)
 
 
 def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -190,7 +199,7 @@ def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
     data.log.roles.topic("odometry")
     if data.streams.odometry is not None:
         journal.use("odometry")
-    return _from_poses(data.streams.odometry, "odometry")
+    return _from_poses(data.streams.odometry, "odometry", journal)
 
 
 def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -198,7 +207,7 @@ def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
     if len(topics) != 1:
         return None
     journal.use("pose")
-    return _from_poses(data.streams.estimates.get(topics[0]), "pose")
+    return _from_poses(data.streams.estimates.get(topics[0]), "pose", journal)
 
 
 def _from_legs(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -235,12 +244,26 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
     return RobotTrack(track.t_ns, x_y_m, yaw_rad, "lidar", LIDAR_FRAME, z_m=z_m, tilt_rad=tilt_rad)
 
 
-def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
+def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
+    if np.ptp(yaw_rad) == 0:
+        course_rad = _course(poses.t_ns, xy_m)
+        if np.ptp(np.unwrap(course_rad)) > LEAST_TURN_RAD:
+            journal.warn("the poses have no orientation: the heading is the direction of travel")
+            yaw_rad = wrap_angle(course_rad)
     return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
+
+
+def _course(t_ns: Int, xy_m: Float) -> Float:
+    """(N,) direction of travel over the second around t_ns, held while the robot stands; zeros if it always does."""
+    t_s = seconds_since(t_ns, t_ns[0])
+    x_m, y_m = (np.interp(t_s + 0.5, t_s, axis_m) - np.interp(t_s - 0.5, t_s, axis_m) for axis_m in xy_m.T)
+    moving = np.hypot(x_m, y_m) >= STOOD_M
+    held = np.maximum.accumulate(np.where(moving, np.arange(len(t_ns)), int(np.argmax(moving))))
+    return np.arctan2(y_m, x_m)[held] * moving.any()
 
 
 def _fixed(data: LogData) -> RobotTrack:

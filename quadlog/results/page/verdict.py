@@ -149,9 +149,12 @@ def _positions(run: Run) -> Iterator[Sentence]:
         return
     source = Counter(poses["source"].tolist()).most_common(1)[0][0]
     text, state = f"From {_SOURCES.get(source, source)}", "good"
-    error_m, bound_m, coverage = run.metric("ate_rmse_m"), _bound_m(run), run.metric("uwb_coverage_95")
+    error_m, aligned_m = run.metric("ate_rmse_m"), run.metric("ate_aligned_rmse_m")
+    bound_m, coverage = _bound_m(run), run.metric("uwb_coverage_95")
     if error_m is not None:
         text += f", {sig(error_m, 2)} m (rms) off the reference"
+    elif aligned_m is not None:
+        text += f", {sig(aligned_m, 2)} m (rms) off the reference once aligned with it"
     if bound_m is not None:
         text += f", ±{sig(bound_m, 2)} m (95 % bound)"
     if coverage is not None:
@@ -163,7 +166,7 @@ def _positions(run: Run) -> Iterator[Sentence]:
         wide = not seldom and nees < 1
         text += ": the bound is wider than needed" if wide else ": do not trust the bound"
         state = "warn" if wide else "bad"
-    if error_m is None and coverage is None and run.metric("uwb_rmse_m") is None:
+    if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
     yield Sentence("Positions", f"{text}.", state)  # type: ignore[arg-type]
 
