@@ -234,16 +234,6 @@ def test_std_knows_of_errors_that_last():
     assert 0.8 < np.mean(stds) / np.std(errors) < 1.5
 
 
-def test_few_groups_take_the_tracks_word_and_what_is_known_of_the_drift():
-    """Four seconds tell no drift of 0.001 rad/s: the std beyond is that of the prior."""
-    got = fit_offset(line(0.3, 0.0, 20, 0.1), SensorDrift(0.001))
-    assert abs(got.drift_radps) < 0.0005
-    assert got.std_at(np.array([1000.0]))[0] == pytest.approx(1.0, rel=0.1)
-    one = fit_offset(CourseDifferences(np.array([3.0]), np.array([0.7]), np.array([25.0])), GYRO)
-    assert one.offset_rad == pytest.approx(0.7)
-    np.testing.assert_allclose(one.std_at(np.array([3.0, 13.0])), [0.2, np.hypot(0.2, 10 * 0.02)], rtol=0.02)
-
-
 def test_differences_all_over_the_circle_tell_nothing():
     told = 0
     for seed in range(100):
