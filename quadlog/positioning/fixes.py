@@ -123,8 +123,9 @@ def _linear(seen: _Seen, method: str) -> tuple[Float, Float, Float]:
     if seen.height_m is not None:
         origin_m[2] = seen.height_m
     around_m = seen.anchors_m - origin_m
-    scatter, determinant = _adjugate(_information(_centred(around_m[:, :axes], heard / _some(heard)), heard))
-    minors, n = np.trace(scatter, axis1=1, axis2=2), heard.sum(axis=1)
+    n, share = heard.sum(axis=1), heard / np.maximum(heard.sum(axis=1, keepdims=True), 1)
+    scatter, determinant = _adjugate(_information(_centred(around_m[:, :axes], share), heard))
+    minors = np.trace(scatter, axis1=1, axis2=2)
     spread_m2 = np.where((minors > 0) & (n > axes), determinant / np.where(minors > 0, minors * n, 1.0), 0.0)
 
     square_m2 = np.where(heard, seen.range_m, 0.0) ** 2
@@ -153,11 +154,6 @@ def _linear(seen: _Seen, method: str) -> tuple[Float, Float, Float]:
     scatter = np.einsum("eai,ea,eaj->eij", lever, noise_m4, lever)
     scatter += shared_m4[:, None, None] * total[:, :, None] * total[:, None, :]
     return position_m + origin_m, inverse @ scatter @ inverse / 4, spread_m2
-
-
-def _some(heard: np.ndarray) -> Float:
-    """(E, 1) number of anchors heard, at least one."""
-    return np.maximum(heard.sum(axis=1, keepdims=True), 1).astype(np.float64)
 
 
 def _centred(points_m: Float, share: Float) -> Float:
@@ -289,10 +285,10 @@ def reflect_places(anchors_m: Float, heard: np.ndarray, position_m: Float, axes:
     return image_m
 
 
-def require_spread(anchor_ids: Int, anchors_m: Float, range_std_m: float) -> None:
-    """Refuse anchors (A, 3) that can give no unique fix, whatever they measure.
+def are_on_line(anchor_ids: Int, anchors_m: Float, range_std_m: float, *, refuse: bool) -> bool:
+    """Whether all anchors (A, 3) lie on a line, which leaves two mirrored places for every fix.
 
-    Raises MissingInput for fewer than three, AnchorsCollinear where all lie on one line.
+    Raises MissingInput for fewer than three anchors, AnchorsCollinear for those on a line if they are to be refused.
     """
     if len(anchors_m) < 3:
         raise MissingInput(
@@ -300,8 +296,10 @@ def require_spread(anchor_ids: Int, anchors_m: Float, range_std_m: float) -> Non
         )
     centred = anchors_m[:, :2] - anchors_m[:, :2].mean(axis=0)
     off_line_m = float(np.linalg.svd(centred, compute_uv=False)[-1]) / np.sqrt(len(centred))
-    if off_line_m < SPREAD_OF_RANGE_STD * range_std_m:
+    on_line = off_line_m < SPREAD_OF_RANGE_STD * range_std_m
+    if on_line and refuse:
         raise AnchorsCollinear([int(i) for i in anchor_ids], off_line_m)
+    return bool(on_line)
 
 
 def complete_fixes(

@@ -8,13 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from quadlog.errors import AnchorsCollinear
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.causal import Known, follow
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.factors import TagRanges
-from quadlog.positioning.fixes import Fixes, Side, heights_are_told, require_spread, solve_fixes, solve_on_side
+from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.heading.odometry_velocity import (
     BodyMotion,
     MeasuredMotion,
@@ -134,21 +133,11 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     Raises MissingInput for fewer than three anchors, AnchorsCollinear where all lie on one line and no side of it was
     asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
-    on_line = _are_on_line(anchors, settings)
+    refuse = settings.mirror == "refuse"
+    on_line = are_on_line(anchors.ids, anchors.position_m, settings.range_std_m, refuse=refuse)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
     return Located(tuple(_Tag(usable, anchors, tag, settings, on_line).located() for tag in tags), counts, on_line)
-
-
-def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
-    """Whether all anchors lie on a line, which leaves two mirrored places, and one of them was asked for."""
-    try:
-        require_spread(anchors.ids, anchors.position_m, settings.range_std_m)
-    except AnchorsCollinear:
-        if settings.mirror == "refuse":
-            raise
-        return True
-    return False
 
 
 def columns_of(ids: Int, wanted: Int) -> Int:

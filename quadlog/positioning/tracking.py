@@ -21,9 +21,9 @@ from quadlog.positioning.factors import (
     Way,
     YawSensor,
 )
-from quadlog.positioning.links import bias_priors
+from quadlog.positioning.links import Deleted, bias_priors, delete_anchors
 from quadlog.positioning.motion import Track, lifting, turning, walking
-from quadlog.positioning.solve import Deleted, Estimate, Factor, Past, Problem, delete_anchors, solve
+from quadlog.positioning.solve import Estimate, Factor, Past, Problem, solve
 from quadlog.positioning.spline import Timeline, make_timeline
 
 KNOT_S = 0.2
