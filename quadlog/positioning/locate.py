@@ -35,7 +35,7 @@ from quadlog.positioning.tracking import (
 )
 
 HEIGHT_STD_M = 0.5
-"""How far the given height of a tag whose height is tracked may be off: what a person lifts or lowers it by."""
+"""Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,8 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate each link's constant bias and subtract it where that makes positions agree better.
-    smooth: tracks smoothed over the whole log. False makes every pose of the track causal given the biases; biases and
-    the scale of the covariances still come from the whole log.
+    calibrate: estimate a constant bias of each link and subtract it; without, one that all links share.
+    smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 
     range_std_m: float = 0.1

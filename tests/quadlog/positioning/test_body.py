@@ -100,16 +100,6 @@ def test_position_and_yaw_of_a_walk(lab, in_turn, smooth):
     assert claimed < 2 * rms(yaw_errors)
 
 
-def test_a_causal_track_knows_nothing_of_the_future():
-    true = walk(3)
-    half = len(true.ranges.t_ns) // 2
-    cut = RangeSeries(*(getattr(true.ranges, name)[:half] for name in ("t_ns", "tag", "anchor", "range_m")))
-    (_, whole), (_, part) = (solve(each, LEVERS_M, smooth=False, calibrate=False) for each in (true.ranges, cut))
-    n = len(part.track)
-    np.testing.assert_allclose(part.track.position_m, whole.track.position_m[:n], atol=1e-9)
-    np.testing.assert_allclose(part.yaw.yaw_rad, whole.yaw.yaw_rad[:n], atol=1e-9)
-
-
 def test_lever_arms_that_the_ranges_contradict():
     """Tags 0 and 1 exchanged: no rotation brings them to where they are told to be."""
     for seed in range(3):

@@ -49,19 +49,6 @@ def test_tags_are_kept_apart_and_anchors_may_come_in_any_order(lab):
     assert together.tags[1].tag == 9
 
 
-def test_single_asynchronous_ranges_make_fixes_and_a_track(lab):
-    """Round-robin at 80 ranges/s: fixes from rounds of four, the track from every range."""
-    simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 4, rate_hz=80)
-    picked = np.arange(len(simulated.t_ns)) * 4 + np.arange(len(simulated.t_ns)) % 4
-    series = RangeSeries(*(getattr(simulated.series, name)[picked] for name in ("t_ns", "tag", "anchor", "range_m")))
-    got = locate(series, anchors(lab.SQUARE_M), [TAG], LocateSettings())
-    tag = got.tags[0]
-    assert (tag.fixes.n_ranges == 4).mean() > 0.95
-    assert fixes_rmse(lab, got, simulated.truth_at) < 0.12
-    assert len(tag.track) >= len(picked) - 4
-    assert lab.rmse(tag.track.position_m - simulated.truth_at(tag.track.t_ns)) < 0.06
-
-
 @pytest.mark.parametrize("cut_s", [2.0, 7.3])
 def test_causal_tracks_do_not_see_the_future(lab, cut_s):
     simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 5, bursts=True)
