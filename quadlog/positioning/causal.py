@@ -113,9 +113,9 @@ class Known:
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
         std_m, found = problem.range_std_m, []
         for before in (False, True):
-            pose, rate, covariance = self.poses(slots.t_s, before=before)
+            pose, _, covariance = self.poses(slots.t_s, before=before)
             values = self.values[self.steps(slots.t_s, before=before)]
-            predicted_m, slope, _, _ = problem.model.predict(slots, pose, rate, np.zeros(values.shape[1]))
+            predicted_m, slope, _, _ = problem.model.predict(slots, pose, np.zeros(values.shape[1]))
             residual_m = slots.range_m - predicted_m - values[np.arange(len(values)), slots.link]
             variance_m2 = std_m**2 + np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope)
             found.append((residual_m, variance_m2))

@@ -277,7 +277,7 @@ class Estimate:
 def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     """The ranges at a state; each at its own time, to first order about its slot's."""
     slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
-    predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, rate, values)
+    predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, values)
     speed_mps = np.einsum("nd,nd->n", by_pose, rate)
     residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * slots.late_s
     return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)

@@ -19,7 +19,6 @@ from quadlog.positioning.factors import (
     TagRanges,
     Turns,
     Way,
-    YawSensor,
 )
 from quadlog.positioning.links import Deleted, bias_priors, delete_anchors
 from quadlog.positioning.motion import Track, lifting, turning, walking
@@ -96,9 +95,9 @@ class OdometrySteps:
 
     def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
         """Turns and steps between knots, the drift being in a column and the scale in the next."""
-        turns = YawSensor(self.way.t_s, self.way.yaw_rad, DRIFT_STD_RADPS, WALK_STD)
+        turns = Turns(timeline, self.way, axes, column, WALK_STD**2 * np.diff(timeline.t_s))
         variance_m2 = step_variances(timeline, self.way.t_s, self.std_mps)
-        return Turns(timeline, turns, axes, column), Steps(timeline, self.way, axes, column + 1, variance_m2)
+        return turns, Steps(timeline, self.way, axes, column + 1, variance_m2)
 
 
 def step_variances(timeline: Timeline, t_s: Float, std_mps: Float) -> Float:
@@ -202,8 +201,8 @@ class Tracked:
         """
         problem, weights = self.last.problem, self.last.weights
         slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
-        pose, rate, covariance = self.poses(slots.t_s)
-        _, slope, _, _ = problem.model.predict(slots, pose, rate, self.last.values)
+        pose, _, covariance = self.poses(slots.t_s)
+        _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
         known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.excess
         variance_m2 = problem.range_std_m**2
         fitted = float((weights.knots * known[slots.slot]).mean()) / (weights.lasts * variance_m2)
