@@ -176,10 +176,10 @@ def align_yaw(
         return AlignedHeading(offset, std, spread)
     lag_s = filter_lag_s(track) if causal and by_tags is None else np.zeros(n)
     differences, over_ns = _differences(track, sensor, tag_ahead_m, by_tags, lag_s)
-    counts = _refits(len(over_ns)) if causal else [len(over_ns)][: len(over_ns)]
-    begins = np.searchsorted(track.t_ns, [over_ns[count - 1] for count in counts]) * causal
+    counts = _refits(len(over_ns)) if causal else [len(over_ns)] * (len(over_ns) > 0)
     t_s, constant_std = seconds_since(track.t_ns, int(track.t_ns[0])), by_tags.constant_std_rad if by_tags else 0.0
-    for count, begin, end in zip(counts, begins.tolist(), [*begins.tolist(), n][1:], strict=True):
+    since = [int(np.searchsorted(track.t_ns, over_ns[count - 1])) if causal else 0 for count in counts]
+    for count, begin, end in zip(counts, since, [*since, n][1:], strict=True):
         fit = fit_offset(differences.until(count), sensor.drift)
         if fit.told or causal:
             offset[begin:end] = fit.at(t_s[begin:end])
