@@ -165,11 +165,9 @@ def align_yaw(
         signed = (replace(sensor, yaw_rad=sign * sensor.yaw_rad, either_way=False) for sign in (1.0, -1.0))
         up, down = (align_yaw(track, each, tag_ahead_m, by_tags, causal=causal) for each in signed)
         turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
-        pairs = ((down.yaw_rad, up.yaw_rad), (down.yaw_std_rad, up.yaw_std_rad), (down.spread_rad, up.spread_rad))
-        upside_down = bool(turned[-1:].any())
-        return AlignedHeading(
-            *(np.where(turned, *pair) for pair in pairs), (down if upside_down else up).fit, upside_down
-        )
+        names, upside_down = ("yaw_rad", "yaw_std_rad", "spread_rad"), bool(turned[-1:].any())
+        yaw_rad, std, spread = (np.where(turned, getattr(down, name), getattr(up, name)) for name in names)
+        return AlignedHeading(yaw_rad, std, spread, (down if upside_down else up).fit, upside_down)
     n, fit = len(track), None
     offset, std, spread = np.zeros(n), np.full(n, UNKNOWN_YAW_STD_RAD), np.full(n, np.inf)
     if n == 0 or len(sensor.t_ns) == 0:
