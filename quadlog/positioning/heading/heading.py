@@ -168,7 +168,8 @@ def align_yaw(
         names, upside_down = ("yaw_rad", "yaw_std_rad", "spread_rad"), bool(turned[-1:].any())
         yaw_rad, std, spread = (np.where(turned, getattr(down, name), getattr(up, name)) for name in names)
         return AlignedHeading(yaw_rad, std, spread, (down if upside_down else up).fit, upside_down)
-    n, fit = len(track), None
+    fit: YawOffset | None = None
+    n = len(track)
     offset, std, spread = np.zeros(n), np.full(n, UNKNOWN_YAW_STD_RAD), np.full(n, np.inf)
     if n == 0 or len(sensor.t_ns) == 0:
         return AlignedHeading(offset, std, spread)
