@@ -93,7 +93,10 @@ def test_every_mode_reads_a_picture_as_nav2_does(
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        *(("map.pgm", each, "map|gone|regular|damaged") for each in ("gone.pgm", ".", "/dev/zero", '"a\\0b"', "map.yaml")),
+        *(
+            ("map.pgm", each, "map|gone|regular|damaged")
+            for each in ("gone.pgm", ".", "/dev/zero", '"a\\0b"', "map.yaml")
+        ),
         *(("0.1", value, "resolution") for value in (".nan", "1e-300", "inf", "-1", "1" + "0" * 400, "")),
         *(("-1.0, 2.0, 0.0", value, "origin|rotated") for value in ("1e300, 2.0, 0.0", "-1.0, 2.0", "-1.0, 2.0, 0.5")),
         ("mode: trinary", "mode: fine", "raw, scale, trinary"),
