@@ -134,8 +134,7 @@ class AlignedHeading:
 
     spread_rad: (T,) median absolute difference of the course from it; infinite where the course did not show how the
     sensor is turned. fit: the offset, of a causal heading the last one; None where the track never moved while the
-    sensor gave yaw, and of a causal heading that was never known. upside_down: whether the sensor counts turns the other
-    way round.
+    sensor gave yaw, and of a causal heading that was never known. upside_down: whether its turns count the other way.
     """
 
     yaw_rad: Float
