@@ -88,7 +88,7 @@ def open_cluster(address: str) -> Iterator[Workers]:
     try:
         dask = import_module("distributed")
     except ImportError:
-        raise ClusterUnusable(address, "needs Dask: pip install distributed bokeh") from None
+        raise ClusterUnusable(address, "needs Dask: pip install 'quadlog[cluster]'") from None
     _check_scheduler(dask, address)
     topic, versions = f"quadlog-{uuid4().hex}", own_versions()
     messages: SimpleQueue[Any] = SimpleQueue()

@@ -129,7 +129,8 @@ def filesystem(url: str) -> Any:
             return _filesystem(protocol, url.isascii() and " " not in url, _login(protocol, url))
     except StorageFailed as failure:
         if isinstance(failure.__cause__, ImportError):
-            raise StorageUnknown(redacted(url), f"{protocol}:// needs a package more: {failure.reason}") from None
+            remedy = "pip install 'quadlog[s3]'" if protocol in ("s3", "s3a") else failure.reason
+            raise StorageUnknown(redacted(url), f"{protocol}:// needs another package: {remedy}") from None
         if isinstance(failure.__cause__, ValueError):
             raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
         if isinstance(failure.__cause__, TypeError):
