@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 RUNNABLE := $(VENV)/.runnable
 # The versions to install; `make install LOCK=` takes the newest that pyproject.toml allows.
 LOCK ?= requirements.lock
-LOCKED = $(LOCK:%=--constraint % --build-constraint %)
+LOCKED = $(LOCK:%=--constraint=%) $(LOCK:%=--build-constraint=%)
 GROUPS := --group lint --group tests --group docs
 JOBS ?= 2
 SECONDS ?= 600
