@@ -37,7 +37,7 @@ $(INSTALLED): $(VENV)/.pip pyproject.toml $(LOCK)
 	touch $@ $(RUNNABLE)
 
 $(RUNNABLE): $(VENV)/.pip pyproject.toml $(LOCK)
-	@echo "demo: installing quadlog and its packages into $(VENV): 270 MB to download, 1.6 GB on disk, 1 to 3 minutes"
+	@echo "demo: installing quadlog and its packages into $(VENV): 410 MB to download, 1.6 GB on disk, 1 to 3 minutes"
 	@$(PIP) install --progress-bar off $(LOCKED) --editable .
 	@touch $@
 

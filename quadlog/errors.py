@@ -221,7 +221,7 @@ class UnknownTopic(QuadlogError):
         self.role, self.topic, self.choices = role, topic, list(choices)
         listed = some_of(self.choices) or "none"
         where = f"topics.{role}: " if role else ""
-        super().__init__(f"{where}{topic} {why}; the recording has: {listed}")
+        super().__init__(f"{where}{topic} {why}; topics of the recording: {listed}")
 
 
 class MissingInput(QuadlogError):

@@ -81,7 +81,7 @@ def seen_ground(run: Path) -> SeenGround | None:
     seen = read_arrays(run, "ground")
     origin_m, cell_m, height_m = seen["origin_m"], float(seen["cell_m"]), seen["height_m"]
     if max(np.abs(origin_m).max(), np.nanmax(np.abs(height_m), initial=0.0)) > _MOST_M:
-        raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
+        raise NotARun(run / "ground.npz", "is damaged: its coordinates exceed 1e6 m")
     if not _CELLS_M[0] <= cell_m <= _CELLS_M[1]:
         raise NotARun(run / "ground.npz", f"is damaged: cells of {cell_m:g} m")
     blocked = _obstacles(run, origin_m, cell_m, height_m.shape)

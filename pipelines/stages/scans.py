@@ -69,9 +69,9 @@ class EvenSample(Generic[Item]):
 
 
 ROUTE_WORDS = {
-    "rings": "by the beams their points name",
-    "elevations": "by the beams their elevations show",
-    "height_map": "as clouds without beams, on a map of the lowest points",
+    "rings": "by beams, from the points' ring numbers",
+    "elevations": "by beams, from the points' elevations",
+    "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",
 }
 ABOVE_M = 0.1

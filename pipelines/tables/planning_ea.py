@@ -81,7 +81,7 @@ def table(fast: bool, seed: int) -> Table:
         study=Study(plan_once, grid(preset=USED, scene=SHOWN, form=FORMS, rings=RINGS)),
         groups=[
             Group(
-                "Fig. 19: what is said of it",
+                "Fig. 19: claims",
                 "The paper prints pictures, and says of the square, as its obstacle is extended by 1, 2 and 3 cells, "
                 "that the distance between robot and obstacle increases.",
                 [row for preset in USED for row in claimed_rows(preset)],

@@ -194,7 +194,7 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     samples_s = offset_s + influence_s - influence_s.mean()
     interval = mean_interval_in_time(samples_s)
     if interval is None and np.ptp(samples_s) > 2 * _RESOLUTION_S:
-        return _unknown("too short a walk to say how well it is known")
+        return _unknown("the walk is too short for an interval")
     forward_m = _forward_shift_m(offset_s, velocity_mps, residual_m, motions)
     return TimeOffset(
         offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s, forward_m=forward_m
@@ -315,7 +315,7 @@ class ReferenceComparison:
             if self.offset.forward_m is not None:
                 what = (
                     f"the poses are late or early against the reference, or shifted by {self.offset.forward_m:+.3f} m "
-                    "along the direction of travel (a lever arm): the speed varies too little to tell which"
+                    "along the direction of travel (a lever arm): the speed varies too little to distinguish them"
                 )
             words.insert(0, f"{what}: {self.summary()}")
         return [each for each in words if each is not None]
@@ -325,7 +325,7 @@ class ReferenceComparison:
         rms_m = {name: float(np.sqrt(np.mean(each.values**2))) for name, each in self.samples.items()}
         errors = [f"ATE {rms_m['ate_rmse_m']:.3f} m"]
         if self.offset.offset_s is None or self.offset.interval is None:
-            clock = f"no time offset can be told: {self.offset.why_not}"
+            clock = f"time offset unknown: {self.offset.why_not}"
         else:
             low_s, high_s = self.offset.interval
             clock = f"time offset {self.offset.offset_s:+.3f} s (95 % {low_s:+.3f} to {high_s:+.3f})"

@@ -221,7 +221,7 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     kinds: dict[str, list[str]] = {}
     for topic, name in free.items():
         if name == RANGE_TYPE and recording.ends_of(topic) is None:
-            unused[topic] = "is a Range whose ends nothing tells; map them in [[uwb.range_topics]] if it is UWB"
+            unused[topic] = "a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
         elif UwbRanges in kinds_of(name):
             kinds.setdefault(last_part(name), []).append(topic)
     return [
@@ -284,7 +284,7 @@ def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Can
 def _in_world(candidate: Candidate, frame: str, placed: bool) -> Candidate:
     """A cloud whose frame is not the robot's: it serves where nothing else does, if the robot has a place in it."""
     if placed:
-        why = f"{candidate.why}, in the frame {frame}, out of which it is moved into base"
+        why = f"{candidate.why}, in the frame {frame}, transformed to base"
         return Candidate(candidate.topics, min(candidate.rank, _WORLD), why)
     flag = set_flag("topics.lidar", candidate.topics)
     why = (
@@ -655,12 +655,12 @@ def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping
         truth = names_truth(topic)
         if role == "reference" and (words := found_words(recording, name)):
             if truth or names_truth(name):
-                candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, and its name speaks of truth"))
+                candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, named as ground truth"))
             else:
                 why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
                 candidates.append(Candidate((topic,), 0, why))
         elif role == "reference" and truth and _fits(recording, role, name):
-            candidates.append(Candidate((topic,), _TRUTH, f"{name}, and its name speaks of truth"))
+            candidates.append(Candidate((topic,), _TRUTH, f"{name}, named as ground truth"))
         elif role == "odometry" and kind in kinds_of(name) and not truth and not is_measured(topic):
             why = f"not used: not measured by its name; if it is, {set_flag('topics.odometry', [topic])}"
             candidates.append(Candidate((topic,), 0, why))

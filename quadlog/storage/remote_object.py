@@ -135,7 +135,9 @@ def filesystem(url: str) -> Any:
             raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
         if isinstance(failure.__cause__, TypeError):
             # Its class asks for more than its options.
-            raise StorageUnknown(redacted(url), f"{protocol}:// is none that quadlog reads; {_KNOWN}") from None
+            raise StorageUnknown(
+                redacted(url), f"{protocol}:// is not a protocol that quadlog reads; {_KNOWN}"
+            ) from None
         raise
 
 

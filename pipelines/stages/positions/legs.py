@@ -71,7 +71,7 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
     if usual_s > MAX_GAP_S:
         journal.warn(
-            f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand"
+            f"legs: joints come every {usual_s:.1f} s, too seldom to measure motion; the robot is taken to stand"
         )
     elif track.gap_s > MAX_GAP_S:
         taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"

@@ -124,7 +124,7 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
     texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
     if len(described) < len(located.tags):
         texts.append(
-            f"{len(located.tags)} tags are located; what is said of single tags is left out for "
+            f"{len(located.tags)} tags are located; messages about single tags are left out for "
             f"{len(located.tags) - len(described)} of them: see links.parquet and ranges.parquet"
         )
     return texts
@@ -222,7 +222,7 @@ def _range_warnings(counts: RangeCounts) -> list[str]:
         return listed([f"{number} ({count} ranges)" for number, count in pairs])
 
     causes = {
-        "that are no numbers": counts.not_finite,
+        "that are NaN or infinite": counts.not_finite,
         "of zero or below": counts.not_positive,
         "below uwb.min_range_m": counts.too_short,
         "above uwb.max_range_m": counts.too_long,

@@ -34,7 +34,7 @@ LOOKS: dict[Verdict, tuple[str, State, str]] = {
     Verdict.NOT_COMPARABLE: (
         "Not comparable",
         "",
-        "its origin is not said, ours rests on it, or it holds by construction",
+        "its origin is not given, our value depends on it, or it holds by construction",
     ),
 }
 """Word, colour and rule of each verdict, worst first."""
@@ -78,7 +78,7 @@ def _overview(tables: Sequence[PaperTable]) -> Table:
     return Table([*columns, Column("quantities", True)], rows, "tables")
 
 
-LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
+LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is the printed value or claim, ±10 the edge."
 
 
 def _section(table: PaperTable) -> Section:

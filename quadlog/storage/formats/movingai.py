@@ -114,7 +114,9 @@ def _read_cells(path: Path, file: BinaryIO, rows: int, cols: int) -> NDArray[np.
         if terrain.max() == _UNKNOWN:
             col = int(terrain.argmax())
             what = ascii(chr(cells[col]))
-            raise UnreadableFile(path, f"{what} in column {col + 1} is none of . G S (free), @ O T W (blocked)", number)
+            raise UnreadableFile(
+                path, f"{what} in column {col + 1} is not one of . G S (free), @ O T W (blocked)", number
+            )
         blocked[row] = terrain == _BLOCKED
     rest = file.read(_MAX_LINE)
     after = rest.lstrip(b"\r\n")

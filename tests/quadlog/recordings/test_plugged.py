@@ -139,7 +139,7 @@ def test_a_type_of_quadlogs_own_is_refused(install, log, taken):
         ("raise ImportError('no driver here')", "cannot be loaded: ImportError: no driver here"),
         (
             "from quadlog.recordings.plugged import MessageDecoder\ndecoder = MessageDecoder(str, print)",
-            "gives str, which is none of PointCloud, UwbRanges, Pose, Odometry, Imu, Transforms",
+            "gives str, which is not one of PointCloud, UwbRanges, Pose, Odometry, Imu, Transforms",
         ),
     ],
 )

@@ -37,7 +37,7 @@ def test_a_topic_that_is_not_there_is_refused_at_once(log: Any, topics: Any) -> 
     log.container.add(RANGING, T0 + 1, RANGING_PAYLOAD)
     recording = Recording(log.container)
     with pytest.raises(
-        UnknownTopic, match=r"^/?od.*m is not in the recording; the recording has: /gtec, /odom$"
+        UnknownTopic, match=r"^/?od.*m is not in the recording; topics of the recording: /gtec, /odom$"
     ) as told:
         recording.messages(topics)
     assert (told.value.role, told.value.choices) == (None, ["/gtec", "/odom"])

@@ -204,7 +204,7 @@ def test_possible_targets_are_listed_but_not_required(log: Any) -> None:
 def test_configured_topics_are_checked(log: Any) -> None:
     log.add("/points", T0, log.ros.cloud(T0, SPHERE))
     log.add("/odom", T0, log.ros.odometry(T0, 0.0))
-    with pytest.raises(UnknownTopic, match=r"/pints is not in the recording; the recording has: /points"):
+    with pytest.raises(UnknownTopic, match=r"/pints is not in the recording; topics of the recording: /points"):
         roles_of(log, lidar="/pints")
     with pytest.raises(UnknownTopic, match="/odom is nav_msgs/msg/Odometry, not a point cloud"):
         roles_of(log, lidar="/odom")

@@ -95,7 +95,7 @@ def test_a_tracker_is_the_reference_and_the_reason_names_type_and_field(lab: Any
         log, lab, {"/dog": SUBJECT, "/all": "lab/msg/Bodies", "/plan": "lab/msg/Two", "/id": "lab/msg/Frame"}
     )
     roles = detect_roles(dogs, Topics())
-    why = "vicon/msg/Subject, its pose in position and orientation, and its name speaks of truth"
+    why = "vicon/msg/Subject, its pose in position and orientation, named as ground truth"
     assert roles.of_topic("/dog") == ("reference", why)
     assert roles.of_topic("/all")[1].startswith("holds arrays of poses (bodies)")
     assert roles.of_topic("/plan")[1].startswith("holds 2 poses (seen, wanted)")

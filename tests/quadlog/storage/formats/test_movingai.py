@@ -124,7 +124,7 @@ def _answer(read: Callable[[Path], object], path: Path) -> object:
         (MAP, b"map\n", b"", 4, "expected 'map'"),
         (MAP, b"@OTW", b"@OT", 6, "only 3 of 4 columns"),
         (MAP, b"@OTW", b"@OTWW", 6, "more of 4 columns"),
-        (MAP, b"@OTW", b"@O\xffW", 6, r"'\\xff' in column 3 is none of \. G S"),
+        (MAP, b"@OTW", b"@O\xffW", 6, r"'\\xff' in column 3 is not one of \. G S"),
         (MAP, b"..T.\n", b"..T." + b"\n" * 2000, 1008, "goes on"),
         (SCEN, b"version 1", b"version 2", 1, "expected 'version 1'"),
         (SCEN, b"\t3.41421", b"", 3, "has 8 fields, not the nine"),
