@@ -321,7 +321,7 @@ class CannotWrite(FileError):
 
 
 class MissingProgram(QuadlogError):
-    """A program of others that is not on PATH, and what can be had without it."""
+    """A program of others that is not on PATH, and what works without it."""
 
     def __init__(self, program: str, needed_by: str, remedy: str) -> None:
         self.program, self.needed_by, self.remedy = program, needed_by, remedy

@@ -105,7 +105,7 @@ class MetricsOutcome:
 
     differing: how the runs' settings differ, a line each; such runs are not averaged. said: lines on how they were
     read; problems: a line for everything that could not be; failing: a line for every condition that holds on a run,
-    or cannot be told.
+    or is unknown.
     """
 
     runs: list[MeasuredRun]

@@ -35,7 +35,7 @@ class Stopped(BaseException):
 
 
 def do_task(topic: str, versions: Mapping[str, str], call: Callable[..., Any], /, *args: Any) -> Any:
-    """Run a call on a worker; what it tells goes to a topic of the scheduler's events.
+    """Run a call on a worker; its progress goes to a topic of the scheduler's events.
 
     Raises VersionsDiffer on a worker with other versions, Stopped after `stop_tasks`, and what call raises.
     """

@@ -194,7 +194,7 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
 
 
 def ground_remarks(course: Course, config: Config) -> Remarks:
-    """What is to be said of the ground of a course, whatever the seed. Raises as make_ground does."""
+    """Notes and warnings on the ground of a course, the same for all seeds. Raises as make_ground does."""
     terrain = config.simulation.terrain
     if terrain in (*PLANES, *BANDS_M):
         return Remarks()

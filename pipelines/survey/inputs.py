@@ -39,7 +39,7 @@ LEAST_PRIOR = OdometryPrior(0.002, 0.001, 0.0003, (0.003, 0.002))
 
 
 def odometry_poses(data: LogData, track: RobotTrack) -> OdometryPoses:
-    """The robot's track; poses of the lidar are doubtful where a scan does not tell all of the motion."""
+    """The robot's track; poses of the lidar are doubtful where a scan does not determine all of the motion."""
     doubtful: np.ndarray | None = None
     if track.source == "lidar" and data.tracker is not None:
         doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED

@@ -37,7 +37,7 @@ class SurveyOutcome:
     def kept(self) -> frozenset[int]:
         """Ids of known anchors that keep their places in the config.
 
-        All, unless there was nothing else to survey: then those whose places the survey does not tell.
+        All, unless there was nothing else to survey: then those whose positions are not observed.
         """
         known = frozenset(self.configured)
         if set(self.anchor_ids) - known:

@@ -49,7 +49,7 @@ BY_RINGS = rests(beyond(0.0), "By construction: rings make cells dear whose dist
 
 
 def claimed_rows(preset: str) -> list[Claim]:
-    """What is said of the square: the distance increases with every ring."""
+    """The claim on the square: the distance increases with every ring."""
     where = {"preset": preset, "scene": "single-obstacle", "form": "ea_star"}
     return [
         Change(

@@ -49,7 +49,7 @@ def course_rows(condition: str, called: str) -> list[Claim]:
 
 
 def rougher_row(condition: str, called: str) -> Claim:
-    """What is said of 6 cm against 3 cm on the line."""
+    """The claims on 6 cm against 3 cm on the line."""
     return Ratio(
         f"{condition}, line: {called}, 6 cm / 3 cm (1)",
         SLIGHTLY_MORE[called],

@@ -212,7 +212,7 @@ def is_measured(topic: str) -> bool:
 
 
 def is_target_name(topic: str) -> bool:
-    """Whether a pose topic's name speaks of something to go to rather than of the robot."""
+    """Whether a pose topic's name means something to go to rather than of the robot."""
     return any(word in topic.lower() for word in TARGET_NAMES)
 
 
@@ -380,7 +380,7 @@ class Roles:
 
     ambiguous: role -> the choices that could play it equally well, each one topic or several that belong together.
     unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
-    targets: pose topics whose name speaks of something followed. frames: what a look at the transforms shows.
+    targets: pose topics named as something followed. frames: what a look at the transforms shows.
     """
 
     found: Mapping[str, Role]
@@ -428,7 +428,7 @@ class Roles:
 
     @property
     def unused_truths(self) -> dict[str, str]:
-        """Topic -> why it is not the reference, of those whose name speaks of truth, where nothing else is."""
+        """Topic -> why it is not the reference, of those named as ground truth, where nothing else is."""
         return {
             topic: why
             for topic, why in self.unused.items()
@@ -454,7 +454,7 @@ class Roles:
         return str(AmbiguousTopic(role, choices)) if choices else ""
 
     def why_none(self, role: str) -> str:
-        """What to tell a user who needs a role that nobody plays."""
+        """The message for a role that no topic has."""
         looked_fit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
         more = [f"and {len(looked_fit) - MAX_LISTED} more"] if len(looked_fit) > MAX_LISTED else []
         return "; ".join([f"no topic is fit to be the {role}", *looked_fit[:MAX_LISTED], *more])
@@ -464,7 +464,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     """The roles of a recording's topics; what the configuration names is taken, the rest is detected.
 
     Raises UnknownTopic for a configured topic that is not there or of another
-    kind. Ambiguity is data here: it is raised by whoever needs the role.
+    kind. Ambiguity is data here: it is raised where the role is needed.
     """
     usable, unused = _usable(recording)
     found: dict[str, Role] = {}

@@ -43,7 +43,7 @@ def open_object(url: str) -> RemoteObject:
 
 
 class BucketObject:
-    """An object of S3, or of any other system that fsspec knows. told: what its server said when it was opened."""
+    """An object of S3, or of any other system that fsspec knows. told: its server's answer when it was opened."""
 
     def __init__(self, url: str) -> None:
         self.url = url

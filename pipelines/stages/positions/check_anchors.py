@@ -1,4 +1,4 @@
-"""Whether the configured anchors stand where they are: by the robot's odometry where it tells, else by ranges alone."""
+"""Whether the configured anchors stand where they are: by the robot's odometry if any, else by ranges alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot's track by its legs: their geometry from [robot], and notes on how well they tell it."""
+"""The robot's track by its legs: their geometry from [robot], and notes on the quality."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"
-"""The name of map when legs tell positions: base, upright, where the first joints were read."""
+"""The name of map when positions are from legs: base, upright, where the first joints were read."""
 STEP_S = 0.01
 """Poses are written no more often; joints are read at up to 1 kHz."""
 VELOCITY_STEP_S = 0.04

@@ -37,7 +37,7 @@ AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
 LIDAR_FRAME = "lidar_start"
-"""The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
+"""The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
 
 LOCATING = (
@@ -76,7 +76,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
 
 
 def with_legs(data: LogData) -> LogData:
-    """The data with the body's track by its joints, where these tell one. Raises UnknownName and UnusableRobot."""
+    """The data with the body's track by its joints, where these give one. Raises UnknownName and UnusableRobot."""
     return replace(data, legs=track_legs(data))
 
 

@@ -1,4 +1,4 @@
-"""Anchors on one line or at one height: which of two mirror images a fix is, and whether heights are told at all."""
+"""Anchors on one line or at one height: which of two mirror images a fix is, and whether heights are observable."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def heights_are_told(
 ) -> bool:
     """Whether to solve for the heights of a whole log, from its fixes (E, 2) at a height that is about right.
 
-    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). Told where half of the epochs or more would know
+    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). True where half of the epochs or more would know
     the height to TOLD_STD_M, and half or more could not be mistaken for a mirror image.
     """
     placed = thin_rows(np.isfinite(position_m.sum(axis=1)), MAX_PLACES)

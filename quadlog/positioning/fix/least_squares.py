@@ -151,7 +151,7 @@ def _descend_rows(
 
 
 SPREAD_OF_RANGE_STD = 0.5
-"""Anchors nearer to one line than this share of a range's std (rms) cannot tell a fix from its mirror image."""
+"""Anchors nearer to one line than this share of a range's std (rms) cannot distinguish a fix from its mirror image."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,7 +71,7 @@ def spread_of(anchors_m: Float, heard: np.ndarray, solve_z: bool) -> Float:
     """(E,) mean square distance in m^2 of the anchors heard (E, A) from the line, in space the plane, that fits best.
 
     Taken as 1/trace(S^-1) of their scatter S, which is that where it is small:
-    then it decides whether a fix can be told from its mirror image.
+    then it decides whether a fix differs from its mirror image.
     """
     n = heard.sum(axis=1)
     share = heard / np.maximum(n, 1)[:, None]

@@ -37,9 +37,9 @@ def solve_huber(
     """As solve_gauss_newton, but residuals beyond LONG_STD (late) or -SHORT_STD std weigh as Huber has it.
 
     Iteratively reweighted; the weight falls as 1/residual, so a late range pulls with bounded force. The loss being
-    convex, the start decides little. One epoch of three ranges cannot tell which is late: there it is no help. Nor is
+    convex, the start decides little. One epoch of three ranges cannot show which is late: there it is no help. Nor is
     it with ranges that are all too long by a constant: calibrate them. The covariance is (sum w u u^T / std^2)^-1,
-    honest without late ranges, and too small with them, as no single epoch can tell them all.
+    honest without late ranges, and too small with them, as no single epoch can show them all.
     """
     return _solve(
         anchors_m, range_m, tag_height_m, range_std_m, outlier_m, LONG_STD * range_std_m, SHORT_STD * range_std_m

@@ -105,7 +105,7 @@ REFIT_GROUPS = 50
 
 @dataclass(frozen=True, slots=True)
 class AlignedHeading:
-    """Yaw in map at the track's T instants, and how it was had.
+    """Yaw in map at the track's T instants, and how it was obtained.
 
     yaw_rad: (T,) in [-pi, pi); yaw_std_rad: (T,) at most pi / sqrt(3), that of a direction of which nothing is known.
     offset_rad: added to the sensor's yaw in the middle of the motion, and its std_rad, infinite where the track
@@ -127,7 +127,7 @@ class AlignedHeading:
 
     @property
     def told(self) -> bool:
-        """Whether the course told how the sensor is turned."""
+        """Whether the course showed how the sensor is turned."""
         return bool(np.isfinite(self.std_rad))
 
 
@@ -141,7 +141,7 @@ class CausalHeading:
 
     @property
     def told(self) -> np.ndarray:
-        """(T,) bool, whether the course had told until then how the sensor is turned."""
+        """(T,) bool, whether the course had shown until then how the sensor is turned."""
         return np.isfinite(self.spread_rad)
 
 
@@ -210,7 +210,7 @@ def align_yaw_causally(
     drift: SensorDrift = NO_DRIFT,
     by_tags: TagsYaw | None = None,
 ) -> CausalHeading:
-    """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
+    """The sensor's yaw (M,) aligned to the course up to each instant, by nothing before.
 
     The fit of align_yaw to what was known then: again whenever there is REFIT_GROWTH as much of it. Until the first
     motion the sensor's yaw is not turned, and its std that of a direction of which nothing is known.
@@ -300,7 +300,7 @@ def _with_silence(std_rad: Float, t_ns: Int, yaw_t_ns: Int) -> Float:
 GYRO_DRIFT = SensorDrift(rate_std_radps=0.02, walk_std=0.001)
 """Turn-on biases of consumer gyroscopes are about a degree a second, their noise a few hundredths per root second."""
 CLEARLY_LESS = 0.5
-"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk tells no sign."""
+"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk hides it."""
 
 
 @dataclass(frozen=True, slots=True)

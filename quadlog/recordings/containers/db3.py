@@ -1,4 +1,4 @@
-"""A ROS 2 bag's SQLite file (.db3), read whole, beside which nothing may be written.
+"""A ROS 2 bag's SQLite file (.db3), read whole; nothing is written beside it.
 
 A database in WAL mode cannot be opened where it lies: SQLite would write a
 `-shm` beside it, and without that it ignores what stands in the `-wal` only.

@@ -61,7 +61,7 @@ def read_movingai_map(path: Path) -> NDArray[np.bool_]:
 
     `.`, `G` and `S` (swamp) are passable; `@`, `O` (out of bounds), `T` (trees)
     and `W` are blocked. Water can be entered from water only, so it is blocked
-    for whoever starts on land; the Grid-Based Path Planning Competition reads
+    for a start on land; the Grid-Based Path Planning Competition reads
     all seven the same way.
 
     Raises UnreadableFile, naming the line, for anything that is not a map of
