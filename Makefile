@@ -64,7 +64,6 @@ bench: install  ## the figures the README quotes, with limit and floor beside ea
 	$(BIN)/python -m benchmarks $(PARTS)
 
 fuzz: install  ## damaged and hostile inputs for SECONDS=600, guided by coverage where atheris has a wheel; SEED=0, TARGETS=
-	$(PIP) install --quiet $(LOCKED) --group fuzz
 	$(PIP) install --quiet --only-binary :all: atheris || true
 	$(BIN)/python -m fuzzing --seconds $(SECONDS) --seed $(SEED) $(TARGETS)
 
@@ -86,7 +85,7 @@ package: $(VENV)/.pip  ## sdist and wheel into dist/; the wheel runs the demo fr
 lock: $(VENV)/.pip  ## requirements.lock again: the newest versions that pyproject.toml allows, for every platform
 	$(PIP) install --quiet --upgrade uv
 	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --all-extras $(GROUPS) --group bench \
-		--group fuzz --group package --no-header --no-annotate --no-emit-index-url --upgrade -o requirements.lock
+		--group package --no-header --no-annotate --no-emit-index-url --upgrade -o requirements.lock
 
 clean:
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build dist *.egg-info
