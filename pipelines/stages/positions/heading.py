@@ -164,7 +164,7 @@ def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
         imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known], quat_xyzw=None)
     gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
     if gap_s > SILENT_S:
-        journal.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
+        journal.warn(f"imu: silent for {gap_s:.1f} s; turns in that time are missing from its yaw")
     return imu if len(imu) else None
 
 

@@ -67,7 +67,7 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     if ContactSource.HEIGHT in track.contact_sources:
         journal.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
-        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
+        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; motion in that time is lost")
     usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
     if usual_s > MAX_GAP_S:
         journal.warn(

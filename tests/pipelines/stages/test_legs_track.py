@@ -74,7 +74,7 @@ def test_joints_and_an_imu_tell_where_the_robot_was_and_nothing_more(tmp_path, w
     # 8 m; the IMU's yaw is known to 0.1 degrees, and drifts by 0.3.
     assert furthest_off_m(outcome.run, walked) < 0.12
     assert not (outcome.run / "scans.parquet").exists()
-    assert "nothing is filtered" in said(outcome)
+    assert "stopped after position" in said(outcome)
     assert "leg lengths of 'tracking' are assumed" in said(outcome)
     joints = read_table(outcome.run, "joints", ["contact_1", "foot_force_1_n"])
     standing, swinging = (
