@@ -85,7 +85,7 @@ def usable_ranges(
         usable = own & (ranges.range_m >= uwb.min_range_m) & (ranges.range_m <= uwb.max_range_m)
     bad = int((own & ~usable).sum())
     if bad:
-        journal.warn(f"{bad} ranges that are NaN, infinite or outside uwb.min_range_m and uwb.max_range_m, are left out")
+        journal.warn(f"{bad} ranges that are NaN, infinite or outside uwb.min_range_m to uwb.max_range_m are left out")
     if not usable.any():
         raise MissingInput("survey", f"no usable range of tag {listed(tags)}", "see  quadlog info")
     anchor_ids, anchor = np.unique(ranges.anchor[usable], return_inverse=True)

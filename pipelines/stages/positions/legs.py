@@ -55,8 +55,8 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     robot = data.config.robot
     if not robot.model_fields_set & {"model", "preset"}:
         journal.warn(
-            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances are as wrong as "
-            "they are; set robot.preset or robot.model"
+            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances scale "
+            "with them; set robot.preset or robot.model"
         )
     else:
         journal.note(f"legs: lengths and hips are those of {robot.model!r}")
