@@ -41,7 +41,7 @@ def uwb_diagnostics(
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
     None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
-    walk tell them too badly.
+    walk show them too badly.
     """
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None

@@ -20,7 +20,7 @@ Side = Literal["left", "right"]
 SHARP = 1e-6
 """Smallest over largest eigenvalue of sum u u^T, roughly; below it a fix could slide along a line."""
 SPREAD_OF_RANGE_STD = 0.5
-"""Anchors nearer to one line than this share of a range's std (rms) cannot tell a fix from its mirror image."""
+"""Anchors nearer to one line than this share of a range's std (rms) cannot distinguish a fix from its mirror image."""
 THIN_STD = 10.0
 """Anchors this many range stds or more off their line (rms) do not take a fix for its image. At half of that one in
 a thousand is, at a tenth one in ten (measured with four anchors)."""
@@ -390,7 +390,7 @@ def heights_are_told(
 ) -> bool:
     """Whether to solve for the heights of a whole log, from its fixes (E, 2) at a height that is about right.
 
-    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). Told where half of the epochs or more would know
+    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). True where half of the epochs or more would know
     the height to TOLD_STD_M (Cramér-Rao), and half or more could not be mistaken for the minimum downhill from their
     mirror image in the plane of the anchors heard.
     """

@@ -49,7 +49,7 @@ LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
 LEAST_TURN_RAD = 1.0
 """A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
-"""The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
+"""The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
 
 LOCATING = (
@@ -89,7 +89,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
 
 
 def with_legs(data: LogData) -> LogData:
-    """The data with the body's track by its joints, where these tell one. Raises UnknownName and UnusableRobot."""
+    """The data with the body's track by its joints, where these give one. Raises UnknownName and UnusableRobot."""
     return replace(data, legs=track_legs(data))
 
 

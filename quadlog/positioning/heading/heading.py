@@ -90,7 +90,7 @@ ODOMETRY_DRIFT = SensorDrift(rate_std_radps=0.003, walk_std=0.003)
 GYRO_DRIFT = SensorDrift(rate_std_radps=0.02, walk_std=0.001)
 """Turn-on biases of consumer gyroscopes are about a degree a second, their noise a few hundredths per root second."""
 CLEARLY_LESS = 0.5
-"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk tells no sign."""
+"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk hides it."""
 REFIT_GROWTH = 1.05
 REFIT_GROUPS = 50
 """A causal offset is fitted again when its groups have grown by 5 %, or by ten seconds of motion."""
