@@ -125,7 +125,7 @@ class LogData:
     """What the small topics of a log hold, and the stamps of its clouds, which are streamed apart.
 
     config: of the stage that uses it. mount: of the lidar; mover: of clouds whose frame moves in base. up: which way is
-    up in base, None where nothing tells. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
+    up in base, None where it is unknown. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
     its joints and by its clouds, None where there is none.
     """
 

@@ -115,7 +115,7 @@ def _do_stages(request: ReplayRequest, log: Log, run: Path | None, journal: Jour
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
     if request.options.until != last == "position" and request.pause_after is None:
         why = log.roles.choices("lidar") or log.roles.why_none("lidar")
-        journal.warn(f"nothing is filtered, mapped, planned or walked: {why}")
+        journal.warn(f"stopped after position: {why}")
     return do, made, compiling_s() - compiled_s
 
 

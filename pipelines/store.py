@@ -137,7 +137,7 @@ class Doing:
 
 
 def _not_done(names: tuple[str, ...]) -> Any:
-    raise LookupError(f"{names[-1]} was not asked for")
+    raise LookupError(f"{names[-1]} was not requested")
 
 
 class Store:

@@ -36,7 +36,7 @@ class Answers(NamedTuple):
 def repeats_for(source: ProblemSource, planners: int) -> int:
     """How often to ask everything, so that times have intervals.
 
-    Of a single question the repeats are all there is to tell planners apart by.
+    Of a single question the repeats alone distinguish planners.
     """
     is_single = source.is_static and source.count == 1
     return max(FEWEST_REPEATS, fewest_values(corrected_confidence(planners - 1)) if is_single else 0)

@@ -56,8 +56,8 @@ def check_runs(
 def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callable[[str], None]) -> dict[str, int]:
     """Write bounds made from the runs into a new file; returns how many for each name.
 
-    Bounds that accept a contact or a fall have a comment in the file, and are said; metrics that the catalogue lacks
-    are not bounded, and are said. Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
+    Bounds that accept a contact or a fall are commented there and listed; metrics that the catalogue lacks
+    are listed, not bounded. Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
     """
     refuse_existing(expect, force)
     runs = [Run(path) for path in find_runs(paths)]

@@ -47,8 +47,8 @@ def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAt
         instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
         details = _contacts(run.path) if name in _OF_CONTACTS else _dimensions(name, run.path, reference)
     except QuadlogError as error:
-        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
-    why = "a run saves no samples of it" if samples is None else "at no instant bad"
+        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants unknown: {error}")
+    why = "a run saves no samples of it" if samples is None else "never above zero"
     return RunAtWorst(run.label, measured.value, measured.n, instants, why, details)
 
 
@@ -105,7 +105,7 @@ class MetricsOutcome:
 
     differing: how the runs' settings differ, a line each; such runs are not averaged. said: lines on how they were
     read; problems: a line for everything that could not be; failing: a line for every condition that holds on a run,
-    or cannot be told.
+    or is unknown.
     """
 
     runs: list[MeasuredRun]
@@ -147,7 +147,7 @@ def measure_runs(
             if len(found) == 1:
                 raise
             problems.append(str(error))
-            failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
+            failing += [f"{path}: {each}: unknown, the run cannot be read" for each in conditions]
             continue
         runs.append(MeasuredRun(path, label, measured))
         records.append(run.record)
@@ -155,7 +155,7 @@ def measure_runs(
         failing += _failing(path, measured, conditions)
     for path, why in failed_recordings(paths).items():
         problems.append(why)
-        failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
+        failing += [f"{path}: {each}: unknown, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
     return MetricsOutcome(runs, differing_settings(records), said, problems, failing)
@@ -209,7 +209,7 @@ def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Co
     for each in conditions:
         measured = metrics.get(each.name)
         if measured is None:
-            lines.append(f"{run}: {each}: cannot be told, the run has no {each.name}")
+            lines.append(f"{run}: {each}: unknown, the run has no {each.name}")
         elif each.holds(measured.value):
             lines.append(f"{run}: {each} holds: {measured.value:.9g} {measured.unit}".rstrip())
     return lines

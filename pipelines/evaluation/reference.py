@@ -235,7 +235,7 @@ def _why_nothing_matches(truth: Trajectory, estimate: Trajectory, how: OnTime) -
 def _offset_words(found: ClockOffset | None) -> str:
     """A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results."""
     if found is None:
-        return "no offset can be told: too short, too little motion, or another walk"
+        return "time offset unknown: too short, too little motion, or another walk"
     if found.rival_s is not None:
         return f"the offset is ambiguous: {found.offset_s:.3f} s and {found.rival_s:.3f} s fit about as well"
     apart = f"positions {found.residual_m:.3f} m apart once aligned"
@@ -269,4 +269,4 @@ def _height_words(truth: Trajectory, estimate: Trajectory) -> list[str]:
     apart_m = float(np.sqrt(np.mean(height_m**2)))
     if apart_m < _SEEN_M:
         return []
-    return [f"heights differ by {apart_m:.3f} m rms, which counts; --project-to-plane xy leaves them out"]
+    return [f"heights differ by {apart_m:.3f} m rms, and errors include them; --project-to-plane xy leaves them out"]

@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
     roles_of,
 )
 from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
-from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
+from quadlog.positioning.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.links import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Located, TagResult, locate
 from quadlog.recordings.recording import Recording
@@ -41,7 +41,7 @@ def uwb_diagnostics(
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
     None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
-    walk tell them too badly.
+    walk show them too badly.
     """
     empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}
     reference = roles.found["reference"].topics[0] if "reference" in roles.found else None

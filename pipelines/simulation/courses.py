@@ -81,7 +81,7 @@ def seen_ground(run: Path) -> SeenGround | None:
     seen = read_arrays(run, "ground")
     origin_m, cell_m, height_m = seen["origin_m"], float(seen["cell_m"]), seen["height_m"]
     if max(np.abs(origin_m).max(), np.nanmax(np.abs(height_m), initial=0.0)) > _MOST_M:
-        raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
+        raise NotARun(run / "ground.npz", "is damaged: its coordinates exceed 1e6 m")
     if not _CELLS_M[0] <= cell_m <= _CELLS_M[1]:
         raise NotARun(run / "ground.npz", f"is damaged: cells of {cell_m:g} m")
     blocked = _obstacles(run, origin_m, cell_m, height_m.shape)
@@ -194,7 +194,7 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
 
 
 def ground_remarks(course: Course, config: Config) -> Remarks:
-    """What is to be said of the ground of a course, whatever the seed. Raises as make_ground does."""
+    """Notes and warnings on the ground of a course, the same for all seeds. Raises as make_ground does."""
     terrain = config.simulation.terrain
     if terrain in (*PLANES, *BANDS_M):
         return Remarks()

@@ -212,7 +212,7 @@ def _walk_input(name: str, path_m: Float) -> InputRecord:
 def _warnings(simulated: SimulatedWalk, most_n: float) -> list[str]:
     warnings = []
     if simulated.failed_solves:
-        warnings.append(f"{simulated.failed_solves} solves failed, and older or simpler forces had to do: see counts")
+        warnings.append(f"{simulated.failed_solves} QPs failed; older or simpler forces were used: see counts")
     weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
     # Two feet carry in a trot, and have to push harder than the weight to go up.
     if weight_n > 1.5 * most_n:

@@ -26,9 +26,7 @@ from quadlog.simulation.synthetic.registry import SCENARIOS
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 from quadlog.storage.atomic_write import whole_file, write_whole
 
-CONFIG_HEADER = (
-    "# What a replay of this synthesized recording has to be told; the anchors' biases are for it to find.\n\n"
-)
+CONFIG_HEADER = "# For the replay of this synthesized recording; the anchors' biases are left for it to estimate.\n\n"
 
 
 def make_recording(

@@ -147,9 +147,9 @@ def _filtered(
 
 UNUSUAL = {
     "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
-    "scans_without_ground": "no ground is found, as in a 2-D scan; heights are those above base's own floor",
-    "scans_with_steep_ground": "the plane taken for the ground is too steep to be one, probably a wall; what lies "
-    "in it is not in those maps",
+    "scans_without_ground": "no ground is found, as in a 2-D scan; heights are measured from base as configured",
+    "scans_with_steep_ground": "the ground plane is too steep, probably a wall; points "
+    "in it are missing from those maps",
 }
 
 
@@ -184,10 +184,10 @@ class _Tally:
         for reason, count in self._skewed.items():
             journal.count("scans_not_deskewed", count)
             if reason is not Skewed.NO_TIMES and config.lidar.deskew:
-                journal.warn(f"{count} of {n} scans keep the robot's motion: {reason.value}")
+                journal.warn(f"{count} of {n} scans are not deskewed: {reason.value}")
         for why_not, count in self._tilted.items():
             journal.count("scans_not_levelled", count)
-            journal.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
+            journal.warn(f"{count} of {n} scans are not levelled: {why_not.value}")
         for name, text in UNUSUAL.items():
             if count := journal.counts.get(name, 0):
                 journal.warn(f"{count} of {n} scans: {text}" + (why if count == n else ""))
@@ -255,7 +255,8 @@ class _Mapper:
         if skipped := self._memory.skipped:
             journal.warn(f"{skipped} maps hold one scan alone: the run covers more than memory may grow to")
         if lost := journal.counts.get("scans_without_pose", 0):
-            journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them")
+            none = "" if self._whole.to_cells() is not None else "; if their clock differs, try  --stamp log"
+            journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them{none}")
 
 
 def make_memory(config: Config) -> Memory:

@@ -56,8 +56,8 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
 class LidarMount(NamedTuple):
     """How clouds come into base: by a fixed transform_lidar_to_base (4, 4), or, where their frame moves, by a mover.
 
-    known: whether configuration or recording tells. from_tf: the lidar's frame and base, if tf gives the transform.
-    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry tells how, instead of tf.
+    known: whether configuration or recording has it. from_tf: the lidar's frame and base, if tf gives the transform.
+    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry gives it, not tf.
     """
 
     transform_lidar_to_base: Float

@@ -69,9 +69,9 @@ class EvenSample(Generic[Item]):
 
 
 ROUTE_WORDS = {
-    "rings": "by the beams their points name",
-    "elevations": "by the beams their elevations show",
-    "height_map": "as clouds without beams, on a map of the lowest points",
+    "rings": "by beams, from the points' ring numbers",
+    "elevations": "by beams, from the points' elevations",
+    "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",
 }
 ABOVE_M = 0.1
@@ -221,11 +221,11 @@ class LidarTracker:
         return replace(matched, rotation=matched.rotation @ np.array(self._levelled).reshape(-1, 3, 3))
 
     def lost_share(self) -> float:
-        """Share of the scans that tell no pose."""
+        """Share of the scans without a pose."""
         return 1 - (self._odometry.track().match != ScanMatch.LOST).sum() / max(self._scans, 1)
 
     def why_lost(self) -> str:
-        """Why scans tell no pose; empty where all do."""
+        """Why scans have no pose; empty where all do."""
         track = self._odometry.track()
         lost = self._scans - int((track.match != ScanMatch.LOST).sum())
         if not lost:
@@ -240,7 +240,7 @@ class LidarTracker:
         return f"{text}; the track ends {(gave_up_ns - track.t_ns[0]) * 1e-9:.1f} s after its start, where most do"
 
     def warnings(self) -> list[str]:
-        """How many scans do not tell the whole pose, and why."""
+        """How many scans do not determine the whole pose, and why."""
         match = self._odometry.track().match
         sliding = (match == ScanMatch.DEGENERATE).sum()
         lines = [f"{why}: no pose is given there"] if (why := self.why_lost()) else []

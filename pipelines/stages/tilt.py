@@ -1,4 +1,4 @@
-"""The body's tilt, for levelling scans: which source tells it, and whether an IMU's orientation can be one."""
+"""The body's tilt, for levelling scans: from which source, and whether an IMU's orientation can be one."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def frozen(imu: ImuSeries) -> bool:
 
 
 def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: ImuSeries | None) -> UpSeries | None:
-    """Which way is up in base, by the first available of IMU, odometry and moving tf; None where nothing tells.
+    """Which way is up in base, by the first available of IMU, odometry and moving tf; None where it is unknown.
 
     imu: as it is mounted. frames: what a look at the transforms showed.
     """

@@ -21,7 +21,7 @@ class RobotTrack:
     """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,); their source, and the name it gives to the frame.
 
     covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known. z_m (N,) and tilt_rad (N, 2),
-    roll and pitch: NaN where nothing tells them, None where nothing ever does.
+    roll and pitch: NaN at instants without a value, None without a source.
     """
 
     t_ns: Int

@@ -39,7 +39,7 @@ LEAST_PRIOR = OdometryPrior(0.002, 0.001, 0.0003, (0.003, 0.002))
 
 
 def odometry_poses(data: LogData, track: RobotTrack) -> OdometryPoses:
-    """The robot's track; poses of the lidar are doubtful where a scan does not tell all of the motion."""
+    """The robot's track; poses of the lidar are doubtful where a scan does not determine all of the motion."""
     doubtful: np.ndarray | None = None
     if track.source == "lidar" and data.tracker is not None:
         doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED
@@ -85,7 +85,7 @@ def usable_ranges(
         usable = own & (ranges.range_m >= uwb.min_range_m) & (ranges.range_m <= uwb.max_range_m)
     bad = int((own & ~usable).sum())
     if bad:
-        journal.warn(f"{bad} ranges that are no numbers, or outside uwb.min_range_m and uwb.max_range_m, are left out")
+        journal.warn(f"{bad} ranges that are NaN, infinite or outside uwb.min_range_m to uwb.max_range_m are left out")
     if not usable.any():
         raise MissingInput("survey", f"no usable range of tag {listed(tags)}", "see  quadlog info")
     anchor_ids, anchor = np.unique(ranges.anchor[usable], return_inverse=True)

@@ -37,7 +37,7 @@ class SurveyOutcome:
     def kept(self) -> frozenset[int]:
         """Ids of known anchors that keep their places in the config.
 
-        All, unless there was nothing else to survey: then those whose places the survey does not tell.
+        All, unless there was nothing else to survey: then those whose positions are not observed.
         """
         known = frozenset(self.configured)
         if set(self.anchor_ids) - known:
@@ -126,7 +126,7 @@ def _anchor_table(anchor_id: int, anchor: SurveyedAnchor, z_given: bool) -> str:
     lines = ["[[uwb.anchors]]", f"id = {anchor_id}"]
     for axis, value, bound in zip("xyz", anchor.position_m, anchor.bound_m, strict=True):
         told = axis != "z" or anchor.height_observed or z_given
-        guess = "" if told else ", a guess: the walk does not tell it"
+        guess = "" if told else ", a guess: not observed on this walk"
         lines.append(f"{axis}_m = {value:.4f}  # +- {bound:.3f}{guess}")
     lines.append(f"bias_m = {anchor.bias_m:.4f}  # +- {1.96 * anchor.bias_std_m:.3f}")
     return "\n".join(lines) + "\n"

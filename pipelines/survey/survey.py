@@ -75,7 +75,7 @@ def _check_inputs(log: Log, config: Config) -> None:
         raise MissingInput("survey", log.roles.why_none("uwb"), "see  quadlog info")
     there = {*log.roles.found, *log.roles.ambiguous}
     if config.topics.position == "auto" and there.isdisjoint(SOURCES):
-        raise MissingInput("survey", "the recording has ranges, but nothing tells how the robot moves", NO_ODOMETRY)
+        raise MissingInput("survey", "the recording has ranges, but no odometry", NO_ODOMETRY)
 
 
 def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | None, float]) -> SurveyOutcome:
@@ -84,7 +84,7 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
         raise MissingInput("survey", "the recording has no UWB ranges", "see  quadlog info")
     track = robot_track(data, journal)
     if track.source == "fixed" or len(track.t_ns) < 2:
-        raise MissingInput("survey", "nothing in the recording tells how the robot moves", NO_ODOMETRY)
+        raise MissingInput("survey", "the recording has no odometry", NO_ODOMETRY)
     journal.progress.begin("survey", None)
     tags = robot_tags(config, journal, ranges)
     measured, anchor_ids = usable_ranges(config, journal, ranges, tags)
@@ -118,15 +118,15 @@ def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mp
     survey, ids = outcome.survey, outcome.anchor_ids
     drift_m, drift_rad = survey.drift
     journal.note(
-        f"odometry from {outcome.source}: {survey.way_m:.1f} m of way; its steps count {survey.scale:.3f} times, its "
-        f"turns {survey.turn_scale:.3f} times, its yaw drifts by {np.degrees(survey.yaw_drift_radps) * 60:+.1f} "
+        f"odometry from {outcome.source}: {survey.way_m:.1f} m; scale of its distances {survey.scale:.3f}, of its "
+        f"turns {survey.turn_scale:.3f}; its yaw drifts by {np.degrees(survey.yaw_drift_radps) * 60:+.1f} "
         f"degrees a minute, and at random by {100 * drift_m:.1f} cm and {np.degrees(drift_rad):.1f} degrees after 1 m"
     )
     if abs(survey.delay_s) > NOTED_DELAY_S:
         journal.note(
-            f"the stamps of the ranges are {survey.delay_s:+.2f} s too early for the odometry's, or the tags sit "
+            f"the ranges' clock is offset by {-survey.delay_s:+.2f} s from the odometry's, or the tags sit "
             f"{survey.delay_s * speed_mps:+.2f} m ahead of where [[uwb.tags]] has them (x_m): at a constant speed "
-            "both fit alike"
+            "these look the same"
         )
     known = len(outcome.configured.keys() & set(ids))
     if survey.aligned_to:
@@ -136,7 +136,7 @@ def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mp
         journal.note(f"frame: base at the first pose; {few}two known anchors in [[uwb.anchors]] would give map")
     if not set(ids) - outcome.configured.keys():
         journal.note(
-            "every anchor heard is configured already: their places only give the frame, and are surveyed again"
+            "all anchors with ranges are configured already: their places only give the frame, and are surveyed again"
         )
     if outcome.kept and not survey.aligned_to:
         journal.warn(
@@ -152,8 +152,8 @@ def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mp
     blind = [anchor for anchor in unseen if anchor not in outcome.z_given]
     if blind:
         journal.warn(
-            f"the walk does not tell the height of anchors {listed(blind)}: z is the guess of {ABOVE_TAG_M:g} m above "
-            "the tag; give what you know by  --anchor-height ID=M"
+            f"the heights of anchors {listed(blind)} are not observed on this walk: z is assumed {ABOVE_TAG_M:g} m "
+            "above the tag; give what you know by  --anchor-height ID=M"
         )
     for each in survey.anchors:
         if each.why_not:

@@ -1,4 +1,4 @@
-"""Rows of a table as data: of which walks, which column, beside which print; and the tables that they make."""
+"""Rows of a table as data: walks, column, printed number; and the tables that they make."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Table:
-    """A paper's table as data: where its numbers come from, and what stands beside which print."""
+    """A paper's table as data: where its numbers come from, and the printed ones to compare with."""
 
     title: str
     caption: str

@@ -49,7 +49,7 @@ PRINTED: dict[float | None, tuple[Judge, ...]] = {
 }
 """By k, in the order of COLUMNS; roll from -2 to 5.5 degrees, pitch from -3 to 3 in both."""
 CURVES = {None: "without y(t)", K: "with y(t)"}
-WHY_NOT = "A symmetric robot hardly drifts or turns; what makes the paper's drift is not said."
+WHY_NOT = "A symmetric robot hardly drifts or turns; the paper does not give the cause of its drift."
 
 
 def _less(printed: float) -> Judge:

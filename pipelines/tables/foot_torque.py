@@ -140,7 +140,7 @@ def table(fast: bool, seed: int) -> Table:
         study=Study(measure, [{}]),
         groups=[
             Group(
-                "What is printed or said",
+                "Printed numbers and claims",
                 "The right fore leg of Table 2, knee behind, from 25 mm ahead of its hip to 25 mm behind; "
                 "f = (m a, 0, m g), m = 0.5 kg, links without mass. A sign of +1 tips the body backwards. Swing: eq. 9 "
                 "without y(t), lifted 20 mm. The last row: section 4's robot of 10 kg over a stance of 40 mm.",

@@ -177,7 +177,7 @@ def length_rows(preset: str, density: float) -> list[Claim]:
 
 
 def collision_rows(preset: str, density: float) -> list[Claim]:
-    """What is said of collisions."""
+    """The claims on collisions."""
     where, which = {"preset": preset, "density_per_m2": density}, f"{preset}, {density:g} trees/m²"
     may = not_comparable(None, "Claimed: it may. One collision would do, so that no share contradicts it.", "may touch")
     clean, touched, less = (
@@ -200,7 +200,7 @@ COHERENCE = {
 
 
 def coherence_rows(preset: str, density: float) -> list[Claim]:
-    """What is said of coherence."""
+    """The claims on coherence."""
     where, which = {"preset": preset, "density_per_m2": density}, f"{preset}, {density:g} trees/m²"
     below = beyond(0.0, above=False, why="Claimed: less than 0.")
     return [Change(f"{which}: {what}", column, where, below, of=what, **PAIRED) for column, what in COHERENCE.items()]

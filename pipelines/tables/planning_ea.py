@@ -49,7 +49,7 @@ BY_RINGS = rests(beyond(0.0), "By construction: rings make cells dear whose dist
 
 
 def claimed_rows(preset: str) -> list[Claim]:
-    """What is said of the square: the distance increases with every ring."""
+    """The claim on the square: the distance increases with every ring."""
     where = {"preset": preset, "scene": "single-obstacle", "form": "ea_star"}
     return [
         Change(
@@ -81,7 +81,7 @@ def table(fast: bool, seed: int) -> Table:
         study=Study(plan_once, grid(preset=USED, scene=SHOWN, form=FORMS, rings=RINGS)),
         groups=[
             Group(
-                "Fig. 19: what is said of it",
+                "Fig. 19: claims",
                 "The paper prints pictures, and says of the square, as its obstacle is extended by 1, 2 and 3 cells, "
                 "that the distance between robot and obstacle increases.",
                 [row for preset in USED for row in claimed_rows(preset)],

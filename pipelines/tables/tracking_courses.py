@@ -37,7 +37,7 @@ def course_rows(condition: str, called: str) -> list[Claim]:
     statistic = SIZE if is_drawn else EXACT
     time = number(CIRCLE_S, 1.0) if course == "circle" else None
     why = f"{CIRCLE_M:.1f} m in {CIRCLE_S:g} s are {CIRCLE_M / CIRCLE_S:.3f} m/s, not the {DESIRED_MPS:g} m/s desired."
-    speed = rests(number(DESIRED_MPS, 0.1), "Claimed: at the desired velocity, at which ours is told to walk.")
+    speed = rests(number(DESIRED_MPS, 0.1), "Claimed: at the desired velocity, which is commanded here.")
     timed = f"{which}: {FIGURES['completion_time_s']}"
     fast = f"{which}: {FIGURES['speed_mean_mps']}"
     return [
@@ -49,7 +49,7 @@ def course_rows(condition: str, called: str) -> list[Claim]:
 
 
 def rougher_row(condition: str, called: str) -> Claim:
-    """What is said of 6 cm against 3 cm on the line."""
+    """The claims on 6 cm against 3 cm on the line."""
     return Ratio(
         f"{condition}, line: {called}, 6 cm / 3 cm (1)",
         SLIGHTLY_MORE[called],

@@ -148,6 +148,20 @@ def unoriented(log: Log, room: Room) -> None:
     add_scans(log, room, 8.0)
 
 
+def reset(log: Log, room: Room) -> None:
+    """Odometry that starts at zero again in the middle of the walk."""
+    odometry(log, room)
+    for t_ns, _, content in log.messages:
+        content.pose.pose.position.x -= 1.5 * (t_ns >= ns(4.0))
+
+
+def other_clock(log: Log, room: Room) -> None:
+    """A scanner whose computer's clock is two minutes late."""
+    lone_scanner(log, room)
+    for _, topic, content in log.messages:
+        content.header.stamp.sec -= 120 * (topic == "/scan")
+
+
 def vicon(log: Log, room: Room) -> None:
     """The body's place by motion capture, in frames of its own, beside scans."""
     for t_s in instants_s(8.0, 50):
@@ -291,6 +305,8 @@ CASES = {
     "scans-and-truth-in-another-frame": Case(
         vicon, 0, "lidar", 0.05, says=("once aligned",), never=("no reference to compare",)
     ),
+    "odometry-reset": Case(reset, 0, None, says=("positions jump 1 time, by up to 1.52 m, at 4.0 s",)),
+    "clock-of-the-scanner": Case(other_clock, 3, "odometry", says=("80 scans are not in the map", "--stamp log")),
     "no-ground": Case(
         together(odometry, lambda log, room: rings_of_points(log, room, "base_link", fixed=False)),
         0,

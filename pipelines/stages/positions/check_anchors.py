@@ -1,4 +1,4 @@
-"""Whether the configured anchors stand where they are: by the robot's odometry where it tells, else by ranges alone."""
+"""Whether the configured anchors stand where they are: by the robot's odometry if any, else by ranges alone."""
 
 from __future__ import annotations
 
@@ -82,5 +82,5 @@ def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
             f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
         )
     if len(texts) > 1:
-        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+        texts.append("one of these is wrong, the first most likely: the ranges cannot distinguish them")
     return texts

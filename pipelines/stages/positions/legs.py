@@ -1,4 +1,4 @@
-"""The robot's track by its legs: their geometry from [robot], and notes on how well they tell it."""
+"""The robot's track by its legs: their geometry from [robot], and notes on the quality."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"
-"""The name of map when legs tell positions: base, upright, where the first joints were read."""
+"""The name of map when positions are from legs: base, upright, where the first joints were read."""
 STEP_S = 0.01
 """Poses are written no more often; joints are read at up to 1 kHz."""
 VELOCITY_STEP_S = 0.04
@@ -55,8 +55,8 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     robot = data.config.robot
     if not robot.model_fields_set & {"model", "preset"}:
         journal.warn(
-            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances are as wrong as "
-            "they are; set robot.preset or robot.model"
+            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances scale "
+            "with them; set robot.preset or robot.model"
         )
     else:
         journal.note(f"legs: lengths and hips are those of {robot.model!r}")
@@ -67,11 +67,11 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     if ContactSource.HEIGHT in track.contact_sources:
         journal.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
-        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
+        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; motion in that time is lost")
     usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
     if usual_s > MAX_GAP_S:
         journal.warn(
-            f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand"
+            f"legs: joints come every {usual_s:.1f} s, too seldom to measure motion; the robot is taken to stand"
         )
     elif track.gap_s > MAX_GAP_S:
         taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"

@@ -1,4 +1,4 @@
-"""The robot's track beside what else tells where it was: a reference, or another estimate, which is none."""
+"""The robot's track beside other sources of its position: a reference, or another estimate, which is none."""
 
 from __future__ import annotations
 

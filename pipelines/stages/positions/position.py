@@ -35,6 +35,7 @@ from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
+from quadlog.recordings.formatting import several
 from quadlog.recordings.roles import kinds_of
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
@@ -43,10 +44,12 @@ from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
+LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
+"""Positions that lie farther apart than both allow are no walk."""
 LEAST_TURN_RAD = 1.0
 """A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
-"""The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
+"""The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
 
 LOCATING = (
@@ -70,6 +73,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         robot = _robot(data, journal, uwb)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
+        _warn_of_jumps(data, journal, robot)
         other = _other_track(data, journal, uwb, robot.source)
         reference = settled_reference(data, journal, robot)
         data = replace(data, streams=replace(data.streams, reference=reference))
@@ -85,7 +89,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
 
 
 def with_legs(data: LogData) -> LogData:
-    """The data with the body's track by its joints, where these tell one. Raises UnknownName and UnusableRobot."""
+    """The data with the body's track by its joints, where these give one. Raises UnknownName and UnusableRobot."""
     return replace(data, legs=track_legs(data))
 
 
@@ -106,6 +110,18 @@ def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
         why = why_failed(data, robot.source)
         detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
         journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
+
+
+def _warn_of_jumps(data: LogData, journal: Journal, robot: RobotTrack) -> None:
+    step_m = np.linalg.norm(np.diff(robot.xy_m, axis=0), axis=1)
+    jumps = step_m > np.maximum(LEAST_JUMP_M, FASTEST_MPS * np.diff(seconds_since(robot.t_ns, data.first_ns)))
+    if jumps.any():
+        worst = np.argmax(np.where(jumps, step_m, 0.0))
+        t_s = (robot.t_ns[worst + 1] - data.first_ns) * 1e-9
+        journal.warn(
+            f"positions jump {several(int(jumps.sum()), 'time')}, by up to {step_m[worst]:.2f} m, at {t_s:.1f} s, "
+            "as where odometry is reset: maps before and after do not fit together"
+        )
 
 
 def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack:

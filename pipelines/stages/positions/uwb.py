@@ -1,4 +1,4 @@
-"""UWB in a replay: fixes and tracks of every tag, the tables of them, and what is said about anchors and losses."""
+"""UWB in a replay: fixes and tracks of every tag, the tables of them, and messages about anchors and losses."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
     texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
     if len(described) < len(located.tags):
         texts.append(
-            f"{len(located.tags)} tags are located; what is said of single tags is left out for "
+            f"{len(located.tags)} tags are located; messages about single tags are left out for "
             f"{len(located.tags) - len(described)} of them: see links.parquet and ranges.parquet"
         )
     return texts
@@ -222,7 +222,7 @@ def _range_warnings(counts: RangeCounts) -> list[str]:
         return listed([f"{number} ({count} ranges)" for number, count in pairs])
 
     causes = {
-        "that are no numbers": counts.not_finite,
+        "that are NaN or infinite": counts.not_finite,
         "of zero or below": counts.not_positive,
         "below uwb.min_range_m": counts.too_short,
         "above uwb.max_range_m": counts.too_long,
@@ -251,7 +251,7 @@ class UwbPositions:
 
 
 def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
-    """Every tag of the recording located, those of the robot together; None when UWB is not used, which is said."""
+    """Every tag of the recording located, those of the robot together; None, with a note, when UWB is not used."""
     config, ranges, places = data.config, data.streams.ranges, data.streams.anchor_places
     if not config.uwb.anchors:
         known = f" and its messages place {len(places)} of the {FEWEST_ANCHORS} that a fix needs" if places else ""
@@ -415,7 +415,7 @@ def settings_of(config: Config) -> LocateSettings:
 
 
 def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:
-    """fixes, ranges and innovations, tag after tag; and what tells how good they are."""
+    """fixes, ranges and innovations, tag after tag; and measures of their quality."""
     with ExitStack() as stack:
         fixes = stack.enter_context(TableWriter(folder / "fixes.parquet", TABLES["fixes"]))
         ranges = stack.enter_context(TableWriter(folder / "ranges.parquet", TABLES["ranges"]))

@@ -52,7 +52,7 @@ def _overview(tables: Sequence[PaperTable]) -> Table:
     return Table([*columns, Column("quantities", True)], rows, "tables")
 
 
-LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
+LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is the printed value or claim, ±10 the edge."
 
 
 def _section(table: PaperTable, pack: Pack) -> blocks.Section:

@@ -74,7 +74,7 @@ def test_who_cannot_be_used_is_named_in_one_line(scheduler, monkeypatch):
                 pass
             assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ClusterUnusable, match="pip install distributed bokeh"), open_cluster("tcp://h:1"):
+    with pytest.raises(ClusterUnusable, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1"):
         pass
 
 

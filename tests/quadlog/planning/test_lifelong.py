@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quadlog.planning.planners.astar import AStar
+from quadlog.planning.planners.d_star_lite import DStarLite, LPAStar, MTDStarLite
+from quadlog.planning.registry import make_planner
+from quadlog.planning.rules import COSTS, TIES, Rules
+
+START, GOAL = (2, 2), (30, 35)
+each_planner = pytest.mark.parametrize("make", [DStarLite, LPAStar, MTDStarLite])
+
+
+@each_planner
+def test_same_question_again_expands_nothing(make, forest):
+    planner, blocked = make(), forest()
+    first, second = planner.plan(blocked, START, GOAL), planner.plan(blocked, START, GOAL)
+    assert first.from_scratch
+    assert first.expanded > 0
+    assert (second.expanded, second.generated, second.touched) == (0, 0, 0)
+    assert not second.from_scratch
+    assert second.cost == first.cost
+    assert second.reused_cells == len(second.cells)
+
+
+@each_planner
+def test_slid_window_keeps_what_it_shares(make):
+    """On open ground nothing of the path's costs changes when an empty column enters and another leaves."""
+    blocked = np.zeros((30, 30), dtype=bool)
+    planner = make()
+    before = planner.plan(blocked, (10, 10), (20, 15))
+    after = planner.plan(blocked, (9, 9), (19, 14), (1, 1))
+    assert not after.from_scratch
+    assert after.expanded == 0
+    assert after.reused_cells == len(after.cells)
+    np.testing.assert_array_equal(after.cells, before.cells - 1)
+
+
+COUNTED = ("astar", "ara_star", "d_star_lite", "lpa_star", "mt_d_star_lite")
+ENDS_AND_MAPS = (st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4]), st.sampled_from(COSTS))
+
+
+def drawn_question(seed, density):
+    """(blocked, start, goal) of a map of up to 24 by 24 cells."""
+    rng = np.random.default_rng(seed)
+    rows, cols = (int(each) for each in rng.integers(1, 25, 2))
+    blocked = rng.random((rows, cols)) < density
+    start, goal = ((int(rng.integers(cols)), int(rng.integers(rows))) for _ in range(2))
+    for col, row in (start, goal):
+        blocked[row, col] = False
+    return blocked, start, goal
+
+
+def least_f(costs_from, blocked, root, target, rules):
+    """(g + h of every cell by scipy's g, inf where there is no way; that of the target; which cells are reached)."""
+    g = costs_from(blocked, root, rules)
+    rows, cols = np.indices(blocked.shape)
+    along, across = abs(rows - target[1]), abs(cols - target[0])
+    straight, diagonal = (10, 14) if rules.costs == "integer" else (1, np.sqrt(2))
+    f = g + straight * abs(across - along) + diagonal * np.minimum(across, along)
+    return f, g[target[1], target[0]], np.isfinite(g)
+
+
+@pytest.mark.parametrize("name", [name for name in COUNTED if name != "ara_star"])
+@given(*ENDS_AND_MAPS)
+def test_a_first_search_closes_the_cells_that_scipy_knows_the_goal_among_them(costs_from, name, seed, density, costs):
+    """With ties to the smaller g, whatever the order among equals: all cells with g + h up to the optimal cost.
+
+    Of those with exactly that f, the goal has the largest g, so that it is closed last.
+    """
+    rules = Rules(costs=costs, ties="smaller_g")
+    blocked, start, goal = drawn_question(seed, density)
+    f, best, reached = least_f(costs_from, blocked, *((goal, start) if name == "d_star_lite" else (start, goal)), rules)
+    plan = make_planner(name, rules).plan(blocked, start, goal)
+    assert plan.found == np.isfinite(best)
+    assert plan.expanded == np.count_nonzero(f <= best * (1 + 1e-9) if plan.found else reached)
+
+
+@pytest.mark.parametrize("name", COUNTED)
+@given(*ENDS_AND_MAPS)
+def test_no_first_search_closes_fewer_cells_than_any_optimal_one_must(costs_from, name, seed, density, costs):
+    """Ties to the larger g: every cell with g + h below the optimal cost, and the goal; none with more."""
+    rules = Rules(costs=costs)
+    blocked, start, goal = drawn_question(seed, density)
+    f, best, _ = least_f(costs_from, blocked, *((goal, start) if name == "d_star_lite" else (start, goal)), rules)
+    plan = make_planner(name, rules).plan(blocked, start, goal)
+    if plan.found:
+        assert plan.expanded >= np.count_nonzero(f < best * (1 - 1e-9)) + 1
+        if name != "ara_star":  # which closes cells of its first rounds again
+            assert plan.expanded <= np.count_nonzero(f <= best * (1 + 1e-9))
+
+
+@pytest.mark.parametrize("name", COUNTED)
+def test_a_search_that_need_not_search_closes_the_goal_alone(name):
+    blocked = np.zeros((5, 5), dtype=bool)
+    assert make_planner(name).plan(blocked, (2, 2), (2, 2)).expanded == 1
+    assert make_planner(name).plan(blocked, (2, 2), (3, 2)).expanded == 2
+
+
+@pytest.mark.parametrize(("make", "start", "goal"), [(DStarLite, START, (30, 34)), (LPAStar, (2, 3), GOAL)])
+def test_fresh_search_when_the_root_moves_and_after_a_reset(make, start, goal, forest):
+    planner, blocked = make(), forest()
+    planner.plan(blocked, START, GOAL)
+    assert planner.plan(blocked, start, goal).from_scratch
+    assert not planner.plan(blocked, start, goal).from_scratch
+    planner.reset()
+    assert planner.plan(blocked, start, goal).from_scratch
+
+
+def test_robot_that_walks_its_path_expands_nothing_with_d_star_lite(forest):
+    blocked, planner = forest(), DStarLite()
+    for at in planner.plan(blocked, START, GOAL).cells.tolist():
+        plan = planner.plan(blocked, tuple(at), GOAL)
+        assert (plan.found, plan.expanded) == (True, 0)
+    assert plan.cost == 0
+
+
+@each_planner
+@pytest.mark.parametrize("ties", TIES)
+def test_small_change_costs_less_than_a_search(make, forest, ties):
+    """Near the end that is searched for, so that little hangs on it."""
+    planner, blocked = make(Rules(ties=ties)), forest()
+    plan = planner.plan(blocked, START, GOAL)
+    col, row = plan.cells[2 if make is DStarLite else -3]
+    blocked[row, col] = True
+    again = planner.plan(blocked, START, GOAL)
+    assert not again.from_scratch
+    assert 0 < again.expanded < AStar(Rules(ties=ties)).plan(blocked, START, GOAL).expanded
+    assert 0 < again.reused_cells < len(again.cells)
