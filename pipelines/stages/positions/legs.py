@@ -124,7 +124,7 @@ def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
         for begin in range(0, len(joints), BATCH_ROWS):
             rows = slice(begin, begin + BATCH_ROWS)
             contacts = {} if data.legs is None else dict(zip(CONTACTS, data.legs.contact[rows].T, strict=True))
-            columns = {"t_ns": joints.t_ns[rows]} | contacts
+            columns: dict[str, object] = {"t_ns": joints.t_ns[rows], **contacts}
             for names, values in zip((*JOINT_COLUMNS, FOOT_FORCES), series, strict=True):
                 columns |= zip(names, values[rows].T, strict=True)
             table.append(columns)
