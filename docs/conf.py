@@ -1,6 +1,10 @@
 """Sphinx's configuration: `make docs` builds these pages as a site, offline, with warnings as errors."""
 
+from pathlib import Path
+
 from quadlog.version import __version__
+
+SAMPLES = Path(__file__).parents[1] / "build" / "samples" / "site"  # made by make.py
 
 project = "quadlog"
 author = "The quadlog developers"
@@ -14,7 +18,7 @@ html_theme_options = {
     "source_directory": "docs/",
 }
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_click"]
-html_extra_path = ["../build/samples/site"]
+html_extra_path = [str(SAMPLES)] if SAMPLES.exists() else []
 exclude_patterns = ["pictures"]
 myst_heading_anchors = 3
 myst_enable_extensions = ["colon_fence"]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -95,23 +97,23 @@ def main() -> int:
 
 
 def build_site(site: Path) -> int:
-    """Replay the committed recording for the sample pages, then run Sphinx with warnings as errors; its exit code."""
+    """Replay the committed recording for the samples, then run Sphinx with warnings as errors; its exit code."""
     from sphinx.cmd.build import build_main
 
     from quadlog.cli.main import run
 
-    runs, planners, follow = SAMPLES / "runs", SAMPLES / "planners", ROOT / "fixtures" / "follow"
+    site, follow = site.resolve(), os.path.relpath(ROOT / "fixtures" / "follow", SAMPLES)
     few = [word for name in ("astar", "ia_star", "d_star_lite") for word in ("--planner", name)]
-    for words in (
-        ["replay", f"{follow}.mcap", "-c", f"{follow}.toml", "-o", f"{runs}", "--resume", "--no-plots"],
-        ["compare-planners", f"{runs / 'follow'}", *few, "-o", f"{planners}", "--force"],
-    ):
-        if code := run(words):
-            return code
-    for folder, page in ((runs, "follow/report.html"), (planners, "report.html")):
-        target = SAMPLES / "site" / "samples" / folder.name / page
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(folder / page, target)
+    SAMPLES.mkdir(parents=True, exist_ok=True)
+    with chdir(SAMPLES):  # so that pages name no folder of this machine
+        for words in (
+            ["replay", f"{follow}.mcap", "-c", f"{follow}.toml", "--resume", "--no-plots"],
+            ["compare-planners", "runs/follow", *few, "-o", "planners", "--force"],
+        ):
+            if code := run(words):
+                return code
+        for name in ("runs", "planners"):
+            shutil.copytree(name, f"site/samples/{name}", ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     return build_main(["-W", "--keep-going", "-q", "-d", f"{ROOT / 'build' / 'doctrees'}", f"{HERE}", f"{site}"])
 
 

@@ -6,6 +6,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -105,6 +106,7 @@ def code_messages() -> list[str]:
     return [text for text in texts if len(re.findall(r"[a-z]{2,}", text)) > 1 and "SELECT" not in text]
 
 
+@cache
 def _parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
