@@ -10,22 +10,25 @@ import shlex
 import shutil
 import subprocess
 import sys
+import threading
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 import tomli_w
-import yaml
 from distributed import LocalCluster
 from moto.server import ThreadedMotoServer
 from s3fs import S3FileSystem
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.config.schema import Config
+from quadlog.pipelines.executor.pool import LocalPool
+from quadlog.pipelines.executor.progress import send_to
 from quadlog.results import figures
 
 ROOT = Path(__file__).parents[1]
@@ -95,8 +98,6 @@ class Reader:
                 exec(compile(block, page, "exec"), {})
             elif language == "toml" and "[project" not in block:
                 Config.model_validate(tomllib.loads(block))
-            elif language == "yaml":
-                yaml.safe_load(block)
 
     def type(self, page: str, line: str, codes: set[int]) -> str:
         """What the line printed; a line of several pages is typed once."""
@@ -176,6 +177,16 @@ def has_options(words: list[str]) -> bool:
     return {word for word in words[2:] if word.startswith("--")} <= known
 
 
+ONE = threading.Lock()
+
+
+def here(pool: LocalPool, call: Callable[..., Any], *args: Any, **options: Any) -> Any:
+    """Does a task of a batch in this process, one at a time: to start workers takes longer than their short tasks."""
+    with ONE:
+        send_to(pool.messages.put)
+        return call(*args, **options)
+
+
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     """One who has typed everything, in a folder with a log of yesterday's and two more, its truth, and the checkout."""
@@ -193,6 +204,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     (folder / "walk.toml").write_text(tomli_w.dumps(walk | {"uwb": {"tags": walk["uwb"]["tags"]}}))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setattr(LocalPool, "_do", here)
         patch.setattr(figures, "FIGURES", figures.FIGURES[:1])  # one stands for all, each of which has a test
         for page in PAGES:
             reader.read(page)

@@ -75,16 +75,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
     """A page in no table of contents, or a link to nothing, warns; `make docs` adds the sample pages."""
     for name in ("sphinx", "myst_parser", "furo", "sphinx_click"):
         pytest.importorskip(name)
-    words = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-W",
-        "--keep-going",
-        "-q",
-        "-d",
-        tmp_path / "trees",
-    ]
+    words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-d", tmp_path / "trees"]
     done = subprocess.run([*words, DOCS, tmp_path / "site"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     built = {path.relative_to(tmp_path / "site").with_suffix("") for path in (tmp_path / "site").rglob("*.html")}

@@ -21,12 +21,9 @@ OWN = re.compile(
 README = TEXTS["README.md"]
 
 
-def test_the_readme_is_short():
+def test_the_readme_is_short_and_can_be_read_without_a_checkout():
     assert len(README.splitlines()) <= 120
     assert len(README.split()) <= 1300
-
-
-def test_the_readme_needs_no_checkout_to_be_read():
     assert [link for link in re.findall(r"\]\(([^)]+)\)", README) if not link.startswith("https://")] == []
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.stages.tilt import frozen
+from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,

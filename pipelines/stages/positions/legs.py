@@ -1,17 +1,21 @@
-"""The robot's track by its legs: their geometry from [robot], and notes on the quality."""
+"""The joints of the logged body: its track by its legs, with warnings, and joints.parquet."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.messages import JointSeries
+from quadlog.pipelines.journal import Journal
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
+from quadlog.positioning.leg_odometry import better_foot_order
+from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.pipelines.journal import Journal
     from quadlog.pipelines.log import LogData
     from quadlog.positioning.leg_odometry import LegTrack
 
@@ -102,3 +106,37 @@ def rows_apart(track: LegTrack, step_s: float) -> np.ndarray:
         return np.arange(len(track))
     every = max(round(step_s * 1e9 / float(np.median(np.diff(track.t_ns)))), 1)
     return np.unique(np.append(np.arange(0, len(track), every), len(track) - 1))
+
+
+BATCH_ROWS = 16384
+
+
+def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
+    """Writes joints.parquet where the log has joints; warns where its feet seem to be swapped."""
+    joints = data.streams.joints
+    if joints is None:
+        return
+    journal.use("joints")
+    journal.count("joint_states", len(joints))
+    _warn_of_swapped_feet(data, journal, joints)
+    series = joints.position_rad, joints.velocity_radps, joints.torque_nm, joints.foot_force_n
+    with TableWriter(folder / "joints.parquet", TABLES["joints"]) as table:
+        for begin in range(0, len(joints), BATCH_ROWS):
+            rows = slice(begin, begin + BATCH_ROWS)
+            contacts = {} if data.legs is None else dict(zip(CONTACTS, data.legs.contact[rows].T, strict=True))
+            columns: dict[str, object] = {"t_ns": joints.t_ns[rows], **contacts}
+            for names, values in zip((*JOINT_COLUMNS, FOOT_FORCES), series, strict=True):
+                columns |= zip(names, values[rows].T, strict=True)
+            table.append(columns)
+
+
+def _warn_of_swapped_feet(data: LogData, journal: Journal, joints: JointSeries) -> None:
+    better = better_foot_order(joints.position_rad, joints.foot_force_n)
+    used = data.log.recording.joints.used.get(data.log.roles.topic("joints") or "")
+    if better is None or used is None or used.feet is None:
+        return
+    places = ",".join(str(used.feet[foot]) for foot in better)
+    journal.warn(
+        "joints: the foot forces contradict the legs: feet press while their legs lift them; they would fit in the "
+        f"order  --set robot.feet=[{places}]"
+    )

@@ -14,9 +14,9 @@ import pytest
 
 from quadlog.errors import ClusterUnusable, VersionsDiffer
 from quadlog.pipelines.batch.batch import replay_batch
-from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor import cluster
 from quadlog.pipelines.executor.cluster import open_cluster
+from quadlog.pipelines.executor.progress import BatchLines
 
 
 def test_a_task_whose_worker_is_killed_is_done_by_another(tasks, scheduler, tmp_path):

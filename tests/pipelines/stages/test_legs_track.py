@@ -17,7 +17,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, recording_config, write_recording
-from quadlog.pipelines.survey.survey import survey_recording
+from quadlog.pipelines.survey import survey_recording
 from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
