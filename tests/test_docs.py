@@ -45,8 +45,8 @@ BLOCKS = {page: BLOCK.findall((ROOT / page).read_text()) for page in PAGES}
 CLUSTERS = "docs/scaling.md"
 SCHEDULER = "tcp://10.0.0.1:8786"  # a reader has an address of their own
 REMOTE = re.compile(r"s3://|dask|--scheduler")
-SHORTER = {"20": "0.5", "30": "0.5"}
-"""Seconds that a page takes of yesterday's log, and makes of a recording, which is short here."""
+SHORTER = {"20": "0.5", "30": "0.5", "line": "short.csv"}
+"""Seconds that a page takes of yesterday's log, and makes of a recording, which is short here; a course."""
 BESIDE = Path(sys.executable).parent  # where quadlog and evo_ape are installed
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 
@@ -199,6 +199,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
         shutil.copy(log, folder / "bags" / name)
     for name in ("fixtures", "examples"):
         (folder / name).symlink_to(ROOT / name)
+    (folder / "short.csv").write_text("x_m,y_m\n0,0\n0.3,0\n0.6,0\n")
     (folder / "walk.mcap").symlink_to(ROOT / "fixtures" / "follow.mcap")
     walk = tomllib.loads((ROOT / "fixtures" / "follow.toml").read_text())
     (folder / "walk.toml").write_text(tomli_w.dumps(walk | {"uwb": {"tags": walk["uwb"]["tags"]}}))
