@@ -40,7 +40,7 @@ from quadlog.pipelines.request import ReplayOutcome
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample
 from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from tests.pipelines.conftest import FIXTURES, cut, fixture_request

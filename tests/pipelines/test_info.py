@@ -25,7 +25,7 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.info import describe_recording
 from quadlog.pipelines.init import mount_of, propose_config
-from quadlog.positioning.fix.dilution import dilution_at
+from quadlog.positioning.dilution import dilution_at
 from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
 from quadlog.results.tables import read_table

@@ -21,7 +21,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.results.tables import read_table
-from quadlog.results.words import value_text
+from quadlog.results.text import value_text
 from tests.lab.runs import change_json
 from tests.pipelines.conftest import FIXTURES, fixture_request
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import shutil
 import zlib
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -17,19 +15,17 @@ import pytest
 from quadlog.mapping.grid import Window
 from quadlog.mapping.inflation import inflate_square
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.tables import make_tables as module
 from quadlog.pipelines.tables import planning_1
 from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Table, order
 from quadlog.pipelines.tables.following_2 import SPEED_MPS, distances, follow_world
 from quadlog.pipelines.tables.judge import MEAN, beyond, number
-from quadlog.pipelines.tables.make_tables import code_digest, measure_tables
+from quadlog.pipelines.tables.make_tables import measure_tables
 from quadlog.pipelines.tables.planning_2 import CELL_RATIO, PRINTED_RATIO
 from quadlog.pipelines.tables.registry import TABLES
 from quadlog.pipelines.tables.searches import PAPER, lead
 from quadlog.pipelines.tables.study import Study, grid
 from quadlog.planning.registry import make_planner
-from quadlog.results.papers.folder import csv_text
-from quadlog.results.papers.table import Origin, PaperTable, Verdict
+from quadlog.results.studies.papers import PaperTable, Verdict, csv_text
 from quadlog.simulation.worlds.world import Rectangle, World, rectangles_in, standing
 
 ROOT = Path(__file__).parents[2]
@@ -174,38 +170,11 @@ class AtOnce(Executor):
 def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     study = Study(measure, grid(who=["a", "bb"], seed=range(3)))
     made = Table("Title", "Caption.", "Sizes.", study, [Group("G", "T", [Claim("m (m)", "m", {"who": "bb"})])])
-    (saved,) = measure_tables({"one": made}, Origin("code", True, 5), executor, Silent())
-    assert saved.walks[4] == {"who": "bb", "seed": 1, "m": 3.0}
-    (row,) = saved.table.rows
-    assert (row.ours, saved.table.command) == (3.0, "quadlog tables one --fast --seed 5")
-    assert MEAN.interval(pd.DataFrame(saved.walks)["m"][3:].to_numpy()) == (row.low, row.high)
-
-
-def test_any_change_of_a_source_or_package_is_seen_and_no_other(tmp_path, monkeypatch):
-    """Of a package with its pipelines beside it, as in a checkout, or in it, as installed."""
-
-    def place(code: Path, beside: Path) -> None:
-        monkeypatch.setattr(module, "quadlog", SimpleNamespace(__name__="quadlog", __path__=[str(code)]))
-        monkeypatch.setattr(module, "pipelines", SimpleNamespace(__name__="quadlog.pipelines", __path__=[str(beside)]))
-
-    def write(name: str, text: str) -> str:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-        return code_digest()
-
-    place(tmp_path / "code", tmp_path / "beside")
-    digests = [write(name, name) for name in ("code/cli/b.py", "beside/c.py", "code/a.py")][-1:]
-    assert [write("code/cli/b.py", "other"), write("code/a.nbi", "compiled")] == digests * 2
-    shutil.copytree(tmp_path / "code", tmp_path / "site" / "quadlog")
-    shutil.copytree(tmp_path / "beside", tmp_path / "site" / "quadlog" / "pipelines")
-    place(tmp_path / "site" / "quadlog", tmp_path / "site" / "quadlog" / "pipelines")
-    assert code_digest() == digests[0]
-    place(tmp_path / "code", tmp_path / "beside")
-    digests += [write(name, "other") for name in ("code/a.py", "beside/c.py", "code/new.py")]
-    (tmp_path / "code/a.py").rename(tmp_path / "code/d.py")
-    digests.append(code_digest())
-    monkeypatch.setattr(module, "package_versions", lambda: {"numpy": "0.1"})
-    assert len({*digests, code_digest()}) == 6
+    ((made, walks),) = measure_tables({"one": made}, True, 5, executor, Silent())
+    assert walks[4] == {"who": "bb", "seed": 1, "m": 3.0}
+    (row,) = made.rows
+    assert (row.ours, made.command) == (3.0, "quadlog tables one --fast --seed 5")
+    assert MEAN.interval(pd.DataFrame(walks)["m"][3:].to_numpy()) == (row.low, row.high)
 
 
 def ground(goal_m, boxes=()):

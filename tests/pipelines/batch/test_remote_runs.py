@@ -16,7 +16,7 @@ from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
-from quadlog.results.find_runs import runs_here
+from quadlog.results.find_runs import OWN_FILES, runs_here
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from tests.pipelines.conftest import fixture_request, results_of
@@ -42,7 +42,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(request_there: ReplayRequest, 
     there = fixture_request(tmp_path / "walk", until="map")
     local = replay(there, Silent())
     assert outcome.metrics.keys() == local.metrics.keys()
-    with runs_here([request_there.run]) as (here,):
+    with runs_here([request_there.run], OWN_FILES) as ((here,), _):
         ours, theirs = results_of(here), results_of(tmp_path / "walk")
         assert names(bucket) == theirs.keys()
         pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them

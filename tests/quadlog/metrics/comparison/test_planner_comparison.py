@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
-from quadlog.results.planners import PLANNERS
+from quadlog.results.studies.planners import PLANNERS
 
 NAN = float("nan")
 
