@@ -77,7 +77,7 @@ MAKERS = {
 
 @pytest.fixture
 def short_trots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trot, "TROT_S", 1.0)
+    monkeypatch.setattr(trot, "TROT_S", 3.0)
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
