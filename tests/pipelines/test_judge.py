@@ -30,7 +30,7 @@ from quadlog.pipelines.tables.judge import (
 from quadlog.results.studies.papers import Verdict
 
 Float = np.ndarray
-DRAWS = 80
+DRAWS = 40
 PRINTED = 9
 SMALLEST, LARGEST = extreme(PRINTED, smallest=True), extreme(PRINTED, smallest=False)
 STATISTICS = {"mean": MEAN, "median": MEDIAN, "smallest": SMALLEST, "largest": LARGEST}
