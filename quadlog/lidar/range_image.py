@@ -264,7 +264,7 @@ class Image:
     ) -> None:
         """Lay the points x, y, z (N,) of the lidar's frame into the image.
 
-        key: (N,) beam numbers, ignored by beams told by elevation. turning: (2, 3, 4) float32 from the lidar's frame
+        key: (N,) beam numbers, unused with beams by elevation. turning: (2, 3, 4) float32 from the lidar's frame
         to base made upright, without base's x and y of the lidar, and what that changes per time slot. ranges_m: the
         least and the most that count. phase: where within a step the points lie. point: (rows * columns + room,),
         gets the number of the point in every cell and of every other return.

@@ -96,7 +96,7 @@ class _Space:
 class ImageClasses:
     """A classified image: counts (5,) of the points by PointClass, the ground's plane without inliers, or None.
 
-    The places in the image are along the axes of base made upright. `point_numbers` tells which point is where.
+    The places in the image are along the axes of base made upright. `point_numbers` has the point of each cell.
     """
 
     image: Image

@@ -90,7 +90,7 @@ _ENTRIES = (
         *(
             "plan_error_m",
             "m",
-            "mean distance from the re-simulated robot to its plan of the moment, made where it was",
+            "mean distance from the re-simulated robot to the current plan, which starts at the robot",
         ),
         *("1/N Σ plan_error_i", _OURS, "control ticks with a plan"),
     ),
@@ -183,7 +183,7 @@ _ENTRIES = (
         better="higher",
     ),
     MetricEntry(
-        *("fallback_share", "", "share of replans in which an incremental planner had to start from scratch"),
+        *("fallback_share", "", "share of replans in which an incremental planner reused nothing of its last search"),
         *("Σ from_scratch_i / N, without the first, which always does", _OURS, "replans after the first"),
     ),
     MetricEntry(
@@ -212,13 +212,17 @@ _ENTRIES = (
         *(
             "uwb_nis",
             "",
-            "mean squared residual per range over its variance, causal: innovation; 1 where uwb.range_std_m is right",
+            "mean squared residual per range over its variance, causal: innovation; 1 if uwb.range_std_m is the noise",
         ),
         *("1/N Σ rᵢᵀ Sᵢ⁻¹ rᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track"),
         better="",
     ),
     MetricEntry(
-        *("uwb_nees", "", "mean normalised error squared of the robot's track; 2 where its covariance is right"),
+        *(
+            "uwb_nees",
+            "",
+            "mean normalised error squared of the robot's track; 2 if its covariance is consistent",
+        ),
         *("1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ", "[BarShalom]", "positions of the robot's tag with a truth"),
         better="",
     ),

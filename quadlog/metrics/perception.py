@@ -1,4 +1,4 @@
-"""How well points and cells of scans were told apart, counted so that scans can be pooled."""
+"""How well points and cells of scans were classified, counted so that scans can be pooled."""
 
 from __future__ import annotations
 

@@ -56,11 +56,11 @@ _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
-    """offset_s: what to add to the estimate's times to have the reference's; None where it is not told, with why_not.
+    """offset_s: what to add to the estimate's times to have the reference's; None where it is unknown, with why_not.
 
     samples_s: (K,) at t_ns (K,): what each sample says, whose mean is offset_s and whose scatter gives the interval.
     forward_m: the shift along the direction of travel that would explain the offset as well, as of a wrong lever arm;
-    None where the speed varies enough to tell them apart.
+    None where the speed varies enough to distinguish them.
     """
 
     offset_s: float | None
@@ -88,7 +88,7 @@ def estimate_time_offset(reference: Trajectory, estimate: Trajectory) -> TimeOff
     The denser of the two is interpolated at the other's times. The motion is of the plane, or of space where both have
     heights. The interval is the sandwich estimate of a least-squares offset: the long-run variance of the residuals'
     products with the velocity, which counts neighbours as dependent (`mean_interval_in_time`), over the square of the
-    measured curvature. Offsets beyond a second are found where the motion tells them without a rival.
+    measured curvature. Offsets beyond a second are found where the motion determines them without a rival.
 
     On simulated walks of 60 to 300 s with position errors correlated over 0.3 to 1 s the interval held the truth in 91
     to 97 of 100 cases, over 2 s in 86; on walks of 20 s with errors correlated over 1 s in 79.
@@ -194,7 +194,7 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     samples_s = offset_s + influence_s - influence_s.mean()
     interval = mean_interval_in_time(samples_s)
     if interval is None and np.ptp(samples_s) > 2 * _RESOLUTION_S:
-        return _unknown("too short a walk to say how well it is known")
+        return _unknown("the walk is too short for an interval")
     forward_m = _forward_shift_m(offset_s, velocity_mps, residual_m, motions)
     return TimeOffset(
         offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s, forward_m=forward_m
@@ -262,7 +262,7 @@ class ReferenceComparison:
     """A trajectory against its reference, N pairs of poses as they are paired without and with the time offset.
 
     given_offset_s: what was added to the estimate's times for the first pairing. truth, estimate: (N,) poses each;
-    corrected_truth, corrected_estimate: (M,), the same where no offset is told.
+    corrected_truth, corrected_estimate: (M,), the same where the offset is unknown.
     """
 
     given_offset_s: float
@@ -315,7 +315,7 @@ class ReferenceComparison:
             if self.offset.forward_m is not None:
                 what = (
                     f"the poses are late or early against the reference, or shifted by {self.offset.forward_m:+.3f} m "
-                    "along the direction of travel (a lever arm): the speed varies too little to tell which"
+                    "along the direction of travel (a lever arm): the speed varies too little to distinguish them"
                 )
             words.insert(0, f"{what}: {self.summary()}")
         return [each for each in words if each is not None]
@@ -325,7 +325,7 @@ class ReferenceComparison:
         rms_m = {name: float(np.sqrt(np.mean(each.values**2))) for name, each in self.samples.items()}
         errors = [f"ATE {rms_m['ate_rmse_m']:.3f} m"]
         if self.offset.offset_s is None or self.offset.interval is None:
-            clock = f"no time offset can be told: {self.offset.why_not}"
+            clock = f"time offset unknown: {self.offset.why_not}"
         else:
             low_s, high_s = self.offset.interval
             clock = f"time offset {self.offset.offset_s:+.3f} s (95 % {low_s:+.3f} to {high_s:+.3f})"

@@ -182,7 +182,7 @@ CASES = {
     "bad points and no rings, paper": Case(
         lambda points: no_rings(spoilt(points)), flags=("lidar.method=paper",), as_if=SOUND
     ),
-    "no rings": Case(no_rings, note="by the beams their elevations show", honest=True),
+    "no rings": Case(no_rings, note="by beams, from the points' elevations", honest=True),
     "of many sizes": Case(thinned, honest=True),
     "of many sizes, paper": Case(thinned, flags=("lidar.method=paper",), honest=True),
     "all empty": Case(high_up(0), code=1, warning="its first scans are empty"),

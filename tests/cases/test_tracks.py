@@ -16,7 +16,7 @@ from quadlog.messages import UwbRanges
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.simulation.synthesize import recording_config
-from quadlog.pipelines.survey.survey import survey_recording
+from quadlog.pipelines.survey import survey_recording
 from quadlog.positioning.lidar_odometry import LidarOdometry
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import (
@@ -79,7 +79,7 @@ class Case(NamedTuple):
 CASES = {
     "joints and IMU": Case(
         JOINTS, until="report", worst_m=0.12,  # of 8 m; the IMU's yaw is known to 0.1 degrees, and drifts by 0.3
-        says=("nothing is filtered", "leg lengths of 'tracking' are assumed"),
+        says=("stopped after position", "leg lengths of 'tracking' are assumed"),
     ),
     "joints and lidar": Case(
         JOINTS | SCANS, [MODEL], until="map", worst_m=0.12, never=("are assumed", "move against the ground")
@@ -119,7 +119,7 @@ CASES = {
     "no lidar, chosen": Case({IMU_TOPIC}, [LIDAR], code=1, says=("topics.position = 'lidar'",), body=False),
     "no lidar": Case(
         {ODOMETRY_TOPIC, UWB_TOPIC, IMU_TOPIC}, source="odometry", until="report", body=False,
-        says=("nothing is filtered, mapped, planned or walked: no topic is fit to be the lidar",),
+        says=("stopped after position: no topic is fit to be the lidar",),
     ),
     "no lidar, but maps wanted": Case(
         {ODOMETRY_TOPIC, IMU_TOPIC}, until="map", code=1, says=("no topic is fit to be the lidar",), body=False

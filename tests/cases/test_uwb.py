@@ -158,7 +158,7 @@ CASES = {
         changed((slice(40, 60), slice(2, None), 0.0)), ("of 100 epochs, 20 with fewer",), worst_m=0.3, poses=100
     ),
     "no radio measures that": Case(
-        changed(*BAD), ("2 ranges that are no numbers", "1 ranges of zero", "2 ranges above uwb.max_range_m"),
+        changed(*BAD), ("2 ranges that are NaN or infinite", "1 ranges of zero", "2 ranges above uwb.max_range_m"),
         worst_m=0.2, used=394,
     ),
     "an id twice": Case(SOUND, ("id 1 appears more than once",), site((0, 1, 1, 3)), code=1),
@@ -198,7 +198,7 @@ CASES = {
     "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
     "topics, odd values": Case(
         on_topics("/uwb/tof/n_9/n_{}/distance", odd=(np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)),
-        ("2 ranges that are no numbers", "2 ranges of zero or below", "1 ranges above"), rms_m=0.06, used=394,
+        ("2 ranges that are NaN or infinite", "2 ranges of zero or below", "1 ranges above"), rms_m=0.06, used=394,
     ),
     "topics without ends": Case(
         on_topics("/uwb/range/{}", "abcd"), ("see  quadlog info",), code=1, info=("no UWB ranges",)
@@ -216,7 +216,7 @@ CASES = {
     ),
     "negative": Case(
         written(frames_of(measure()[0], np.where(np.arange(4) == 3, np.nan, -measure()[1]))),
-        ("300 ranges of zero or below", "100 ranges that are no numbers"), never=("no UWB ranges", "a longer walk"),
+        ("300 ranges of zero or below", "100 ranges that are NaN or infinite"), never=("no UWB ranges",),
         info=("300 ranges of zero or below",), source="fixed",
     ),
     "huber, not calibrated": Case(

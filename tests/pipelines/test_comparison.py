@@ -24,10 +24,10 @@ from quadlog.errors import (
     UnreadableConfig,
 )
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.compare import CompareOutcome, compare
-from quadlog.pipelines.comparison.problems import CompareOptions, ProblemSource
-from quadlog.pipelines.comparison.run_planners import ask_everything, scenarios_of
+from quadlog.pipelines.comparison.compare import CompareOutcome, ask_everything, compare, scenarios_of
 from quadlog.pipelines.comparison.sources import (
+    CompareOptions,
+    ProblemSource,
     forest_source,
     movingai_source,
     recording_source,

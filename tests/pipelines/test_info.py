@@ -23,9 +23,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.geometry import transform_from_rpy
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.info import describe_recording
-from quadlog.pipelines.init import mount_of, propose_config
-from quadlog.positioning.dilution import dilution_at
+from quadlog.pipelines.info import describe_recording, mount_of, propose_config
 from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
 from quadlog.results.tables import read_table
@@ -246,15 +244,8 @@ def test_only_the_robots_tag_is_compared_with_the_robots_truth_and_its_ellipse_i
     assert robot["fixes"] + robot["too_few_ranges"] + robot["degenerate"] == robot["epochs"] == 600
     from_axes = np.hypot(robot["ellipse_major_median_m"], robot["ellipse_minor_median_m"]) / np.sqrt(5.991)
     assert from_axes == pytest.approx(0.1 * robot["hdop_median"], rel=0.02)
-    dilution, anchors = follow["dilution"], load_config(FIXTURES / "follow.toml", environ={}).uwb.anchors
-    hdop, corner_m = np.array(dilution["hdop"], float), np.array([dilution["origin_x_m"], dilution["origin_y_m"]])
-    assert (hdop.shape[0] <= 8, 6 <= hdop.shape[1] <= 12) == (True, True)
-    anchors_m = np.array([(each.x_m, each.y_m, each.z_m) for each in anchors])
-    assert_allclose(
-        dilution_at((corner_m + np.array([2.5, 3.5]) * dilution["cell_m"])[None], anchors_m, 0.6), hdop[3, 2]
-    )
     bare = describe_recording(FIXTURES / "follow.mcap", Config())
-    assert (bare["uwb"], bare["uwb_tags"], bare["dilution"]) == ([], [], None)
+    assert (bare["uwb"], bare["uwb_tags"]) == ([], [])
 
 
 def test_a_mount_gives_its_transform_back():

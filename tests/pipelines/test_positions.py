@@ -11,7 +11,7 @@ from quadlog.config.schema import Config
 from quadlog.messages import ImuSeries, Pose, PoseSeries, RangeSeries
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.pipelines.stages.mount import imu_in_base, moved_mounts
-from quadlog.pipelines.stages.positions.tag_errors import dilution_of, errors_of_tags, tag_truth
+from quadlog.pipelines.stages.positions.uwb_tags import dilution_of, errors_of_tags, tag_truth
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.results.tables import read_table
@@ -93,9 +93,9 @@ def test_white_noise_stays_within_the_claimed_bound():
     for seed in range(5):
         located, reference = standing(seed)
         errors = errors_of_tags(located, {0: (0.0, 0.0)}, reference)[0]
-        assert_allclose(errors.fixes.error_m, located.tags[0].fixes.position_m[100:300] - 3.0)
-        inside.append(np.mean(errors.fixes.distance_m <= errors.fixes.bound_m))
-        assert np.median(errors.track.bound_m) < np.median(errors.fixes.bound_m)
+        assert_allclose(errors["fixes"].error_m, located.tags[0].fixes.position_m[100:300] - 3.0)
+        inside.append(np.mean(errors["fixes"].distance_m <= errors["fixes"].bound_m))
+        assert np.median(errors["track"].bound_m) < np.median(errors["fixes"].bound_m)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
 
 

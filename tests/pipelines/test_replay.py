@@ -113,7 +113,7 @@ def test_the_map_holds_the_obstacles_that_were_there_and_no_wall_is_ground(whole
     assert len(often) > 50
     assert np.mean(np.min([from_obstacle(each, often) for each in site.obstacles], axis=0) < 0.4) > 0.9
     record = json.loads((whole_run.run / "run.json").read_text())
-    assert "120 of 120 scans classified by the beams their points name" in record["notes"]
+    assert "120 of 120 scans classified by beams, from the points' ring numbers" in record["notes"]
     assert any(note.startswith("tag 0: velocities by odometry steady its track") for note in record["notes"])
     assert read_table(whole_run.run, "scans")["ground_nz"].min() > np.cos(np.radians(5))
 

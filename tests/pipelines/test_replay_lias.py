@@ -85,7 +85,7 @@ def test_fixes_of_every_tag_where_the_tag_was_and_the_poses_are_those_of_the_tro
     rmse_m = np.sqrt(((np.column_stack([poses["x_m"], poses["y_m"]]) - place_m) ** 2).sum(axis=1).mean())
     assert rmse_m <= 0.065
     assert run.outcome.metrics["ate_rmse_m"]["value"] == pytest.approx(rmse_m, abs=1e-3)
-    assert run.said("heading is the course")
+    assert run.said("heading is the direction of travel")
 
 
 def test_nothing_is_lost_in_silence_and_all_links_are_corrected(run):

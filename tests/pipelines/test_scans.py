@@ -13,9 +13,8 @@ from quadlog.config.file import load_config
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.maps import deskewed
-from quadlog.pipelines.stages.mount import LidarMount
+from quadlog.pipelines.stages.mount import LidarMount, up_of_base
 from quadlog.pipelines.stages.scans import Scanner
-from quadlog.pipelines.stages.tilt import up_of_base
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000

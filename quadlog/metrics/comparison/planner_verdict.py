@@ -133,7 +133,9 @@ def _time_clause(comparison: Comparison) -> str:
         medians = f"medians of {_times(median[fastest])} ({fastest}) to {_times(median[slowest])} µs ({slowest})"
         return f"times do not show which planner is quickest, with {medians} per replan"
     who = " and ".join([fastest, *lead.unbeaten])
-    told = f"{who} were fastest, not told apart, {fastest}" if lead.unbeaten else f"{fastest} was fastest,"
+    told = (
+        f"{who} were fastest, with no significant difference, {fastest}" if lead.unbeaten else f"{fastest} was fastest,"
+    )
     words = f"{told} with a median of {_times(median[fastest])} µs per replan{_interval_of(comparison, fastest)}"
     if fastest == baseline or lead.low is None or lead.high is None:
         return words
@@ -146,7 +148,7 @@ def _time_note(comparison: Comparison) -> str:
     repeats = next(iter(comparison.us.of.values())).shape[1]
     bounds = [f"{row.planner}{_interval_of(comparison, row.planner)}" for row in comparison.rows]
     known = f" Of their medians: {'; '.join(bounds)}." if all(each.endswith(")") for each in bounds) else ""
-    return f"Every question was asked {repeats} times, the planners in turns, and its time is the median.{known}"
+    return f"Every replan was timed {repeats} times, the planners in turns; its time is the median.{known}"
 
 
 def _interval_of(comparison: Comparison, planner: str) -> str:
@@ -170,7 +172,7 @@ def _interval_note(comparison: Comparison) -> str:
     narrow = f", and is too narrow with fewer than {SAFE_IN_TIME} replans" if replans < SAFE_IN_TIME else ""
     return (
         f"There is one episode only, so its interval is a 95 % bootstrap over blocks of {block_length(replans)} "
-        f"consecutive replans of it ({RESAMPLES} resamples): it says nothing of other episodes{narrow}."
+        f"consecutive replans of it ({RESAMPLES} resamples): it does not hold for other episodes{narrow}."
     )
 
 
@@ -186,7 +188,7 @@ def _lead_words(comparison: Comparison, best: Sequence[PlannerRow], rivals: Sequ
     low, high = min(low for low, _ in known), max(high for _, high in known if high is not None)
     words = f"{_bounds(low, high)}" + (f", as the best of {len(rivals)}" if len(rivals) > 1 else "")
     words = f"{words}, no difference shown" if low <= 1 <= high else words
-    return f"{words}; not told apart from {' and '.join(unbeaten)}" if unbeaten else words
+    return f"{words}; no significant difference from {' and '.join(unbeaten)}" if unbeaten else words
 
 
 def _few_words(comparison: Comparison, rows: Sequence[PlannerRow]) -> str:
@@ -196,7 +198,7 @@ def _few_words(comparison: Comparison, rows: Sequence[PlannerRow]) -> str:
     if len(known) < len(bounds) or comparison.paired_episodes == 1:
         return "too few for an interval"
     low, high = min(low for low, _ in known), max(high for _, high in known)
-    few = "for 95 %" if rows[0].episodes < FEWEST_VALUES else "to tell the best"
+    few = "for 95 %" if rows[0].episodes < FEWEST_VALUES else "to choose the best"
     words = f"{_times(low)} to {_times(high)} in {rows[0].episodes} episodes, too few {few}"
     return f"{words}, no difference shown" if low <= 1 <= high else words
 

@@ -13,9 +13,9 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.pipelines.comparison.compare import compare
-from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.comparison.sources import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.init import write_new
+from quadlog.pipelines.info import write_new
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing
 from quadlog.pipelines.simulate import SimulateRequest, simulate
@@ -58,7 +58,7 @@ class Maker(NamedTuple):
     late: str
 
 
-WALK_PAGE = "quadlog.pipelines.simulation.run_folder.write_run_page"
+WALK_PAGE = "quadlog.pipelines.simulate.write_run_page"
 MAKERS = {
     "replay": Maker(replayed, "quadlog.pipelines.stages.report.saved_metrics"),
     "simulate": Maker(simulated, WALK_PAGE),

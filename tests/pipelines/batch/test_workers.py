@@ -20,11 +20,10 @@ import pytest
 
 from quadlog.errors import ClusterUnusable, UnknownName, VersionsDiffer, WorkerDied
 from quadlog.pipelines.batch.batch import replay_batch
-from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor import cluster
 from quadlog.pipelines.executor.cluster import open_cluster
-from quadlog.pipelines.executor.pool import LocalPool, open_executor, side_by_side
-from quadlog.pipelines.executor.progress import Kept
+from quadlog.pipelines.executor.pool import LocalPool, open_executor
+from quadlog.pipelines.executor.progress import BatchLines
 from tests.pipelines.conftest import results_of
 
 TASKS = '''
@@ -198,15 +197,6 @@ def test_workers_end_and_clean_up_when_their_parent_is_killed_amid_a_task(tasks,
     assert not Path(temporary).exists()
 
 
-def test_results_come_in_the_order_of_the_tasks_and_the_first_error_once_all_are_done(tasks):
-    kept = Kept()
-    assert side_by_side(tasks.square_aloud, [3, 1, 2], 2, kept) == [9, 1, 4]
-    with pytest.raises(UnknownName) as caught:
-        side_by_side(tasks.square_aloud, [4, -2, -1, 5], 2, kept)
-    assert caught.value.name == "-2"
-    assert sorted(kept.lines) == [f"{number} squared" for number in range(1, 6)]
-
-
 def test_a_task_whose_worker_is_killed_is_done_by_another(tasks, scheduler, tmp_path):
     with open_cluster(scheduler) as workers:
         assert isinstance(workers.submit(tasks.die_once, tmp_path).result(), int)
@@ -235,7 +225,7 @@ def test_who_cannot_be_used_is_named_in_one_line(monkeypatch):
                 pass
             assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ClusterUnusable, match="pip install distributed bokeh"), open_cluster("tcp://h:1"):
+    with pytest.raises(ClusterUnusable, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1"):
         pass
 
 

@@ -15,7 +15,7 @@ from quadlog.errors import InvalidConfigValue, TooLarge, TooSteep, UnknownName, 
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
-from quadlog.pipelines.simulation.trot import CURVES, plan_trot, trot_metrics, trot_once
+from quadlog.pipelines.simulation.walk import CURVES, plan_trot, trot_metrics, trot_once
 from quadlog.results.arrays import read_arrays
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
