@@ -161,7 +161,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     recording, roles, config = log.recording, log.roles, log.config
     file = getattr(recording.container, "file", None)  # whose bytes are hashed while they are read, where possible
     digest = SharedDigest(file) if isinstance(file, LocalBytes) else None
-    aside = describe_input_aside(log.path) if digest is None else None
+    aside = None if digest else describe_input_aside(log.path)
     topics = _topics_to_read(log)
     wanted = Gatherer(**topics)
     wanted.take_static(recording)
@@ -184,7 +184,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     return LogData(
         log=log,
         config=config,
-        input=describe_file(log.path, digest.finish()) if aside is None else aside.result(),
+        input=describe_file(log.path, digest.finish()) if digest else aside.result(),  # type: ignore[union-attr]
         streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames, base_frame)),
         mount=mount,
         mover=mover,

@@ -220,9 +220,9 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked, startup_s: f
         run = Run.create(folder, record)
         run.write("metrics", saved)
         run.write("control", walked.control)
-        pose = (walked.control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
         tilt_rad = np.column_stack([walked.control["roll_rad"], walked.control["pitch_rad"]])
-        write_tum(folder / "trajectory.tum", *pose, tilt_rad)
+        pose = {name: walked.control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")}
+        write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
         if walked.write is not None:
             walked.write(Run(folder, record))
         drawings = drawings_of(Run(folder, record))

@@ -39,9 +39,10 @@ def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | Non
     try:
         samples = _samples(name, run.path, reference)
         first_ns, instants = start_ns(run.path), list[WorstInstant]()
-        for at in () if samples is None else worst_of(name, samples):
-            t_ns, value = int(samples.t_ns[at]), float(samples.values[at])
-            instants.append(WorstInstant(t_ns, (t_ns - first_ns) / _NS, value))
+        if samples is not None:
+            for at in worst_of(name, samples):
+                t_ns, value = int(samples.t_ns[at]), float(samples.values[at])
+                instants.append(WorstInstant(t_ns, (t_ns - first_ns) / _NS, value))
         details = _dimensions(name, run.path, reference)
     except QuadlogError as error:
         return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants unknown: {error}")

@@ -52,7 +52,7 @@ def synthesize(
     Raises UsageError, AlreadyExists and CannotWrite.
     """
     extension = output.suffix.lower().removeprefix(".")
-    if container not in (None, *WRITERS):
+    if container is not None and container not in WRITERS:
         raise UnknownName("format", container, WRITERS)
     container = container or extension
     if container not in WRITERS:
