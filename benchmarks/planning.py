@@ -200,6 +200,6 @@ def _sweep() -> Iterator[Figure]:
         total = {name: np.array([each.sum() for each in times_us(name, walks)]) for name in FOLLOWED}
         for name in FOLLOWED[1:]:
             ratios = total["astar"] / total[name]
-            low, high = median_interval(ratios, np.random.default_rng(0)) or (math.nan, math.nan)
+            low, high = median_interval(ratios) or (math.nan, math.nan)
             floor = f"95 %: {low:.2f} to {high:.2f} over {len(walks)} walks"
             yield Figure(f"time of astar / {name}, window {size} x {size}", float(np.median(ratios)), "x", floor=floor)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import tomli_w
 from quadlog.config.file import PRESETS
 from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.intervals import COVERAGE
 
 HERE = Path(__file__).parent
 
@@ -101,7 +103,8 @@ def metrics_page() -> str:
         (_code(name), each.unit, each.meaning, _code(each.formula), each.source, each.counted)
         for name, each in CATALOGUE.items()
     ]
-    return METRICS + "\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
+    coverage = textwrap.fill(f"{COVERAGE} Shorter walks have none for rms and deviations.", 120)
+    return f"{METRICS}\n{coverage}\n\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
 
 
 def _section(name: str, property_schema: dict[str, Any], models: dict[str, Any], brackets: str = "[]") -> str:

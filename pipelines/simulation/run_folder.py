@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.messages import Float
-from quadlog.metrics.metric import Metric, Metrics, saved_metrics
+from quadlog.metrics.summary import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.executor.progress import StageClock, peak_memory_mb
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, Remarks
@@ -167,7 +167,7 @@ def walk_metrics(simulated: SimulatedWalk) -> Metrics:
     metrics = tracking_metrics(TrackedWalk(control["t_ns"], **errors, fallen=fallen), walk.completed_ns)
     if walk.effort is not None:
         ticks = round(_lasted_s(simulated) / TIMESTEP_S)
-        metrics |= effort_metrics(walk.mass_kg, ticks, **asdict(walk.effort))
+        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)
     metrics["realtime_factor"] = Metric(_lasted_s(simulated) / simulated.seconds, 1, "")
     return metrics
 

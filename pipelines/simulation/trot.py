@@ -12,7 +12,7 @@ from quadlog.config.control import Simulation
 from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
 from quadlog.errors import InvalidConfigValue
 from quadlog.messages import Float
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import TrottedWalk, drift_metrics
 from quadlog.simulation.robot.model import QuadrupedModel
 from quadlog.simulation.robot.trot import (

@@ -1,4 +1,4 @@
-"""Memory of maps between scans: none, decay after a fixed time, or log odds cleared by rays that pass through."""
+"""Memory of maps between scans: none, or log odds cleared by rays that pass through."""
 
 from __future__ import annotations
 
@@ -42,27 +42,6 @@ class ScanMemory:
     def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
         """The cells hit now."""
         return placed.top_mm > NO_TOP
-
-
-class DecayMemory:
-    """A cell stays occupied for decay_s after it was last hit, even if rays have passed through it since."""
-
-    LAYERS: ClassVar = {"hit_ns": np.int64}
-
-    def __init__(self, layers: Layers, decay_s: float) -> None:
-        self._layers, self._decay_ns = layers, round(decay_s * 1e9)
-        self.skipped = 0
-
-    def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
-        """The cells hit within the last decay_s."""
-        hit = placed.top_mm > NO_TOP
-        if not self._layers.cover(window):
-            self.skipped += 1
-            return hit
-        hit_ns = self._layers.view("hit_ns", window)
-        hit_ns[hit] = t_ns
-        occupied: Grid = (hit_ns != 0) & (t_ns - hit_ns <= self._decay_ns)
-        return occupied
 
 
 class LogOddsMemory:

@@ -193,17 +193,3 @@ def test_without_memory_a_map_is_that_of_its_scan_alone(maps_of):
     remembered = maps_of("grid.memory=log_odds")
     assert all(whole[t_ns] <= remembered[t_ns] for t_ns in whole)
     assert sum(map(len, whole.values())) < 0.8 * sum(map(len, remembered.values()))
-
-
-@pytest.mark.parametrize("decay_s", [0.5, 1.0])
-def test_decay_forgets_what_was_not_hit_for_its_time(maps_of, decay_s):
-    """The union of the scans not older than that, as far as the window reaches; hidden or seen through alike."""
-    scans, maps = maps_of("grid.memory=scan"), maps_of("grid.memory=decay", f"grid.decay_s={decay_s}")
-    assert sorted(scans) == sorted(maps)
-    for t_ns, found in maps.items():
-        recent = [hit for then_ns, hit in scans.items() if 0 <= t_ns - then_ns <= round(decay_s * 1e9)]
-        robot_cell = np.floor(SITE.robot.at(np.array([seconds(t_ns) - 0.05])).position_m[0] / CELL_M).astype(int)
-        low = (robot_cell - round(HALF_WINDOW_M / CELL_M)).tolist()
-        size = round(2 * HALF_WINDOW_M / CELL_M)
-        held = {(col, row) for col, row in set.union(*recent) if 0 <= col - low[0] < size and 0 <= row - low[1] < size}
-        assert found == held
