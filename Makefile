@@ -56,7 +56,6 @@ bench: install  ## the figures the README quotes, with limit and floor beside ea
 	$(BIN)/python -m benchmarks $(PARTS)
 
 fuzz: install  ## damaged and hostile inputs for SECONDS=600, guided by coverage where atheris has a wheel; SEED=0, TARGETS=
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary :all: atheris || true
 	$(BIN)/python -m fuzzing --seconds $(SECONDS) --seed $(SEED) $(TARGETS)
 

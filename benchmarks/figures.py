@@ -27,22 +27,20 @@ class Figure(NamedTuple):
     at_least: bool = False
     floor: str = ""
 
-    @property
-    def verdict(self) -> str:
-        """Whether the limit was kept in this run."""
-        if self.limit is None:
-            return ""
-        kept = self.value >= self.limit if self.at_least else self.value <= self.limit
-        return "ok" if kept else "SHORT"
+    def __str__(self) -> str:
+        limit = verdict = ""
+        if self.limit is not None:
+            limit = f"{'>=' if self.at_least else '<='} {self.limit:g}"
+            kept = self.value >= self.limit if self.at_least else self.value <= self.limit
+            verdict = "ok" if kept else "SHORT"
+        return f"  {self.name:<52} {self.value:>10.3f} {self.unit:<10} {limit:<10} {verdict:<6} {self.floor}"
 
 
-def print_figures(title: str, figures: Iterable[Figure]) -> None:
+def print_figures(title: str, figures: Iterable[Figure | str]) -> None:
     """One line each, under the part's name."""
-    print(f"\n{title.splitlines()[0]}", flush=True)
+    print(f"\n{title.strip()}", flush=True)
     for each in figures:
-        limit = "" if each.limit is None else f"{'>=' if each.at_least else '<='} {each.limit:g}"
-        line = f"  {each.name:<52} {each.value:>10.3f} {each.unit:<10} {limit:<10} {each.verdict:<6} {each.floor}"
-        print(line.rstrip(), flush=True)
+        print(str(each).rstrip(), flush=True)
 
 
 class Seconds(NamedTuple):
@@ -65,6 +63,20 @@ def run_timed(command: Sequence[str], environ: dict[str, str] | None = None) -> 
 def run_quadlog(*words: str) -> Seconds:
     """Run a quadlog command."""
     return run_timed([QUADLOG, *words])
+
+
+def run_python(code: str) -> Seconds:
+    """Run a Python program: what imports alone take."""
+    return run_timed([sys.executable, "-c", code])
+
+
+def synthesize(folder: Path, duration_s: int, azimuth_steps: int) -> tuple[Path, Path]:
+    """A walk of the scenario follow with so many points a scan (16 times the steps), and its configuration."""
+    folder.mkdir(exist_ok=True)
+    path, config = folder / f"follow-{duration_s}.mcap", folder / "quadlog.toml"
+    size = ("--duration", str(duration_s), "--azimuth-steps", str(azimuth_steps), "--force")
+    run_quadlog("synthesize", "follow", *size, "-o", str(path), "--config-output", str(config))
+    return path, config
 
 
 def run_apart(work: Callable[..., Result], *arguments: object) -> Result:

@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures import Figure
-from quadlog.metrics.intervals import median_interval
 from quadlog.planning.protocol import Bool, Cell
 from quadlog.planning.query import Query, make_query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import compile_planner
-from quadlog.planning.search.grid_steps import STEP_COL, STEP_ROW
 from quadlog.simulation.worlds.replanning_walk import walk_world
 from quadlog.simulation.worlds.scenes import forest_world
 
 QUERIES, ROUNDS = 60, 5
 FOLLOWED = ("astar", "ia_star", "mt_d_star_lite")
-DENSITIES_PER_M2 = (0.1, 0.2, 0.3)
-SWEEP_CELLS, SWEEP_EPISODES = (40, 80, 160, 320, 640), 8
+FOREST_WALKS = ((0.1, 200, 4), (0.2, 200, 4), (0.3, 200, 4), (0.2, 40, 8), (0.2, 640, 8))
+"""Trees per m2, cells of the window, walks."""
 Walk = list[Query]
 
 
 def measure(_: Path) -> Iterator[Figure]:
     """Single queries first, then walks."""
     yield from _throughput()
-    yield from _peers()
     yield from _following()
-    yield from _sweep()
 
 
 def random_map(size: int, density: float, seed: int) -> Bool:
@@ -86,68 +82,31 @@ def seconds(run: Callable[[], object]) -> float:
 
 
 def _throughput() -> Iterator[Figure]:
-    """Expansions per second on 512 by 512 cells; the floor is what visiting every cell's eight neighbours takes."""
-    planner = make_planner("astar")
-    compile_planner(planner)
-    for title, blocked in {
-        "20 % blocked": random_map(512, 0.2, 1),
-        "35 % blocked": random_map(512, 0.35, 2),
-        "streets": street_map(512, 3),
-    }.items():
-        asked = queries(blocked, QUERIES, 4)
-        expanded = sum(planner.plan(blocked, *ends).expanded for ends in asked)
-        taken = seconds(lambda asked=asked, blocked=blocked: [planner.plan(blocked, *ends) for ends in asked])
-        yield Figure(
-            f"astar, 512 x 512, {title}: million expansions/s", expanded / taken / 1e6, "M/s", 12, at_least=True
-        )
+    """Expansions per second, and the median time of a query over pyastar2d's.
 
-
-def _peers() -> Iterator[Figure]:
-    """Median time of a query over pyastar2d's, whose problem is easier: a diagonal step costs 1 and cuts corners."""
-    if importlib.util.find_spec("pyastar2d") is None or importlib.util.find_spec("networkx") is None:
-        return
+    Its problem is easier: a diagonal step costs 1 and cuts corners.
+    """
     import pyastar2d
 
     planner = make_planner("astar")
-    for title, blocked, limit in (
-        ("random 200 x 200", random_map(200, 0.2, 5), 0.9),
-        ("streets 1024 x 1024", street_map(1024, 6), 0.4),
-    ):
-        asked = queries(blocked, QUERIES, 7)
+    compile_planner(planner)
+    for title, blocked in {"20 % blocked": random_map(512, 0.2, 1), "streets": street_map(512, 3)}.items():
+        ends = queries(blocked, QUERIES, 4)
+        expanded = sum(planner.plan(blocked, *each).expanded for each in ends)
+        taken = seconds(lambda ends=ends, blocked=blocked: [planner.plan(blocked, *each) for each in ends])
+        name = f"astar, 512 x 512, {title}: million expansions/s"
+        yield Figure(name, expanded / taken / 1e6, "M/s", 12, at_least=True)
+    peers = {"random 200 x 200": (random_map(200, 0.2, 5), 0.9), "streets 1024 x 1024": (street_map(1024, 6), 0.4)}
+    for title, (blocked, limit) in peers.items():
         weights = np.where(blocked, np.inf, 1.0).astype(np.float32)
-        ours = [seconds(lambda e=ends, b=blocked: planner.plan(b, *e)) for ends in asked]
-        theirs = [
-            seconds(lambda e=ends, w=weights: pyastar2d.astar_path(w, e[0][::-1], e[1][::-1], allow_diagonal=True))
-            for ends in asked
-        ]
-        median, peer = statistics.median(ours), statistics.median(theirs)
+        own_s, other_s = [], []
+        for start, goal in queries(blocked, QUERIES, 7):
+            own_s.append(seconds(partial(planner.plan, blocked, start, goal)))
+            their = partial(pyastar2d.astar_path, weights, start[::-1], goal[::-1], allow_diagonal=True)
+            other_s.append(seconds(their))
+        median, peer = statistics.median(own_s), statistics.median(other_s)
         floor = f"{median * 1e6:.0f} us; pyastar2d {peer * 1e6:.0f} us for an easier problem"
         yield Figure(f"astar / pyastar2d, {title}", median / peer, "x", limit, floor=floor)
-    yield from _networkx()
-
-
-def _networkx() -> Iterator[Figure]:
-    import networkx
-
-    planner, blocked = make_planner("astar"), random_map(200, 0.2, 5)
-    graph = networkx.Graph()
-    padded = np.pad(blocked, 1, constant_values=True)
-    for row, col in np.argwhere(~blocked).tolist():
-        for dcol, drow in zip(STEP_COL.tolist(), STEP_ROW.tolist(), strict=True):
-            beside = padded[row + 1, col + 1 + dcol] or padded[row + 1 + drow, col + 1]
-            if not (padded[row + 1 + drow, col + 1 + dcol] or (dcol and drow and beside)):
-                graph.add_edge((col, row), (col + dcol, row + drow), weight=14 if dcol and drow else 10)
-
-    def octile(a: Cell, b: Cell) -> int:
-        across, along = abs(a[0] - b[0]), abs(a[1] - b[1])
-        return 10 * max(across, along) + 4 * min(across, along)
-
-    ratios = []
-    for ends in queries(blocked, 10, 8):
-        began = time.perf_counter()
-        networkx.astar_path_length(graph, *ends, heuristic=octile)
-        ratios.append((time.perf_counter() - began) / seconds(lambda e=ends: planner.plan(blocked, *e)))
-    yield Figure("networkx / astar, random 200 x 200", statistics.median(ratios), "x", 40, at_least=True)
 
 
 def forest_walks(density_per_m2: float, window_cells: int, episodes: int, seed: int) -> list[Walk]:
@@ -182,24 +141,15 @@ def times_us(name: str, walks: Sequence[Walk]) -> list[NDArray[np.float64]]:
 
 
 def _following() -> Iterator[Figure]:
-    for density in DENSITIES_PER_M2:
-        walks = forest_walks(density, 200, 4, 9)
-        median = {name: float(np.median(np.concatenate(times_us(name, walks)))) for name in FOLLOWED}
-        where = f"200 x 200, {density:g} trees/m2"
-        floor = f"{median['ia_star']:.1f} and {median['astar']:.1f} us"
-        yield Figure(
-            f"ia_star / astar, median replan, {where}", median["ia_star"] / median["astar"], "x", 1, floor=floor
-        )
-        yield Figure(f"mt_d_star_lite, median replan, {where}", median["mt_d_star_lite"] / 1000, "ms", 1)
-
-
-def _sweep() -> Iterator[Figure]:
-    """From which size of window on it saves time: A*'s time over the planner's, the median over walks."""
-    for size in SWEEP_CELLS:
-        walks = forest_walks(0.2, size, SWEEP_EPISODES, 10)
-        total = {name: np.array([each.sum() for each in times_us(name, walks)]) for name in FOLLOWED}
+    """By density of trees, then by size of the window: A*'s time over the planner's, the median over walks."""
+    for density, size, episodes in FOREST_WALKS:
+        walks = forest_walks(density, size, episodes, 9)
+        us = {name: times_us(name, walks) for name in FOLLOWED}
+        total = {name: np.array([each.sum() for each in us[name]]) for name in FOLLOWED}
+        median = {name: float(np.median(np.concatenate(us[name]))) for name in FOLLOWED}
         for name in FOLLOWED[1:]:
-            ratios = total["astar"] / total[name]
-            low, high = median_interval(ratios) or (math.nan, math.nan)
-            floor = f"95 %: {low:.2f} to {high:.2f} over {len(walks)} walks"
-            yield Figure(f"time of astar / {name}, window {size} x {size}", float(np.median(ratios)), "x", floor=floor)
+            where = f"{size} x {size}, {density:g} trees/m2"
+            floor = f"a replan takes {median[name]:.1f} and {median['astar']:.1f} us"
+            yield Figure(
+                f"time of {name} / astar, {where}", float(np.median(total[name] / total["astar"])), "x", floor=floor
+            )

@@ -1,4 +1,4 @@
-"""Reading: decoded point clouds against reading and decompressing the same file alone."""
+"""Reading: clouds against reading and decompressing alone, and `quadlog info` of a gigabyte."""
 
 from __future__ import annotations
 
@@ -7,92 +7,68 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import zstandard
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from rosbags.typesys import Stores, get_typestore
 
-from benchmarks.figures import Figure, run_apart
+from benchmarks.figures import Figure, run_apart, run_python, run_quadlog, synthesize
 from quadlog.messages import PointCloud
 from quadlog.recordings.recording import open_recording
 
-SCANS, POINTS, STEP = 200, 30_000, 22
-ROUNDS = 7
+LENGTH_S, AZIMUTH_STEPS, ROUNDS, REPEATS = 60, 1875, 7, 6
+TOPIC = "/lidar/points"
+IMPORTS = "import quadlog.cli.main, quadlog.cli.info, quadlog.config.file, quadlog.pipelines.info"
+IMPORTS += ", quadlog.cli.progress, quadlog.recordings.containers.open"
 
 
 def measure(folder: Path) -> Iterator[Figure]:
-    """Time per scan of 30 000 points, in turns; the ratios pair by pair.
-
-    Reading ahead needs a second core that is free; the ratio of CPU times is what is left without one.
-    """
-    path = run_apart(write_clouds, folder / "clouds.mcap")
+    """All with a minute of 30 000 points a scan. Reading ahead needs a free core; CPU time is what is left without."""
+    path, _ = synthesize(folder, LENGTH_S, AZIMUTH_STEPS)
     pairs = [(_times_ms(lambda: _read_decoded(path)), _times_ms(lambda: decompress(path))) for _ in range(ROUNDS)]
-    decoded_ms = statistics.median(decoded[0] for decoded, _ in pairs) / SCANS
-    floor_ms = statistics.median(alone[0] for _, alone in pairs) / SCANS
+    scans = _read_decoded(path)
+    floor_ms = statistics.median(alone[0] for _, alone in pairs) / scans
     wall, cpu = (statistics.median(decoded[clock] / alone[clock] for decoded, alone in pairs) for clock in (0, 1))
-    floor = f"floor: reading and decompressing take {floor_ms:.2f} ms"
-    yield Figure("zstd MCAP, read and decoded, per scan", decoded_ms, "ms", floor=floor)
-    yield Figure("zstd MCAP, read and decoded / decompressed", wall, "x", 1.3)
-    yield Figure("zstd MCAP, the same in CPU time of all threads", cpu, "x")
+    floor = f"floor: reading and decompressing take {floor_ms:.2f} ms a scan"
+    yield Figure("zstd MCAP, clouds read and decoded / decompressed", wall, "x", 1.3, floor=floor)
+    yield Figure("the same in CPU time of all threads", cpu, "x")
+    yield from _info(path, folder)
 
 
-def write_clouds(path: Path) -> Path:
-    """Scans as a 16-beam lidar gives them: x, y, z, intensity, ring and time."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    kind, field, header, stamp = (
-        store.types[name]
-        for name in (
-            "sensor_msgs/msg/PointCloud2",
-            "sensor_msgs/msg/PointField",
-            "std_msgs/msg/Header",
-            "builtin_interfaces/msg/Time",
-        )
-    )
-    layout = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("ring", 16, 4), ("time", 18, 7)]
-    fields = [field(name, offset, datatype, 1) for name, offset, datatype in layout]
-    text, _ = store.generate_msgdef("sensor_msgs/msg/PointCloud2", ros_version=2)
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
+def _info(path: Path, folder: Path) -> Iterator[Figure]:
+    large = run_apart(_write_gigabyte, path, folder / "gigabyte.mcap")
+    pairs = [(run_quadlog("info", str(large)).wall, run_python(IMPORTS).wall) for _ in range(ROUNDS)]
+    floor = f"floor: its imports alone take {statistics.median(alone for _, alone in pairs):.2f} s"
+    size = f"{large.stat().st_size / 1e9:.1f} GB"
+    seconds = statistics.median(info for info, _ in pairs)
+    yield Figure(f"quadlog info, indexed MCAP of {size}", seconds, "s", 0.6, floor=floor)
+    yield Figure("quadlog info --full", run_quadlog("info", "--full", str(large)).wall, "s")
+
+
+def _write_gigabyte(path: Path, large: Path) -> Path:
+    """The same messages again and again, later each time, in chunks that are not compressed."""
+    with path.open("rb") as source, large.open("wb") as target:
+        reader, writer = make_reader(source), Writer(target, compression=CompressionType.NONE)
         writer.start(profile="ros2", library="quadlog-bench")
-        schema = writer.register_schema("sensor_msgs/msg/PointCloud2", "ros2msg", text.encode())
-        channel = writer.register_channel("/points", "cdr", schema)
-        for index in range(SCANS):
-            head = header(stamp(100 + index // 10, index % 10 * 100_000_000), "lidar")
-            body = kind(head, 1, POINTS, fields, False, STEP, STEP * POINTS, _points(index), True)
-            t_ns = 100 * 10**9 + index * 10**8
-            payload = store.serialize_cdr(body, "sensor_msgs/msg/PointCloud2")
-            writer.add_message(channel, t_ns, bytes(payload), t_ns)
+        channels: dict[int, int] = {}
+        for repeat in range(REPEATS):
+            for schema, channel, message in reader.iter_messages():
+                assert schema is not None
+                if channel.id not in channels:
+                    schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+                t_ns = message.log_time + repeat * LENGTH_S * 10**9
+                writer.add_message(channels[channel.id], t_ns, message.data, t_ns)
         writer.finish()
-    return path
+    return large
 
 
-def _points(seed: int) -> np.ndarray:
-    """One scan (POINTS * STEP,) of bytes: rings about the sensor with 2 cm of noise, rounded to 2 mm."""
-    generator = np.random.default_rng(seed)
-    ring = np.arange(POINTS) % 16
-    azimuth = np.arange(POINTS) * (2 * np.pi / POINTS)
-    elevation = np.radians(-15 + 2 * ring)
-    range_m = np.round((5 + 3 * np.sin(3 * azimuth) + generator.normal(0, 0.02, POINTS)) / 0.002) * 0.002
-    rows = np.zeros(POINTS, dtype=[("xyzi", "<f4", 4), ("ring", "<u2"), ("time", "<f4")])
-    rows["xyzi"][:, 0] = range_m * np.cos(elevation) * np.cos(azimuth)
-    rows["xyzi"][:, 1] = range_m * np.cos(elevation) * np.sin(azimuth)
-    rows["xyzi"][:, 2] = range_m * np.sin(elevation)
-    rows["xyzi"][:, 3] = generator.integers(0, 255, POINTS)
-    rows["ring"], rows["time"] = ring, azimuth / (2 * np.pi) * 0.1
-    return rows.view(np.uint8).reshape(-1)
-
-
-def _read_decoded(path: Path) -> None:
+def _read_decoded(path: Path) -> int:
     with open_recording(path) as recording:
-        messages = (each.message for each in recording.messages(["/points"]))
-        clouds = [len(message.xyz_m) for message in messages if isinstance(message, PointCloud)]
-    assert clouds == [POINTS] * SCANS
+        return sum(isinstance(each.message, PointCloud) for each in recording.messages([TOPIC]))
 
 
 def decompress(path: Path) -> None:
     """Every chunk's records decompressed, and nothing looked at: what no reader can do without."""
-    from mcap.reader import make_reader
-
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
         assert summary is not None
@@ -100,12 +76,10 @@ def decompress(path: Path) -> None:
         for chunk in summary.chunk_indexes:
             # Before the records: opcode, length, start, end, size, CRC, the name of the compression, their length.
             stream.seek(chunk.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(chunk.compression) + 8)
-            records = stream.read(chunk.compressed_size)
-            if chunk.compression:
-                decompressor.decompress(records, max_output_size=chunk.uncompressed_size)
+            decompressor.decompress(stream.read(chunk.compressed_size), max_output_size=chunk.uncompressed_size)
 
 
-def _times_ms(action: Callable[[], None]) -> tuple[float, float]:
+def _times_ms(action: Callable[[], object]) -> tuple[float, float]:
     """Wall time and CPU time."""
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     action()

@@ -46,13 +46,13 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     report_skipped(runs)
     if write and (junit is not None or as_json):
         raise UsageError("--write proposes bounds and checks none: leave out --junit and --json")
-    with runs_here(runs, RECORDS) as found:
+    with runs_here(runs, RECORDS) as (found, as_given):
         if write:
             for name, count in propose_bounds(found, expect, force, say).items():
                 click.echo(f"{printable(expect)}: {count} bounds for {printable(name)}")
             return ExitCode.DONE
         checks = check_runs(found, expect, junit, force, say)
-        checks = [replace(check, run=found.as_given(check.run)) for check in checks]
+        checks = [replace(check, run=as_given(check.run)) for check in checks]
     if as_json:
         print_json([check.to_dict() for check in checks])
     else:

@@ -55,7 +55,7 @@ def command(sources: tuple[str, ...], to: str, output: Path | None, force: bool,
     """
     from quadlog.pipelines.comparison.compare import compare
     from quadlog.pipelines.comparison.problems import CompareOptions
-    from quadlog.results.planners import format_rows
+    from quadlog.results.studies.planners import format_rows
 
     baseline, config = given.pop("preset"), options.configured(given).config
     problems = CompareOptions(preset=baseline, ties=ties.replace("-", "_"), config=config, **given)

@@ -31,17 +31,15 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     Durations (ms, us, us_*, realtime_factor), pages, plots and derived.mcap are not compared. NaN equals NaN. With
     both tolerances, numbers within either of them are the same.
     """
-    from quadlog.results.diff import COLUMNS, COMPARED, diff_runs, diff_text, of_results
-    from quadlog.results.find_runs import runs_here
-    from quadlog.results.run import Run
+    from quadlog.results.diff import COLUMNS, diff_runs, diff_text, of_results
+    from quadlog.results.run import load_run
     from quadlog.results.text import print_table
 
     if not math.isfinite(tolerance + relative):
         raise UsageError("--tolerance and --relative must be finite numbers")
-    with runs_here([run_a, run_b], COMPARED) as found:
-        a, b = map(Run, found)
-        differences = diff_runs(a, b, tolerance, relative)
-        start_ns = min(a.start_ns, b.start_ns)
+    a, b = load_run(run_a), load_run(run_b)
+    differences = diff_runs(a, b, tolerance, relative)
+    start_ns = min(a.start_ns, b.start_ns)
     if as_json:
         click.echo(print_table(COLUMNS, differences.to_numpy().tolist(), "json"), nl=False)
     else:

@@ -41,13 +41,9 @@ def command(run: Path, to: str, output: Path | None, picture: str | None, width:
 
     Without -o the result is written to the current folder, named after the run folder RUN.
     """
-    from quadlog.results.find_runs import files_ending, runs_here
-
     how = {name: value for name, value in (("picture", picture), ("width_in", width)) if value is not None}
     if how and to != "figures":
         raise UsageError("--format and --width are for  --to figures")
-    with runs_here([run], files_ending("run.json", *EXPORTERS[to].reads)) as (here,):
-        target = output or Path(f"{here.resolve().name}-{EXPORTERS[to].suffix}")
-        for path in export_run(here, to, target, force, **how):
-            click.echo(path)
+    for path in export_run(run, to, output, force, **how):
+        click.echo(path)
     return 0

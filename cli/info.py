@@ -12,7 +12,6 @@ from quadlog.cli import options
 from quadlog.cli.progress import folded, left_out, open_progress, print_json, say, table_lines
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 from quadlog.recordings.formatting import instant, listed
-from quadlog.results.numbers import percent
 
 MOST_CHAINS, MOST_TAGS = 6, 10
 """Chains of tf frames, and tags whose biases are explained, that are printed."""
@@ -116,7 +115,9 @@ ERROR |= {"inside": "in 95 % ellipse", "nees": "NEES"}
 
 
 def _uwb(info: dict[str, Any]) -> Iterator[str]:
-    """How good links and fixes are, the fixes' and track's errors where there is a reference, and the HDOP."""
+    """How good links and fixes are, and the errors of fixes and track where there is a reference."""
+    from quadlog.results.text import percent
+
     tags = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
     said = {row["calibration"] for row in tags}
     if tags:
@@ -136,29 +137,12 @@ def _uwb(info: dict[str, Any]) -> Iterator[str]:
     yield from (folded(f"biases of tag {row['tag']}: {row['calibration']}") for row in tags[:MOST_TAGS])
     if info["uwb_body"]:
         yield f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"
-    if info["dilution"] is not None:
-        yield from _dilution(info["dilution"])
 
 
 def _link_words(row: dict[str, Any], said: Collection[str]) -> dict[str, Any]:
     """NLOS, weak paths and the bias in words; one that is not applied has the reason, unless that is said below."""
+    from quadlog.results.text import percent
+
     weak, why = row["weak_first_path_share"], row["why_not"]
     applied = "applied" if row["bias_applied"] else "not applied" if why in said else f"not applied: {why}"
     return {"nlos": percent(row["nlos_share"]), "weak_path": weak and percent(weak), "applied": applied}
-
-
-def _dilution(dilution: dict[str, Any]) -> Iterator[str]:
-    """HDOP at the centres of a coarse grid, north up."""
-    x_m, y_m = (
-        [f"{dilution[f'origin_{axis}_m'] + (at + 0.5) * dilution['cell_m']:g}" for at in range(count)]
-        for axis, count in (("x", len(dilution["hdop"][0])), ("y", len(dilution["hdop"])))
-    )
-    yield from ("", f"HDOP (std of a fix per std of a range) for a tag at {dilution['tag_height_m']:g} m; '-': no fix")
-    rows = [
-        dict(zip(["y", *x_m], [y, *map(_hdop, row)], strict=True)) for y, row in zip(y_m, dilution["hdop"], strict=True)
-    ]
-    yield from table_lines(rows[::-1], {"y": "y, x m"} | {x: x for x in x_m})
-
-
-def _hdop(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}" if value < 10 else ">10"

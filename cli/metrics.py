@@ -62,12 +62,12 @@ def command(
     truth = None if reference is None else Reference.read(reference, on_time)
     has_samples = to == "csv"
     report_skipped(runs)
-    with runs_here(runs, MEASURED if has_samples or truth or explain else RECORDS) as found:
+    with runs_here(runs, MEASURED if has_samples or truth or explain else RECORDS) as (found, as_given):
         outcome = measure_runs(found, truth, conditions, has_samples)
         for line in (*outcome.said, *outcome.problems):
             say(line)
         if explain is None:
-            shown = [replace(run, path=to_path(found.as_given(run.path))) for run in outcome.runs]
+            shown = [replace(run, path=to_path(as_given(run.path))) for run in outcome.runs]
             click.echo(metrics_text(shown, to, outcome.differing), nl=False)
         else:
             click.echo(explain_runs(explain, outcome.runs, truth), nl=False)

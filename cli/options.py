@@ -16,7 +16,7 @@ from click.shell_completion import CompletionItem
 from quadlog.cli.progress import say
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import UsageError
-from quadlog.results.stages import STAGES
+from quadlog.results import STAGES
 from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 

@@ -80,15 +80,19 @@ class Bars(BatchLines):
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         super().__init__(self._print)
-        columns = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[words]}", markup=False)
         self._bars = Progress(
-            columns[0], BarColumn(bar_width=12), columns[1], console=Console(stderr=True), speed_estimate_period=3600
+            TextColumn("{task.description}", markup=False),
+            BarColumn(bar_width=12),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(elapsed_when_finished=True),
+            TextColumn("{task.fields[words]}", markup=False),
+            console=Console(stderr=True),
+            speed_estimate_period=3600,
         )
         self._first: TaskID | None = None  # the current stage, or the whole batch
-        self._recorded_s: float | None = None
         self._workers: dict[str, tuple[TaskID, str]] = {}
         self._changing = Lock()
 
@@ -98,7 +102,7 @@ class Bars(BatchLines):
 
     def __exit__(self, kind: object, value: BaseException | None, trace: object) -> None:
         if value is None:
-            self._describe(ended=True)
+            self._end()
         self._bars.stop()
 
     def _print(self, text: str) -> None:
@@ -106,48 +110,32 @@ class Bars(BatchLines):
 
     def begin(self, stage: str, total: int | None) -> None:
         """A new bar below the others."""
-        self._describe(ended=True)
-        self._first, self._recorded_s = self._bars.add_task(f"{stage:<9}", total=total, words=""), None
+        self._end()
+        self._first = self._bars.add_task(f"{stage:<9}", total=total, words="")
+
+    def _end(self) -> None:
+        """A full bar, with its duration, for the stage that has ended."""
+        if self._first is not None and not self._tally.recordings:
+            steps = max(self._bars.tasks[-1].completed, 1)
+            self._bars.update(self._first, total=steps, completed=steps)
 
     def advance(self, recorded_s: float | None = None) -> None:
-        """One more step, with the mean rate and the time left."""
+        """One more step, and the mean rate."""
         if self._first is not None:
-            self._bars.advance(self._first)
-            self._recorded_s = recorded_s
-            self._describe()
-
-    def _describe(self, ended: bool = False) -> None:
-        """Steps and rate of the current stage, and the time left; when it has ended, its duration and a full bar."""
-        if self._first is None or self._tally.recordings:
-            return
-        task = self._bars.tasks[-1]
-        spent_s, left_s = task.finished_time or task.elapsed or 0.0, task.time_remaining
-        factor = None if self._recorded_s is None or not spent_s else self._recorded_s / spent_s
-        step = {"steps": round(task.completed), "total": task.total, "realtime_factor": factor}
-        last = duration_words(spent_s) if ended else f"{duration_words(left_s)} left" if left_s else ""
-        full: dict[str, Any] = {"total": max(task.completed, 1), "completed": max(task.completed, 1)} if ended else {}
-        self._bars.update(self._first, words=step_words(step, last), **full)
+            spent_s = self._bars.tasks[-1].elapsed
+            factor = recorded_s / spent_s if recorded_s and spent_s else None
+            self._bars.update(self._first, advance=1, words=_rate(factor))
 
     def expect(self, tally: BatchCounts) -> None:
         """Add the bar of the whole batch."""
         super().expect(tally)
-        self._first = self._bars.add_task("total", total=tally.recordings, words="")
-        self._show_total()
-
-    def _show_total(self) -> None:
-        """Numbers of finished and failed recordings, and the time left once it is known."""
-        assert self._first is not None, "a batch starts with expect"
-        tally = self._tally
-        self._bars.update(self._first, completed=tally.done)
-        left_s = next(task for task in self._bars.tasks if task.id == self._first).time_remaining
-        words = f"{tally.done}/{tally.recordings} recordings" + (f", {tally.failed} failed" if tally.failed else "")
-        words += f", {duration_words(left_s)} left" if left_s is not None and tally.done < tally.recordings else ""
-        self._bars.update(self._first, words=words)
+        self._first = self._bars.add_task("recordings", total=tally.recordings, words="")
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """Update the bar of a worker."""
         worker, run = step["worker"], printable(step["run"])[:MAX_NAME]
-        shown = {"total": step["total"] or None, "completed": step["steps"], "words": step_words(step, worker)}
+        shown = {"total": step["total"] or None, "completed": step["steps"]}
+        shown["words"] = f"{_rate(step['realtime_factor'])}  {worker}"
         with self._changing:
             if worker not in self._workers and len(self._workers) == MAX_LINES:
                 return
@@ -162,18 +150,10 @@ class Bars(BatchLines):
         with self._changing:
             for worker in [worker for worker, (_, at) in self._workers.items() if at == run]:
                 self._bars.remove_task(self._workers.pop(worker)[0])
-            self._show_total()
+            failed = f"{self._tally.failed} failed" if self._tally.failed else ""
+            assert self._first is not None, "a batch starts with expect"
+            self._bars.update(self._first, completed=self._tally.done, words=failed)
 
 
-def step_words(step: Mapping[str, Any], last: str) -> str:
-    """Steps of the stage, real-time factor, and the last words."""
-    steps, total, factor = step["steps"], step["total"], step["realtime_factor"]
-    far = f"{steps}/{total:g}" if total else f"{steps}" if steps else ""
-    return "  ".join(filter(None, (far, "" if factor is None else f"{factor:.1f}x real time", last)))
-
-
-def duration_words(seconds: float) -> str:
-    """Seconds, minutes, or hours and minutes."""
-    minutes = round(seconds / 60)
-    longer = f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
-    return f"{seconds:.0f} s" if seconds < 60 else longer
+def _rate(factor: float | None) -> str:
+    return "" if factor is None else f"{factor:.1f}x real time"

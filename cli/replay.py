@@ -88,15 +88,13 @@ def _print_plan(previewed: Sequence[Previewed], as_json: bool) -> None:
 
 def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:
     """The status of each run and, in full, its verdict; then the page of the run, or the pages of the folders."""
-    from quadlog.results.find_runs import MEASURED, runs_here
     from quadlog.results.page.verdict import status, verdict
-    from quadlog.results.run import Run
+    from quadlog.results.run import load_run
 
     for path in runs:
-        with runs_here([path], MEASURED) as (here,):
-            run = Run(here)
-            click.echo(f"{path}: {status(run)[0]}")
-            for sentence in verdict(run) if in_full else ():
-                click.echo(folded(f"  {sentence.subject}: {sentence.text}"))
+        run = load_run(path)
+        click.echo(f"{path}: {status(run)[0]}")
+        for sentence in verdict(run) if in_full else ():
+            click.echo(folded(f"  {sentence.subject}: {sentence.text}"))
     for folder in dict.fromkeys(path if in_full else path.parent for path in runs):
         click.echo(f"{folder / 'report.html'}")

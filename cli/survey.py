@@ -10,7 +10,6 @@ import click
 from quadlog.cli import options
 from quadlog.cli.progress import open_progress, print_json, table_lines
 from quadlog.errors import ExitCode
-from quadlog.results.numbers import percent
 
 COLUMNS = {"id": "anchor", "x_m": "x m", "x_bound_m": "+-", "y_m": "y m", "y_bound_m": "+-", "z_m": "z m"}
 COLUMNS |= {"z_bound_m": "+-", "bias_m": "bias m", "bias_bound_m": "+-", "nlos": "NLOS", "n": "ranges", "note": ""}
@@ -64,6 +63,7 @@ def command(
     from quadlog.pipelines.survey.output import survey_json, survey_toml
     from quadlog.pipelines.survey.survey import survey_recording
     from quadlog.results.find_runs import refuse_existing
+    from quadlog.results.text import percent
 
     if output is not None:
         refuse_existing(output, force)  # before the recording is read, which may take a while

@@ -41,7 +41,7 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
     from quadlog.pipelines.request import ReplayOptions
     from quadlog.pipelines.sweep.grid import make_grid
     from quadlog.pipelines.sweep.sweep import SweepRequest, outcome_of, sweep
-    from quadlog.results.sweep import sweep_text
+    from quadlog.results.studies.sweep import sweep_text
 
     path, overrides, preset = map(given.pop, ("config_path", "overrides", "preset"))
     grid = make_grid(path, overrides, range(seed, seed + seeds), preset=preset)

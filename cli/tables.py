@@ -13,7 +13,7 @@ from quadlog.cli.progress import open_progress
 from quadlog.pipelines.tables.registry import TABLES
 
 if TYPE_CHECKING:
-    from quadlog.results.papers.table import PaperTable
+    from quadlog.results.studies.papers import PaperTable
 
 NAMES = textwrap.fill(f"TABLE is any of {', '.join(TABLES)}. Default: all.", 76, break_on_hyphens=False)
 HELP = f"""Measure the tables of the papers.
@@ -45,7 +45,7 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
 
 def table_text(table: PaperTable) -> str:
     """The rows that the paper has too; all rows where it has none."""
-    from quadlog.results.papers.folder import SHOWN, shown_cells
+    from quadlog.results.studies.papers import SHOWN, shown_cells
     from quadlog.results.text import TitledTable, print_tables, terminal_width
 
     if not table.rows:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import random
 from collections.abc import Iterator
 from functools import cache
@@ -13,15 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import zstandard
 from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
-from rosbags.rosbag1 import Writer as BagWriter
 
 from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.simulation.sensors.lidar import SimulatedScan
 from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, Definition, RosEncoder
-from quadlog.simulation.synthetic.writer import Db3Recording
+from tests.lab import recordings as lab
 
-BASE_NS = 1_700_000_000 * 10**9
+BASE_NS = lab.BASE_NS
 MESSAGES = 24
 
 
@@ -40,13 +37,8 @@ def _scene(t_ns: int, i: int) -> Iterator[tuple[str, Message | SimulatedScan]]:
     rng = random.Random(i)
     level, zero = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
     place_m = np.array([0.1 * i, 0.0, 0.3])
-    cloud = PointCloud(
-        t_ns,
-        "lidar",
-        np.array([[rng.uniform(1, 5) for _ in range(3)] for _ in range(8)], np.float32),
-        np.arange(8, dtype=np.uint16),
-        np.arange(8, dtype=np.int64) * 1000,
-    )
+    xyz_m = np.array([[rng.uniform(1, 5) for _ in range(3)] for _ in range(8)], np.float32)
+    cloud = PointCloud(t_ns, "lidar", xyz_m, np.arange(8, dtype=np.uint16), np.arange(8, dtype=np.int64) * 1000)
     yield "/points", SimulatedScan(cloud, np.ones(8, np.float32), np.zeros(8, np.uint8), np.ones(8))
     yield "/uwb", UwbRanges(t_ns, 0, np.arange(4), np.array([3.0, 4.0, 5.0, 6.0]) + 0.1 * i)
     yield "/imu", Imu(t_ns, "base", level, np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 9.81]))
@@ -70,109 +62,60 @@ def walk(ros: int) -> tuple[Encoded, ...]:
 
 def _encode(ros: int, scene: list[tuple[str, Message | SimulatedScan]]) -> tuple[Encoded, ...]:
     encoder = RosEncoder(1 if ros == 1 else 2)
-    return tuple(
-        Encoded(
-            topic,
-            name := TYPE_NAMES[type(message)],
-            encoder.definition(name),
-            BASE_NS + i * 10_000_000,
-            encoder.encode(message, i),
-        )
-        for i, (topic, message) in enumerate(scene)
-    )
+    found = []
+    for i, (topic, message) in enumerate(scene):
+        name = TYPE_NAMES[type(message)]
+        t_ns, payload = BASE_NS + i * 10_000_000, encoder.encode(message, i)
+        found.append(Encoded(topic, name, encoder.definition(name), t_ns, payload))
+    return tuple(found)
+
+
+def _written(write: Any, messages: tuple[Encoded, ...], *options: Any, **named: Any) -> bytes:
+    """The file that one of the lab's writers makes of these messages."""
+    rows = [(each.topic, each.t_ns, each.payload) for each in messages]
+    types = {each.topic: (each.type_name, *each.definition) for each in messages}
+    with TemporaryDirectory() as folder:
+        content: bytes = write(Path(folder) / "walk", rows, *options, types=types, **named).read_bytes()
+        return content
 
 
 def mcap(messages: tuple[Encoded, ...], **options: Any) -> bytes:
-    """As the format's own library writes it; options are its Writer's."""
-    out = io.BytesIO()
-    writer = McapWriter(out, **({"chunk_size": 2000, "compression": CompressionType.NONE} | options))
-    writer.start("ros2", "fuzz")
-    schemas: dict[str, int] = {}
-    channels: dict[str, int] = {}
-    for i, each in enumerate(messages):
-        if each.type_name not in schemas:
-            schemas[each.type_name] = writer.register_schema(each.type_name, "ros2msg", each.definition.text.encode())
-        if each.topic not in channels:
-            channels[each.topic] = writer.register_channel(each.topic, "cdr", schemas[each.type_name])
-        writer.add_message(channels[each.topic], each.t_ns, each.payload, each.t_ns, i)
-    writer.finish()  # type: ignore[no-untyped-call]
-    return out.getvalue()
-
-
-def bag(messages: tuple[Encoded, ...], compression: str = "") -> bytes:
-    """As rosbags writes it."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "a.bag"
-        writer = BagWriter(path)
-        writer.chunk_threshold = 2000
-        if compression:
-            writer.set_compression(BagWriter.CompressionFormat[compression])
-        with writer:
-            connections: dict[str, Any] = {}
-            for each in messages:
-                if each.topic not in connections:
-                    text, digest = each.definition
-                    connections[each.topic] = writer.add_connection(
-                        each.topic, each.type_name, msgdef=text, md5sum=digest
-                    )
-                writer.write(connections[each.topic], each.t_ns, each.payload)
-        return path.read_bytes()
-
-
-def db3(messages: tuple[Encoded, ...]) -> bytes:
-    """As rosbag2 keeps it."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "a.db3"
-        writer = Db3Recording(path)
-        for i, each in enumerate(messages):
-            if all(each.topic != before.topic for before in messages[:i]):
-                writer.add_topic(each.topic, each.type_name, each.definition)
-            writer.write(each.topic, each.t_ns, i, each.payload)
-        writer.close()
-        return path.read_bytes()
+    """Options are those of the format's own library."""
+    return _written(lab.mcap, messages, **({"chunk_size": 2000, "compression": CompressionType.NONE} | options))
 
 
 @cache
 def recordings() -> dict[str, bytes]:
     """Every kind of container with the same messages; the first byte of a case chooses one, in this order."""
     one, two = walk(1), walk(2)
-    bare = {"enable_crcs": False, "enable_data_crcs": False}
+    bags = {kind: _written(lab.bag, one, kind, 2000) for kind in ("", "bz2", "lz4")}
     return {
         "mcap": mcap(two),
         "mcap-zstd": mcap(two, compression=CompressionType.ZSTD),
         "mcap-lz4": mcap(two, compression=CompressionType.LZ4),
-        "mcap-no-crc": mcap(two, **bare),
+        "mcap-no-crc": mcap(two, enable_crcs=False, enable_data_crcs=False),
         "mcap-unchunked": mcap(two, use_chunking=False),
         "mcap-no-index": mcap(two, index_types=IndexType.NONE, use_statistics=False, use_summary_offsets=False),
-        "bag": bag(one),
-        "bag-bz2": bag(one, "BZ2"),
-        "bag-lz4": bag(one, "LZ4"),
-        "db3": db3(two),
+        **{f"bag-{kind}".rstrip("-"): content for kind, content in bags.items()},
+        "db3": _written(lab.db3, two),
         "mcap-zst": zstandard.compress(mcap(two)),
     }
 
 
 def write_split(folder: Path) -> str:
     """A ROS 2 bag folder of two parts; returns the text of its metadata.yaml."""
-    half = len(walk(2)) // 2
-    parts = [walk(2)[:half], walk(2)[half:]]
-    for number, part in enumerate(parts):
+    half = MESSAGES // 2
+    for number, part in enumerate((walk(2)[:half], walk(2)[half:])):
         (folder / f"walk_{number}.mcap").write_bytes(mcap(part))
-    topics = {each.topic: each.type_name for each in walk(2)}
-    lines = [
-        "rosbag2_bagfile_information:",
-        "  version: 5",
-        "  storage_identifier: mcap",
-        "  duration: {nanoseconds: 230000000}",
-        f"  starting_time: {{nanoseconds_since_epoch: {BASE_NS}}}",
-        f"  message_count: {MESSAGES}",
-        "  topics_with_message_count:",
-    ]
-    for topic, type_name in topics.items():
-        lines.append(
-            f"    - topic_metadata: {{name: {topic}, type: {type_name}, serialization_format: cdr, "
-            f'offered_qos_profiles: ""}}\n      message_count: {MESSAGES // len(topics)}'
-        )
-    lines += ['  compression_format: ""', '  compression_mode: ""', "  relative_file_paths:"]
-    lines += [f"    - walk_{number}.mcap" for number in range(len(parts))]
-    return "\n".join([*lines, ""])
+    topics = "".join(
+        f"    - topic_metadata: {{name: {topic}, type: {type_name}, serialization_format: cdr, "
+        f'offered_qos_profiles: ""}}\n      message_count: {half}\n'
+        for topic, type_name in {each.topic: each.type_name for each in walk(2)}.items()
+    )
+    return (
+        "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n"
+        f"  duration: {{nanoseconds: 230000000}}\n  starting_time: {{nanoseconds_since_epoch: {BASE_NS}}}\n"
+        f"  message_count: {MESSAGES}\n  topics_with_message_count:\n{topics}"
+        '  compression_format: ""\n  compression_mode: ""\n'
+        "  relative_file_paths:\n    - walk_0.mcap\n    - walk_1.mcap\n"
+    )

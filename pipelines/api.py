@@ -15,8 +15,8 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.store import Store
 from quadlog.recordings.clock import Stamp
+from quadlog.results import STAGES
 from quadlog.results.run import Run, load_run
-from quadlog.results.stages import STAGES
 from quadlog.storage.remote_path import to_path
 
 MAX_SEED = 2**32 - 1

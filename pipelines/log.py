@@ -25,8 +25,8 @@ from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
+from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_file, describe_input_aside
-from quadlog.results.stages import STAGES
 from quadlog.storage.byte_ranges import LocalBytes
 from quadlog.storage.shared_digest import SharedDigest
 

@@ -15,9 +15,9 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, run_key
-from quadlog.results.places import check_place, new_run, settle
+from quadlog.results import STAGES, reused_words, stages_until
 from quadlog.results.record import describe_input, read_metrics, read_record
-from quadlog.results.stages import STAGES, reused_words, stages_until
+from quadlog.results.run import check_place, new_run, settle
 from quadlog.storage.atomic_write import is_full, is_part, new_folder
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
     from quadlog.results.page.run_page import write_run_page
     from quadlog.results.page.runs_page import write_sweep_page
     from quadlog.results.run import Run
-    from quadlog.results.sweep import TABLE
+    from quadlog.results.studies.sweep import TABLE
 
     beside = files_beside_runs(runs)
     for path in (path for path in runs if path not in beside):

@@ -26,7 +26,7 @@ from quadlog.pipelines.simulation.run_folder import (
 )
 from quadlog.pipelines.simulation.trot import CURVES, plan_trot, trot_once
 from quadlog.pipelines.simulation.walk import check_rate, walk_once
-from quadlog.results.places import new_run
+from quadlog.results.run import new_run
 from quadlog.simulation.course_walk import TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.simulation.robot.height_field import HeightField

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import importlib.util
 import os
 import pickle
 import shutil
@@ -20,6 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from quadlog.config import plugins
+from tests.lab.web_server import WebServer, serve
 
 if TYPE_CHECKING:
     from quadlog.simulation.synthetic.recording import SynthesizedRecording
@@ -170,19 +170,12 @@ def lias_site() -> SimpleNamespace:
 
 
 @pytest.fixture
-def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """The files of `web.folder` behind `web.url`, on loopback; see benchmarks/web_server.py."""
+def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[WebServer]:
+    """The files of `web.folder` behind `web.url`, on loopback."""
     monkeypatch.setenv("NO_PROXY", "*")
-    path = Path(__file__).parents[1] / "benchmarks" / "web_server.py"
-    spec = importlib.util.spec_from_file_location("web_server_of_the_tests", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
     folder = tmp_path / "served"
     folder.mkdir()
-    with module.serve(folder) as server:
+    with serve(folder) as server:
         server.folder = folder
         yield server
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from zlib import crc32
 
@@ -16,20 +16,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fuzzing.oracles import command, expect, replaced
-from quadlog.config.schema import Config
 from quadlog.errors import ExitCode, QuadlogError
-from quadlog.results.arrays import (
-    ARRAYS,
-    MapsWriter,
-    load_maps,
-    read_arrays,
-)
+from quadlog.results.arrays import ARRAYS, MapsWriter, load_maps, read_arrays
 from quadlog.results.foxglove import write_derived
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run import Run, load_run
+from quadlog.results.run import load_run
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
+from tests.lab.runs import begin_run
 
 _ROWS = 12
 _START_NS = 1_700_000_000 * 10**9
@@ -37,34 +31,15 @@ _READ = (ExitCode.DONE, ExitCode.FAILED, ExitCode.CHECK_FAILED, ExitCode.WITH_LO
 _HOSTILE = (np.nan, np.inf, -np.inf, 1e300, -1e300, 1e100, 1e13, 1e-300, 0.0, -0.0, 2.0**63, -(2.0**53), 1.0)
 _TEXTS = ("", "<script>alert(1)</script>", "=1+1", "a" * 5000, "\x1b[2J", "\n|`${x}", "\u202e", "ia_star")
 _WHOLES = (0, -1, 1, 2**63 - 1, -(2**63), 2**53 + 1, _START_NS)
+_TABLES = tuple(name for name in TABLES if name != "summary")
 
 
 def write_run(folder: Path) -> None:
     """A finished run with every table of the contract, and every other file that is read again."""
-    config: dict[str, Any] = {"uwb": {"anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]}, "planner": {"name": "ia_star"}}
-    record = RunRecord(
-        quadlog_version="1.0.0",
-        command=["quadlog", "replay", "walk.mcap"],
-        config=Config.model_validate(config),
-        options={"seed": 0, "until": "report"},
-        input=InputRecord(path="walk.mcap", size_bytes=1234, sha256="ab" * 32),
-        seed=0,
-        recorded_s=4.0,
-        topics=[
-            TopicRecord(
-                role="lidar", topic="/points", type="sensor_msgs/msg/PointCloud2", messages=40, why="the only one"
-            )
-        ],
-        losses=[LossRecord(cause="crc", detail="one chunk is damaged", topic="/points", count=5)],
-        stages=[StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0)],
-        host={"name": "host"},
-        packages={"numpy": "2"},
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    run = Run.create(folder, record)
-    for name, schema in TABLES.items():
-        if name != "summary":
-            write_table(folder / f"{name}.parquet", schema, {field.name: _sound(field) for field in schema})
+    anchors = [{"id": 0, "x_m": 0.0, "y_m": 5.0}]
+    run = begin_run(folder, {"uwb": {"anchors": anchors}, "planner": {"name": "ia_star"}})
+    for name in _TABLES:
+        write_table(folder / f"{name}.parquet", TABLES[name], _columns(name))
     t_ns = _START_NS + np.arange(_ROWS) * 10**8
     zero = np.zeros(_ROWS)
     write_tum(folder / "trajectory.tum", t_ns, zero, zero, zero)
@@ -77,8 +52,12 @@ def write_run(folder: Path) -> None:
     ground: dict[str, Any] = {"origin_m": np.zeros(2), "cell_m": 0.2, "height_m": np.zeros((8, 8))}
     run.write("ground", ground | {"count": np.ones((8, 8))})
     run.write("metrics", {name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
-    write_derived(Run(folder, record))
-    run.finish(record)
+    write_derived(run)
+    run.finish(run.record)
+
+
+def _columns(name: str) -> dict[str, Any]:
+    return {field.name: _sound(field) for field in TABLES[name]}
 
 
 def _sound(field: pa.Field) -> Any:
@@ -105,17 +84,19 @@ def _folders(folder: Path) -> tuple[Path, Path, tuple[str, ...]]:
 
 def run_files(folder: Path, data: bytes) -> None:
     """Any bytes as the file of a run that the first one chooses."""
-    sound, case, names = _folders(folder)
+    _, case, names = _folders(folder)
     name = names[(data or b"\0")[0] % len(names)]
     with replaced(case / name, data[1:]):
-        _read_all(case)
-        _use(sound, case, folder, data)
+        for read in _readers(case):
+            try:
+                read()
+            except QuadlogError as error:
+                expect("\n" not in str(error), f"a message of several lines: {error}")
+        _use(folder, data)
 
 
 def run_file_seeds() -> list[bytes]:
     """Every file as it is."""
-    from tempfile import TemporaryDirectory
-
     with TemporaryDirectory() as folder:
         write_run(Path(folder) / "run")
         contents = [path.read_bytes() for path in sorted((Path(folder) / "run").iterdir())]
@@ -127,76 +108,48 @@ RUN_TOKENS = (b"9" * 5000, b"1" + b"0" * 400, *b'null|NaN|Infinity|1e400|-1|[]|{
 
 def run_values(folder: Path, data: bytes) -> None:
     """Hostile values in a table: which one, then column, row and value, three bytes each."""
-    sound, case, _ = _folders(folder)
-    with _hostile_table(case, data):
-        _use(sound, case, folder, data)
-
-
-def pages(folder: Path, data: bytes) -> None:
-    """The same values in the report's plots and page."""
     _, case, _ = _folders(folder)
-    with _hostile_table(case, data):
-        command("report", case, allowed=_READ)
-        page = case / "report.html"
-        expect(
-            not page.exists() or "<script>alert" not in page.read_text(), "a value of a table is a script of the page"
-        )
-
-
-@contextmanager
-def _hostile_table(case: Path, data: bytes) -> Iterator[None]:
-    tables = [name for name in TABLES if name != "summary"]
-    name = tables[(data or b"\0")[0] % len(tables)]
-    columns = {field.name: np.array(_sound(field)) for field in TABLES[name]}
+    name = _TABLES[(data or b"\0")[0] % len(_TABLES)]
+    columns = {key: np.array(values) for key, values in _columns(name).items()}
     for start in range(1, min(len(data), 40) - 2, 3):
         column, row, value = data[start : start + 3]
         key = list(columns)[column % len(columns)]
-        rows = slice(None) if row >= 200 else row % _ROWS
-        columns[key][rows] = _hostile(columns[key].dtype, value)
+        columns[key][slice(None) if row >= 200 else row % _ROWS] = _hostile(columns[key].dtype, value)
     content = io.BytesIO()
-    schema = TABLES[name]
-    arrays = [pa.array(columns[field.name], field.type, from_pandas=False) for field in schema]
-    pq.write_table(pa.table(arrays, schema=pa.schema([field.with_nullable(True) for field in schema])), content)
+    arrays = [pa.array(columns[field.name], field.type, from_pandas=False) for field in TABLES[name]]
+    pq.write_table(pa.table(arrays, schema=pa.schema([field.with_nullable(True) for field in TABLES[name]])), content)
     with replaced(case / f"{name}.parquet", content.getvalue()):
-        yield
+        _use(folder, data)
+        if crc32(data) % 32 == 0:  # a page takes seconds
+            command("report", case, allowed=_READ)
+            page = case / "report.html"
+            is_script = page.exists() and "<script>alert" in page.read_text()
+            expect(not is_script, "a value of a table is a script of the page")
 
 
 def _hostile(dtype: np.dtype, value: int) -> Any:
-    if dtype.kind == "O":
-        return _TEXTS[value % len(_TEXTS)]
-    if dtype.kind == "f":
-        return _HOSTILE[value % len(_HOSTILE)]
-    return _WHOLES[value % len(_WHOLES)] if dtype.kind == "i" else bool(value % 2)
+    kinds: dict[str, Any] = {"O": _TEXTS, "f": _HOSTILE, "i": _WHOLES, "b": (False, True)}
+    return kinds[dtype.kind][value % len(kinds[dtype.kind])]
 
 
 def run_value_seeds() -> list[bytes]:
     """A few values in each table."""
+    return [bytes([i, column, 255, value, 1]) for i in range(len(_TABLES)) for column, value in ((1, 0), (2, 3))]
+
+
+def _readers(run: Path) -> list[Callable[[], Any]]:
+    """Each on its own, so that one file's damage does not hide the others'."""
+    tables = [partial(lambda name: load_run(run).table(name), name) for name in _TABLES]
     return [
-        bytes([table, column, 255, value, 1]) for table in range(len(TABLES) - 1) for column, value in ((1, 0), (2, 3))
-    ]
-
-
-def page_seeds() -> list[bytes]:
-    """One of them: a page takes seconds."""
-    return run_value_seeds()[:1]
-
-
-def _read_all(run: Path) -> None:
-    """Every reader on its own, so that one file's damage does not hide the others'."""
-    readers = [
         lambda: [tuple(each) for each in load_maps(run)],
-        *(partial(read_arrays, run, name) for name in ARRAYS),
+        *(partial(read_arrays, run, of) for of in ARRAYS),
+        *tables,
     ]
-    readers += [partial(lambda name: load_run(run).table(name), name) for name in TABLES if name != "summary"]
-    for reader in readers:
-        try:
-            reader()
-        except QuadlogError as error:
-            expect("\n" not in str(error), f"a message of several lines: {error}")
 
 
-def _use(sound: Path, case: Path, folder: Path, data: bytes) -> None:
+def _use(folder: Path, data: bytes) -> None:
     """One of the things that users do with runs, by the data, and what it prints."""
+    sound, case, _ = _folders(folder)
     commands = _commands(sound, case, folder)
     chosen = commands[crc32(data) // 32 % len(commands)]
     _, out = command(*chosen, allowed=_READ)

@@ -6,36 +6,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fuzzing.targets import models, recordings, runs, texts, web
+from fuzzing.targets import recordings, runs, texts
 
 
 @dataclass(frozen=True)
 class Target:
     """case: what is done with one input, in a folder of its own; seeds: sound inputs; tokens: words of the format.
 
-    examples: how many mutations the tests try; most_cpu_s: what one input may take.
+    most_cpu_s: what one input may take.
     """
 
     case: Callable[[Path, bytes], None]
     seeds: Callable[[], list[bytes]]
     tokens: Sequence[bytes] = ()
-    examples: int = 100
     most_cpu_s: float = 2.0
 
 
 TARGETS = {
     "containers": Target(recordings.containers, recordings.container_seeds),
     "damage": Target(recordings.damage, recordings.damage_seeds),
-    "split": Target(recordings.split, recordings.split_seeds, recordings.SPLIT_TOKENS, 20),
+    "split": Target(recordings.split, recordings.split_seeds, recordings.SPLIT_TOKENS),
     "definitions": Target(recordings.definitions, recordings.definition_seeds, recordings.DEFINITION_TOKENS),
     "payloads": Target(recordings.payloads, recordings.payload_seeds, recordings.PAYLOAD_TOKENS),
-    "web": Target(web.answers, web.answer_seeds, examples=40),
     "urls": Target(texts.urls, texts.url_seeds, texts.URL_TOKENS),
     "toml": Target(texts.toml, texts.toml_seeds, texts.TOML_TOKENS),
-    "maps": Target(texts.maps, texts.map_seeds, texts.MAP_TOKENS, 40),
+    "maps": Target(texts.maps, texts.map_seeds, texts.MAP_TOKENS),
     "lines": Target(texts.lines, texts.line_seeds, texts.LINE_TOKENS),
-    "models": Target(models.models, models.model_seeds, models.MODEL_TOKENS),
-    "run-files": Target(runs.run_files, runs.run_file_seeds, runs.RUN_TOKENS, 20),
-    "run-values": Target(runs.run_values, runs.run_value_seeds, examples=40),
-    "pages": Target(runs.pages, runs.page_seeds, examples=2, most_cpu_s=20.0),
+    "run-files": Target(runs.run_files, runs.run_file_seeds, runs.RUN_TOKENS),
+    "run-values": Target(runs.run_values, runs.run_value_seeds, most_cpu_s=20.0),
 }

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 from zlib import crc32
+
+from PIL import Image
 
 from fuzzing.oracles import command, expect
 from quadlog.config.file import commented_toml, load_config, read_bounds
@@ -76,10 +79,6 @@ _ANY = (ExitCode.DONE, ExitCode.FAILED, ExitCode.USAGE, ExitCode.WITH_LOSS)
 
 def map_seeds() -> list[bytes]:
     """The pair, and pictures of the other kinds."""
-    import io
-
-    from PIL import Image
-
     pictures = [PICTURE, b"P2\n2 2\n255\n0 255 100 3\n"]
     for kind, mode in (("PNG", "L"), ("PNG", "RGBA"), ("PNG", "P"), ("BMP", "RGB")):
         out = io.BytesIO()

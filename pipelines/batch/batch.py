@@ -34,9 +34,9 @@ from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, pe
 from quadlog.pipelines.replay import finished_outcome, planned_keys
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Store
-from quadlog.results.places import STORE
+from quadlog.results import reused_words
 from quadlog.results.record import is_finished
-from quadlog.results.stages import reused_words
+from quadlog.results.run import STORE
 from quadlog.storage.atomic_write import is_full, remove_stale_parts
 
 SHOWN_FAILURES = 20

@@ -12,9 +12,9 @@ from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Kept, Progress
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.find_runs import FAILED, fetch, run_name
-from quadlog.results.page.runs_page import MOST_THUMBNAILS, write_folder_page
-from quadlog.results.places import check_place
+from quadlog.results.page.runs_page import MOST_DRAWN, write_folder_page
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
+from quadlog.results.run import check_place
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath
@@ -115,7 +115,7 @@ def _fetched(folder: RemotePath, scratch: Path) -> Path:
     files = {name: folder / name for name in (_TABLE,) if (folder / name).is_file()}
     for number, name in enumerate(sorted(_names(cast(Path, folder)))):
         there = {path.name: path for path in (folder / name).iterdir()}
-        wanted = (*_READ, *(_DRAWN if number < MOST_THUMBNAILS else ()))
+        wanted = (*_READ, *(_DRAWN if number < MOST_DRAWN else ()))
         files |= {f"{name}/{each}": there[each] for each in wanted if each in there}
         if _PAGE in there:
             (here / name).mkdir(exist_ok=True)

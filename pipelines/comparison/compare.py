@@ -21,7 +21,7 @@ from quadlog.pipelines.comparison.sources import open_sources
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
 from quadlog.results.page.planners import MOST_DRAWN, ComparedSource, earlier_files, write_comparison
-from quadlog.results.planners import QuestionSample
+from quadlog.results.studies.planners import QuestionSample
 from quadlog.storage.atomic_write import new_folder
 
 

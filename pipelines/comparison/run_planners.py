@@ -17,7 +17,7 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.planners import REPLANS, QuestionSample
+from quadlog.results.studies.planners import REPLANS, QuestionSample
 
 Columns = dict[str, NDArray[Any]]
 FEWEST_REPEATS = 3

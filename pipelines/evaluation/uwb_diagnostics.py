@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.positions.tag_errors import (
     roles_of,
 )
 from quadlog.pipelines.stages.positions.uwb import anchors_of, located_warnings, odometry_motion, settings_of, tags_of
-from quadlog.positioning.fix.dilution import CHI2_95, ellipse_95
+from quadlog.positioning.dilution import CHI2_95, ellipse_95
 from quadlog.positioning.links import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Located, TagResult, locate
 from quadlog.recordings.recording import Recording

@@ -255,7 +255,8 @@ class _Mapper:
         if skipped := self._memory.skipped:
             journal.warn(f"{skipped} maps hold one scan alone: the run covers more than memory may grow to")
         if lost := journal.counts.get("scans_without_pose", 0):
-            journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them")
+            none = "" if self._whole.to_cells() is not None else "; if their clock differs, try  --stamp log"
+            journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them{none}")
 
 
 def make_memory(config: Config) -> Memory:

@@ -27,12 +27,12 @@ from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import Doing, run_key
 from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
+from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.stages import STAGES, stages_until
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
 

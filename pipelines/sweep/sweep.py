@@ -17,7 +17,7 @@ from quadlog.pipelines.store import Store
 from quadlog.pipelines.sweep.grid import Combination
 from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.record import input_bytes, own_files
-from quadlog.results.sweep import PAGE, TABLE, SweepRow, write_sweep_table
+from quadlog.results.studies.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
 _FLAGS = "--force to replace it or --resume to continue"

@@ -12,7 +12,7 @@ import pandas as pd
 from quadlog.messages import Float
 from quadlog.pipelines.tables.judge import GEOMETRIC_MEAN, MEAN, NEGLIGIBLE, SHARE, Judge, Statistic, beyond
 from quadlog.pipelines.tables.study import Study, select
-from quadlog.results.papers.table import PaperRow, PaperTable, RowGroup, Verdict
+from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict
 
 Where = Mapping[str, Any]
 

@@ -11,7 +11,7 @@ from quadlog.messages import Float
 from quadlog.pipelines.tables.claims import Claim, Group, Table
 from quadlog.pipelines.tables.judge import EXACT, SIZE, Judge, not_comparable, number, rests
 from quadlog.pipelines.tables.study import Figures, Point, Study, grid
-from quadlog.positioning.fix.trilateration import solve_fixes
+from quadlog.positioning.fixes import solve_fixes
 from quadlog.positioning.two_way_ranging import averaged_range_m, general_range_m, measured_times
 
 RANGE_STD_M = 0.1

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from quadlog.messages import Float
-from quadlog.results.papers.table import Verdict
+from quadlog.results.studies.papers import Verdict
 
 Interval = tuple[float, float]
 WITHIN = 0.2

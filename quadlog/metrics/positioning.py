@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.summary import Samples, finite_samples
-from quadlog.positioning.fix.dilution import CHI2_95
+from quadlog.positioning.dilution import CHI2_95
 
 
 @dataclass(frozen=True, slots=True)

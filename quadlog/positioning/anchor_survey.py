@@ -13,7 +13,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.factors import Border, TagRanges
-from quadlog.positioning.fix.trilateration import solve_gauss_newton
+from quadlog.positioning.fixes import solve_fixes
 from quadlog.positioning.links import COMMON_STD_M
 from quadlog.positioning.solve import refine
 from quadlog.positioning.tracking import Body, Starts, Tracked, TrackSettings, track_tag
@@ -78,7 +78,7 @@ def layout_misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: floa
 
 def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
     range_m = log.epochs.range_m[thin_rows(np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES, MAX_EPOCHS)]
-    fixes = solve_gauss_newton(anchors_m, range_m, log.height_m, range_std_m, np.inf)
+    fixes = solve_fixes("gauss_newton", anchors_m, range_m, log.height_m, range_std_m, np.inf)
     bias_m = _medians(fixes.residual_m).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
     off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
     cost = np.log1p((off_std / COST_STD) ** 2)
@@ -160,7 +160,7 @@ def track_for_check(
     if len(rows) < MIN_EPOCHS:
         return None
     t_ns, range_m = log.epochs.t_ns[rows], log.epochs.range_m[rows]
-    fixes = solve_gauss_newton(anchors_m, range_m, log.height_m, range_std_m, np.inf)
+    fixes = solve_fixes("gauss_newton", anchors_m, range_m, log.height_m, range_std_m, np.inf)
     at, anchor = np.nonzero(np.isfinite(range_m))
     t_s = seconds_since(t_ns, int(t_ns[0]))
     if not fixes.solved.any():

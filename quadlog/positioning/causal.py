@@ -104,7 +104,7 @@ class Known:
         excess = 1 + STAMP_STD_S**2 * (rate[:, :2] ** 2).sum(axis=1) / np.trace(covariance[:, :2, :2], axis1=1, axis2=2)
         size = pose.shape[1]
         covariance[:, :size, :size] += STAMP_STD_S**2 * rate[:, :, None] * rate[:, None, :]
-        return track_of(self.body, t_ns, pose, rate, covariance, excess, tag)
+        return track_of(self.body, t_ns, (pose, rate, covariance), excess, tag)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """For each of the body's ranges (R,): residual by the pose that was known with it, weight, and its squared
@@ -113,9 +113,9 @@ class Known:
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
         std_m, found = problem.range_std_m, []
         for before in (False, True):
-            pose, rate, covariance = self.poses(slots.t_s, before=before)
+            pose, _, covariance = self.poses(slots.t_s, before=before)
             values = self.values[self.steps(slots.t_s, before=before)]
-            predicted_m, slope, _, _ = problem.model.predict(slots, pose, rate, np.zeros(values.shape[1]))
+            predicted_m, slope, _, _ = problem.model.predict(slots, pose, np.zeros(values.shape[1]))
             residual_m = slots.range_m - predicted_m - values[np.arange(len(values)), slots.link]
             variance_m2 = std_m**2 + np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope)
             found.append((residual_m, variance_m2))

@@ -138,14 +138,12 @@ class TagRanges:
 class Border:
     """Where the global unknowns are: first the bias of each link, then what is named here, to `width` in all.
 
-    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays. delay: of
-    the ranges' stamps.
+    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays.
     """
 
     n_links: int
     width: int
     anchors: Int | None = None
-    delay: int | None = None
 
     def displaced(self, anchors_m: Float, values: Float) -> Float:
         """Anchors (A, 3) where the values (M,) of the globals have them."""
@@ -165,18 +163,15 @@ class RangeModel:
     border: Border
     anchors_m: Float
 
-    def predict(self, slots: Slots, pose: Float, rate: Float, values: Float) -> tuple[Float, Float, Int, Float]:
+    def predict(self, slots: Slots, pose: Float, values: Float) -> tuple[Float, Float, Int, Float]:
         """Predictions (N,), slopes by the pose (N, D), and by globals: columns (G, N), slopes (G, N).
 
-        pose, rate (N, D) at the slots' instants; values (M,) of the globals.
+        pose (N, D) at the slots' instants; values (M,) of the globals.
         """
         axes, border = self.axes, self.border
         place_m, swing_m = axes.places(pose, slots.lever_m)
         anchors_m = border.displaced(self.anchors_m, values)
         apart_m = np.column_stack([place_m, slots.height_m]) - anchors_m[slots.anchor]
-        if border.delay is not None:
-            velocity_mps = rate[:, :2] + (swing_m * rate[:, axes.yaw, None] if axes.yaw is not None else 0.0)
-            apart_m[:, :2] += values[border.delay] * velocity_mps
         if axes.z is not None:
             apart_m[:, 2] += pose[:, axes.z]
         distance_m = np.sqrt(np.einsum("ni,ni->n", apart_m, apart_m))
@@ -192,9 +187,6 @@ class RangeModel:
             first = border.anchors[slots.anchor]
             columns += [np.where(first >= 0, first + axis, 0) for axis in range(3)]
             slopes += [np.where(first >= 0, -unit[:, axis], 0.0) for axis in range(3)]
-        if border.delay is not None:
-            columns.append(np.full(len(distance_m), border.delay))
-            slopes.append(np.einsum("ni,ni->n", unit[:, :2], velocity_mps))
         return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
 
 
@@ -202,16 +194,6 @@ def rows_of_pose(sampling: Sampling, by_pose: Float, column: Int, slope: Float) 
     """Rows of measurements of the pose at sampled instants, by their slopes (N, D); residuals are still zero."""
     local = (sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
     return Rows(sampling.interval, local, np.zeros(len(by_pose)), column, slope)
-
-
-@dataclass(frozen=True, slots=True)
-class YawSensor:
-    """Yaw at t_s (M,) in a frame of its own, not wrapped; std of its constant drift; its random walk (rad/sqrt s)."""
-
-    t_s: Float
-    yaw_rad: Float
-    drift_std_radps: float
-    walk_std: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,32 +220,24 @@ def covered(timeline: Timeline, t_s: Float) -> Int:
 
 
 class Turns:
-    """A sensor's turns between knots: scale turn = psi_1 - psi_0 + drift dt, a random walk apart.
-
-    column: of the drift; scale: of a factor on the turns, None where that is 1. variance (K - 1,): of the walk.
+    """Turns between knots of a yaw in a frame of its own: psi_1 - psi_0 + drift dt. variance (K - 1,): of a turn;
+    column: of the drift.
     """
 
-    def __init__(
-        self, timeline: Timeline, sensor: YawSensor, axes: Axes, column: int, scale: int | None = None
-    ) -> None:
+    def __init__(self, timeline: Timeline, way: Way, axes: Axes, column: int, variance: Float) -> None:
         assert axes.yaw is not None
-        self.interval, self.yaw, self.size = covered(timeline, sensor.t_s), axes.yaw, len(axes)
-        self.drift, self.scale = column, scale
+        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
+        self.column, self.weight = column, 1 / variance[self.interval]
         self.dt_s = np.diff(timeline.t_s)[self.interval]
-        self.turn_rad = np.diff(np.interp(timeline.t_s, sensor.t_s, sensor.yaw_rad))[self.interval]
-        self.weight = 1 / np.maximum(sensor.walk_std**2 * self.dt_s, 1e-12)
+        self.turn_rad = np.diff(way.at(timeline.t_s)[1])[self.interval]
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
         """Rows, and one over their variances."""
         yaw_rad, n = knots[:, 0, self.yaw], len(self.interval)
-        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.drift] * self.dt_s
+        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.column] * self.dt_s
         local = np.zeros((4 * self.size, n))
         local[self.yaw], local[2 * self.size + self.yaw] = -1.0, 1.0
-        column, slope = np.full((1, n), self.drift), self.dt_s[None]
-        if self.scale is not None:
-            residual = residual + (values[self.scale] - 1) * self.turn_rad
-            column, slope = np.vstack([column, np.full((1, n), self.scale)]), np.vstack([slope, -self.turn_rad])
-        return Rows(self.interval, local, residual, column, slope), self.weight
+        return Rows(self.interval, local, residual, np.full((1, n), self.column), self.dt_s[None]), self.weight
 
 
 class Steps:

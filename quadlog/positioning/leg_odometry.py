@@ -8,8 +8,9 @@ radius of 2 cm it would cost 5 % of the way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,34 +108,28 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
     carries, sources = _carrying(joints, geometry, rpy_rad)
     n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
     step_s = np.diff(t_s)
-    steps = _Steps.empty(max(n - 1, 0))
-    window = max(round(SMOOTHED_S / float(np.median(step_s))), 1) if n > 1 else 1
-    beyond = ROUNDS * window
+    still = np.zeros((n, 3))
+    track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
+    if n < 2:
+        return track
+    beyond = ROUNDS * max(round(SMOOTHED_S / float(np.median(step_s))), 1)
+    parts = []
     for first in range(0, n - 1, MOST_ROWS):
         last = min(first + MOST_ROWS, n - 1)
         low, high = max(first - beyond, 0), min(last + beyond, n - 1)
         rows = slice(low, high + 1)
         part = _steps(joints.position_rad[rows], geometry, rpy_rad[rows], carries[rows], step_s[low:high], attitude)
-        steps.put(first, last, part, first - low)
-    return _summed(joints.t_ns, step_s, steps, rpy_rad, carries, attitude, sources)
+        parts.append([each[first - low : last - low] for each in part])
+    return _summed(track, step_s, _Steps(*(np.concatenate(each) for each in zip(*parts, strict=True))))
 
 
-@dataclass(frozen=True, slots=True)
-class _Steps:
+class _Steps(NamedTuple):
     """Between two instants each, in the heading of the first: move_m (M, 3), turn_rad (M,); weight, still (M, 4)."""
 
     move_m: Float
     turn_rad: Float
     weight: Float
     still: Float
-
-    @classmethod
-    def empty(cls, m: int) -> _Steps:
-        return cls(np.empty((m, 3)), np.empty(m), np.empty((m, 4)), np.empty((m, 4)))
-
-    def put(self, first: int, last: int, part: _Steps, skipped: int) -> None:
-        for name in self.__slots__:
-            getattr(self, name)[first:last] = getattr(part, name)[skipped : skipped + last - first]
 
 
 def feet_in_body(position_rad: Float, geometry: LegGeometry) -> Float:
@@ -330,39 +325,26 @@ def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
     return turn
 
 
-def _summed(
-    t_ns: Int,
-    step_s: Float,
-    steps: _Steps,
-    rpy_rad: Float,
-    carries: Float,
-    attitude: AttitudeSource,
-    sources: tuple[ContactSource, ...],
-) -> LegTrack:
-    """The track that the steps add up to; while no foot stands the body goes on as before, for HOLD_S at most."""
-    if len(step_s) == 0:
-        still = np.zeros((len(t_ns), 3))
-        return LegTrack(t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
+def _summed(track: LegTrack, step_s: Float, steps: _Steps) -> LegTrack:
+    """A track with the steps added up; while no foot stands the body goes on as before, for HOLD_S at most."""
     stands = steps.weight.sum(axis=1) >= FEWEST_CONTACT
     velocity_mps = steps.move_m / step_s[:, None]
     last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
     unheld_s = _since(last, step_s)
     velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
     move_m = np.where(stands[:, None], steps.move_m, velocity_mps * step_s[:, None])
-    yaw_rad = rpy_rad[:, 2]
-    if attitude is AttitudeSource.FEET:
+    carries, yaw_rad = track.contact, track.rpy_rad[:, 2]
+    if track.attitude is AttitudeSource.FEET:
         yaw_rad = np.concatenate([[0.0], np.cumsum(np.where(stands, steps.turn_rad, 0.0))])
     position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)])
     firm = np.minimum(carries[1:], carries[:-1]) > 0.5
     slipping = float(((steps.still < 0.5) & firm).sum() / max(int(firm.sum()), 1))
-    return LegTrack(
-        t_ns=t_ns,
+    return replace(
+        track,
         position_m=position_m,
-        rpy_rad=np.column_stack([rpy_rad[:, :2], yaw_rad]),
+        rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
         contact=np.concatenate([steps.weight, steps.weight[-1:]]),
-        attitude=attitude,
-        contact_sources=sources,
         unheld_s=float(_since(last, np.where(step_s <= MAX_GAP_S, step_s, 0.0)).max()),
         gap_s=float(step_s.max()),
         slipping_share=slipping,
@@ -374,3 +356,37 @@ def _since(last: Int, step_s: Float) -> Float:
     ends_s = np.cumsum(step_s)
     since_s: Float = ends_s - np.where(last >= 0, ends_s[last], 0.0)
     return since_s
+
+
+OTHER_ORDERS = ((1, 0, 3, 2), (2, 3, 0, 1))
+"""Left and right swapped, front and rear swapped. A trot lifts diagonal feet together, so these two look alike to it,
+and diagonal feet that are swapped look right: only the first is proposed where both fit."""
+MOST_COMPARED, FEWEST_COMPARED = 20_000, 100
+CONTRADICTED = -0.2
+"""Mean correlation of force with depth, over the legs, that contradicts an order; its opposite confirms one."""
+
+
+def better_foot_order(position_rad: Float, foot_force_n: Float) -> tuple[int, ...] | None:
+    """The order in which the forces' columns would fit the legs, where they contradict them as they are; else None.
+
+    position_rad: (N, 12) and foot_force_n: (N, 4) as in JointSeries. None for a robot that stands, or without forces.
+    """
+    step = max(len(position_rad) // MOST_COMPARED, 1)
+    depth, force_n = _depth(position_rad[::step]), foot_force_n[::step].astype(np.float64)
+    known = np.isfinite(depth).all(axis=1) & np.isfinite(force_n).all(axis=1)
+    depth, force_n = depth[known], force_n[known]
+    if len(depth) < FEWEST_COMPARED or not (depth.std(axis=0).all() and force_n.std(axis=0).all()):
+        return None
+    fit = np.corrcoef(depth.T, force_n.T)[:4, 4:]
+    if np.diagonal(fit).mean() > CONTRADICTED:
+        return None
+    found = [float(np.mean([fit[leg, foot] for leg, foot in enumerate(order)])) for order in OTHER_ORDERS]
+    best = int(np.argmax(np.round(found, 2)))
+    return OTHER_ORDERS[best] if found[best] > -CONTRADICTED else None
+
+
+def _depth(position_rad: Float) -> Float:
+    """(N, 4) how far each foot is below its hip, in lengths of a thigh that is as long as the calf."""
+    hip, thigh, calf = _angles(position_rad)
+    depth: Float = np.cos(hip) * (np.cos(thigh) + np.cos(thigh + calf))
+    return depth

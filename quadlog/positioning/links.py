@@ -1,4 +1,6 @@
-"""What the ranges between one tag and each anchor are worth: residuals, bias, and how often the way was blocked."""
+"""What the ranges between one tag and each anchor are worth: bias, residuals, how often the way was blocked, and what
+the track would be without them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.positioning.solve import Estimate, posterior_of_globals
 
 NLOS_STD = 3.0
 """A range longer than predicted by so many std was late: its straight way was blocked."""
@@ -138,3 +141,50 @@ def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, a
         if len(mine_db):
             share[index] = np.mean(mine_db > WEAK_FIRST_PATH_DB)
     return share
+
+
+RARE_SHARE = 0.05
+"""Anchors with fewer ranges than this share of the busiest one's are not left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Deleted:
+    """Without each of G anchors: knots (G, K, 2, D) and globals (G, M), one Newton step from the estimate."""
+
+    anchors: np.ndarray
+    knots: Float
+    values: Float
+
+    def variances(self) -> Float:
+        """(K, D) of the knots' coordinates: jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates.
+
+        Each of m anchors has a share of 2/m in a place.
+        """
+        off, m = self.knots[:, :, 0] - self.knots[:, :, 0].mean(axis=0), len(self.knots)
+        found: Float = (m - 2) / m * (off**2).sum(axis=0)
+        return found
+
+
+def delete_anchors(estimate: Estimate) -> Deleted | None:
+    """Every busy anchor left out in turn; None where fewer than three are busy."""
+    problem, weights = estimate.problem, estimate.weights
+    n = np.bincount(problem.slots.anchor[problem.slots.slot])
+    busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))
+    if len(busy) < 3:
+        return None
+    variance_m2 = weights.lasts * problem.range_std_m**2
+    parts = [
+        (arrow, *estimate.linear.weighted(problem.slots, each))
+        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
+    ]
+    knots, values = [], []
+    for anchor in busy:
+        mine, without = problem.slots.anchor == anchor, []
+        for arrow, rows, total in parts:
+            left = arrow.copy()
+            left.add(rows.rows(mine), -total[mine] / variance_m2)
+            without.append(left)
+        step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
+        knots.append(estimate.knots + without[1].factorise().step_of_knots(step))
+        values.append(estimate.values + step)
+    return Deleted(busy, np.array(knots), np.array(values))

@@ -8,15 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from quadlog.errors import AnchorsCollinear
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.causal import Known, follow
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.factors import TagRanges
-from quadlog.positioning.fix.ambiguity import heights_are_told, solve_on_side, start_on_side
-from quadlog.positioning.fix.least_squares import Fixes, require_spread
-from quadlog.positioning.fix.trilateration import solve_fixes
+from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.heading.odometry_velocity import (
     BodyMotion,
     MeasuredMotion,
@@ -38,7 +35,7 @@ from quadlog.positioning.tracking import (
 )
 
 HEIGHT_STD_M = 0.5
-"""How far the given height of a tag whose height is tracked may be off: what a person lifts or lowers it by."""
+"""Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +64,8 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate each link's constant bias and subtract it where that makes positions agree better.
-    smooth: tracks smoothed over the whole log. False makes every pose of the track causal given the biases; biases and
-    the scale of the covariances still come from the whole log.
+    calibrate: estimate a constant bias of each link and subtract it; without, one that all links share.
+    smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 
     range_std_m: float = 0.1
@@ -136,21 +132,11 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     Raises MissingInput for fewer than three anchors, AnchorsCollinear where all lie on one line and no side of it was
     asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
-    on_line = _are_on_line(anchors, settings)
+    refuse = settings.mirror == "refuse"
+    on_line = are_on_line(anchors.ids, anchors.position_m, settings.range_std_m, refuse=refuse)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
     return Located(tuple(_Tag(usable, anchors, tag, settings, on_line).located() for tag in tags), counts, on_line)
-
-
-def _are_on_line(anchors: Anchors, settings: LocateSettings) -> bool:
-    """Whether all anchors lie on a line, which leaves two mirrored places, and one of them was asked for."""
-    try:
-        require_spread(anchors.ids, anchors.position_m, settings.range_std_m)
-    except AnchorsCollinear:
-        if settings.mirror == "refuse":
-            raise
-        return True
-    return False
 
 
 def columns_of(ids: Int, wanted: Int) -> Int:
@@ -183,12 +169,12 @@ class _Tag:
                 method, self.anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m
             )
         assert settings.mirror != "refuse"
-        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
-        start_m = start_on_side(*seen, settings.mirror)
+        start: Side | Float = settings.mirror
         if near is not None:
             zero = np.zeros(len(near))
-            start_m, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
-        return solve_on_side(*seen, settings.outlier_m, start_m)
+            start, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
+        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
+        return solve_on_side(*seen, settings.outlier_m, start)
 
     def _solves_height(self) -> bool:
         """Whether the height is solved for: where asked, or where the ranges of the whole log show it."""

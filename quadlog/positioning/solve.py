@@ -277,7 +277,7 @@ class Estimate:
 def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     """The ranges at a state; each at its own time, to first order about its slot's."""
     slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
-    predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, rate, values)
+    predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, values)
     speed_mps = np.einsum("nd,nd->n", by_pose, rate)
     residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * slots.late_s
     return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)
@@ -390,50 +390,3 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
     for_globals, for_knots = assemble(problem, linear, weights, knots, values)
     _, covariance, shares = posterior_of_globals(problem, for_globals, values)
     return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorise())
-
-
-RARE_SHARE = 0.05
-"""Anchors with fewer ranges than this share of the busiest one's are not left out."""
-
-
-@dataclass(frozen=True, slots=True)
-class Deleted:
-    """Without each of G anchors: knots (G, K, 2, D) and globals (G, M), one Newton step from the estimate."""
-
-    anchors: np.ndarray
-    knots: Float
-    values: Float
-
-    def variances(self) -> Float:
-        """(K, D) of the knots' coordinates: jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates.
-
-        Each of m anchors has a share of 2/m in a place.
-        """
-        off, m = self.knots[:, :, 0] - self.knots[:, :, 0].mean(axis=0), len(self.knots)
-        found: Float = (m - 2) / m * (off**2).sum(axis=0)
-        return found
-
-
-def delete_anchors(estimate: Estimate) -> Deleted | None:
-    """Every busy anchor left out in turn; None where fewer than three are busy."""
-    problem, weights = estimate.problem, estimate.weights
-    n = np.bincount(problem.slots.anchor[problem.slots.slot])
-    busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))
-    if len(busy) < 3:
-        return None
-    variance_m2 = weights.lasts * problem.range_std_m**2
-    parts = [
-        (arrow, *estimate.linear.weighted(problem.slots, each))
-        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
-    ]
-    knots, values = [], []
-    for anchor in busy:
-        mine, without = problem.slots.anchor == anchor, []
-        for arrow, rows, total in parts:
-            left = arrow.copy()
-            left.add(rows.rows(mine), -total[mine] / variance_m2)
-            without.append(left)
-        step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
-        knots.append(estimate.knots + without[1].factorise().step_of_knots(step))
-        values.append(estimate.values + step)
-    return Deleted(busy, np.array(knots), np.array(values))

@@ -19,11 +19,10 @@ from quadlog.positioning.factors import (
     TagRanges,
     Turns,
     Way,
-    YawSensor,
 )
-from quadlog.positioning.links import bias_priors
+from quadlog.positioning.links import Deleted, bias_priors, delete_anchors
 from quadlog.positioning.motion import Track, lifting, turning, walking
-from quadlog.positioning.solve import Deleted, Estimate, Factor, Past, Problem, delete_anchors, solve
+from quadlog.positioning.solve import Estimate, Factor, Past, Problem, solve
 from quadlog.positioning.spline import Timeline, make_timeline
 
 KNOT_S = 0.2
@@ -96,9 +95,9 @@ class OdometrySteps:
 
     def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
         """Turns and steps between knots, the drift being in a column and the scale in the next."""
-        turns = YawSensor(self.way.t_s, self.way.yaw_rad, DRIFT_STD_RADPS, WALK_STD)
+        turns = Turns(timeline, self.way, axes, column, WALK_STD**2 * np.diff(timeline.t_s))
         variance_m2 = step_variances(timeline, self.way.t_s, self.std_mps)
-        return Turns(timeline, turns, axes, column), Steps(timeline, self.way, axes, column + 1, variance_m2)
+        return turns, Steps(timeline, self.way, axes, column + 1, variance_m2)
 
 
 def step_variances(timeline: Timeline, t_s: Float, std_mps: Float) -> Float:
@@ -193,7 +192,7 @@ class Tracked:
 
     def track(self, t_s: Float, t_ns: Int, tag: int | None) -> Track:
         """Of a tag, or of the body's origin, at t_ns (N,), which are t_s."""
-        return track_of(self.body, t_ns, *self.poses(t_s), np.array([self.excess]), tag)
+        return track_of(self.body, t_ns, self.poses(t_s), np.array([self.excess]), tag)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """For each of the body's ranges (R,): residual, weight, and its square over the variance that it should have.
@@ -202,8 +201,8 @@ class Tracked:
         """
         problem, weights = self.last.problem, self.last.weights
         slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
-        pose, rate, covariance = self.poses(slots.t_s)
-        _, slope, _, _ = problem.model.predict(slots, pose, rate, self.last.values)
+        pose, _, covariance = self.poses(slots.t_s)
+        _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
         known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.excess
         variance_m2 = problem.range_std_m**2
         fitted = float((weights.knots * known[slots.slot]).mean()) / (weights.lasts * variance_m2)
@@ -226,10 +225,12 @@ class Tracked:
         return self.last.values[:n], np.sqrt(variance_m2)
 
 
-def track_of(
-    body: Body, t_ns: Int, pose: Float, rate: Float, covariance: Float, excess: Float, tag: int | None
-) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags, from poses and rates (N, D) and (N, 2D, 2D)."""
+def track_of(body: Body, t_ns: Int, poses: tuple[Float, Float, Float], excess: Float, tag: int | None) -> Track:
+    """Of a tag, or of the body's origin at the mean height of its tags.
+
+    poses: coordinates and rates (N, D), and their covariances (N, 2D, 2D); excess: see Track.
+    """
+    pose, rate, covariance = poses
     axes, size, n = body.axes, len(body.axes), len(t_ns)
     lever_m = np.zeros(2) if tag is None else body.ranges.lever_m[tag]
     height_m = body.ranges.height_m.mean() if tag is None else body.ranges.height_m[tag]

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadlog.errors import clipped, printable, some_of
+from quadlog.results import STAGE_FILES
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
-from quadlog.results.stages import STAGE_FILES
 from quadlog.results.tables import read_table
 from quadlog.results.text import print_table, terminal_width
 from quadlog.results.view import Moment
@@ -28,8 +28,6 @@ MADE = "made"
 """The stage of how the runs were made, which is no difference of results."""
 TIMINGS = frozenset({"ms", "us", "realtime_factor"})
 """Not compared: they differ from machine to machine."""
-COMPARED = frozenset({"run.json", *(name for files in STAGE_FILES.values() for name in files)})
-"""The files that are read of each run."""
 
 
 def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> DataFrame:
@@ -99,21 +97,24 @@ def _text(value: Any, digits: int = 9) -> str:
     return "none" if value is None else f"{value:.{digits}g}" if isinstance(value, float) else clipped(value, 60)
 
 
-_OF_THE_RECORDING = ("topics", "uwb.anchors", "uwb.tags", "uwb.range_topics", "lidar.mount")
-"""Facts about a recording and its robot, which may differ between recordings replayed alike."""
-_OF_THE_SAMPLE = ("seed", "start_s", "duration_s", "until", "msg_path")
-"""Options that choose what is read and drawn, not how."""
+_OF_THE_SAMPLE = ("topics", "uwb.anchors", "uwb.tags", "uwb.range_topics", "lidar.mount",
+                  "seed", "start_s", "duration_s", "until", "msg_path")  # fmt: skip
+"""Facts about a recording and its robot, and what chooses the part that is read: runs made alike may differ in them."""
 
 
 def differing_settings(records: Sequence[RunRecord]) -> list[str]:
     """A line `key: value, value` for each setting in which the runs differ: only runs made alike are averaged."""
-    runs = []
-    for record in records:
-        config = _flat(record.config.model_dump(mode="json"))
-        options = {key: value for key, value in _flat(record.options).items() if key not in _OF_THE_SAMPLE}
-        runs.append({key: value for key, value in config.items() if not key.startswith(_OF_THE_RECORDING)} | options)
-    values = {key: list(dict.fromkeys(str(run.get(key, "not set")) for run in runs)) for run in runs for key in run}
-    return [printable(f"{key}: {some_of(of)}") for key, of in values.items() if len(of) > 1]
+    lines = unlike_settings(records).items()
+    return [
+        printable(f"{key}: {some_of([*dict.fromkeys(of)])}") for key, of in lines if not key.startswith(_OF_THE_SAMPLE)
+    ]
+
+
+def unlike_settings(records: Sequence[RunRecord], missing: str = "not set") -> dict[str, list[str]]:
+    """The keys of configuration and options in which runs differ, each with the value of each run."""
+    runs = [_flat(of.config.model_dump(mode="json")) | _flat(of.options) | {"seed": of.seed} for of in records]
+    values = {key: [str(run.get(key, missing)) for run in runs] for of in runs for key in of}
+    return {key: of for key, of in values.items() if len(set(of)) > 1}
 
 
 def _origins(run: Run) -> dict[str, Any]:
@@ -147,7 +148,7 @@ def _row(*values: Any) -> dict[str, Any]:
 
 
 def _result(name: str, a: Run, b: Run, absolute: float, relative: float) -> Iterator[dict[str, Any]]:
-    saved = ["saved" if (run.path / name).is_file() else "missing" for run in (a, b)]
+    saved = ["saved" if run.has(name) else "missing" for run in (a, b)]
     if saved == ["saved", "saved"]:
         yield from merge_frames(name.partition(".")[0], _frame(a, name), _frame(b, name), absolute, relative)
     elif "saved" in saved:

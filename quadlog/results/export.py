@@ -20,28 +20,27 @@ Files = Mapping[Path, Callable[[Path], object]]
 
 
 class Exporter(NamedTuple):
-    """files(run, output): what is to be written. suffix: end of the output's name where none is given.
-
-    reads: end of the names of the files of a run that it reads, beside run.json.
-    """
+    """files(run, output): what is to be written. suffix: end of the output's name where none is given."""
 
     files: Callable[..., Files]
     suffix: str
-    reads: tuple[str, ...]
 
 
-def export_run(run: Path, to: str, output: Path, force: bool = False, **options: Any) -> list[Path]:
-    """Write the run folder `run` in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
+def export_run(run: Path, to: str, output: Path | None = None, force: bool = False, **options: Any) -> list[Path]:
+    """Write a run folder in the format `to`; returns the files: `output` (tum, mcap, gif, mp4) or those in it.
 
-    Raises UnknownName for an unknown format, NotARun when the run is unfinished or lacks the result, AlreadyExists
-    unless `force`, UsageError for an output that is a file of a run, MissingProgram, CannotWrite.
+    Without an output it is named after the run, in the current folder. Raises UnknownName for an unknown format,
+    NotARun when the run is unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that
+    is a file of a run, MissingProgram, CannotWrite.
     """
     from quadlog.results.find_runs import refuse_existing
-    from quadlog.results.run import Run
+    from quadlog.results.run import load_run
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    files = EXPORTERS[to].files(Run(run), output, **options)
+    loaded = load_run(run)
+    output = output or Path(f"{loaded.path.resolve().name}-{EXPORTERS[to].suffix}")
+    files = EXPORTERS[to].files(loaded, output, **options)
     for path in files:
         refuse_existing(path, force)
     for path, write in files.items():
@@ -56,7 +55,7 @@ def export_run(run: Path, to: str, output: Path, force: bool = False, **options:
 def _saved(run: Run, output: Path, names: Mapping[str, str]) -> Files:
     """Files as the run saved them, names: each with its path below the output."""
     for name in names:
-        if not (run.path / name).is_file():
+        if not run.has(name):
             raise NotARun(run.path, f"has no {name}")
     return {output / to: partial(_copy, run.path / name) for name, to in names.items()}
 
@@ -84,9 +83,9 @@ def _write_csv(run: Run, name: str, path: Path) -> None:
 
 def _tables(run: Run) -> list[str]:
     """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.tables import TABLES, has_table
+    from quadlog.results.tables import TABLES
 
-    if names := [name for name in TABLES if has_table(run.path, name)]:
+    if names := [name for name in TABLES if run.has(f"{name}.parquet")]:
         return names
     raise NotARun(run.path, "has no tables")
 
@@ -128,14 +127,13 @@ def _figures(run: Run, output: Path, picture: Literal["png", "pdf", "svg"] = "pd
     return {output / f"{name}.{picture}": write for name in drawings}
 
 
-_ALL = (".parquet", ".npz", ".tum", "metrics.json")
 _MAP = {"map.pgm": "map.pgm", "map.yaml": "map.yaml"}
 EXPORTERS = {
-    "csv": Exporter(_csv, "csv", (".parquet",)),
-    "figures": Exporter(_figures, "figures", _ALL),
-    "gif": Exporter(partial(_film, to="gif"), "walk.gif", _ALL),
-    "mcap": Exporter(_mcap, "derived.mcap", _ALL),
-    "mp4": Exporter(partial(_film, to="mp4"), "walk.mp4", _ALL),
-    "rosmap": Exporter(partial(_saved, names=_MAP), "rosmap", tuple(_MAP)),
-    "tum": Exporter(partial(_saved, names={"trajectory.tum": ""}), "trajectory.tum", ("trajectory.tum",)),
+    "csv": Exporter(_csv, "csv"),
+    "figures": Exporter(_figures, "figures"),
+    "gif": Exporter(partial(_film, to="gif"), "walk.gif"),
+    "mcap": Exporter(_mcap, "derived.mcap"),
+    "mp4": Exporter(partial(_film, to="mp4"), "walk.mp4"),
+    "rosmap": Exporter(partial(_saved, names=_MAP), "rosmap"),
+    "tum": Exporter(partial(_saved, names={"trajectory.tum": ""}), "trajectory.tum"),
 }

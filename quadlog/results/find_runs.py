@@ -6,14 +6,14 @@ import os
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
 from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, NotARun, TooLarge, UsageError
 from quadlog.recordings.file_names import stem
-from quadlog.results.stages import STAGE_FILES
+from quadlog.results import STAGE_FILES
 from quadlog.results.tables import TABLES, has_table, read_table
 from quadlog.storage.atomic_write import is_part
 from quadlog.storage.remote_path import RemotePath, copy_object
@@ -158,41 +158,27 @@ MEASURED = RECORDS.union(name for name in OWN_FILES if name.endswith(".parquet")
 MAX_BYTES = 1 << 36
 
 
-def files_ending(*ends: str) -> frozenset[str]:
-    """Names of quadlog's files of a run that end so."""
-    return frozenset(name for name in OWN_FILES if name.endswith(ends))
-
-
-class RunsHere(list[Path]):
-    """Local paths in place of the given ones."""
-
-    def __init__(self, paths: Iterable[Path], given: Sequence[Path]) -> None:
-        super().__init__(paths)
-        self._given = list(given)
-
-    def as_given(self, path: Path | str) -> str:
-        """A local path, or a path in it, as the user gave it."""
-        for here, given in zip(self, self._given, strict=True):
-            if isinstance(given, RemotePath) and Path(path).is_relative_to(here):
-                return "/".join([str(given).rstrip("/"), *Path(path).relative_to(here).parts])
-        return str(path)
-
-
 @contextmanager
-def runs_here(paths: Sequence[Path], names: Collection[str]) -> Iterator[RunsHere]:
-    """The paths; each URL among them is replaced by a local copy of its run, or runs, with these files.
+def runs_here(
+    paths: Sequence[Path], names: Collection[str]
+) -> Iterator[tuple[list[Path], Callable[[Path | str], str]]]:
+    """The paths, each URL replaced by a local copy of its run, or runs, with these files; copies go with the block.
 
-    Copies are removed when the block ends. Raises NotARun, TooLarge, StorageFailed.
+    Also a function that gives a path in them as the user gave it. Raises NotARun, TooLarge, StorageFailed.
     """
-    if not any(isinstance(path, RemotePath) for path in paths):
-        yield RunsHere(paths, paths)
-        return
     with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
         here = [
             fetch_runs(path, Path(scratch) / str(number), names) if isinstance(path, RemotePath) else path
             for number, path in enumerate(paths)
         ]
-        yield RunsHere(here, paths)
+
+        def as_given(path: Path | str) -> str:
+            for local, given in zip(here, paths, strict=True):
+                if isinstance(given, RemotePath) and Path(path).is_relative_to(local):
+                    return "/".join([str(given).rstrip("/"), *Path(path).relative_to(local).parts])
+            return str(path)
+
+        yield here, as_given
 
 
 def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str]) -> Path:

@@ -25,8 +25,8 @@ from quadlog.geometry import quat_from_euler
 from quadlog.results.arrays import MapSequence
 from quadlog.results.run import Run
 from quadlog.results.scenes import CLASSES
+from quadlog.results.text import value_text
 from quadlog.results.view import COLORS, look
-from quadlog.results.words import value_text
 from quadlog.storage.atomic_write import whole_file, write_whole
 from quadlog.version import __version__
 

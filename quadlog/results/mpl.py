@@ -20,22 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import LogFormatter, StrMethodFormatter
 
-from quadlog.results.view import (
-    COLORS,
-    Array,
-    Drawing,
-    Layer,
-    Lines,
-    Marks,
-    Panel,
-    Raster,
-    Scene,
-    Series,
-    Track,
-    Windows,
-    robust_limits,
-    thin_evenly,
-)
+from quadlog.results import view
 
 Format = Literal["png", "pdf", "svg"]
 
@@ -63,18 +48,22 @@ _NO_DATE: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def render(drawing: Drawing, to: Format = "png", width_in: float = WIDTH_IN, point_size: float = POINT_SIZE) -> bytes:
+def render(
+    drawing: view.Drawing, to: Format = "png", width_in: float = WIDTH_IN, point_size: float = POINT_SIZE
+) -> bytes:
     """The drawing without a title, as wide as given: the same bytes for the same data and version of matplotlib."""
     sizes: dict[Any, Any] = {"font.size": point_size, "legend.fontsize": 0.9 * point_size, "axes.titlesize": point_size}
     with rc_context({**_STYLE, **sizes}):
         scale = width_in / WIDTH_IN, point_size / POINT_SIZE
-        picture = _scene_picture(drawing, *scale) if isinstance(drawing, Scene) else _panel_picture(drawing, *scale)
+        picture = (
+            _scene_picture(drawing, *scale) if isinstance(drawing, view.Scene) else _panel_picture(drawing, *scale)
+        )
         content = io.BytesIO()
         picture.savefig(content, format=to, dpi=150, metadata=_NO_DATE[to])
     return content.getvalue()
 
 
-def _panel_picture(panels: Sequence[Panel], wide: float, text: float) -> Picture:
+def _panel_picture(panels: Sequence[view.Panel], wide: float, text: float) -> Picture:
     """Panels one below the other over one x axis; a quantity stands above its panel, beside or above the legend."""
     letters = max((len(name) for panel in panels for name in panel.rows), default=0)
     width_in, left_in = WIDTH_IN * wide, text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
@@ -95,7 +84,7 @@ def _panel_picture(panels: Sequence[Panel], wide: float, text: float) -> Picture
     return picture
 
 
-def _legend_shape(panel: Panel, room: int) -> tuple[int, int]:
+def _legend_shape(panel: view.Panel, room: int) -> tuple[int, int]:
     """Rows of the legend below the quantity, 0 where both fit side by side in so many letters, and columns."""
     widths = [] if panel.rows or panel.lane else [len(series.label) + 5 for series in panel.series]
     if len(panel.what) + sum(widths) <= room:
@@ -104,14 +93,14 @@ def _legend_shape(panel: Panel, room: int) -> tuple[int, int]:
     return -(-len(widths) // columns), columns
 
 
-def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> None:
+def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -> None:
     for series in panel.series:
         long = panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s
         _draw_series(axes, banded_by(series, panel.period_s) if long else series, bool(panel.rows))
     for x in panel.marks.tolist():
-        axes.axvline(x, color=COLORS["soft"], linewidth=0.6, linestyle=":")
+        axes.axvline(x, color=view.COLORS["soft"], linewidth=0.6, linestyle=":")
     if panel.robust:
-        low, high, beyond = robust_limits(panel)
+        low, high, beyond = view.robust_limits(panel)
         axes.set_ylim(low, high)
         if beyond:
             axes.text(1, 1, f"{beyond} beyond", transform=axes.transAxes, ha="right", va="top", fontsize="small")
@@ -130,7 +119,7 @@ def _draw_panel(axes: Axes, panel: Panel, columns: int, title_pad: float) -> Non
         _enlarge(legend)
 
 
-def banded_by(series: Series, period: float) -> Series:
+def banded_by(series: view.Series, period: float) -> view.Series:
     """The band from the least to the largest value in each period of x."""
     starts = np.flatnonzero(np.diff(np.floor(series.x / period), prepend=-np.inf))
     low, high = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
@@ -144,12 +133,12 @@ def _set_log(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_minor_formatter(LogFormatter())
 
 
-def _draw_series(axes: Axes, series: Series, in_rows: bool) -> None:
-    look: dict[str, Any] = {"color": COLORS[series.color], "label": series.label}
+def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
+    look: dict[str, Any] = {"color": view.COLORS[series.color], "label": series.label}
     if series.style == "band" and series.upper is not None:
         axes.fill_between(series.x, series.y, series.upper, alpha=0.25, linewidth=0, **look)
     elif series.style == "points":
-        keep = thin_evenly(len(series.x), MAX_POINTS)
+        keep = view.thin_evenly(len(series.x), MAX_POINTS)
         size = 1.8 if not in_rows else 4 if series.variant else 7
         look |= {"markersize": size, "markeredgewidth": 0.5, "fillstyle": "none" if series.variant else "full"}
         axes.plot(series.x[keep], series.y[keep], "o", **look)
@@ -166,10 +155,10 @@ def _enlarge(legend: Any) -> None:
             handle.set_markersize(6)
 
 
-def _scene_picture(scene: Scene, wide: float, text: float) -> Picture:
+def _scene_picture(scene: view.Scene, wide: float, text: float) -> Picture:
     """The whole time of a scene with a legend above it, and a scale to the right of each raster with a unit."""
     left, right, bottom, top = scene.extent
-    scales = [layer for layer in scene.layers if isinstance(layer, Raster) and layer.unit]
+    scales = [layer for layer in scene.layers if isinstance(layer, view.Raster) and layer.unit]
     width_in, left_in, scale_in, below_in = WIDTH_IN * wide, LEFT_IN * text, 0.9 * text, BELOW_IN * text
     wide_in = width_in - left_in - RIGHT_IN - scale_in * len(scales)
     high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
@@ -193,7 +182,7 @@ def _scene_picture(scene: Scene, wide: float, text: float) -> Picture:
     return picture
 
 
-def draw_scene(axes: Axes, scene: Scene, instant: float | None = None) -> None:
+def draw_scene(axes: Axes, scene: view.Scene, instant: float | None = None) -> None:
     """The layers at an instant; without one, whole tracks and some of the plans."""
     left, right, bottom, top = scene.extent
     axes.set(xlim=(left, right), ylim=(bottom, top), xlabel=scene.axes[0], ylabel=scene.axes[1])
@@ -202,31 +191,31 @@ def draw_scene(axes: Axes, scene: Scene, instant: float | None = None) -> None:
         _draw(layer, axes, scene, instant)
 
 
-def _draw(layer: Layer, axes: Axes, scene: Scene, instant: float | None) -> None:
-    color = COLORS[layer.color]
+def _draw(layer: view.Layer, axes: Axes, scene: view.Scene, instant: float | None) -> None:
+    color = view.COLORS[layer.color]
     match layer:
-        case Raster():
+        case view.Raster():
             _draw_cells(axes, layer)
-        case Windows():
+        case view.Windows():
             at = -1 if instant is None else int(np.searchsorted(layer.seconds, instant, side="right")) - 1
             if at >= 0:
                 cells = np.where(layer.maps.occupied(at), 1.0, np.nan)
                 corner = tuple(layer.maps.origin_m[at].tolist())
-                _draw_cells(axes, Raster("", layer.color, cells, corner, layer.maps.cell_m, 0.0, 1.0))
-        case Lines():
-            chosen: Array = np.arange(len(layer.first) - 1)
+                _draw_cells(axes, view.Raster("", layer.color, cells, corner, layer.maps.cell_m, 0.0, 1.0))
+        case view.Lines():
+            chosen: view.Array = np.arange(len(layer.first) - 1)
             if layer.seconds is not None and instant is not None:
                 chosen = np.flatnonzero(layer.seconds <= instant)[-1:]
             elif layer.seconds is not None:
-                chosen = chosen[thin_evenly(len(chosen), layer.shown)] if layer.shown else chosen[:0]
+                chosen = chosen[view.thin_evenly(len(chosen), layer.shown)] if layer.shown else chosen[:0]
             points = np.column_stack([layer.x, layer.y])
             width = 3.0 if layer.wide else 1.0
             dash = DASHES[layer.variant % 4]
             _draw_lines(axes, layer, [points[layer.first[k] : layer.first[k + 1]] for k in chosen], width, dash)
-        case Marks():
+        case view.Marks():
             if not layer.hidden:
                 _draw_marks(axes, layer, instant)
-        case Track():
+        case view.Track():
             if layer.trail:
                 axes.plot(
                     layer.x, layer.y, DASHES[layer.variant % 4], zorder=2.5, color=color, lw=1.8, label=layer.label
@@ -235,7 +224,7 @@ def _draw(layer: Layer, axes: Axes, scene: Scene, instant: float | None) -> None
                 _draw_body(axes, layer, scene.body, instant)
 
 
-def _draw_cells(axes: Axes, layer: Raster) -> None:
+def _draw_cells(axes: Axes, layer: view.Raster) -> None:
     limits = axes.get_xlim(), axes.get_ylim()
     side = max(1, int(np.ceil(np.ptp(limits[0]) / (MOST_CELLS * layer.cell))))
     # Blocks of side × side cells, each as its largest value, so that nothing vanishes from a small picture.
@@ -249,23 +238,27 @@ def _draw_cells(axes: Axes, layer: Raster) -> None:
     axes.set(xlim=limits[0], ylim=limits[1])  # imshow resets them
 
 
-def _shades(layer: Raster) -> LinearSegmentedColormap:
-    return LinearSegmentedColormap.from_list("fade", [to_rgba(COLORS[layer.color], alpha) for alpha in (0.16, 0.85)])
+def _shades(layer: view.Raster) -> LinearSegmentedColormap:
+    return LinearSegmentedColormap.from_list(
+        "fade", [to_rgba(view.COLORS[layer.color], alpha) for alpha in (0.16, 0.85)]
+    )
 
 
-def _draw_lines(axes: Axes, layer: Lines | Marks, lines: Sequence[Array], width: float, dash: str = "-") -> None:
+def _draw_lines(
+    axes: Axes, layer: view.Lines | view.Marks, lines: Sequence[view.Array], width: float, dash: str = "-"
+) -> None:
     if len(lines):
-        look = {"colors": COLORS[layer.color], "linestyles": dash, "linewidths": width}
+        look = {"colors": view.COLORS[layer.color], "linestyles": dash, "linewidths": width}
         axes.add_collection(LineCollection(list(lines), label=layer.label, zorder=2.6 if width > 2 else 2, **look))
 
 
-def _draw_marks(axes: Axes, layer: Marks, instant: float | None) -> None:
-    keep: Array = np.arange(len(layer.x))
+def _draw_marks(axes: Axes, layer: view.Marks, instant: float | None) -> None:
+    keep: view.Array = np.arange(len(layer.x))
     if instant is not None and layer.seconds is not None and layer.until is not None:
         keep = np.flatnonzero((layer.seconds <= instant) & (instant < layer.until))
     elif layer.shape == "ring" and layer.seconds is not None:
         return
-    keep, color = keep[thin_evenly(len(keep), MAX_POINTS)], COLORS[layer.color]
+    keep, color = keep[view.thin_evenly(len(keep), MAX_POINTS)], view.COLORS[layer.color]
     if layer.along is not None and layer.cross is not None and layer.aside is not None:
         cos, sin = (turn(np.linspace(0, 2 * np.pi, 41)) for turn in (np.cos, np.sin))
         along, cross, aside, x, y = (of[keep, None] for of in (layer.along, layer.cross, layer.aside, layer.x, layer.y))
@@ -278,12 +271,12 @@ def _draw_marks(axes: Axes, layer: Marks, instant: float | None) -> None:
         axes.annotate(name, (x, y), (6, -3), textcoords="offset points", annotation_clip=True, color=color)
 
 
-def _draw_body(axes: Axes, track: Track, size: tuple[float, float] | None, instant: float | None) -> None:
+def _draw_body(axes: Axes, track: view.Track, size: tuple[float, float] | None, instant: float | None) -> None:
     """At the last row that is not later, if it has a position; without an instant at the last one that has."""
     known = np.flatnonzero(np.isfinite(track.x) if instant is None else track.seconds <= instant)
     if not len(known) or not np.isfinite(track.x[known[-1]]):
         return
-    row, color = known[-1], COLORS[track.color]
+    row, color = known[-1], view.COLORS[track.color]
     x, y, yaw = track.x[row], track.y[row], np.nan if track.yaw is None else track.yaw[row]
     if track.shape == "body" and size is not None and np.isfinite(yaw):
         along = np.array([np.cos(yaw), np.sin(yaw)])
@@ -301,11 +294,15 @@ MOST_FRAMES = 240
 FRAMES_PER_S = 12
 
 
-def film(scene: Scene, path: Path) -> None:
+def film(scene: view.Scene, path: Path) -> None:
     """The scene as .gif or .mp4: at most MOST_FRAMES frames, evenly over its time. Still layers are drawn once."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
-    moving = [of for of in scene.layers if isinstance(of, Windows | Track) or getattr(of, "seconds", None) is not None]
+    moving = [
+        of
+        for of in scene.layers
+        if isinstance(of, view.Windows | view.Track) or getattr(of, "seconds", None) is not None
+    ]
     still = replace(scene, layers=[layer for layer in scene.layers if layer not in moving])
     left, right, bottom, top = scene.extent
     start, end = scene.span or (0.0, 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ from threading import Thread
 from typing import Any, cast
 from uuid import uuid4
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -42,7 +42,7 @@ from quadlog.version import __version__
 RUN_FORMAT = 1
 """Increased when scripts that read run folders have to change, for a file, column or unit."""
 _MAX_BYTES = 64 << 20
-_DAMAGE: tuple[type[Exception], ...] = (ValueError, OSError, LookupError, EOFError, RuntimeError)
+_DAMAGE: tuple[type[Exception], ...] = (ValueError, OSError, LookupError, EOFError, RuntimeError, OverflowError)
 _DAMAGE += (zipfile.BadZipFile, zlib.error)
 
 
@@ -252,21 +252,11 @@ def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
         if path.stat().st_size > _MAX_BYTES:
             raise ValueError(f"larger than {_MAX_BYTES} bytes")
         # Not pydantic's JSON: names of files may contain lone surrogates.
-        content = json.loads(path.read_bytes(), parse_int=_number, parse_float=_number, parse_constant=_number)
+        content = json.loads(path.read_bytes(), parse_int=lambda digits: int(np.int64(int(digits))))
         if not isinstance(content, dict):
             raise ValueError("no JSON object")
+        json.dumps(content, allow_nan=False)
     return content
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{clipped(text, 20)} is no finite number")
-    if not text.lstrip("-").isdigit():
-        return value
-    if not -(2**63) <= int(text) < 2**63:
-        raise ValueError(f"{clipped(text, 20)} is too large a number")
-    return int(text)
 
 
 def own_files(path: Path) -> list[Path]:
@@ -317,20 +307,12 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
         found = [each.open_object().told for each in files]
     except FileNotFoundError:
         raise RecordingNotFound(str(path), "no such file on the server") from None
-    size = sum(each.size_bytes or 0 for each in found)
-    if len(found) == 1 and not path.is_dir():
-        only = found[0]
-        # Without a size two files of the same date cannot be distinguished.
-        known = only.size_bytes is not None
-        marks = {"etag": only.etag, "last_modified": only.last_modified} if known else {}
-        return InputRecord(path=str(path), size_bytes=size, **marks)
-    versions = [each.etag or each.last_modified for each in found]
-    if None in versions or any(each.size_bytes is None for each in found):
+    size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]
+    if None in marks or any(each.size_bytes is None for each in found):  # files of one date may differ in size
         return InputRecord(path=str(path), size_bytes=size)
-    lines = (
-        f"{file.name}\0{each.size_bytes}\0{version}\0"
-        for file, each, version in zip(files, found, versions, strict=True)
-    )
+    if len(found) == 1 and not path.is_dir():
+        return InputRecord(path=str(path), size_bytes=size, etag=found[0].etag, last_modified=found[0].last_modified)
+    lines = [f"{file.name}\0{each.size_bytes}\0{mark}\0" for file, each, mark in zip(files, found, marks, strict=True)]
     digest = hashlib.sha256("".join(lines).encode()).hexdigest()
     return InputRecord(path=str(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
 

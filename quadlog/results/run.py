@@ -1,9 +1,14 @@
-"""A run folder: its record, tables, arrays, maps and metrics, written by name, and each read on first use."""
+"""A run folder: its record, tables, arrays, maps and metrics, written by name, and each read on first use.
+
+A run is made beside its place, which it takes when it is complete; the run before stands until then.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,11 +20,12 @@ import tomli_w
 from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
-from quadlog.errors import UnknownName
+from quadlog.errors import CannotWrite, RunExists, UnknownName
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
+from quadlog.recordings.file_names import says_run
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
-from quadlog.results.find_runs import fetch, fetch_runs
+from quadlog.results.find_runs import OWN_FILES, fetch, fetch_runs, is_absent
 from quadlog.results.record import (
     RunRecord,
     SavedMetric,
@@ -29,7 +35,16 @@ from quadlog.results.record import (
     write_record,
 )
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import note_complete, write_whole
+from quadlog.storage.atomic_write import (
+    check_name,
+    is_part,
+    move_folder,
+    new_folder,
+    note_complete,
+    part_folder,
+    uninterrupted,
+    write_whole,
+)
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -101,7 +116,7 @@ class Run:
         note_complete(self.path / "run.json")
         self.record = record
 
-    def _has(self, name: str) -> bool:
+    def has(self, name: str) -> bool:
         """Whether there is a file of this name, which is copied first from a URL."""
         here = self.path / name
         if self._remote is not None and not here.is_file() and (self._remote / name).is_file():
@@ -124,24 +139,22 @@ class Run:
         name = self.record.input.path.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1] or self.path.name
         return f"{name}, {self.record.options.get('controller')}, seed {self.record.seed}" if self.simulated else name
 
-    def table(self, name: str, columns: Sequence[str] | None = None) -> DataFrame | None:
+    def table(self, name: str) -> DataFrame | None:
         """NAME.parquet with the further column `seconds`, since the start of the run; None without file or rows.
 
-        Raises NotARun for a damaged file, UnknownName for a table or column that is not in TABLES.
+        Numbers beyond LARGEST_SHOWN are NaN, and noted. Raises NotARun for a damaged file, UnknownName for a table that
+        is not in TABLES.
         """
-        if columns is not None or name not in self._tables:
-            table = self._read_table(name, columns)
-            if columns is not None:
-                return table
-            self._tables[name] = table
+        if name not in self._tables:
+            self._tables[name] = self._read_table(name)
         return self._tables[name]
 
-    def _read_table(self, name: str, columns: Sequence[str] | None) -> DataFrame | None:
+    def _read_table(self, name: str) -> DataFrame | None:
         from pandas import DataFrame
 
-        if name in TABLES and not self._has(f"{name}.parquet"):
+        if name in TABLES and not self.has(f"{name}.parquet"):
             return None
-        frame = DataFrame(read_table(self.path, name, columns, largest=math.inf))
+        frame = DataFrame(read_table(self.path, name, largest=math.inf))
         for column in frame.select_dtypes("float").columns:
             values = frame[column].to_numpy()
             wrong = (np.abs(values) > LARGEST_SHOWN) & (np.isfinite(values) | (column not in UNBOUNDED))
@@ -154,22 +167,22 @@ class Run:
 
     def arrays(self, name: str) -> dict[str, NDArray[Any]] | None:
         """The arrays of NAME.npz by name, as ARRAYS has them. Raises NotARun for damage, TooLarge."""
-        return read_arrays(self.path, name) if self._has(f"{name}.npz") else None
+        return read_arrays(self.path, name) if self.has(f"{name}.npz") else None
 
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""
-        return read_tum(self.path / f"{name}.tum") if self._has(f"{name}.tum") else None
+        return read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
 
     @cached_property
     def maps(self) -> MapSequence | None:
         """The map sequence. Raises NotARun, TooLarge."""
-        maps = load_maps(self.path) if self._has("maps.npz") else None
+        maps = load_maps(self.path) if self.has("maps.npz") else None
         return maps if maps is not None and len(maps) else None
 
     @cached_property
     def metrics(self) -> dict[str, SavedMetric]:
         """The metrics that apply, by name. Raises NotARun."""
-        saved = read_metrics(self.path) if self._has("metrics.json") else {}
+        saved = read_metrics(self.path) if self.has("metrics.json") else {}
         return {name: SavedMetric(**metric) for name, metric in saved.items()}
 
     def metric(self, name: str) -> float | None:
@@ -180,7 +193,7 @@ class Run:
     def start_ns(self) -> int:
         """The earliest instant of all tables: 0 s of every time axis."""
         for name in TIMED:
-            self._has(f"{name}.parquet")
+            self.has(f"{name}.parquet")
         return start_ns(self.path)
 
     def seconds(self, t_ns: Int) -> Float:
@@ -197,3 +210,79 @@ def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
     return (
         found if {"low", "high"} <= found.keys() else {key: found[key] for key in found if key not in ("low", "high")}
     )
+
+
+STORE = ".stages"
+"""The folder beside runs that holds results of stages, and what is not complete; no command takes it for a run."""
+_NEW, _OLD = "new-", "old-"
+
+
+@contextmanager
+def new_run(path: Path, force: bool = False) -> Iterator[Path]:
+    """A folder below `.stages` to fill, which becomes the run `path` when the block ends, and vanishes if it fails.
+
+    A run that is replaced, with `force`, stands until then; files in it that are not quadlog's stay. Raises as
+    `check_place`, and CannotWrite.
+    """
+    check_place(path, force)
+    try:
+        with new_folder(path.parent), part_folder(path.parent / STORE) as part:
+            yield part
+            try:
+                with uninterrupted():
+                    new = path.parent / STORE / f"{_NEW}{path.name}"
+                    shutil.rmtree(new, ignore_errors=True)
+                    move_folder(part, new)
+                    settle(path)
+            except OSError as error:
+                raise CannotWrite(path, error.strerror or str(error)) from error
+    finally:
+        with suppress(OSError):
+            (path.parent / STORE).rmdir()  # where it holds no results
+
+
+def check_place(path: Path, replace: bool = False) -> None:
+    """Whether a run may be made here.
+
+    Raises RunExists for a run without the flag; CannotWrite if the folder is no run but has files, or is a link.
+    """
+    check_name(path)
+    settle(path)
+    try:
+        names = {entry.name for entry in path.iterdir()} if path.exists() or path.is_symlink() else set()
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error
+    if path.is_symlink() and replace:
+        raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
+    if all(is_absent(name) for name in names):
+        return
+    if not says_run(path):
+        raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
+    if not replace:
+        raise RunExists(path)
+
+
+def settle(path: Path) -> None:
+    """Put a complete new run in its place by two renames, unless a kill cut these off: then what is left of them.
+
+    Raises CannotWrite.
+    """
+    new, old = (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD))
+    try:
+        if new.is_dir():
+            if path.is_dir() and not old.exists():
+                move_folder(path, old)
+            move_folder(new, path)
+        if old.is_dir() and path.is_dir():
+            for entry in [*old.glob("plots/*"), *old.iterdir()]:
+                name = entry.relative_to(old)
+                picture = name.parent.name == "plots" and name.suffix == ".png"
+                own = picture or is_part(name.name) or str(name) in OWN_FILES | {"plots"}
+                if not own and not (path / name).exists():
+                    (path / name).parent.mkdir(exist_ok=True)
+                    entry.rename(path / name)
+            shutil.rmtree(old, ignore_errors=True)
+        elif old.is_dir():
+            move_folder(old, path)
+    except OSError as error:
+        raise CannotWrite(path, error.strerror or str(error)) from error

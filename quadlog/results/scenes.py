@@ -9,25 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadlog.metrics.catalogue import THEMES
-from quadlog.results.numbers import sig
+from quadlog.results import view
 from quadlog.results.run import Run
-from quadlog.results.view import (
-    GAP_S,
-    Activity,
-    Array,
-    Layer,
-    Lines,
-    Marks,
-    Moment,
-    Raster,
-    Scene,
-    Track,
-    Windows,
-    break_gaps,
-    extent_of,
-    thin_evenly,
-)
-from quadlog.results.words import value_text
+from quadlog.results.text import sig, value_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -47,32 +31,34 @@ CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 """Colours of the classes of points; all others are soft."""
 
 
-def walk_scene(run: Run) -> Scene | None:
+def walk_scene(run: Run) -> view.Scene | None:
     """Everything that moved, on the maps it moved on; None where nothing did."""
     tracks, walls, truth = list(_tracks(run)), list(_walls(run)), _truth(run)
     ways = list(_reference(run, truth))
     if not tracks:
         return None
-    layers: list[Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
+    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_error_levels(run, truth), *_errors(run), *_contacts(run)]
     extent = _extent(run, [*ways, *tracks], walls)
     body = run.config.robot.length_m, run.config.robot.width_m
-    return Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
+    return view.Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
 
 
-def _extent(run: Run, ways: Sequence[Track | Lines], walls: Sequence[Raster]) -> tuple[float, float, float, float]:
+def _extent(
+    run: Run, ways: Sequence[view.Track | view.Lines], walls: Sequence[view.Raster]
+) -> tuple[float, float, float, float]:
     """Around the ways and the anchors near them; around all that was seen by a robot that stands."""
     walked = [(way.x, way.y) for way in ways]
-    left, right, bottom, top = extent_of(*walked, margin=AROUND_M)
+    left, right, bottom, top = view.extent_of(*walked, margin=AROUND_M)
     side = max(right - left, top - bottom)
     if walls and side < STANDS_M + 2 * AROUND_M:
         return _filled(walls[0])
     x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2).T
     near = (np.abs(x_m - (left + right) / 2) < side) & (np.abs(y_m - (bottom + top) / 2) < side)
-    return extent_of(*walked, (x_m[near], y_m[near]), margin=AROUND_M)
+    return view.extent_of(*walked, (x_m[near], y_m[near]), margin=AROUND_M)
 
 
-def _tracks(run: Run) -> Iterator[Track]:
+def _tracks(run: Run) -> Iterator[view.Track]:
     target = run.table("target")
     if target is not None and set(target["source"]) != {"ahead"}:  # the robot's own future lies on its own track
         yield from _track(target, "target", "target", shape="person")
@@ -81,7 +67,7 @@ def _tracks(run: Run) -> Iterator[Track]:
     yield from _track(run.table("control"), "simulated robot", "resim")
 
 
-def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iterator[Track]:
+def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iterator[view.Track]:
     """The rows of a table that have a position."""
     rows = _located(table)
     if rows is None:
@@ -92,9 +78,9 @@ def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iter
     forces = [f"fz_{leg}_n" for leg in range(4)]
     if forces[0] in rows and rows[forces].notna().all(axis=None):
         columns["feet"] = (rows[forces].to_numpy() > STANDS_N) @ (1 << np.arange(4))
-    seconds, *values = break_gaps(rows["seconds"].to_numpy(), *columns.values())
+    seconds, *values = view.break_gaps(rows["seconds"].to_numpy(), *columns.values())
     look |= dict(zip(columns, values, strict=True))
-    yield Track(label, color, seconds, **look)
+    yield view.Track(label, color, seconds, **look)
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
@@ -108,22 +94,22 @@ def _located(table: DataFrame | None) -> DataFrame | None:
     return None if rows is None or not len(rows) else rows.sort_values("seconds", kind="stable")
 
 
-def _truth(run: Run) -> list[Array] | None:
+def _truth(run: Run) -> list[view.Array] | None:
     """Seconds, x and y of the reference, broken at gaps; None where it lies in another frame, and of a course."""
     truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
-    return None if truth is None else break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+    return None if truth is None else view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
 
 
-def _reference(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
+def _reference(run: Run, truth: list[view.Array] | None) -> Iterator[view.Lines]:
     other = _located(run.table("other_poses"))
     if truth is not None:
         yield line("reference", "text", truth[1], truth[2], 1)
     if other is not None:
-        _, x_m, y_m = break_gaps(*columns_of(other, "seconds x_m y_m"))
+        _, x_m, y_m = view.break_gaps(*columns_of(other, "seconds x_m y_m"))
         yield line("other track", "olive", x_m, y_m, 2)
 
 
-def _error_levels(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
+def _error_levels(run: Run, truth: list[view.Array] | None) -> Iterator[view.Lines]:
     """The robot's way in the colours of four classes of its distance to the reference.
 
     Their limits are 1, 2 and 3 times a round number, so that about 95 % of the distances lie below the last.
@@ -131,7 +117,7 @@ def _error_levels(run: Run, truth: list[Array] | None) -> Iterator[Lines]:
     poses = _located(run.table("poses"))
     if truth is None or poses is None:
         return
-    seconds, x_m, y_m = break_gaps(*columns_of(poses, "seconds x_m y_m"))
+    seconds, x_m, y_m = view.break_gaps(*columns_of(poses, "seconds x_m y_m"))
     true_x_m, true_y_m = (np.interp(seconds, truth[0], values, np.nan, np.nan) for values in truth[1:])
     error_m = np.hypot(x_m - true_x_m, y_m - true_y_m)
     if not np.isfinite(error_m).any():
@@ -154,24 +140,24 @@ def _walls(run: Run) -> Iterator[Any]:
     if run.maps is not None:
         share, origin_m, cell_m = run.maps.occupancy
         seen = np.where(share > 0, share, np.nan)
-        yield Raster("walls, whole run", "wall", seen, tuple(origin_m.tolist()), cell_m, 0.0, 1.0)
-        yield Windows("map at this instant", "cell", run.seconds(run.maps.t_ns), run.maps)
+        yield view.Raster("walls, whole run", "wall", seen, tuple(origin_m.tolist()), cell_m, 0.0, 1.0)
+        yield view.Windows("map at this instant", "cell", run.seconds(run.maps.t_ns), run.maps)
 
 
-def _filled(raster: Raster) -> tuple[float, float, float, float]:
+def _filled(raster: view.Raster) -> tuple[float, float, float, float]:
     """Around all cells that have a value."""
     row, column = np.nonzero(np.isfinite(raster.values))
     x, y = raster.origin[0] + raster.cell * column, raster.origin[1] + raster.cell * row
-    return extent_of((x, y), (x + raster.cell, y + raster.cell))
+    return view.extent_of((x, y), (x + raster.cell, y + raster.cell))
 
 
-def _anchors(run: Run) -> Iterator[Layer]:
+def _anchors(run: Run) -> Iterator[view.Layer]:
     if anchors := run.config.uwb.anchors:
         x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in anchors]).T
-        yield Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
+        yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
 
 
-def _scans(run: Run) -> Iterator[Layer]:
+def _scans(run: Run) -> Iterator[view.Layer]:
     """Obstacle points of the saved scans, about their instants."""
     saved, poses = run.arrays("cloud_samples"), run.table("poses")
     names = [] if saved is None else saved["classes"].tolist()
@@ -180,24 +166,24 @@ def _scans(run: Run) -> Iterator[Layer]:
     scan = np.repeat(np.arange(len(saved["t_ns"])), np.diff(saved["offset"]))
     known = np.isfinite(saved["xyz_m"]).all(axis=1) & np.isfinite(saved["x_m"][scan])
     keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
-    keep = keep[thin_evenly(len(keep), MOST_OBSTACLES)]
+    keep = keep[view.thin_evenly(len(keep), MOST_OBSTACLES)]
     scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
     seconds, cos, sin = run.seconds(saved["t_ns"])[scan], np.cos(saved["yaw_rad"][scan]), np.sin(saved["yaw_rad"][scan])
     x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
     y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
     if len(keep):
         shown: dict[str, Any] = {"seconds": seconds - NEAR_S, "until": seconds + NEAR_S}
-        yield Marks("obstacle points of a scan", "note", x_m, y_m, **shown)
+        yield view.Marks("obstacle points of a scan", "note", x_m, y_m, **shown)
 
 
-def _course(run: Run) -> Iterator[Layer]:
+def _course(run: Run) -> Iterator[view.Layer]:
     paths = run.table("paths")
     if run.simulated and paths is not None:
         x_m, y_m = columns_of(paths, "x_m y_m")
         yield line("course", "note", x_m, y_m, 1)
 
 
-def _fixes(run: Run) -> Iterator[Layer]:
+def _fixes(run: Run) -> Iterator[view.Layer]:
     """Fixes of the moment, those that the track leaves out in another colour, with their 95 % ellipses."""
     fixes = run.table("fixes")
     if fixes is None:
@@ -207,14 +193,14 @@ def _fixes(run: Run) -> Iterator[Layer]:
     for label, color, rows in (("UWB fixes", "fix", fixes[~outlier]), ("outlying fixes", "olive", fixes[outlier])):
         if len(rows):
             seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
-            yield Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
+            yield view.Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
     seconds = fixes["seconds"].to_numpy()
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
-    until = np.minimum(later, seconds + GAP_S)
+    until = np.minimum(later, seconds + view.GAP_S)
     yield _ellipses("95 % ellipse of the fix", "fix", fixes, seconds=seconds, until=until)
 
 
-def _late_ranges(run: Run) -> Iterator[Layer]:
+def _late_ranges(run: Run) -> Iterator[view.Layer]:
     """Circles about the anchors whose ranges of the moment are late: most likely not in line of sight."""
     ranges = run.table("ranges")
     if ranges is None:
@@ -225,20 +211,20 @@ def _late_ranges(run: Run) -> Iterator[Layer]:
         x_m, y_m = np.array([places_m[anchor] for anchor in late["anchor"].tolist()]).T
         seconds = late["seconds"].to_numpy()
         until, radius_m = seconds + NEAR_S / 4, late["range_m"].to_numpy()
-        yield Marks(LATE, "note", x_m, y_m, "ring", seconds, until, radius_m, 0 * radius_m, radius_m, hidden=True)
+        yield view.Marks(LATE, "note", x_m, y_m, "ring", seconds, until, radius_m, 0 * radius_m, radius_m, hidden=True)
 
 
 LATE_STD = 3.0
 """A range is late if it is longer than predicted by more standard deviations."""
 
 
-def is_late(run: Run, ranges: DataFrame) -> Array:
+def is_late(run: Run, ranges: DataFrame) -> view.Array:
     """Which rows (N,) of the table ranges are late."""
     late = ranges["range_m"] - ranges["predicted_m"] > LATE_STD * run.config.uwb.range_std_m
     return late.to_numpy()
 
 
-def _plans(run: Run) -> Iterator[Lines]:
+def _plans(run: Run) -> Iterator[view.Lines]:
     wanted = [("paths", "plan, recorded walk", "fix", 1, 0), ("resim_paths", "plan, simulated walk", "plan", 0, 12)]
     for name, label, color, variant, shown in [] if run.simulated else wanted:
         paths = run.table(name)
@@ -248,32 +234,34 @@ def _plans(run: Run) -> Iterator[Lines]:
         x_m, y_m = (np.where(smooth, paths[f"smooth_{axis}_m"], paths[f"{axis}_m"]) for axis in "xy")
         first = np.flatnonzero(np.append(True, np.diff(paths["t_ns"]) != 0))
         seconds = paths["seconds"].to_numpy()[first]
-        yield Lines(label, color, np.append(first, len(paths)), x_m, y_m, seconds, variant, shown)
+        yield view.Lines(label, color, np.append(first, len(paths)), x_m, y_m, seconds, variant, shown)
 
 
-def _errors(run: Run) -> Iterator[Layer]:
+def _errors(run: Run) -> Iterator[view.Layer]:
     """The line from the simulated robot to the nearest point of its reference path: the error itself."""
     control = run.table("control")
     if control is not None and control["ref_x_m"].notna().any():
-        seconds, *ends = break_gaps(*columns_of(control, "seconds x_m ref_x_m y_m ref_y_m"))
+        seconds, *ends = view.break_gaps(*columns_of(control, "seconds x_m ref_x_m y_m ref_y_m"))
         x, y = (np.stack(pair, axis=1).ravel() for pair in (ends[:2], ends[2:]))
-        yield Lines("distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True)
+        yield view.Lines(
+            "distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True
+        )
 
 
-def _contacts(run: Run) -> Iterator[Layer]:
+def _contacts(run: Run) -> Iterator[view.Layer]:
     contacts = run.table("contacts")
     if contacts is not None:
         x_m, y_m = columns_of(contacts, "x_m y_m")
-        yield Marks("contact", "bad", x_m, y_m, "cross")
+        yield view.Marks("contact", "bad", x_m, y_m, "cross")
 
 
-def _moments(run: Run) -> list[Moment]:
+def _moments(run: Run) -> list[view.Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
     contacts = []
     table = run.table("contacts")
     if table is not None:
         rows = zip(*columns_of(table, "seconds cause collision"), strict=True)
-        contacts = [Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
+        contacts = [view.Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
     for theme, labels in THEMES.items():
@@ -285,7 +273,7 @@ def _moments(run: Run) -> list[Moment]:
             worst = "" if metric.worst is None else value_text(name, abs(metric.worst), metric.unit)
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
             shows = (LATE,) if theme == "Position" else ()
-            known.setdefault(seconds, Moment(seconds, what, worst, name, shows))  # one for metrics of one error
+            known.setdefault(seconds, view.Moment(seconds, what, worst, name, shows))  # one for metrics of one error
     worst_ones = [moment for moment in known.values() if moment.name]
     return [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *contacts[MOST_CONTACTS:]]
 
@@ -299,7 +287,7 @@ _AS_GOOD = frozenset({
 """Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
 
 
-def _worst_of_tags(run: Run) -> Iterator[Moment]:
+def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
     """Where the track is farthest outside of its 95 % bound, and the largest error of each of several tags."""
     errors = run.table("uwb_errors")
     if errors is None:
@@ -311,12 +299,12 @@ def _worst_of_tags(run: Run) -> Iterator[Moment]:
     if beyond.max(initial=0.0) > 1:
         at = int(beyond.argmax())
         words = f"{sig(float(beyond[at]), 2)} × the bound"
-        yield Moment(float(seconds[at]), "farthest outside of the 95 % bound", words, "", (LATE,))
+        yield view.Moment(float(seconds[at]), "farthest outside of the 95 % bound", words, "", (LATE,))
     known = np.unique(tags).tolist()
     for tag in known if len(known) > 1 else []:
         at = int(np.where(tags == tag, error_m, -1.0).argmax())
         words = f"{sig(float(error_m[at]))} m"
-        yield Moment(float(seconds[at]), f"worst error of tag {tag}", words, f"tag {tag}", (LATE,))
+        yield view.Moment(float(seconds[at]), f"worst error of tag {tag}", words, f"tag {tag}", (LATE,))
 
 
 _ROLES = {
@@ -324,26 +312,26 @@ _ROLES = {
 }  # fmt: skip
 
 
-def _activity(run: Run) -> Iterator[Activity]:
+def _activity(run: Run) -> Iterator[view.Activity]:
     """When there was data of each role, contacts, and instants at which the reference path changes."""
     for label, name in _ROLES.items():
         table = run.table(name)
         if table is not None and not run.simulated:
             seconds = np.sort(table["seconds"].to_numpy())
-            cut = np.flatnonzero(np.diff(seconds) > GAP_S)
+            cut = np.flatnonzero(np.diff(seconds) > view.GAP_S)
             spans = zip(seconds[np.append(0, cut + 1)].tolist(), seconds[np.append(cut, -1)].tolist(), strict=True)
-            yield Activity(label, spans=list(spans))
+            yield view.Activity(label, spans=list(spans))
     contacts = run.table("contacts")
     if contacts is not None:
-        yield Activity("contacts", events=list(zip(*columns_of(contacts, "seconds cause"), strict=True)))
+        yield view.Activity("contacts", events=list(zip(*columns_of(contacts, "seconds cause"), strict=True)))
 
 
-def line(label: str, color: str, x: Array, y: Array, variant: int = 0) -> Lines:
+def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0) -> view.Lines:
     """One still polyline."""
-    return Lines(label, color, np.array([0, len(x)]), x, y, variant=variant)
+    return view.Lines(label, color, np.array([0, len(x)]), x, y, variant=variant)
 
 
-def geometry_scene(run: Run) -> Scene | None:
+def geometry_scene(run: Run) -> view.Scene | None:
     """How well the anchors' directions determine a position, and some fixes with their ellipses."""
     grid, fixes = run.arrays("dilution"), run.table("fixes")
     if grid is None or fixes is None:
@@ -353,16 +341,16 @@ def geometry_scene(run: Run) -> Scene | None:
     high = max(1.3 * low, min(most, 4.0))
     dilution = _heat("HDOP", "soft", grid, np.where(np.isfinite(grid["hdop"]), grid["hdop"], high), low, high, "×")
     good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
-    layers: list[Layer] = [dilution]
-    layers += [Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run, _truth(run))]
+    layers: list[view.Layer] = [dilution]
+    layers += [view.Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run, _truth(run))]
     layers += [line(of.label, of.color, of.x, of.y) for of in _track(run.table("poses"), "robot", "robot")]
-    layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[thin_evenly(len(good), 24)]))
-    return Scene([*layers, *_anchors(run)], _filled(dilution))
+    layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[view.thin_evenly(len(good), 24)]))
+    return view.Scene([*layers, *_anchors(run)], _filled(dilution))
 
 
-def _heat(label: str, color: str, grid: Any, values: Array, low: float, high: float, unit: str) -> Raster:
+def _heat(label: str, color: str, grid: Any, values: view.Array, low: float, high: float, unit: str) -> view.Raster:
     place = tuple(grid["origin_m"].tolist()), float(grid["cell_m"])
-    return Raster(label, color, np.clip(values, low, high), *place, low, high, unit)
+    return view.Raster(label, color, np.clip(values, low, high), *place, low, high, unit)
 
 
 SCALE_95 = 2.4477
@@ -371,16 +359,16 @@ EPOCH_S = 0.02
 """Fixes of several tags within this time belong together."""
 
 
-def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> Marks:
+def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Marks:
     x_m, y_m, xx_m2, xy_m2, yy_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     along_m = np.sqrt(np.maximum(xx_m2, 1e-12))
     cross_m = xy_m2 / along_m
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
     axes: dict[str, Any] = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
-    return Marks(label, color, x_m, y_m, "ring", **axes, **times)
+    return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 
-def scan_points(run: Run) -> dict[str, Array] | None:
+def scan_points(run: Run) -> dict[str, view.Array] | None:
     """Points (N, 3) in base of the middle one of the saved scans, by class, the rarest last."""
     saved = run.arrays("cloud_samples")
     if saved is None or not len(saved["t_ns"]):
@@ -393,22 +381,22 @@ def scan_points(run: Run) -> dict[str, Array] | None:
     return dict(sorted(((name, of) for name, of in points.items() if len(of)), key=lambda item: -len(item[1])))
 
 
-def scan_scene(run: Run) -> Scene | None:
+def scan_scene(run: Run) -> view.Scene | None:
     """One scan from above, in the frame base."""
     points = scan_points(run)
     if not points:
         return None
-    layers: list[Layer] = [
-        Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
+    layers: list[view.Layer] = [
+        view.Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
     ]
     half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
     layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
     every = np.concatenate([of[:, :2] for of in points.values()])
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
-    return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
+    return view.Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
 
 
-def terrain_scene(run: Run) -> Scene | None:
+def terrain_scene(run: Run) -> view.Scene | None:
     """The mean height of the ground in each cell."""
     ground = run.arrays("ground")
     if ground is None or not np.isfinite(ground["height_m"]).any():
@@ -416,4 +404,4 @@ def terrain_scene(run: Run) -> Scene | None:
     low, high = np.nanpercentile(ground["height_m"], [1, 99]).tolist()
     high = max(high, low + 0.02)  # a flat floor looks flat
     heights = _heat("height of the ground", "plan", ground, ground["height_m"], low, high, "m")
-    return Scene([heights], _filled(heights))
+    return view.Scene([heights], _filled(heights))

@@ -1,4 +1,7 @@
-"""Tables for terminals, papers and scripts: one printer of header and rows, and the tables of metrics."""
+"""Numbers, metrics and tables as people read them: in pages, figures, terminals and papers.
+
+Scripts get numbers in full precision, from the csv and json of `print_table`.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,117 @@ import re
 import shutil
 from collections.abc import Mapping, Sequence
 from string import ascii_uppercase
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.summary import MeasuredRun, spread
-from quadlog.results.numbers import minus, sig
+
+if TYPE_CHECKING:
+    from quadlog.results.record import SavedMetric
+    from quadlog.results.run import Run
+
+NONE = "–"
+"""Shown for a value that does not exist."""
+
+
+def sig(value: float | None, digits: int = 3) -> str:
+    """Significant digits without trailing zeros; whole numbers and large ones in full; a true minus sign."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    if (value == int(value) or abs(value) >= 10**digits) and abs(value) < 1e15:
+        return count(round(value))
+    return minus(f"{value:.{digits}g}")
+
+
+def count(number: float) -> str:
+    """A whole number with thin spaces between its thousands."""
+    return minus(f"{int(number):,}".replace(",", "\u2009"))
+
+
+def percent(share: float | None, digits: int = 3) -> str:
+    """A share as a percentage."""
+    return NONE if share is None or not math.isfinite(share) else f"{sig(100 * share, digits)}\u202f%"
+
+
+def file_size(size: float) -> str:
+    """Bytes in decimal units."""
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} TB"
+
+
+def minus(text: str) -> str:
+    """The text of a number with a true minus sign."""
+    return f"\u2212{text[1:]}" if text.startswith("-") else text
+
+
+def ends_text(interval: Interval | None, digits: int = 3) -> str:
+    """Both ends of an interval, or nothing."""
+    return "" if interval is None else f"{sig(interval[0], digits)} to {sig(interval[1], digits)}"
+
+
+State = Literal["good", "warn", "bad", ""]
+"""How a sentence, value or row is coloured."""
+STATES: tuple[State, ...] = ("bad", "warn", "good", "")
+"""The worst first."""
+
+
+def label_of(name: str) -> str:
+    """The metric in words; a name that the catalogue lacks stays as it is."""
+    return CATALOGUE[name].label if name in CATALOGUE else name
+
+
+def value_text(name: str, value: float, unit: str = "", digits: int = 3) -> str:
+    """A value with its unit: shares in percent, angles in degrees, factors with ×."""
+    kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
+    if kind == "share":
+        return percent(value, digits)
+    if unit == "rad":
+        return f"{sig(math.degrees(value), digits)}°"
+    return f"{sig(value, digits)} {'×' if kind == 'factor' else unit}".strip()
+
+
+def interval_text(name: str, metric: SavedMetric) -> str:
+    """The 95 % interval; empty without one, and for single events, of which it says nothing."""
+    kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
+    if metric.low is None or metric.high is None or kind in ("count", "yes or no"):
+        return ""
+    factor = 100 if kind == "share" else math.degrees(1) if metric.unit == "rad" else 1
+    unit = "\u202f%" if kind == "share" else "°" if metric.unit == "rad" else ""
+    return f"{sig(factor * metric.low, 2)} to {sig(factor * metric.high, 2)}{unit}"
+
+
+def is_alarming(name: str, value: float) -> bool:
+    """Whether the value is outside of the range that the catalogue takes as usual."""
+    alarm = CATALOGUE[name].alarm if name in CATALOGUE else None
+    return alarm is not None and not alarm[0] <= value <= alarm[1]
+
+
+class Bound(NamedTuple):
+    """The expected range of a metric, and how it came out: `bad` also where the metric was not measured."""
+
+    words: str
+    state: State
+
+
+def state_of(name: str, value: float, bound: Bound | None) -> State:
+    """How a value is coloured: by its bound, and without one by what is usual."""
+    return bound.state if bound is not None else "warn" if is_alarming(name, value) else ""
+
+
+def bounds_of(run: Run) -> dict[str, Bound]:
+    """The bounds in the run's [expect], by metric."""
+    found = {}
+    for name, expected in (run.config.expect.model_extra or {}).items():
+        unit, sides = CATALOGUE[name].unit, (("≥", expected.min), ("≤", expected.max))
+        ends = [f"{sign} {value_text(name, end, unit)}" for sign, end in sides if end is not None]
+        found[name] = Bound(" and ".join(ends), "good" if expected.holds(run.metric(name)) else "bad")
+    return found
+
 
 _STYLES = {"table": "plain", "plain": "plain", "markdown": "pipe", "latex": "latex_booktabs"}
 FORMATS = (*_STYLES, "csv", "json")
@@ -135,16 +242,11 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         return print_table(_CSV, rows, to)
     if len(runs) == 1:
         (run,) = runs
-        found = [(name, of.value, interval_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
+        found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
         return print_tables(tables, to, [_ONE_RUN], terminal_width())
     notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
     return values_text(values, to, notes, averaged=not differing)
-
-
-def interval_text(interval: Interval | None, digits: int = 3) -> str:
-    """Both ends of an interval, or nothing."""
-    return "" if interval is None else f"{sig(interval[0], digits)} to {sig(interval[1], digits)}"
 
 
 def values_text(
@@ -174,7 +276,7 @@ def _spread(name: str, runs: Mapping[str, Mapping[str, float]]) -> tuple[Any, ..
     values = [float(of[name]) for of in runs.values() if name in of]
     over = spread(values, CATALOGUE[name].kind if name in CATALOGUE else "quantity")
     assert over is not None
-    return name, over.mean, interval_text(over.interval, 2), min(values), max(values), over.runs
+    return name, over.mean, ends_text(over.interval, 2), min(values), max(values), over.runs
 
 
 class WorstInstant(NamedTuple):

@@ -16,6 +16,7 @@ from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.check import bounds_toml, propose
 from quadlog.results.run import SavedMetric
 from quadlog.results.tables import TABLES, write_table
+from tests.lab.runs import change_json
 
 
 @pytest.fixture
@@ -123,22 +124,16 @@ def test_a_written_file_is_not_replaced_without_force(follow, tmp_path, quadlog,
     ok("check", follow, "--expect", path)
 
 
-def test_a_bound_under_a_name_replaces_that_of_all_and_none_removes_it(follow, bounds, quadlog, ok):
+def test_a_bound_under_a_name_replaces_that_of_all_and_none_removes_it(follow, tmp_path, bounds, quadlog, ok):
     bounds.write_text("[default]\nuwb_residual_m = { max = 0 }\n[recordings.follow]\nuwb_residual_m = {}\n")
     assert "no bounds are expected" in quadlog("check", follow, "--expect", bounds).out
     bounds.write_text("[default]\nuwb_residual_m = { max = 0 }\n[recordings.follow.uwb_residual_m]\nmax = 9\n")
     ok("check", follow, "--expect", bounds)
-
-
-def test_a_walk_goes_by_its_course_and_by_its_seed(follow, tmp_path, bounds, quadlog, ok):
     seed = shutil.copytree(follow, tmp_path / "line-fpmw" / "seed-003")
-    record = json.loads((seed / "run.json").read_text())
-    (seed / "run.json").write_text(json.dumps(record | {"options": {"course": "line"}}))
-    for name in ("line-fpmw", '"line-fpmw/seed-003"'):
+    change_json(seed / "run.json", options={"course": "line"})
+    for name, code in (("line-fpmw", 0), ('"line-fpmw/seed-003"', 0), ("seed-003", 4)):
         bounds.write_text(f"[recordings.{name}]\nuwb_residual_m = {{ max = 10 }}\n")
-        ok("check", tmp_path / "line-fpmw", "--expect", bounds)
-    bounds.write_text("[recordings.seed-003]\nuwb_residual_m = { max = 10 }\n")
-    assert quadlog("check", seed, "--expect", bounds).code == 4
+        assert quadlog("check", tmp_path / "line-fpmw", "--expect", bounds).code == code
     (seed / "metrics.json").write_text("[]")
     done = quadlog("check", tmp_path / "line-fpmw", "--expect", bounds)
     assert (done.code, done.out.splitlines()[0]) == (1, f"{seed}: cannot be checked")

@@ -16,8 +16,6 @@ from click.testing import CliRunner
 
 from quadlog.cli.main import COMMANDS, cli, run
 from quadlog.config.plugins import DECODERS, PLANNERS
-from quadlog.errors import CannotWrite
-from quadlog.storage.atomic_write import write_whole
 from quadlog.version import __version__
 from tests.cli.conftest import FIXTURES
 
@@ -115,16 +113,6 @@ def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
         assert command.make_context(name, arguments).params
 
 
-def test_options_of_one_meaning_are_declared_alike():
-    """The same flag has the same short form, type and default wherever a command has it; help may differ."""
-    options = [each for name in COMMANDS for each in command_of(name).params if isinstance(each, click.Option)]
-    for flag in ("--seed", "--set", "--config", "--json", "--msg-path", "--force", "--jobs", "--seeds", "--resume"):
-        alike = [each for each in options if flag in each.opts]
-        assert len(alike) > 1
-        kinds = {(*each.opts, str(each.type), str(each.default), each.multiple, each.is_flag) for each in alike}
-        assert len(kinds) == 1, kinds
-
-
 @pytest.mark.parametrize("line", READS.values(), ids=READS)
 def test_what_is_not_there_or_hostile_is_one_line_and_nothing_is_written(line, here, quadlog, tmp_path):
     (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 40)
@@ -177,9 +165,6 @@ def test_what_goes_into_a_folder_spares_runs_and_pipes_too(to, folder, here, ref
     os.mkfifo(tmp_path / "tables" / "scans.csv")
     refused(2 if to == "rosmap" else 1, *here(f"export RUN --to {to} -o {folder} --force"))
     assert [path.name for path in (tmp_path / "tables").iterdir()] == ["scans.csv"]
-    (tmp_path / "stdout").symlink_to("tables/scans.csv")
-    with pytest.raises(CannotWrite, match="it is no regular file"):
-        write_whole(tmp_path / "stdout", b"")
 
 
 def test_files_beside_the_runs_are_skipped_wherever_they_stand(follow, tmp_path, quadlog, refused):

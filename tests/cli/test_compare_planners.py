@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from quadlog.results import planners as tables
+from quadlog.results.studies.planners import PLANNERS
 
-COLUMNS = tables.PLANNERS
 PLAN = ["--planner", "ia_star", "--planner", "mt_d_star_lite"]
 FOREST = ["compare-planners", "forest:0.1", *PLAN, "--episodes", "2"]
 
@@ -25,24 +24,13 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog, tmp_
     assert [row["planner"] for row in rows] == ["astar", "ia_star", "mt_d_star_lite"]
     totals = {f"{count}_total" for count in ("expanded", "generated", "touched")}
     for row in rows:
-        assert list(row) == [name for name in COLUMNS.names if name in row]
+        assert list(row) == [name for name in PLANNERS.names if name in row]
         assert {name for name in row if type(row[name]) is int} == {"episodes", "replans", *totals}
         assert {name for name in row if type(row[name]) is str} == {"source", "planner"}
         assert {type(value) for value in row.values()} == {int, float, str}
     assert ["fallback_share" in row for row in rows] == [False, True, True]
     assert "Rules of astar" in done.err
     assert "saved most" in done.err
-
-
-@pytest.mark.parametrize(
-    ("to", "holds"), [("table", "forest:0.1: 2 episodes"), ("markdown", "| ia\\_star | 100 |"), ("latex", "\\toprule")]
-)
-def test_text_says_how_to_read_it(quadlog, to, holds):
-    code, out, err = quadlog(*FOREST, "--format", to)
-    assert (code, err) == (0, "")
-    assert holds in " ".join(out.split())
-    assert "solved by all 3 planners: ratio, excess cost" in out
-    assert "fewer than 6 episodes are too few" in out
 
 
 @pytest.mark.parametrize(
@@ -57,14 +45,9 @@ def test_text_says_how_to_read_it(quadlog, to, holds):
         (["forest:0.1", "-o", "/dev/null"], 1, "/dev/null: cannot be written"),
         (["MAP"], 2, "Give --start-cell COL,ROW and --goal-cell COL,ROW or --scen FILE.scen"),
         (["MAP", "--start-cell", "0,0", "--goal-cell", "4,0"], 2, "--goal-cell 4,0 lies outside"),
+        (["MAP", "--start-cell", "1,9999999999"], 2, "is not two whole numbers of 0 or more, as in 12,34"),
         (["forest:0.1", "--planner", "a_star"], 2, "--planner"),
     ],
 )
 def test_mistakes_are_named(refused, small_map, arguments, code, says):
     assert says in refused(code, "compare-planners", *(small_map if word == "MAP" else word for word in arguments))
-
-
-@pytest.mark.parametrize("cell", ["1", "1,2,3", "-1,0", "1,9999999999", "1.5,2", "٣,1"])
-def test_a_cell_is_two_whole_numbers(small_map, refused, cell):
-    said = refused(2, "compare-planners", small_map, "--start-cell", cell, "--goal-cell", "0,0")
-    assert "is not two whole numbers of 0 or more, as in 12,34" in said

@@ -9,39 +9,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from quadlog.cli.main import run
-from quadlog.results.diff import COLUMNS, MADE, merge_frames
-from quadlog.results.tables import TABLES, read_table, write_table
-from tests.cli.conftest import FOLLOW
-
-SHORT = ["--until", "map", "--duration", "0.5", "--no-plots"]
-
-
-@pytest.fixture
-def other(once):
-    """A run of the same seconds that sees less of them."""
-
-    def make(folder):
-        assert run(["replay", *FOLLOW, "-o", str(folder), *SHORT, "--set", "grid.min_height_m=0.3"]) == 0
-        return folder / "follow"
-
-    return once("other", make)
+from quadlog.results.diff import MADE, merge_frames
+from quadlog.results.tables import read_table
+from tests.lab.runs import change, change_json
 
 
 @pytest.fixture
 def copy(follow, tmp_path):
     return shutil.copytree(follow, tmp_path / "follow")
-
-
-def edit(run, name, change):
-    content = json.loads((run / name).read_text())
-    change(content)
-    (run / name).write_text(json.dumps(content))
-
-
-def alter(run, name, change):
-    """Replace a table's columns by what `change` makes of them."""
-    write_table(run / f"{name}.parquet", TABLES[name], change(read_table(run, name)))
 
 
 def listed(quadlog, *arguments):
@@ -52,44 +27,33 @@ def listed(quadlog, *arguments):
 
 
 def test_another_seed_alone_is_listed_and_is_no_difference(follow, copy, quadlog):
-    edit(copy, "run.json", lambda record: record.update(seed=3))
+    change_json(copy / "run.json", seed=3)
     done = quadlog("diff", follow, copy)
     assert (done.code, done.err) == (0, "")
     assert done.out.splitlines()[2:] == ["results: the same", "", "made with  A  B", "seed       0  3"]
     (row,) = listed(quadlog, follow, copy)
     assert row == {"stage": MADE, "result": "run.json", "column": "seed", "rows": 1, "a": 0, "b": 3}
     assert listed(quadlog, follow, follow) == []
-    edit(copy, "run.json", lambda record: record["topics"][0].update(topic="/\x1b[31mred\nline"))
+    topics = json.loads((copy / "run.json").read_text())["topics"]
+    change_json(copy / "run.json", topics=[topics[0] | {"topic": "/\x1b[31mred\nline"}, *topics[1:]])
     done = quadlog("diff", copy, follow)
     assert (done.code, "\x1b" in done.out, "red line" in done.out) == (4, False, True)
 
 
-def test_a_difference_is_found_in_its_stage_and_in_a_terminal(follow, other, quadlog):
-    done = quadlog("diff", follow, other)
-    assert done.code == 4
-    lines = done.out.splitlines()
-    assert lines[2].startswith("results: differ, first in stage map: maps, occupied at 0.000 s (t_ns 17672256")
-    assert "config.grid.min_height_m  0.05  0.3" in lines
-    rows = listed(quadlog, follow, other)
-    assert {row["stage"] for row in rows} == {MADE, "map"}
-    (cells,) = [row for row in rows if row["column"] == "occupied"]
-    assert (cells["rows"], cells["apart"] > 0, set(cells) <= set(COLUMNS)) == (5, True, True)
-    assert max(map(len, lines[3:])) <= 80
-
-
 def test_one_column_of_one_row(follow, copy, quadlog):
     poses = read_table(follow, "poses")
-    alter(copy, "poses", lambda table: table | {"x_m": table["x_m"] + 0.25 * (np.arange(len(table["x_m"])) == 3)})
+    change(copy, "poses", x_m=lambda x_m: x_m + 0.25 * (np.arange(len(x_m)) == 3))
     (row,) = listed(quadlog, follow, copy)
     assert (row["stage"], row["result"], row["column"], row["rows"]) == ("position", "poses", "x_m", 1)
     assert (row["t_ns"], row["a"], row["apart"]) == (poses["t_ns"][3], poses["x_m"][3], pytest.approx(0.25))
     first = quadlog("diff", follow, copy).out.splitlines()[2]
     assert first.startswith("results: differ, first in stage position: poses, x_m at ")
     assert first.endswith(" (by 0.25)")
+    assert max(map(len, quadlog("diff", follow, copy).out.splitlines()[3:])) <= 80
 
 
 def test_a_result_that_only_one_run_has_comes_first_and_a_damaged_one_is_an_error(follow, copy, quadlog, refused):
-    alter(copy, "fixes", lambda table: table | {"x_m": table["x_m"] + 1})
+    change(copy, "fixes", x_m=lambda x_m: x_m + 1)
     (copy / "poses.parquet").unlink()
     rows = listed(quadlog, follow, copy)
     assert (rows[0]["result"], rows[0]["a"], rows[0]["b"]) == ("poses.parquet", "saved", "missing")
@@ -118,22 +82,19 @@ def test_values_are_equal_within_the_tolerance(a, b, tolerances, differs):
     assert bool(list(merge_frames("x", *frames, **tolerances))) is differs
 
 
-def test_a_row_that_one_tag_lacks_is_no_difference_of_another_tag():
+def test_rows_are_matched_by_tag_and_angles_by_the_shorter_way():
     both = pd.DataFrame({"t_ns": 0, "tag": [0, 1], "nis": [0.5, 2.0]})
     (row,) = merge_frames("innovations", both, both[1:])
     assert (row["result"], row["column"], row["rows"]) == ("innovations", "rows only in A", 1)
-
-
-def test_angles_are_apart_by_the_shorter_way():
     frames = [pd.DataFrame({"t_ns": [0], "yaw_rad": [yaw]}) for yaw in (np.pi - 0.01, 0.01 - np.pi)]
     (row,) = merge_frames("poses", *frames)
     assert row["apart"] == pytest.approx(0.02)
 
 
 def test_tolerances_of_the_command(follow, copy, quadlog, refused):
-    edit(copy, "metrics.json", lambda metrics: metrics["uwb_residual_m"].update(value=0.5))
+    change_json(copy / "metrics.json", uwb_residual_m__value=0.5)
     other = shutil.copytree(copy, copy.with_name("b"))
-    edit(other, "metrics.json", lambda metrics: metrics["uwb_residual_m"].update(value=0.500001))
+    change_json(other / "metrics.json", uwb_residual_m__value=0.500001)
     allowed = ([], ["--tolerance", "2e-6"], ["--relative", "1e-9"], ["--relative", "1e-4"])
     assert [quadlog("diff", copy, other, *each).code for each in allowed] == [4, 0, 4, 0]
     for wrong in ("-1", "nan", "inf"):

@@ -60,13 +60,6 @@ def test_mistakes_name_the_remedy(tmp_path, refused, arguments, code, says):
     assert not (tmp_path / "runs" / "follow" / "run.json").exists()
 
 
-def test_a_planner_of_a_plug_in_is_a_choice(tmp_path, install, ok, refused):
-    install("quadlog-zig", "1.0", {"quadlog.planners": {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
-    command = ["replay", *FOLLOW, "-o", tmp_path / "runs", "--dry-run", "--planner"]
-    ok(*command, "zigzag")
-    assert "'zigzag'" in refused(2, *command, "zagzig")
-
-
 def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, quadlog, ok):
     toml, output = tmp_path / "quadlog.toml", ["--until", "ingest", "--duration", "1", "--preset", "paper"]
     ok("init", FOLLOW[0], "-o", toml)

@@ -15,9 +15,9 @@ import time
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.results import planners as comparison_text
 from quadlog.results.page import planners as comparison_page
 from quadlog.results.record import is_finished
+from quadlog.results.studies import planners as comparison_text
 from tests.cli.conftest import FOLLOW
 
 # They would take hours.
@@ -135,40 +135,3 @@ def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_p
     assert run(SHORT["compare-planners"].split()) == 1
     assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
     assert (tmp_path / "out" / "report.html").is_file()
-
-
-SWALLOWED = """
-import os, signal, click
-from quadlog.cli import main
-class Swallows:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGTERM)
-@click.command()
-def command():
-    Swallows()
-    while True:
-        signal.pause()
-main.LazyGroup.get_command = lambda *_: command
-main.main()
-"""
-GENERATED = """
-import os, signal, sys
-from quadlog.pipelines.executor.machine import take_one_interrupt
-take_one_interrupt()
-try:
-    exec('os.kill(os.getpid(), signal.SIGTERM)\\nwhile True: pass')
-except KeyboardInterrupt as error:
-    sys.exit(f'{error}')
-"""
-
-
-@pytest.mark.parametrize(
-    ("code", "said"),
-    [(SWALLOWED, "quadlog: interrupted by SIGTERM; nothing half-written was left\n"), (GENERATED, "SIGTERM\n")],
-    ids=["a signal that a destructor swallows comes again", "within exec, after which python -m would end by SIGINT"],
-)
-def test_a_signal_within_odd_code_ends_it_with_exit_code_1(tmp_path, code, said):
-    (tmp_path / "stopped.py").write_text(code)
-    words = [sys.executable, "-m", "stopped", "info"]
-    found = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stdout, found.stderr) == (1, "", said)

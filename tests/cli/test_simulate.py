@@ -8,7 +8,6 @@ import pytest
 from quadlog.cli.simulate import TERRAINS, terrain_of
 from quadlog.config.file import load_config
 from quadlog.pipelines.simulation.courses import BANDS_M
-from quadlog.simulation.robot import trot as trot_walk
 
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5", "--no-plots"]
 
@@ -74,16 +73,3 @@ def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeyp
     for given in (str(Path(name).resolve()), f"./{name}" if name in TERRAINS else name):
         terrain = terrain_of(given)
         assert Path(load_config(None, [f"simulation.terrain={terrain}"], {}).simulation.terrain).samefile(name)
-
-
-def test_trot_has_a_row_for_each_curve_and_no_plots(tmp_path, ok, monkeypatch):
-    monkeypatch.setattr(trot_walk, "TROT_S", 2.0)
-    settings = ["--set", "simulation.trot.payload_kg=1.2", "--set", "simulation.trot.payload_y_m=-0.1"]
-    rows = json.loads(ok("simulate", "trot-32s", *settings, "--seed", "5", "--no-plots", "--json", "-o", tmp_path))
-    assert [row["controller"] for row in rows] == ["baseline", "3d-curve"]
-    for row in rows:
-        run = tmp_path / "trot-32s" / row["controller"]
-        assert (row["run"], row["seed"], (run / "plots").exists()) == (str(run), 5, False)
-        saved = json.loads((run / "metrics.json").read_text())
-        for name in ("lateral_drift_m", "yaw_rate_degps", "forward_m"):
-            assert row[name] == saved[name]["value"]

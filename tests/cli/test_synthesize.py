@@ -2,9 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from quadlog.cli.synthesize import command
-from quadlog.simulation.synthetic.writer import WRITERS
-
 SMALL = ["--duration", "0.2", "--azimuth-steps", "16"]
 SCENARIOS = ("follow", "forest", "corridor")
 
@@ -24,13 +21,6 @@ def test_wrong_usage(tmp_path, monkeypatch, refused, arguments):
     monkeypatch.chdir(tmp_path)
     refused(2, "synthesize", "follow", "-o", "walk.mcap", *SMALL, *arguments.split())
     assert list(tmp_path.iterdir()) == []
-
-
-def test_choices_are_those_there_are_and_help_describes_them(ok):
-    choices = {each.name: list(each.type.choices) for each in command.params if hasattr(each.type, "choices")}
-    assert choices == {"scenario": list(SCENARIOS), "container": list(WRITERS)}
-    described = ok("synthesize", "--help")
-    assert all(f"\n  {scenario} " in described for scenario in SCENARIOS)
 
 
 def test_with_a_body_the_same_seed_gives_the_same_bytes_and_joints(tmp_path, ok):

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 
 from quadlog.results.find_runs import OWN_FILES
-from quadlog.results.papers.folder import COLUMNS
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.studies.papers import COLUMNS
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.tables import METRIC_NAMES, TABLES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text()

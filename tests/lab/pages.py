@@ -15,9 +15,9 @@ from quadlog.results.page.blocks import Page, write_page
 from quadlog.results.page.papers import papers_page
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page, write_sweep_page
-from quadlog.results.papers.table import Origin, PaperRow, PaperTable, RowGroup, SavedTable, Verdict
 from quadlog.results.run import Run
-from quadlog.results.sweep import SweepRow, write_sweep_table
+from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict
+from quadlog.results.studies.sweep import SweepRow, write_sweep_table
 from quadlog.results.tables import TABLES, write_table
 from tests.lab.runs import KINDS
 
@@ -51,7 +51,7 @@ def _papers(run: Path) -> Path:
     rows = (PaperRow("e", 7.0), *(PaperRow(f"{v} (m)", 1.23, 1.2, 1.0, 1.5, v, "why") for v in Verdict))
     groups = (RowGroup("Judged", "Text.", rows), RowGroup("Unprinted", "", (PaperRow("f", 7.0),)))
     table = PaperTable("one", "Title", "The `cap`.", "Sizes.", 0, True, groups)
-    page: Page = papers_page([SavedTable(table, Origin("code", True, 0))], "code")
+    page: Page = papers_page([table])
     return write_page(run.with_name("papers.html"), page)
 
 

@@ -19,7 +19,7 @@ from quadlog.config.file import load_config
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.results.tables import read_table
-from quadlog.results.words import value_text
+from quadlog.results.text import value_text
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.positioning.fix.dilution import dilution_at
+from quadlog.positioning.dilution import dilution_at
 from quadlog.results.tables import read_table
 
 

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.geometry import wrap_angle, yaw_from_quat
-from quadlog.messages import Float, ImuSeries, Int
+from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.stages.tilt import frozen
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
     AlignedHeading,
-    CausalHeading,
     TagsYaw,
-    align_gyro,
-    align_gyro_causally,
+    YawSensor,
     align_yaw,
-    align_yaw_causally,
     course_heading,
-    course_heading_std,
     filter_lag_s,
+    gyro_sensor,
 )
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD, SensorDrift
+from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.motion import Track
 from quadlog.recordings.streams import Streams
 
@@ -42,16 +39,6 @@ SIDEWAYS_STD_RAD = np.radians(10.0)
 """By how much carriers move beside the direction in which they look, which the std of a course does not hold."""
 
 
-@dataclass(frozen=True, slots=True)
-class _YawSensor:
-    """An orientation over time: yaw_rad (M,) at t_ns (M,), from the topic of a role."""
-
-    role: str
-    t_ns: Int
-    yaw_rad: Float
-    drift: SensorDrift
-
-
 def find_heading(
     data: LogData, journal: Journal, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None = None
 ) -> tuple[Float, Float]:
@@ -61,21 +48,18 @@ def find_heading(
     """
     if not data.config.uwb.smooth:
         return _causal_heading(data, journal, track, tag_ahead_m, by_tags)
-    course, course_std = course_heading(track), course_heading_std(track)
+    course, course_std = course_heading(track)
     if by_tags is not None and np.median(by_tags.std_rad) > np.hypot(np.median(course_std), SIDEWAYS_STD_RAD):
         tags_deg = _median_deg(by_tags.std_rad)
         journal.note(
             f"the lever arms of the tags show the heading to {tags_deg:.1f} degrees only, and are not used for it"
         )
         by_tags = None
-    aligned = {sensor.role: _align(track, sensor, tag_ahead_m, by_tags) for sensor in _orientations(data.streams)}
-    rate_only = _rate_only(data.streams.imu, journal)
-    if rate_only is not None:
-        gyro = align_gyro(track, rate_only.t_ns, rate_only.angular_radps[:, 2], tag_ahead_m, by_tags)
-        aligned["imu"] = gyro.heading
-        if gyro.upside_down and gyro.heading.told:
-            journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
-    told = {role: each for role, each in aligned.items() if each.told}
+    sensors = _orientations(data.streams, journal)
+    aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags) for role, sensor in sensors.items()}
+    told = {role: each for role, each in aligned.items() if each.told.any()}
+    if "imu" in told and told["imu"].upside_down:
+        journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     if by_tags is not None:
         return _best_with_tags(journal, by_tags, told)
     if not told:
@@ -104,9 +88,10 @@ def _best_with_tags(journal: Journal, by_tags: TagsYaw, told: Mapping[str, Align
     journal.use(best)
     _tell_choice(journal, best, told)
     own = told[best]
+    assert own.fit is not None
     journal.note(
-        f"heading from {best}, turned by {np.degrees(own.offset_rad):.1f} degrees onto the yaw of the tags: known to "
-        f"{_median_deg(own.yaw_std_rad):.1f} degrees, the tags' own to {np.degrees(tags_std):.1f} degrees"
+        f"heading from {best}, turned by {np.degrees(own.fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
+        f"to {_median_deg(own.yaw_std_rad):.1f} degrees, the tags' own to {np.degrees(tags_std):.1f} degrees"
     )
     _warn_if_uncertain(journal, float(np.median(own.yaw_std_rad)))
     return own.yaw_rad, own.yaw_std_rad
@@ -124,18 +109,10 @@ def _causal_heading(
     Before any is aligned it is that of the tags, or the course. The best sensor is known from the whole log only, and
     is not used here.
     """
-    aligned: dict[str, CausalHeading] = {}
-    for sensor in _orientations(data.streams):
-        aligned[sensor.role] = align_yaw_causally(
-            track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift, by_tags=by_tags
-        )
-    rate_only = _rate_only(data.streams.imu, journal)
-    if rate_only is not None:
-        rate_radps = rate_only.angular_radps[:, 2]
-        aligned["imu"] = align_gyro_causally(track, rate_only.t_ns, rate_radps, tag_ahead_m, by_tags)
+    sensors = _orientations(data.streams, journal)
+    aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags, causal=True) for role, sensor in sensors.items()}
     # The first course lies in the future of a causal track.
-    yaw_rad = course_heading(track, before_motion_rad=0.0)
-    std_rad = course_heading_std(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
+    yaw_rad, std_rad = course_heading(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
     if by_tags is not None:
         yaw_rad, std_rad = by_tags.yaw_rad, by_tags.std_rad
     used = [role for role, heading in aligned.items() if heading.told.any()]
@@ -161,14 +138,17 @@ def _causal_heading(
     return yaw_rad, std_rad
 
 
-def _orientations(streams: Streams) -> list[_YawSensor]:
-    """Every orientation of the recording, the IMU's first."""
+def _orientations(streams: Streams, journal: Journal) -> dict[str, YawSensor]:
+    """Every yaw of the recording by its role: an IMU's orientation first, the integral of its rate last."""
     imu, odometry = streams.imu, streams.odometry
-    sensors: list[_YawSensor] = []
+    sensors: dict[str, YawSensor] = {}
+    rate_only = _rate_only(imu, journal)
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
-        sensors.append(_YawSensor("imu", imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT))
+        sensors["imu"] = YawSensor(imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT)
     if odometry is not None:
-        sensors.append(_YawSensor("odometry", odometry.t_ns, yaw_from_quat(odometry.quat_xyzw), ODOMETRY_DRIFT))
+        sensors["odometry"] = YawSensor(odometry.t_ns, yaw_from_quat(odometry.quat_xyzw), ODOMETRY_DRIFT)
+    if rate_only is not None:
+        sensors["imu"] = gyro_sensor(rate_only.t_ns, rate_only.angular_radps[:, 2])
     return sensors
 
 
@@ -188,15 +168,11 @@ def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
     return imu if len(imu) else None
 
 
-def _align(track: Track, sensor: _YawSensor, tag_ahead_m: float, by_tags: TagsYaw | None) -> AlignedHeading:
-    return align_yaw(track, sensor.t_ns, sensor.yaw_rad, tag_ahead_m, drift=sensor.drift, by_tags=by_tags)
-
-
-def _why_course(aligned: Mapping[str, AlignedHeading | CausalHeading]) -> str:
+def _why_course(aligned: Mapping[str, AlignedHeading]) -> str:
     if not aligned:
         return "no IMU and no odometry"
     names = " and ".join(aligned)
-    if any(isinstance(each, AlignedHeading) and each.moving_s > 0 for each in aligned.values()):
+    if any(each.fit is not None for each in aligned.values()):
         return f"the course has nothing in common with the yaw of {names}"
     return f"the robot never moved for long enough while {names} gave yaw"
 
@@ -230,18 +206,18 @@ def _tell_choice(journal: Journal, best: str, told: Mapping[str, AlignedHeading]
 
 
 def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading) -> None:
-    std = float(np.median(heading.yaw_std_rad))
-    drift = ""
-    if abs(heading.drift_radps) > 2 * heading.drift_std_radps > 0:
-        drift = f", its drift of {np.degrees(heading.drift_radps) * 60:.1f} degrees a minute taken out"
+    fit, std, drift = heading.fit, float(np.median(heading.yaw_std_rad)), ""
+    assert fit is not None
+    if abs(fit.drift_radps) > 2 * np.sqrt(fit.covariance[1, 1]) > 0:
+        drift = f", its drift of {np.degrees(fit.drift_radps) * 60:.1f} degrees a minute taken out"
     journal.note(
-        f"heading from {role}, turned by {np.degrees(heading.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
+        f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
         f"an obstacle 10 m away is off by {10 * std:.2f} m"
     )
     _warn_if_uncertain(journal, std)
-    if heading.askew_share > ASKEW_SHARE:
+    if fit.askew_share > ASKEW_SHARE:
         journal.warn(
-            f"in {heading.askew_share:.0%} of its motion the robot walks more than 60 degrees off its heading, "
+            f"in {fit.askew_share:.0%} of its motion the robot walks more than 60 degrees off its heading, "
             f"sideways or backwards; were such steps the most, the heading from {role} is turned wrongly"
         )
 

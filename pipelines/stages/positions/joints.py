@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from quadlog.messages import Float, Int, JointSeries
 from quadlog.pipelines.journal import Journal
-from quadlog.positioning.foot_order import better_foot_order
+from quadlog.positioning.leg_odometry import better_foot_order
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:

@@ -10,7 +10,14 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.errors import MissingInput
-from quadlog.geometry import base_covariance, roll_pitch_from_quat, tag_to_base, wrap_angle, yaw_from_quat
+from quadlog.geometry import (
+    base_covariance,
+    roll_pitch_from_quat,
+    seconds_since,
+    tag_to_base,
+    wrap_angle,
+    yaw_from_quat,
+)
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.pipelines.journal import Journal
@@ -28,6 +35,7 @@ from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
+from quadlog.recordings.formatting import several
 from quadlog.recordings.roles import kinds_of
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
@@ -36,6 +44,10 @@ from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
+LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
+"""Positions that lie farther apart than both allow are no walk."""
+LEAST_TURN_RAD = 1.0
+"""A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
 """The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
 
@@ -61,6 +73,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         robot = _robot(data, journal, uwb)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
+        _warn_of_jumps(data, journal, robot)
         other = _other_track(data, journal, uwb, robot.source)
         reference = settled_reference(data, journal, robot)
         data = replace(data, streams=replace(data.streams, reference=reference))
@@ -99,6 +112,18 @@ def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
         journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
 
 
+def _warn_of_jumps(data: LogData, journal: Journal, robot: RobotTrack) -> None:
+    step_m = np.linalg.norm(np.diff(robot.xy_m, axis=0), axis=1)
+    jumps = step_m > np.maximum(LEAST_JUMP_M, FASTEST_MPS * np.diff(seconds_since(robot.t_ns, data.first_ns)))
+    if jumps.any():
+        worst = np.argmax(np.where(jumps, step_m, 0.0))
+        t_s = (robot.t_ns[worst + 1] - data.first_ns) * 1e-9
+        journal.warn(
+            f"positions jump {several(int(jumps.sum()), 'time')}, by up to {step_m[worst]:.2f} m, at {t_s:.1f} s, "
+            "as where odometry is reset: maps before and after do not fit together"
+        )
+
+
 def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack:
     """The track of the configured source, or of the first of AUTO_ORDER that there is."""
     wanted = data.config.topics.position
@@ -122,9 +147,9 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
     elif wanted in {channel.topic for channel in data.log.recording.channels}:
         journal.use("position", wanted)
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
-        chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose")
+        chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted)), "file")
+        chosen = _from_poses(read_tum(Path(wanted)), "file", journal)
     if chosen is None:
         raise MissingInput(
             "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
@@ -182,7 +207,7 @@ def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
         journal.use("tf")
         if frame != topics.map_frame:
             journal.note(f"no frame {topics.map_frame} moves {base} in tf: {frame}, in which it moves, is the map")
-    return _from_poses(series, "tf")
+    return _from_poses(series, "tf", journal)
 
 
 def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -190,7 +215,7 @@ def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
     data.log.roles.topic("odometry")
     if data.streams.odometry is not None:
         journal.use("odometry")
-    return _from_poses(data.streams.odometry, "odometry")
+    return _from_poses(data.streams.odometry, "odometry", journal)
 
 
 def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -198,7 +223,7 @@ def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
     if len(topics) != 1:
         return None
     journal.use("pose")
-    return _from_poses(data.streams.estimates.get(topics[0]), "pose")
+    return _from_poses(data.streams.estimates.get(topics[0]), "pose", journal)
 
 
 def _from_legs(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -235,12 +260,26 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
     return RobotTrack(track.t_ns, x_y_m, yaw_rad, "lidar", LIDAR_FRAME, z_m=z_m, tilt_rad=tilt_rad)
 
 
-def _from_poses(poses: PoseSeries | None, source: str) -> RobotTrack | None:
+def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> RobotTrack | None:
     if poses is None or len(poses) == 0:
         return None
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
+    if np.ptp(yaw_rad) == 0:
+        course_rad = _course(poses.t_ns, xy_m)
+        if np.ptp(np.unwrap(course_rad)) > LEAST_TURN_RAD:
+            journal.warn("the poses have no orientation: the heading is the direction of travel")
+            yaw_rad = wrap_angle(course_rad)
     return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
+
+
+def _course(t_ns: Int, xy_m: Float) -> Float:
+    """(N,) direction of travel over the second around t_ns, held while the robot stands; zeros if it always does."""
+    t_s = seconds_since(t_ns, t_ns[0])
+    x_m, y_m = (np.interp(t_s + 0.5, t_s, axis_m) - np.interp(t_s - 0.5, t_s, axis_m) for axis_m in xy_m.T)
+    moving = np.hypot(x_m, y_m) >= STOOD_M
+    held = np.maximum.accumulate(np.where(moving, np.arange(len(t_ns)), int(np.argmax(moving))))
+    return np.arctan2(y_m, x_m)[held] * moving.any()
 
 
 def _fixed(data: LogData) -> RobotTrack:

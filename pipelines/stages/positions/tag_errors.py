@@ -12,7 +12,7 @@ from quadlog.config.schema import Config
 from quadlog.geometry import base_to_tag, yaw_from_quat
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.metrics.positioning import Trajectory, positions_at
-from quadlog.positioning.fix.dilution import DilutionMap, map_dilution, radius_95
+from quadlog.positioning.dilution import DilutionMap, map_dilution, radius_95
 
 if TYPE_CHECKING:
     from quadlog.positioning.locate import Located, TagResult

@@ -243,19 +243,6 @@ class FuzzySettings:
 
 
 PAPER = FuzzySettings()
-# What the rules are good for: only k_v acts and hardly the rate, so that a robot far from its path looks less far
-# ahead; at 0.5 m/s a delta k_v of -1.5 takes l from l0 to l_min. A unicycle on the s-curve stays within 0.016 m of it
-# in the mean, at a mean l of 1.66 m, and within 0.053 m at that l fixed: but a fixed l of 1 m gives 0.012 m, and
-# with a noisy, late pose a walking robot's look-ahead chatters.
-HONEST = FuzzySettings(
-    lambda_v=4.0,
-    lambda_w=0.0,
-    gain_e_per_m=20.0,
-    gain_ec_s_per_m=0.5,
-    ec_filter_s=0.2,
-    l_max_m=2.0,
-    centroid="continuous",
-)
 
 
 class FuzzyLookahead:

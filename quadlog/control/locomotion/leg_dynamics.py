@@ -78,13 +78,6 @@ def mass_behind(robot: Robot, side: float, joints_rad: Float) -> tuple[float, fl
     return mass, -float(leg.masses_kg[1:] @ leg.centres_m[0, 1:, 0]) / mass
 
 
-def abduction_inertia(robot: Robot, side: float, joints_rad: Float) -> float:
-    """J1 in kg m^2 [Foot, eq. 11] of one posture (3,): the whole leg's about its abduction axis."""
-    leg = leg_masses(robot, side, joints_rad[None])
-    off_axis = leg.centres_m[0, :, 1:]
-    return float(leg.masses_kg @ (off_axis**2).sum(axis=1) + leg.inertias_kgm2[0, :, 0, 0].sum())
-
-
 def swing_reaction(
     robot: Robot, side: float, t_s: Float, joints_rad: Float, gravity_mps2: float = GRAVITY_MPS2
 ) -> Float:

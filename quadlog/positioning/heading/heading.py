@@ -6,7 +6,7 @@ one degree of error moves an obstacle 10 m away by 17 cm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +14,10 @@ from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.heading.yaw_offset import (
     GROUP_NS,
-    LOOK_S,
     UNKNOWN_YAW_STD_RAD,
     CourseDifferences,
     SensorDrift,
+    YawOffset,
     fit_offset,
 )
 from quadlog.positioning.motion import Track
@@ -28,38 +28,27 @@ TURN_STD_RADPS = 0.5
 LONGEST_LAG_S = 2.0
 
 
-def course_heading(track: Track, before_motion_rad: float | None = None) -> Float:
-    """(T,) yaw along the velocity, held where the speed is below HOLD_BELOW_MPS.
+def course_heading(
+    track: Track, before_motion_rad: float | None = None, lag_s: Float | float = 0.0
+) -> tuple[Float, Float]:
+    """(T,) yaw along the velocity, held where the speed is below HOLD_BELOW_MPS, and its std (T,).
 
     Before the first motion: before_motion_rad, which a causal track must give, since the first course lies in its
     future; None takes that first course. A track that never moves has yaw zero, or before_motion_rad.
+    The std, for a carrier that looks where it walks, is that of the velocity across the course over the speed. While
+    held it grows by TURN_STD_RADPS times the time since; so it does by lag_s, (T,) or one, by which the velocity is
+    late. A before_motion_rad is worth nothing.
     """
-    source, known = _course_source(track, before_motion_rad)
-    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
-    return wrap_angle(np.where(known, course[source], before_motion_rad or 0.0))
-
-
-def course_heading_std(track: Track, before_motion_rad: float | None = None, lag_s: Float | float = 0.0) -> Float:
-    """(T,) std of course_heading with the same arguments, for a carrier that looks where it walks.
-
-    That of the velocity across the course over the speed. While held it grows by TURN_STD_RADPS times the time since;
-    so it does by lag_s, (T,) or one, by which the velocity is late. A before_motion_rad is worth nothing.
-    """
-    if len(track) == 0:
-        return np.empty(0)
-    source, known = _course_source(track, before_motion_rad)
-    held_s = np.abs(track.t_ns - track.t_ns[source]) * 1e-9 + lag_s
-    std = np.hypot(course_std(track)[source], TURN_STD_RADPS * held_s)
-    return np.where(known, np.minimum(std, UNKNOWN_YAW_STD_RAD), UNKNOWN_YAW_STD_RAD)
-
-
-def _course_source(track: Track, before_motion_rad: float | None) -> tuple[Int, np.ndarray]:
-    """(T,) the instant whose course counts at each instant, and whether there is one."""
     moving = speed_of(track) >= HOLD_BELOW_MPS
     source = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
     if before_motion_rad is None and moving.any():
         source = np.where(source >= 0, source, np.argmax(moving))
-    return source.clip(0), source >= 0
+    source, known = source.clip(0), source >= 0
+    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])[source]
+    held_s = np.abs(track.t_ns - track.t_ns[source]) * 1e-9 + lag_s
+    std = np.minimum(np.hypot(course_std(track)[source], TURN_STD_RADPS * held_s), UNKNOWN_YAW_STD_RAD)
+    yaw_rad = wrap_angle(np.where(known, course, before_motion_rad or 0.0))
+    return yaw_rad, np.where(known, std, UNKNOWN_YAW_STD_RAD)
 
 
 def speed_of(track: Track) -> Float:
@@ -98,51 +87,33 @@ NO_DRIFT = SensorDrift()
 IMU_DRIFT = SensorDrift(rate_std_radps=0.001, walk_std=0.001)
 ODOMETRY_DRIFT = SensorDrift(rate_std_radps=0.003, walk_std=0.003)
 """Orientations of consumer IMUs drift by degrees a minute, of legged or wheeled odometry by ten: orders, not tuned."""
+GYRO_DRIFT = SensorDrift(rate_std_radps=0.02, walk_std=0.001)
+"""Turn-on biases of consumer gyroscopes are about a degree a second, their noise a few hundredths per root second."""
+CLEARLY_LESS = 0.5
+"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk tells no sign."""
 REFIT_GROWTH = 1.05
 REFIT_GROUPS = 50
 """A causal offset is fitted again when its groups have grown by 5 %, or by ten seconds of motion."""
 
 
 @dataclass(frozen=True, slots=True)
-class AlignedHeading:
-    """Yaw in map at the track's T instants, and how it was had.
+class YawSensor:
+    """Yaw (M,) at increasing t_ns (M,) in a frame of the sensor's own, and how it drifts.
 
-    yaw_rad: (T,) in [-pi, pi); yaw_std_rad: (T,) at most pi / sqrt(3), that of a direction of which nothing is known.
-    offset_rad: added to the sensor's yaw in the middle of the motion, and its std_rad, infinite where the track
-    never moved (for long) while the sensor gave yaw, or its course has nothing in common with it.
-    drift_radps, drift_std_radps: of the offset.
-    moving_s: seconds of motion it rests on. spread_rad: median absolute difference of the course from yaw_rad.
-    askew_share: of the motion, where the course lies more than 60 degrees off: sideways or backward steps.
+    either_way: whether the sensor may be mounted upside down, so that its turns count the other way round.
     """
 
+    t_ns: Int
     yaw_rad: Float
-    yaw_std_rad: Float
-    offset_rad: float = 0.0
-    std_rad: float = np.inf
-    drift_radps: float = 0.0
-    drift_std_radps: float = 0.0
-    moving_s: float = 0.0
-    spread_rad: float = np.inf
-    askew_share: float = 0.0
-
-    @property
-    def told(self) -> bool:
-        """Whether the course told how the sensor is turned."""
-        return bool(np.isfinite(self.std_rad))
+    drift: SensorDrift = NO_DRIFT
+    either_way: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class CausalHeading:
-    """Yaw in map at the track's T instants, its std as it was known then, and spread_rad as in AlignedHeading: (T,)."""
-
-    yaw_rad: Float
-    yaw_std_rad: Float
-    spread_rad: Float
-
-    @property
-    def told(self) -> np.ndarray:
-        """(T,) bool, whether the course had told until then how the sensor is turned."""
-        return np.isfinite(self.spread_rad)
+def gyro_sensor(t_ns: Int, rate_radps: Float) -> YawSensor:
+    """The yaw since the first instant, by trapezoids, of a rate (M,) about an IMU's z axis, which may point down."""
+    t_s = seconds_since(t_ns, int(t_ns[0]) if len(t_ns) else 0)
+    steps = np.diff(t_s) * (rate_radps[1:] + rate_radps[:-1]) / 2
+    return YawSensor(t_ns, np.concatenate([np.zeros(min(len(t_ns), 1)), np.cumsum(steps)]), GYRO_DRIFT, True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,83 +128,64 @@ class TagsYaw:
     constant_std_rad: float
 
 
+@dataclass(frozen=True, slots=True)
+class AlignedHeading:
+    """Yaw in map at the track's T instants, in [-pi, pi), and its std, at most UNKNOWN_YAW_STD_RAD.
+
+    spread_rad: (T,) median absolute difference of the course from it; infinite where the course did not show how the
+    sensor is turned. fit: the offset, the last one of a causal heading; None where the track never moved while the
+    sensor gave yaw. upside_down: whether the sensor's turns count the other way round.
+    """
+
+    yaw_rad: Float
+    yaw_std_rad: Float
+    spread_rad: Float
+    fit: YawOffset | None = None
+    upside_down: bool = False
+
+    @property
+    def told(self) -> np.ndarray:
+        """(T,) bool, whether it was known how the sensor is turned."""
+        return np.isfinite(self.spread_rad)
+
+
 def align_yaw(
-    track: Track,
-    yaw_t_ns: Int,
-    yaw_rad: Float,
-    tag_ahead_m: float = 0.0,
-    drift: SensorDrift = NO_DRIFT,
-    by_tags: TagsYaw | None = None,
+    track: Track, sensor: YawSensor, tag_ahead_m: float = 0.0, by_tags: TagsYaw | None = None, *, causal: bool = False
 ) -> AlignedHeading:
-    """Turn a sensor's yaw (M,) at increasing yaw_t_ns by the offset that fits the track's course best.
+    """Turn a sensor's yaw by the offset that fits the track's course best.
 
     The offset is constant, or for a sensor with a drift rate a line in time; see fit_offset. It is fitted to course
     minus yaw over moving instants where the sensor was on, weighted with one over the course's variance. A tag that
     sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x tag_ahead_m / speed), which is taken
-    out. Where nothing moved, or course and yaw have nothing in common, the offset is zero and its std infinite.
-    by_tags: takes the place of the course, also at rest.
+    out. Where nothing moved, or course and yaw have nothing in common, the std is that of an unknown direction.
+    by_tags: takes the place of the course, also at rest. causal: at each instant the fit to what was known then, again
+    whenever there is REFIT_GROWTH as much of it.
     """
-    if len(yaw_t_ns) == 0:
-        return AlignedHeading(np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD))
-    sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    if by_tags is None:
-        differences, _ = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, np.zeros(len(track)))
-    else:
-        differences, _ = _tag_differences(track, yaw_t_ns, yaw_rad, by_tags)
-    if len(differences.t_s) == 0:
-        return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD))
-    fit = fit_offset(differences, drift)
-    moving_s = float(len(np.unique(differences.t_s // LOOK_S)))
-    if not fit.told:
-        return AlignedHeading(sensor, np.full(len(track), UNKNOWN_YAW_STD_RAD), moving_s=moving_s)
-    t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
-    offset_std, drift_std = np.sqrt(np.diag(fit.covariance))
-    constant_std = 0.0 if by_tags is None else by_tags.constant_std_rad
-    return AlignedHeading(
-        yaw_rad=wrap_angle(sensor + fit.at(t_s)),
-        yaw_std_rad=_with_silence(np.hypot(fit.std_at(t_s), constant_std), track.t_ns, yaw_t_ns),
-        offset_rad=fit.offset_rad,
-        std_rad=float(np.hypot(offset_std, constant_std)),
-        drift_radps=fit.drift_radps,
-        drift_std_radps=float(drift_std),
-        moving_s=moving_s,
-        spread_rad=fit.spread_rad,
-        askew_share=fit.askew_share,
-    )
-
-
-def align_yaw_causally(
-    track: Track,
-    yaw_t_ns: Int,
-    yaw_rad: Float,
-    tag_ahead_m: float = 0.0,
-    drift: SensorDrift = NO_DRIFT,
-    by_tags: TagsYaw | None = None,
-) -> CausalHeading:
-    """The sensor's yaw (M,) turned by what the course has told until each instant, by nothing before.
-
-    The fit of align_yaw to what was known then: again whenever there is REFIT_GROWTH as much of it. Until the first
-    motion the sensor's yaw is not turned, and its std that of a direction of which nothing is known.
-    """
-    told, std = np.zeros(len(track)), np.full(len(track), UNKNOWN_YAW_STD_RAD)
-    spread = np.full(len(track), np.inf)
-    if len(yaw_t_ns) == 0 or len(track) == 0:
-        return CausalHeading(told, std, spread)
-    if by_tags is None:
-        differences, over_ns = _differences(track, yaw_t_ns, yaw_rad, tag_ahead_m, filter_lag_s(track))
-    else:
-        differences, over_ns = _tag_differences(track, yaw_t_ns, yaw_rad, by_tags)
-    constant_std = 0.0 if by_tags is None else by_tags.constant_std_rad
-    t_s = seconds_since(track.t_ns, int(track.t_ns[0]))
-    counts = _refits(len(over_ns))
-    begins = np.append(np.searchsorted(track.t_ns, over_ns[np.array(counts, dtype=np.int64) - 1]), len(track))
-    for count, begin, end in zip(counts, begins[:-1], begins[1:], strict=True):
-        fit = fit_offset(differences.until(count), drift)
-        told[begin:end] = fit.at(t_s[begin:end])
+    if sensor.either_way:
+        signed = (replace(sensor, yaw_rad=sign * sensor.yaw_rad, either_way=False) for sign in (1.0, -1.0))
+        up, down = (align_yaw(track, each, tag_ahead_m, by_tags, causal=causal) for each in signed)
+        turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
+        names, upside_down = ("yaw_rad", "yaw_std_rad", "spread_rad"), bool(turned[-1:].any())
+        yaw_rad, std, spread = (np.where(turned, getattr(down, name), getattr(up, name)) for name in names)
+        return AlignedHeading(yaw_rad, std, spread, (down if upside_down else up).fit, upside_down)
+    fit: YawOffset | None = None
+    n = len(track)
+    offset, std, spread = np.zeros(n), np.full(n, UNKNOWN_YAW_STD_RAD), np.full(n, np.inf)
+    if n == 0 or len(sensor.t_ns) == 0:
+        return AlignedHeading(offset, std, spread)
+    lag_s = filter_lag_s(track) if causal and by_tags is None else np.zeros(n)
+    differences, over_ns = _differences(track, sensor, tag_ahead_m, by_tags, lag_s)
+    counts = _refits(len(over_ns)) if causal else [len(over_ns)] * (len(over_ns) > 0)
+    t_s, constant_std = seconds_since(track.t_ns, int(track.t_ns[0])), by_tags.constant_std_rad if by_tags else 0.0
+    since = [int(np.searchsorted(track.t_ns, over_ns[count - 1])) if causal else 0 for count in counts]
+    for count, begin, end in zip(counts, since, [*since, n][1:], strict=True):
+        fit = fit_offset(differences.until(count), sensor.drift)
+        if fit.told or causal:
+            offset[begin:end] = fit.at(t_s[begin:end])
         if fit.told:
             std[begin:end], spread[begin:end] = np.hypot(fit.std_at(t_s[begin:end]), constant_std), fit.spread_rad
-    sensor = interpolate_angle(track.t_ns, yaw_t_ns, yaw_rad)
-    return CausalHeading(wrap_angle(sensor + told), _with_silence(std, track.t_ns, yaw_t_ns), spread)
+    yaw_rad = wrap_angle(interpolate_angle(track.t_ns, sensor.t_ns, sensor.yaw_rad) + offset)
+    return AlignedHeading(yaw_rad, _with_silence(std, track.t_ns, sensor.t_ns), spread, fit)
 
 
 def _refits(groups: int) -> list[int]:
@@ -247,34 +199,25 @@ def _refits(groups: int) -> list[int]:
 
 
 def _differences(
-    track: Track, yaw_t_ns: Int, yaw_rad: Float, tag_ahead_m: float, lag_s: Float
+    track: Track, sensor: YawSensor, tag_ahead_m: float, by_tags: TagsYaw | None, lag_s: Float
 ) -> tuple[CourseDifferences, Int]:
-    """Course minus the yaw lag_s (T,) before, in groups wherever the motion tells, and when (N,) each is over."""
-    speed, std = speed_of(track), np.maximum(course_std(track), MIN_COURSE_STD_RAD)
-    seen_ns = track.t_ns - np.rint(lag_s * 1e9).astype(np.int64)
-    use = (speed >= HOLD_BELOW_MPS) & (std <= 1 / TOLD_BY_STD)
-    use &= (seen_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
-    if not use.any():
-        return CourseDifferences(np.empty(0), np.empty(0), np.empty(0)), np.empty(0, dtype=np.int64)
-    t_ns, seen_ns, weight = track.t_ns[use], seen_ns[use], std[use] ** -2
-    # Of a late course the future is known as far as it is late; of a smoothed one, all.
-    ahead_ns = np.where(lag_s[use] > 0, np.minimum(t_ns - seen_ns, RATE_NS), RATE_NS)
-    swing = tag_ahead_m * _yaw_rate(seen_ns, ahead_ns, yaw_t_ns, yaw_rad) / speed[use]
-    course = np.arctan2(track.velocity_mps[use, 1], track.velocity_mps[use, 0]) - np.arcsin(swing.clip(-1, 1))
-    return _group(track, t_ns, course - interpolate_angle(seen_ns, yaw_t_ns, yaw_rad), weight)
-
-
-def _tag_differences(track: Track, yaw_t_ns: Int, yaw_rad: Float, by_tags: TagsYaw) -> tuple[CourseDifferences, Int]:
-    """The yaw of the tags minus the sensor's, in groups, and when (N,) each is over."""
-    use = (by_tags.std_rad <= 1 / TOLD_BY_STD) & (track.t_ns >= yaw_t_ns[0]) & (track.t_ns <= yaw_t_ns[-1])
-    if not use.any():
-        return CourseDifferences(np.empty(0), np.empty(0), np.empty(0)), np.empty(0, dtype=np.int64)
-    difference = by_tags.yaw_rad[use] - interpolate_angle(track.t_ns[use], yaw_t_ns, yaw_rad)
-    return _group(track, track.t_ns[use], difference, np.maximum(by_tags.std_rad[use], MIN_COURSE_STD_RAD) ** -2)
-
-
-def _group(track: Track, t_ns: Int, difference: Float, weight: Float) -> tuple[CourseDifferences, Int]:
-    """Differences (M,) with their weights at t_ns (M,), in N groups, and when (N,) each is over."""
+    """Course, or yaw of the tags, minus the sensor's yaw lag_s (T,) before, in N groups, and when (N,) each is over."""
+    seen_ns, speed = track.t_ns - np.rint(lag_s * 1e9).astype(np.int64), speed_of(track)
+    if by_tags is None:
+        yaw_rad, std = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0]), course_std(track)
+    else:
+        yaw_rad, std = by_tags.yaw_rad, by_tags.std_rad
+    use = (std <= 1 / TOLD_BY_STD) & (seen_ns >= sensor.t_ns[0]) & (track.t_ns <= sensor.t_ns[-1])
+    if by_tags is None:
+        use &= speed >= HOLD_BELOW_MPS
+    t_ns, seen_ns, difference = track.t_ns[use], seen_ns[use], yaw_rad[use]
+    weight = np.maximum(std[use], MIN_COURSE_STD_RAD) ** -2
+    if by_tags is None:
+        # Of a late course the future is known as far as it is late; of a smoothed one, all.
+        ahead_ns = np.where(lag_s[use] > 0, np.minimum(t_ns - seen_ns, RATE_NS), RATE_NS)
+        swing = tag_ahead_m * _yaw_rate(seen_ns, ahead_ns, sensor) / speed[use]
+        difference = difference - np.arcsin(swing.clip(-1, 1))
+    difference = difference - interpolate_angle(seen_ns, sensor.t_ns, sensor.yaw_rad)
     cell, group = np.unique((t_ns - track.t_ns[0]) // GROUP_NS, return_inverse=True)
     count = np.bincount(group)
     east, north = (np.bincount(group, weight * each(difference)) for each in (np.cos, np.sin))
@@ -283,11 +226,12 @@ def _group(track: Track, t_ns: Int, difference: Float, weight: Float) -> tuple[C
     return grouped, track.t_ns[0] + (cell + 1) * GROUP_NS
 
 
-def _yaw_rate(t_ns: Int, ahead_ns: Int, yaw_t_ns: Int, yaw_rad: Float) -> Float:
+def _yaw_rate(t_ns: Int, ahead_ns: Int, sensor: YawSensor) -> Float:
     """(N,) mean yaw rate from RATE_NS before each instant until ahead_ns (N,) after it."""
-    behind_ns, end_ns = (np.clip(each, yaw_t_ns[0], yaw_t_ns[-1]) for each in (t_ns - RATE_NS, t_ns + ahead_ns))
-    turned = wrap_angle(interpolate_angle(end_ns, yaw_t_ns, yaw_rad) - interpolate_angle(behind_ns, yaw_t_ns, yaw_rad))
-    return turned / np.maximum((end_ns - behind_ns) * 1e-9, 1e-9)
+    ends_ns = (np.clip(each, sensor.t_ns[0], sensor.t_ns[-1]) for each in (t_ns - RATE_NS, t_ns + ahead_ns))
+    behind_ns, end_ns = ends_ns
+    first, last = (interpolate_angle(each, sensor.t_ns, sensor.yaw_rad) for each in (behind_ns, end_ns))
+    return wrap_angle(last - first) / np.maximum((end_ns - behind_ns) * 1e-9, 1e-9)
 
 
 def _with_silence(std_rad: Float, t_ns: Int, yaw_t_ns: Int) -> Float:
@@ -295,53 +239,3 @@ def _with_silence(std_rad: Float, t_ns: Int, yaw_t_ns: Int) -> Float:
     after = np.searchsorted(yaw_t_ns, t_ns).clip(max=len(yaw_t_ns) - 1)
     nearest_ns = np.minimum(np.abs(yaw_t_ns[after] - t_ns), np.abs(t_ns - yaw_t_ns[(after - 1).clip(0)]))
     return np.minimum(np.hypot(std_rad, TURN_STD_RADPS * nearest_ns * 1e-9), UNKNOWN_YAW_STD_RAD)
-
-
-GYRO_DRIFT = SensorDrift(rate_std_radps=0.02, walk_std=0.001)
-"""Turn-on biases of consumer gyroscopes are about a degree a second, their noise a few hundredths per root second."""
-CLEARLY_LESS = 0.5
-"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk tells no sign."""
-
-
-@dataclass(frozen=True, slots=True)
-class GyroHeading:
-    """Yaw aligned to the course, and whether the IMU turned out to be mounted upside down."""
-
-    heading: AlignedHeading
-    upside_down: bool
-
-
-def integrate_yaw_rate(t_ns: Int, rate_radps: Float) -> Float:
-    """(M,) yaw since the first instant, not wrapped, from rates (M,) at increasing t_ns, by trapezoids."""
-    t_s = seconds_since(t_ns, int(t_ns[0]) if len(t_ns) else 0)
-    steps = np.diff(t_s) * (rate_radps[1:] + rate_radps[:-1]) / 2
-    return np.concatenate([np.zeros(min(len(t_ns), 1)), np.cumsum(steps)])
-
-
-def align_gyro(
-    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, by_tags: TagsYaw | None = None
-) -> GyroHeading:
-    """align_yaw for the rate (M,) about the IMU's z axis, which may point up or down: offset, bias and sign are fitted.
-
-    The std grows away from the motion as that of the bias says.
-    """
-    yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (align_yaw(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT, by_tags) for sign in (1.0, -1.0))
-    turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
-    return GyroHeading(down if turned else up, turned)
-
-
-def align_gyro_causally(
-    track: Track, t_ns: Int, rate_radps: Float, tag_ahead_m: float = 0.0, by_tags: TagsYaw | None = None
-) -> CausalHeading:
-    """align_gyro as it was known at each instant, the sign too."""
-    yaw_rad = integrate_yaw_rate(t_ns, rate_radps)
-    up, down = (
-        align_yaw_causally(track, t_ns, sign * yaw_rad, tag_ahead_m, GYRO_DRIFT, by_tags) for sign in (1.0, -1.0)
-    )
-    turned = down.spread_rad < CLEARLY_LESS * up.spread_rad
-    return CausalHeading(
-        np.where(turned, down.yaw_rad, up.yaw_rad),
-        np.where(turned, down.yaw_std_rad, up.yaw_std_rad),
-        np.where(turned, down.spread_rad, up.spread_rad),
-    )

@@ -11,7 +11,7 @@ from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.causal import OdometryMoves
 from quadlog.positioning.factors import HOLD_S, Way, turned
-from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, align_yaw, align_yaw_causally
+from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, YawSensor, align_yaw
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.positioning.motion import Track
 
@@ -151,12 +151,8 @@ def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> 
     moving = np.hypot(own_mps[:, 0], own_mps[:, 1]) >= STANDING_MPS
     last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
     course = np.arctan2(own_mps[:, 1], own_mps[:, 0])[last.clip(0)]
-    if not causal:
-        aligned = align_yaw(track, motion.t_ns, course, drift=ODOMETRY_DRIFT)
-        yaw_rad, std_rad = aligned.yaw_rad, aligned.yaw_std_rad
-    else:
-        then = align_yaw_causally(track, motion.t_ns, course, drift=ODOMETRY_DRIFT)
-        yaw_rad, std_rad = then.yaw_rad, then.yaw_std_rad
+    aligned = align_yaw(track, YawSensor(motion.t_ns, course, ODOMETRY_DRIFT), causal=causal)
+    yaw_rad, std_rad = aligned.yaw_rad, aligned.yaw_std_rad
     at_track = wrap_angle(yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course))
     before = (np.searchsorted(track.t_ns, motion.t_ns, side="right") - 1).clip(0)
     if causal:

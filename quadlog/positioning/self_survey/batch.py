@@ -286,6 +286,7 @@ class Batch:
         self._add_fixed_priors(state, priors, prior_gradient)
 
         def misfit(drift: tuple[float, float]) -> float:
+            """-2 log of the posterior density of a drift (m and rad after 1 m), up to a constant."""
             variance = self._step_variance(drift).ravel()
             normal = ranged + priors + _weighted(design, 1 / variance)
             gradient = pull + prior_gradient - design.T @ (off / variance)

@@ -9,9 +9,9 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchor_survey import MATTERS_M, SIGNIFICANT_STD, AnchorShift, SurveyFaults
+from quadlog.positioning.dilution import CHI2_95
 from quadlog.positioning.self_survey.batch import OdometryPrior, SurveySolution
 
-CHI2_95 = 5.991
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""
 RIVAL_CHI2 = 6.0
@@ -78,6 +78,7 @@ def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[
     far_m = MISPLACED * np.array([KNOWN_STD_M + radius_95(framed.covariance[rows, rows]) for rows in blocks])
 
     def off_m(places_m: Float) -> Float:
+        """(B,) how far places (B, 2), turned and shifted as fits best, are from the known ones."""
         turn_rad, shift_m = _best_placing(places_m, known_m[known])
         return np.hypot(*(places_m @ _turn(turn_rad)[:2, :2].T + shift_m - known_m[known]).T)
 

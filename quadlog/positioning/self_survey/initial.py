@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 
 from quadlog.messages import Float
 
@@ -29,10 +30,9 @@ def anchor_candidates(
     rows = np.arange(len(range_m))[:: max(1, -(-len(range_m) // MOST_ROWS))]
     tag_m, tag_height_m, range_m = tag_m[rows], tag_height_m[rows], range_m[rows]
     starts = _grid_minima(tag_m, tag_height_m, range_m, height_m)
-    places = np.array(
-        [_refined(tag_m, tag_height_m, range_m, start, height_m, height_std_m) for start in starts]
-    ).reshape(-1, 4)
-    misfits = np.array([_misfit(tag_m, tag_height_m, range_m, place) for place in places])
+    spatial_m, expected = np.column_stack([tag_m, tag_height_m]), (height_m, height_std_m)
+    refined = [_refined(spatial_m, range_m, start_m, expected) for start_m in starts]
+    places, misfits = np.array([place for place, _ in refined]).reshape(-1, 4), np.array([each for _, each in refined])
     kept: list[int] = []
     for index in np.argsort(misfits, kind="stable"):
         if all(np.hypot(*(places[index, :2] - places[other, :2])) > APART_M for other in kept):
@@ -51,37 +51,26 @@ def _grid_minima(tag_m: Float, tag_height_m: Float, range_m: Float, height_m: fl
     for (tag_x_m, tag_y_m), far_m in zip(tag_m.tolist(), ground_m.tolist(), strict=True):
         off_m = np.hypot(x_m[:, None] - tag_x_m, y_m - tag_y_m) - far_m
         misfit += np.log1p((off_m / (KERNEL_M + cell_m)) ** 2)
-    edged = np.pad(misfit, 1, constant_values=np.inf)
-    around = [
-        edged[1 + i : CELLS + 1 + i, 1 + j : CELLS + 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)
-    ]
-    lowest = np.argwhere(misfit <= np.min(around, axis=0))
+    lowest = np.argwhere(misfit <= minimum_filter(misfit, 3, mode="constant", cval=np.inf))
     best = lowest[np.argsort(misfit[tuple(lowest.T)], kind="stable")[:MOST_STARTS]]
     return np.column_stack([x_m[best[:, 0]], y_m[best[:, 1]]])
 
 
-def _refined(
-    tag_m: Float, tag_height_m: Float, range_m: Float, start_m: Float, height_m: float, height_std_m: float
-) -> Float:
-    """(4,) x_m, y_m, z_m, bias_m by damped Gauss-Newton steps of the Cauchy kernel, with priors on height and bias."""
-    place = np.array([*start_m, height_m, USUAL_BIAS_M])
-    mean, weight = place.copy(), np.array([0.0, 0.0, height_std_m**-2, BIAS_STD_M**-2])
-    for _ in range(ROUNDS):
-        residual_m, unit = _residuals(tag_m, tag_height_m, range_m, place)
-        trust = 1 / (1 + (residual_m / KERNEL_M) ** 2) / KERNEL_M**2
-        design = np.column_stack([unit, np.ones(len(unit))])
-        normal = (design * trust[:, None]).T @ design + np.diag(weight + 1e-3)
-        place = place + np.linalg.solve(normal, design.T @ (trust * residual_m) - weight * (place - mean))
-    return place
+def _refined(tag_m: Float, range_m: Float, start_m: Float, expected: tuple[float, float]) -> tuple[Float, float]:
+    """(4,) x_m, y_m, z_m, bias_m by damped Gauss-Newton steps of the Cauchy kernel, and its misfit.
 
-
-def _residuals(tag_m: Float, tag_height_m: Float, range_m: Float, place: Float) -> tuple[Float, Float]:
-    """Range less its prediction (N,), and unit vectors (N, 3) from the tag to the anchor."""
-    offset_m = place[:3] - np.column_stack([tag_m, tag_height_m])
-    distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-6)
-    return range_m - place[3] - distance_m, offset_m / distance_m[:, None]
-
-
-def _misfit(tag_m: Float, tag_height_m: Float, range_m: Float, place: Float) -> float:
-    residual_m, _ = _residuals(tag_m, tag_height_m, range_m, place)
-    return float(np.log1p((residual_m / KERNEL_M) ** 2).mean())
+    tag_m: (N, 3). Priors on height, with its expected mean and std, and bias.
+    """
+    place = np.array([*start_m, expected[0], USUAL_BIAS_M])
+    mean, weight = place.copy(), np.array([0.0, 0.0, expected[1] ** -2, BIAS_STD_M**-2])
+    for round_ in range(ROUNDS + 1):
+        offset_m = place[:3] - tag_m
+        distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-6)
+        off = 1 + ((range_m - place[3] - distance_m) / KERNEL_M) ** 2
+        if round_ == ROUNDS:
+            break
+        design = np.column_stack([offset_m / distance_m[:, None], np.ones(len(tag_m))])
+        weighted = design / (off * KERNEL_M**2)[:, None]
+        pull = weighted.T @ (range_m - place[3] - distance_m) - weight * (place - mean)
+        place = place + np.linalg.solve(weighted.T @ design + np.diag(weight + 1e-3), pull)
+    return place, float(np.log(off).mean())

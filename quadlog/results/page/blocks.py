@@ -20,8 +20,8 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from quadlog.results.page.pack import Pack
+from quadlog.results.text import State
 from quadlog.results.view import Moment
-from quadlog.results.words import State
 from quadlog.storage.atomic_write import write_whole
 from quadlog.version import __version__
 
@@ -108,7 +108,7 @@ class Table(NamedTuple):
 class Drawn(NamedTuple):
     """A drawing of the page's pack: panels of curves, or a scene, which has a player if it moves.
 
-    start: instant of the first view. href: where a thumbnail leads.
+    start: instant of the first view.
     """
 
     name: str
@@ -116,7 +116,6 @@ class Drawn(NamedTuple):
     caption: str = ""
     moments: Sequence[Moment] = ()
     start: float | None = None
-    href: str = ""
 
 
 class Beside(NamedTuple):
@@ -124,20 +123,6 @@ class Beside(NamedTuple):
 
     scene: Drawn
     charts: Sequence[Drawn]
-
-
-class Gallery(NamedTuple):
-    """Scenes as thumbnails beside each other."""
-
-    views: Sequence[Drawn]
-
-
-class Picture(NamedTuple):
-    """An embedded PNG of which there is no chart."""
-
-    png: bytes
-    alt: str
-    caption: str = ""
 
 
 class Text(NamedTuple):
@@ -194,7 +179,7 @@ def render(page: Page) -> bytes:
     scripts = [_own_file(name) for name in (*(_SCRIPTS if page.pack else ()), "table.js")]
     styles = [_own_file(name) for name in _STYLES]
     policy = (
-        f"default-src 'none'; img-src data:; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
+        f"default-src 'none'; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
         "base-uri 'none'; form-action 'none'"
     )
     # Only files of this package and escaped data are inserted as they are.
@@ -212,7 +197,6 @@ def _environment() -> jinja2.Environment:
     loader = jinja2.FunctionLoader(_own_file)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, **blanks)
     environment.filters["kind"] = lambda block: type(block).__name__.lower()
-    environment.filters["base64"] = lambda content: base64.b64encode(content).decode()
     environment.filters["instant"] = lambda seconds: f"#t={seconds:.3f}"
     return environment
 

@@ -14,22 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.results.numbers import count
-from quadlog.results.view import (
-    GAP_S,
-    Array,
-    Drawing,
-    Layer,
-    Lines,
-    Panel,
-    Raster,
-    Scene,
-    Series,
-    Track,
-    Windows,
-    robust_limits,
-    thin_evenly,
-)
+from quadlog.results import view
+from quadlog.results.text import count
 
 DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""
@@ -69,9 +55,9 @@ class Pack:
         """What was thinned for the page, as a sentence; empty for nothing."""
         return f"Thinned for this page: {'; '.join(self._notes)}." if self._notes else ""
 
-    def add(self, name: str, drawing: Drawing, group: str = "run") -> None:
+    def add(self, name: str, drawing: view.Drawing, group: str = "run") -> None:
         """Add a drawing. Drawings of a group share a clock."""
-        if isinstance(drawing, Scene):
+        if isinstance(drawing, view.Scene):
             self.scenes[name] = self._scene(drawing) | {"group": group}
         else:
             self.charts[name] = {"group": group, "panels": [self._panel(panel) for panel in drawing]}
@@ -82,13 +68,13 @@ class Pack:
         return {
             "charts": self.charts,
             "scenes": self.scenes,
-            "gap_s": GAP_S,
+            "gap_s": view.GAP_S,
             "columns": self._columns,
             "cells": [len(content) for content in self._cells],
             "packed": base64.b64encode(packed).decode(),
         }
 
-    def _column(self, values: Array, unit: float | None = None) -> int:
+    def _column(self, values: view.Array, unit: float | None = None) -> int:
         """The number of a column; equal ones are stored once. unit: None for a power of ten by the span."""
         values = np.asarray(values, float)
         known = np.isfinite(values)
@@ -114,11 +100,11 @@ class Pack:
         self._cells.append(content)
         return len(self._cells) - 1
 
-    def _thin(self, length: int, most: int, what: str, seconds: Array | None = None) -> Array:
+    def _thin(self, length: int, most: int, what: str, seconds: view.Array | None = None) -> view.Array:
         """Indices of about `most` of so many things, with a note if some are left out: never those near a moment."""
         if length <= most:
             return np.arange(length)
-        kept = thin_evenly(length, most)
+        kept = view.thin_evenly(length, most)
         if seconds is not None and len(self._instants):
             after = np.searchsorted(self._instants, seconds).clip(1, len(self._instants)) - 1
             both = self._instants[np.minimum([after, after + 1], len(self._instants) - 1)]
@@ -126,9 +112,9 @@ class Pack:
         self._notes[f"{count(len(kept))} of {count(length)} {what}"] = None
         return kept
 
-    def _described(self, of: Any, keep: Array | None = None) -> dict[str, Any]:
+    def _described(self, of: Any, keep: view.Array | None = None) -> dict[str, Any]:
         """The fields of a drawing's part: arrays (N,) as numbers of columns with the rows kept, others as they are."""
-        found, units = {}, {} if isinstance(of, Series) else UNITS
+        found, units = {}, {} if isinstance(of, view.Series) else UNITS
         for name in (each.name for each in fields(of)):
             value = getattr(of, name)
             if isinstance(value, np.ndarray) and value.ndim == 1:
@@ -137,41 +123,41 @@ class Pack:
                 found["t" if name == "seconds" else name] = value
         return found
 
-    def _panel(self, panel: Panel) -> dict[str, Any]:
+    def _panel(self, panel: view.Panel) -> dict[str, Any]:
         series = [
             self._described(of, self._thin(len(of.x), MOST_SAMPLES, f"samples of {of.label}")) for of in panel.series
         ]
-        low, high, beyond = robust_limits(panel)
+        low, high, beyond = view.robust_limits(panel)
         limits = {"limits": (low, high), "beyond": beyond} if panel.robust else {}
         return self._described(panel) | {"series": series} | limits
 
-    def _scene(self, scene: Scene) -> dict[str, Any]:
+    def _scene(self, scene: view.Scene) -> dict[str, Any]:
         self._instants = np.sort([moment.seconds for moment in scene.moments])
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
         activity = [asdict(row) for row in scene.activity]
         return self._described(scene) | {"layers": layers, "activity": activity, "moments": (), "span": scene.span}
 
-    def _layer(self, layer: Layer) -> dict[str, Any]:
+    def _layer(self, layer: view.Layer) -> dict[str, Any]:
         match layer:
-            case Raster():
+            case view.Raster():
                 return self._described(layer) | self._raster(layer)
-            case Windows():
+            case view.Windows():
                 return self._windows(layer)
-            case Lines():
+            case view.Lines():
                 return self._lines(layer)
-            case Track():
+            case view.Track():
                 return self._track(layer)
         middle = None if layer.seconds is None or layer.until is None else (layer.seconds + layer.until) / 2
         return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label, middle))
 
-    def _raster(self, layer: Raster) -> dict[str, Any]:
+    def _raster(self, layer: view.Raster) -> dict[str, Any]:
         """Values as bytes: 0 for none, 1 to 255 from low to high."""
         share = (layer.values - layer.low) / ((layer.high - layer.low) or 1.0)
         codes = np.where(np.isfinite(share), 1 + np.rint(254 * np.clip(np.nan_to_num(share), 0, 1)), 0)
         rows, columns = codes.shape
         return {"rows": rows, "columns": columns, "cells": self._bytes(codes.astype(np.uint8).tobytes())}
 
-    def _windows(self, layer: Windows) -> dict[str, Any]:
+    def _windows(self, layer: view.Windows) -> dict[str, Any]:
         """Maps as bits along x, each as its exclusive or with the map before.
 
         Column and row of a cell are taken modulo the window's size, so that a cell that stays in a sliding window
@@ -191,18 +177,18 @@ class Pack:
         shape = {"rows": rows, "columns": columns, "cells": self._bytes(b"".join(parts))}
         return self._described(layer, chosen) | place | corner | shape
 
-    def _lines(self, layer: Lines) -> dict[str, Any]:
+    def _lines(self, layer: view.Lines) -> dict[str, Any]:
         most = MOST_POSES if layer.measured else MOST_LINES
         chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}", layer.seconds)
         points = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
         rows = [np.arange(layer.first[k], layer.first[k + 1]) for k in chosen]
-        rows = [of[thin_evenly(len(of), points)] for of in rows]
+        rows = [of[view.thin_evenly(len(of), points)] for of in rows]
         every = np.concatenate([np.empty(0, int), *rows])
         seconds = None if layer.seconds is None else layer.seconds[chosen]
         first = np.cumsum([0, *map(len, rows)])
         return self._described(replace(layer, first=first, x=layer.x[every], y=layer.y[every], seconds=seconds))
 
-    def _track(self, track: Track) -> dict[str, Any]:
+    def _track(self, track: view.Track) -> dict[str, Any]:
         """A pose each POSE_S or less often, with the row before each gap and the gap.
 
         Its yaw is unwrapped, so that a straight line between two poses is the shorter turn.

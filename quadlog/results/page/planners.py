@@ -15,28 +15,13 @@ from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
-from quadlog.results.numbers import count, percent, sig
-from quadlog.results.page.blocks import (
-    Beside,
-    Cell,
-    Column,
-    Details,
-    Drawn,
-    Notes,
-    Page,
-    Section,
-    Sentence,
-    Table,
-    Text,
-    Verdict,
-    render,
-)
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
 from quadlog.results.tables import write_table
-from quadlog.results.text import interval_text
+from quadlog.results.text import State, count, ends_text, percent, sig
 from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
-from quadlog.results.words import State
 from quadlog.storage.atomic_write import uninterrupted, write_whole
 
 if TYPE_CHECKING:
@@ -88,7 +73,7 @@ def write_comparison(
     panels = [ratio_panel(source.comparison) for source in sources]
     files = {f"plots/source-{n}-ratios.png": mpl.render([panel]) for n, panel in enumerate(panels, 1) if panel}
     files |= {name: format_rows(rows, to, about).encode() for name, to in TEXTS.items()}
-    files[PAGE] = render(planners_page(sources, about, losses))
+    files[PAGE] = blocks.render(planners_page(sources, about, losses))
     scenarios = [source.scenarios for source in sources if source.scenarios is not None]
     with uninterrupted():
         try:
@@ -109,27 +94,27 @@ def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
     return {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
 
 
-def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> Page:
+def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> blocks.Page:
     """The page. about: how to read it; losses: what of recordings was lost."""
     pack, names = Pack(), [printable(source.comparison.source) for source in sources]
     more = f" and {count(len(names) - 3)} more" if len(names) > 3 else ""
     sections, lines = [], []
     for number, (name, source) in enumerate(zip(names, sources, strict=True)):
         own = _verdict(source.comparison)
-        sections.append(Section(name, [Verdict(own[1:]), *_drawn(source, number, pack)]))
+        sections.append(blocks.Section(name, [blocks.Verdict(own[1:]), *_drawn(source, number, pack)]))
         lines.append(Sentence(name, own[0].text, own[0].state))
     if len(sources) == 1:
         lines = _verdict(sources[0].comparison)
-    first: list[Any] = [Verdict(lines)]
+    first: list[Any] = [blocks.Verdict(lines)]
     if losses:
-        first.append(Notes("Lost from the recordings (exit code 3)", list(map(printable, losses)), "bad"))
+        first.append(blocks.Notes("Lost from the recordings (exit code 3)", list(map(printable, losses)), "bad"))
     if len(sources) == 1:
         first += sections.pop().blocks[1:]
-    notes = [Details("Rules, counts and intervals", [Text(printable(line)) for line in about])]
+    notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
     facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
-    sections = [Section("", first), *sections, Section("How to read this", notes, pack.thinned)]
-    return Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
+    sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
+    return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
 
 
 def _verdict(comparison: Comparison) -> list[Sentence]:
@@ -144,7 +129,7 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
     charts, view = [], list[Any]()
     if number < MOST_DRAWN and (panel := ratio_panel(comparison)) is not None:
         pack.add(f"ratios-{number}", [panel], group)
-        charts.append(Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
+        charts.append(blocks.Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
     if sample is not None and sample.kept:
         names = [row.planner for row in comparison.rows]
         pack.add(f"paths-{number}", question_scene(sample, names), group)
@@ -155,11 +140,14 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
         if len(sample.kept) > 1:
             panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
             pack.add(f"answers-{number}", panels, group)
-            charts.append(Drawn(f"answers-{number}", f"Each {sample.step}", caption))
+            charts.append(blocks.Drawn(f"answers-{number}", f"Each {sample.step}", caption))
         cells = next(iter(answers.values()))
         hardest = int(np.nanargmax(cells[names[0]])) + 1
-        scene = Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-        view = [Beside(scene, charts) if charts else scene, *([Text(caption)] if sample.stride > 1 else [])]
+        scene = blocks.Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
+        view = [
+            blocks.Beside(scene, charts) if charts else scene,
+            *([blocks.Text(caption)] if sample.stride > 1 else []),
+        ]
     return [*(view or charts), planner_table(comparison, number)]
 
 
@@ -260,7 +248,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
         cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
         cells += [Cell(count(total), total)]
         cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
-        cells[0] = cells[0]._replace(below=interval_text(_interval(row)), state=states[row.planner])
+        cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row.planner])
         cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
         rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
     note = "Below a ratio: its 95 % interval. Those of the verdict are wider, since it names the best of several."

@@ -12,29 +12,24 @@ import numpy as np
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.metrics.intervals import COVERAGE
 from quadlog.results.figures import FIGURES, drawings_of
-from quadlog.results.numbers import count, file_size, percent, sig
-from quadlog.results.page.blocks import (
-    Beside,
-    Cards,
-    Cell,
-    Column,
-    Details,
-    Drawn,
-    Notes,
-    Page,
-    Section,
-    Shown,
-    Table,
-    Text,
-    Verdict,
-    write_page,
-)
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import is_too_short, status, verdict
-from quadlog.results.record import LossRecord
 from quadlog.results.run import Run
+from quadlog.results.text import (
+    Bound,
+    bounds_of,
+    count,
+    file_size,
+    interval_text,
+    label_of,
+    percent,
+    sig,
+    state_of,
+    value_text,
+)
 from quadlog.results.view import TIME, Drawing, Moment, Scene
-from quadlog.results.words import Bound, bounds_of, interval_text, label_of, state_of, value_text
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -48,33 +43,33 @@ MOST_ROWS = 200
 def write_run_page(run: Run, drawings: Mapping[str, Drawing] | None = None) -> Path:
     """report.html of a run; drawings: those of drawings_of, if made already. Raises NotARun, CannotWrite."""
     page = run_page(run, drawings_of(run) if drawings is None else drawings)
-    return write_page(run.path / "report.html", page)
+    return blocks.write_page(run.path / "report.html", page)
 
 
-def run_page(run: Run, drawings: Mapping[str, Drawing]) -> Page:
+def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     """The page of a run and these drawings."""
-    pack, views = Pack(), dict[str, Drawn]()
+    pack, views = Pack(), dict[str, blocks.Drawn]()
     for figure in (figure for figure in FIGURES if figure.name in drawings):
         pack.add(figure.name, drawings[figure.name])
-        views[figure.name] = Drawn(figure.name, figure.title, figure.caption)
-    first: list[Any] = [Verdict(verdict(run)), Cards(cards(run))]
+        views[figure.name] = blocks.Drawn(figure.name, figure.title, figure.caption)
+    first: list[Any] = [blocks.Verdict(verdict(run)), blocks.Cards(cards(run))]
     scene = drawings.get("trajectory")
     if isinstance(scene, Scene):
-        player = Drawn("trajectory", moments=scene.moments, start=_start(scene.moments))
+        player = blocks.Drawn("trajectory", moments=scene.moments, start=_start(scene.moments))
         timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         del views["trajectory"]
         curves = [views.pop(name) for name in timed]
-        first.append(Beside(player, curves) if curves else player)
+        first.append(blocks.Beside(player, curves) if curves else player)
     help_text = f"Drag in a chart to zoom, double-click to see all; a click moves the map there. {pack.thinned}"
     sections = [
-        Section("", [*first, *_lost(run)]),
-        Section("Sensors", [*_tables(run, "links"), *views.values()], help_text.strip()),
-        Section("Metrics", [metric_table(run)] if run.metrics else []),
-        Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run)]),
-        Section("Topics", list(_topics(run))),
-        Section("How it was made", list(_made(run))),
+        blocks.Section("", [*first, *_lost(run)]),
+        blocks.Section("Sensors", [*_tables(run, "links"), *views.values()], help_text.strip()),
+        blocks.Section("Metrics", [metric_table(run)] if run.metrics else []),
+        blocks.Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run)]),
+        blocks.Section("Topics", list(_topics(run))),
+        blocks.Section("How it was made", list(_made(run))),
     ]
-    return Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
+    return blocks.Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
 
 
 def _start(moments: Sequence[Moment]) -> float | None:
@@ -90,7 +85,7 @@ def _facts(run: Run) -> list[str]:
     return [f"{sig(record.recorded_s)} s", *speed, made, ", ".join(stage.name for stage in record.stages)]
 
 
-def cards(run: Run) -> list[tuple[str, list[Shown]]]:
+def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
     """The metrics that matter of each theme; broken bounds first, and all of them."""
     bounds, found = bounds_of(run), []
     for theme, labels in THEMES.items():
@@ -104,14 +99,14 @@ def cards(run: Run) -> list[tuple[str, list[Shown]]]:
     return found
 
 
-def _shown(run: Run, name: str, bound: Bound | None) -> Shown:
+def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
     metric, meaning = run.metrics.get(name), f"{CATALOGUE[name].meaning} ({name})"
     expected = "" if bound is None else f"expected {bound.words}"
     if metric is None:
-        return Shown(label_of(name), "not measured", expected, meaning, "bad", None)
+        return blocks.Shown(label_of(name), "not measured", expected, meaning, "bad", None)
     small, value = expected or interval_text(name, metric), value_text(name, metric.value, metric.unit)
     seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
-    return Shown(label_of(name), value, small, meaning, state_of(name, metric.value, bound), seconds)
+    return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric.value, bound), seconds)
 
 
 def metric_table(run: Run) -> Table:
@@ -193,16 +188,14 @@ def _torques(run: Run) -> Iterator[Table]:
 
 
 def _lost(run: Run) -> Iterator[Any]:
-    if run.record.losses:
-        yield Notes("Lost from the recording", [loss_text(loss) for loss in run.record.losses], "bad")
+    lines = []
+    for loss in run.record.losses:
+        topic, times = f" on {loss.topic}" if loss.topic else "", f", {count(loss.count)} ×" if loss.count else ""
+        lines.append(f"{loss.cause}{topic}{times}: {loss.detail}")
+    if lines:
+        yield blocks.Notes("Lost from the recording", lines, "bad")
     if run.record.warnings or run.notes:
-        yield Notes("Warnings", [*run.record.warnings, *run.notes])
-
-
-def loss_text(loss: LossRecord) -> str:
-    """A loss in a line."""
-    topic, times = f" on {loss.topic}" if loss.topic else "", f", {count(loss.count)} ×" if loss.count else ""
-    return f"{loss.cause}{topic}{times}: {loss.detail}"
+        yield blocks.Notes("Warnings", [*run.record.warnings, *run.notes])
 
 
 def _records(rows: Sequence[Mapping[str, Any]], heads: Mapping[str, str], name: str, note: str = "") -> Iterator[Table]:
@@ -216,7 +209,7 @@ def _topics(run: Run) -> Iterator[Any]:
     heads = {name: name for name in ("role", "topic", "type", "messages", "why")}
     yield from _records([topic.model_dump() for topic in run.record.topics], heads, "topics-used")
     if run.record.notes:
-        yield Details("Choices that affected the result", [Text(note) for note in run.record.notes])
+        yield blocks.Details("Choices that affected the result", [blocks.Text(note) for note in run.record.notes])
 
 
 def _made(run: Run) -> Iterator[Any]:
@@ -229,14 +222,18 @@ def _made(run: Run) -> Iterator[Any]:
     ]
     note = f"Start-up, imports and compilation, took {record.startup_s:.1f} s more."
     yield from _records(stages, heads, "stages", note)
-    yield Text(shlex.join(record.command), code=True)
+    yield blocks.Text(shlex.join(record.command), code=True)
     kind, value = record.input.fingerprint or ("no fingerprint", "")
     size = file_size(record.input.size_bytes)
-    yield Text(f"Input: {record.input.path}, {size}, {kind} {value}. Seed {record.seed}.")
+    yield blocks.Text(f"Input: {record.input.path}, {size}, {kind} {value}. Seed {record.seed}.")
     config = run.path / "config.toml"
     if config.is_file():
-        yield Details("Configuration", [Text(config.read_text(encoding="utf-8", errors="replace"), code=True)])
+        yield blocks.Details(
+            "Configuration", [blocks.Text(config.read_text(encoding="utf-8", errors="replace"), code=True)]
+        )
     versions = {**{key: str(value) for key, value in sorted(record.host.items())}, **record.packages}
     rows = [{"package": name, "version": value} for name, value in versions.items()]
-    yield Details("Versions and host", list(_records(rows, {"package": "package", "version": "version"}, "versions")))
-    yield Text("[Following], [Planning], [Tracking] and [Foot] are the papers listed in docs/references.md.")
+    yield blocks.Details(
+        "Versions and host", list(_records(rows, {"package": "package", "version": "version"}, "versions"))
+    )
+    yield blocks.Text("[Following], [Planning], [Tracking] and [Foot] are the papers listed in docs/references.md.")

@@ -1,14 +1,15 @@
 """One page for several runs: a folder of recordings, the seeds of a course, a sweep, or runs side by side.
 
-What came out in a sentence, a list of the runs, their paths in one player or as thumbnails, curves over each other with
-a colour for each run, and the settings in which they differ.
+What came out in a sentence, a list of the runs, the settings in which they differ, and where runs share a clock their
+paths in one player and curves over each other, a colour for each run.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -17,40 +18,37 @@ import numpy as np
 
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.results.diff import unlike_settings
 from quadlog.results.figures import FIGURES
 from quadlog.results.find_runs import find_runs, is_run, run_name
-from quadlog.results.numbers import NONE, count, sig
-from quadlog.results.page.blocks import (
-    Beside,
-    Cell,
-    Column,
-    Details,
-    Drawn,
-    Gallery,
-    Notes,
-    Page,
-    Section,
-    Sentence,
-    Table,
-    Text,
-    Verdict,
-    write_page,
-)
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
-from quadlog.results.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
+from quadlog.results.studies.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
 from quadlog.results.tables import read_table
-from quadlog.results.view import Moment, Raster, Scene, Track, merge_panels, merge_scenes
-from quadlog.results.words import STATES, Bound, State, bounds_of, interval_text, label_of, state_of, value_text
+from quadlog.results.text import (
+    NONE,
+    STATES,
+    Bound,
+    State,
+    bounds_of,
+    count,
+    interval_text,
+    label_of,
+    sig,
+    state_of,
+    value_text,
+)
+from quadlog.results.view import Moment, Scene, merge_panels, merge_scenes
 
 if TYPE_CHECKING:
     from quadlog.metrics.comparison.paired import PairedDifference
 
 MOST_DRAWN = 16
 """Runs whose paths and curves are drawn; the list has all."""
-MOST_THUMBNAILS = 48
 COLUMNS = 6
 """Metrics chosen for the list of runs; all of them are on demand."""
 END_WORDS: dict[int, tuple[str, State]] = {0: ("done", ""), 1: ("failed", "bad"), 3: ("with loss", "warn")}
@@ -80,42 +78,47 @@ class Compared:
 
 
 def list_page(
-    title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: Section | None = None
-) -> Page:
-    """The page of a folder of runs: findings and the list, worst first; paths and curves, or thumbnails."""
+    title: str, rows: Sequence[Listed], findings: Sequence[Sentence], settings: blocks.Section | None = None
+) -> blocks.Page:
+    """The page of a folder of runs: findings and the list, worst first; paths and curves of runs of one recording."""
     runs = {row.name: row.run for row in rows if row.run is not None}
     one_clock = len({(run.record.input.identity, run.simulated) for run in runs.values()}) == 1 < len(runs)
     compared, pack = Compared(dict(list(runs.items())[:MOST_DRAWN]), one_clock), Pack()
-    drawn = _over_each_other(compared, pack) if one_clock else _thumbnails(runs, pack)
-    left_out = len(runs) - (MOST_DRAWN if one_clock else MOST_THUMBNAILS)
-    note = f"{count(left_out)} further runs are not drawn. " if left_out > 0 else ""
+    drawn = _over_each_other(compared, pack) if one_clock else []
+    note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
     every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)))
     sections = [
-        Section("", [Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
+        blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
         *([settings] if settings else []),
-        Section("Failed", [Notes("Not replayed", failed, "bad")] if failed else []),
-        Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
-        Section("Settings that differ", settings_table(compared)),
-        Section("All metrics", [Details("A column for each metric", [every])] if rows else []),
+        blocks.Section("Failed", [blocks.Notes("Not replayed", failed, "bad")] if failed else []),
+        blocks.Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
+        blocks.Section("Settings that differ", settings_table(compared.runs)),
+        blocks.Section("All metrics", [blocks.Details("A column for each metric", [every])] if rows else []),
     ]
-    return Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
+    return blocks.Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
 
-def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> Page:
+def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> blocks.Page:
     """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
     pack = Pack()
     drawn = _over_each_other(compared, pack)
     said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
     statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
     sections = [
-        Section("", [Verdict([*_better(compared), *statuses]), *([Notes("Not comparable", notes)] if notes else [])]),
-        Section("Paths and curves", drawn, pack.thinned),
-        Section("Metrics", [compared_metrics(compared)]),
-        Section("Settings that differ", settings_table(compared)),
+        blocks.Section(
+            "",
+            [
+                blocks.Verdict([*_better(compared), *statuses]),
+                *([blocks.Notes("Not comparable", notes)] if notes else []),
+            ],
+        ),
+        blocks.Section("Paths and curves", drawn, pack.thinned),
+        blocks.Section("Metrics", [compared_metrics(compared)]),
+        blocks.Section("Settings that differ", settings_table(compared.runs)),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
-    return Page(title, sections, facts, pack=pack)
+    return blocks.Page(title, sections, facts, pack=pack)
 
 
 def _opened(folder: Path, name: str) -> Run | None:
@@ -178,33 +181,23 @@ def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> C
     return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state_of(name, value, bound))
 
 
-def _thumbnails(runs: Mapping[str, Run], pack: Pack) -> list[Any]:
-    """A thumbnail of each walk, and the metrics that matter over the runs in order."""
-    views = []
-    for number, (name, run) in enumerate(list(runs.items())[:MOST_THUMBNAILS]):
-        scene = walk_scene(run)
-        if scene is not None:
-            still = replace(scene, layers=[layer for layer in scene.layers if isinstance(layer, Raster | Track)])
-            pack.add(f"walk-{number}", still, group=f"walk-{number}")  # a group each: no player moves them
-            views.append(Drawn(f"walk-{number}", name, href=_link(name, run)))
-    return [Gallery(views)] if views else []
-
-
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     """The paths of the runs in one player beside their curves, a colour for each run."""
-    charts = []
+    short = [re.sub(r"[^,/=]+=", "", name) for name in compared.runs]  # of a sweep the values alone
+    names = short if len(set(short)) == len(short) else list(compared.runs)
+    runs, charts = dict(zip(names, compared.runs.values(), strict=True)), []
     for figure in (figure for figure in FIGURES if figure.compared):
-        made = {name: figure.make(run) for name, run in compared.runs.items()}
+        made = {name: figure.make(run) for name, run in runs.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
             pack.add(figure.name, merge_panels(panels))
-            charts.append(Drawn(figure.name, figure.title, figure.caption))
-    scenes = {name: scene for name, run in compared.runs.items() if (scene := walk_scene(run)) is not None}
+            charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
+    scenes = {name: scene for name, run in runs.items() if (scene := walk_scene(run)) is not None}
     if not scenes:
         return charts
     pack.add("paths", merge_scenes(scenes))
-    view = Drawn("paths", "paths", moments=compared.first_differences)
-    return [Beside(view, charts)] if charts else [view]
+    view = blocks.Drawn("paths", "paths", moments=compared.first_differences)
+    return [blocks.Beside(view, charts)] if charts else [view]
 
 
 def compared_metrics(compared: Compared) -> Table:
@@ -263,18 +256,11 @@ def _better(compared: Compared) -> list[Sentence]:
     return found
 
 
-def settings_table(compared: Compared) -> list[Table]:
+def settings_table(runs: Mapping[str, Run]) -> list[Table]:
     """Keys of configuration and options in which the runs differ, if there are any."""
-    from pandas import DataFrame, json_normalize
-
-    texts = {}
-    for name, run in compared.runs.items():
-        values = json_normalize({**run.config.model_dump(), **run.record.options, "seed": run.record.seed})
-        texts[name] = values.iloc[0].map(lambda value: str(value)[:80])
-    flat = DataFrame(texts).fillna(NONE)
-    differ = flat[flat.nunique(axis=1) > 1].itertuples(name=None)
-    rows = [[Cell(key, code=True), *map(Cell, values)] for key, *values in differ]
-    return [Table([Column("key"), *map(Column, texts)], rows, "settings")] if rows else []
+    unlike = unlike_settings([run.record for run in runs.values()], NONE)
+    rows = [[Cell(key, code=True), *(Cell(value[:80]) for value in of)] for key, of in unlike.items()]
+    return [Table([Column("key"), *map(Column, runs)], rows, "settings")] if rows else []
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
@@ -308,7 +294,7 @@ def write_folder_page(folder: Path) -> Path:
     simulated = [row.run.simulated for row in rows if row.run is not None]
     walks = bool(simulated) and all(simulated)
     title = f"{folder.resolve().name}: {count(len(rows))} {'walk' if walks else 'recording'}{'s' * (len(rows) != 1)}"
-    return write_page(folder / "report.html", list_page(title, rows, spread_of(rows) if walks else []))
+    return blocks.write_page(folder / "report.html", list_page(title, rows, spread_of(rows) if walks else []))
 
 
 def write_sweep_page(folder: Path) -> Path:
@@ -322,8 +308,8 @@ def write_sweep_page(folder: Path) -> Path:
     ]
     listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
     title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
-    settings = Section("Settings", [_settings_values(summary), *map(Text, summary.notes())])
-    return write_page(folder / "report.html", list_page(title, listed, findings, settings))
+    settings = blocks.Section("Settings", [_settings_values(summary), *map(blocks.Text, summary.notes())])
+    return blocks.write_page(folder / "report.html", list_page(title, listed, findings, settings))
 
 
 def _settings_values(summary: SweepSummary) -> Table:

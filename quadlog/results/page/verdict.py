@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.positioning.unlocated import MOST_UNLOCATED
-from quadlog.results.numbers import count, percent, sig
 from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
 from quadlog.results.scenes import SCALE_95, STANDS_M, columns_of
+from quadlog.results.text import STATES, State, bounds_of, count, is_alarming, label_of, percent, sig
 from quadlog.results.view import GAP_S
-from quadlog.results.words import STATES, State, bounds_of, is_alarming, label_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -149,9 +148,12 @@ def _positions(run: Run) -> Iterator[Sentence]:
         return
     source = Counter(poses["source"].tolist()).most_common(1)[0][0]
     text, state = f"From {_SOURCES.get(source, source)}", "good"
-    error_m, bound_m, coverage = run.metric("ate_rmse_m"), _bound_m(run), run.metric("uwb_coverage_95")
+    error_m, aligned_m = run.metric("ate_rmse_m"), run.metric("ate_aligned_rmse_m")
+    bound_m, coverage = _bound_m(run), run.metric("uwb_coverage_95")
     if error_m is not None:
         text += f", {sig(error_m, 2)} m (rms) off the reference"
+    elif aligned_m is not None:
+        text += f", {sig(aligned_m, 2)} m (rms) off the reference once aligned with it"
     if bound_m is not None:
         text += f", ±{sig(bound_m, 2)} m (95 % bound)"
     if coverage is not None:
@@ -163,7 +165,7 @@ def _positions(run: Run) -> Iterator[Sentence]:
         wide = not seldom and nees < 1
         text += ": the bound is wider than needed" if wide else ": do not trust the bound"
         state = "warn" if wide else "bad"
-    if error_m is None and coverage is None and run.metric("uwb_rmse_m") is None:
+    if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
     yield Sentence("Positions", f"{text}.", state)  # type: ignore[arg-type]
 
@@ -201,10 +203,10 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 def _losses(run: Run) -> Iterator[Sentence]:
     causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), run.record.warnings
-    many = f"{len(warnings)} warnings, the first" if len(warnings) > 1 else "1 warning"
-    more = f"; {many}: {warnings[0].rstrip('.')}" if warnings else ""
+    lost = "" if run.simulated else "Nothing was lost."
     if causes:
-        yield Sentence("Recording", f"Part was lost ({', '.join(causes[:3])}){more}.", "bad")
-    elif not run.simulated or warnings:
-        nothing = "No losses" if run.simulated else "Nothing was lost"
-        yield Sentence("Recording", f"{nothing}{more}.", "warn" if warnings else "good")
+        lost = f"Part was lost ({', '.join(causes[:3])})."
+    of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
+    warning = f"Warning: {warnings[0].rstrip('.')}{of}." if warnings else ""
+    if words := f"{lost} {warning}".strip():
+        yield Sentence("Recording", words, "bad" if causes else "warn" if warnings else "good")

@@ -19,10 +19,9 @@ from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import run_key
-from quadlog.results.find_runs import runs_here
-from quadlog.results.places import new_run
+from quadlog.results.find_runs import OWN_FILES, runs_here
 from quadlog.results.record import RunRecord, StageRecord, describe_input
-from quadlog.results.run import Run
+from quadlog.results.run import Run, new_run
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.version import __version__
@@ -56,7 +55,7 @@ def test_a_run_in_a_bucket_is_the_run_of_a_folder(
     there = follow_request(tmp_path / "walk", until="map")
     local = replay(there, Silent())
     assert outcome.metrics.keys() == local.metrics.keys()
-    with runs_here([request_there.run]) as (here,):
+    with runs_here([request_there.run], OWN_FILES) as ((here,), _):
         ours, theirs = saved(here), saved(tmp_path / "walk")
         assert names(bucket) == theirs.keys()
         pictures = {name for name in theirs if name.startswith("plots/")}  # nothing is read of them

@@ -8,7 +8,7 @@ from quadlog.pipelines.comparison.run_planners import ask_everything, repeats_fo
 from quadlog.pipelines.comparison.sources import forest_source, movingai_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules
-from quadlog.results.planners import REPLANS, SCENARIOS
+from quadlog.results.studies.planners import REPLANS, SCENARIOS
 
 NAMES = ["astar", "clearance_astar", "ia_star"]
 

@@ -18,7 +18,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import PLANNERS as ALL_PLANNERS
 from quadlog.planning.rules import Rules
 from quadlog.results.page import planners as page
-from quadlog.results.planners import PLANNERS, REPLANS, SCENARIOS
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.storage.atomic_write import complete_folders
 
 SMALL = CompareOptions(planners=("ia_star", "mt_d_star_lite"), episodes=2)

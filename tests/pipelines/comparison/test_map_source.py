@@ -13,7 +13,7 @@ from quadlog.pipelines.comparison.sources import movingai_source, ros_map_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
-from quadlog.results.planners import QuestionSample
+from quadlog.results.studies.planners import QuestionSample
 from quadlog.storage.formats.ros_map import write_rosmap
 
 EXACT = Rules(costs="exact")

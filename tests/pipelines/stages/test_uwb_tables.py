@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOutcome, ReplayRequest
-from quadlog.positioning.fix.dilution import dilution_at
+from quadlog.positioning.dilution import dilution_at
 from quadlog.results.arrays import read_arrays
 from quadlog.results.tables import read_table
 

@@ -12,7 +12,7 @@ from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Table, 
 from quadlog.pipelines.tables.judge import MEAN, SHARE, beyond, number
 from quadlog.pipelines.tables.make_tables import measure_tables
 from quadlog.pipelines.tables.study import SEEDS_PER_TABLE, Study, grid, held_out_seeds
-from quadlog.results.papers.table import Origin, Verdict
+from quadlog.results.studies.papers import Verdict
 
 WALKS = pd.DataFrame(
     [
@@ -84,11 +84,11 @@ class AtOnce(Executor):
 def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     study = Study(walk, grid(who=["a", "bb"], seed=range(3)))
     table = Table("Title", "Caption.", "Sizes.", study, [Group("G", "T", [Claim("m (m)", "m", {"who": "bb"})])])
-    (saved,) = measure_tables({"one": table}, Origin("code", True, 5), executor, Silent())
-    assert saved.walks[4] == {"who": "bb", "seed": 1, "m": 3.0}
-    (row,) = saved.table.rows
-    assert (row.ours, saved.table.command) == (3.0, "quadlog tables one --fast --seed 5")
-    assert MEAN.interval(pd.DataFrame(saved.walks)["m"][3:].to_numpy()) == (row.low, row.high)
+    ((made, walks),) = measure_tables({"one": table}, True, 5, executor, Silent())
+    assert walks[4] == {"who": "bb", "seed": 1, "m": 3.0}
+    (row,) = made.rows
+    assert (row.ours, made.command) == (3.0, "quadlog tables one --fast --seed 5")
+    assert MEAN.interval(pd.DataFrame(walks)["m"][3:].to_numpy()) == (row.low, row.high)
 
 
 def test_what_is_reported_was_never_chosen_on():

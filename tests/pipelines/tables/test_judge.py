@@ -27,7 +27,7 @@ from quadlog.pipelines.tables.judge import (
     rests,
     runs,
 )
-from quadlog.results.papers.table import Verdict
+from quadlog.results.studies.papers import Verdict
 
 Float = np.ndarray
 DRAWS = 80

@@ -12,8 +12,7 @@ import pandas as pd
 import pytest
 
 from quadlog.pipelines.tables.registry import TABLES
-from quadlog.results.papers.folder import csv_text
-from quadlog.results.papers.table import PaperTable, Verdict
+from quadlog.results.studies.papers import PaperTable, Verdict, csv_text
 
 ROOT = Path(__file__).parents[3]
 SHARES = ("arrived", "touched", "clean", "fallen", "above")

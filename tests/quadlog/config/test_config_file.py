@@ -104,22 +104,6 @@ def test_a_written_configuration_reads_back_the_same(tmp_path, config):
     assert load_config(path, [], {}) == config
 
 
-def test_every_key_with_a_description_is_explained():
-    text = commented_toml(Config(), {"uwb.anchors": ["seen in the log: 0, 1, 2"]})
-    assert "# acceleration_std_mps2: " in text
-    assert "# seen in the log: 0, 1, 2" in text
-    lifted = re.sub(r"^# (?=\w+ = .)", "", text, flags=re.MULTILINE)
-    assert tomllib.loads(lifted)["uwb"]["range_std_m"] == 0.1
-    assert Config.model_validate(tomllib.loads(lifted)) == Config()
-
-
-def test_default_values_are_comments():
-    live = tomllib.loads(commented_toml(_sample()))
-    assert live.pop("lidar") == {"mount": {"pitch_deg": 3.0}}
-    assert set(live.pop("uwb")) == {"anchors", "tags"}
-    assert not any(value != {} for keys in live.values() for value in keys.values())
-
-
 @pytest.mark.parametrize(
     ("environ", "overrides", "flags", "method", "noted"),
     [
@@ -168,19 +152,6 @@ def test_the_versions_that_decide_results_are_those_of_all_dependencies_but_the_
     plumbing = {"aiohttp", "click", "fsspec", "isal", "jinja2", "libusb-package", "lz4", "pillow", "pyyaml", "rich"}
     plumbing |= {"s3fs", "tabulate", "tomli-w", "tomlkit", "zstandard"}
     assert (names - plumbing) | {"llvmlite"} <= set(package_versions())
-
-
-def test_the_papers_robot_aims_along_its_path_and_a_point_is_an_obstacle():
-    for preset, clear_chord, min_points in ((None, True, 2), ("paper", False, 1)):
-        config = load_config(preset=preset, environ={})
-        assert (config.pursuit.clear_chord, config.grid.min_points) == (clear_chord, min_points)
-
-
-def test_a_preset_without_anything_to_replace_says_nothing(tmp_path):
-    path = tmp_path / "quadlog.toml"
-    path.write_text("[uwb]\nsmooth = false\n")
-    assert configure(path, environ={}, preset="paper").notes == configure(environ={}, preset="paper").notes == ()
-    assert configure(path, environ={}).config.uwb.smooth is False
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,10 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
-from types import SimpleNamespace
 
 import pytest
 
-from quadlog.config import plugins
 from quadlog.config.plugins import (
     DECODERS,
     PLANNERS,
@@ -68,34 +65,6 @@ def test_a_name_of_two_is_refused_and_others_are_not(install):
     assert find_plugin(PLANNERS, "other", taken=False) is not None
     with pytest.raises(PluginNameTaken, match=r"planner astar: several have that name \(quadlog, quadlog-one 1\.0\)"):
         find_plugin(PLANNERS, "astar", taken=True)
-
-
-def test_a_distribution_without_metadata_is_still_named(install):
-    info = install("quadlog-nameless", "1.0", {PLANNERS: {"plain": "plain:Plain"}})
-    (info / "METADATA").unlink()
-    plugin = find_plugin(PLANNERS, "plain", taken=False)
-    assert plugin is not None
-    assert (plugin.distribution, plugin.version) == ("an unnamed distribution", "?")
-
-
-def test_help_looks_for_no_plugins(install):
-    install("quadlog-loud", "1.0", {PLANNERS: {"loud": "loud:Loud"}}, {"loud": SAYS})
-    code = (
-        "import sys\nfrom quadlog.cli.main import run\n"
-        "assert run(['compare-planners', '--help']) == 0 == run(['replay', '--help'])\n"
-        "print([each for each in ('quadlog.config.plugins', 'loud') if each in sys.modules], file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "[]\n")
-
-
-def test_a_distribution_without_metadata_has_no_name_either_for_the_backport():
-    class Nameless:
-        @property
-        def metadata(self):
-            raise FileNotFoundError("No package metadata was found.")
-
-    assert plugins._owner(SimpleNamespace(dist=Nameless())) == ("an unnamed distribution", "?")
 
 
 def test_a_process_that_a_plugin_forks_may_end_and_an_interrupt_passes():

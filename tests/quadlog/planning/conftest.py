@@ -183,23 +183,6 @@ def _maze(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
     return blocked
 
 
-def _spiral(size: int) -> np.ndarray:
-    """One hall that winds inwards."""
-    blocked = np.ones((size, size), dtype=bool)
-    col, row, dcol, drow = 1, 1, 1, 0
-    blocked[row, col] = False
-    while True:
-        for _ in range(2):
-            ahead_col, ahead_row = col + 2 * dcol, row + 2 * drow
-            if 0 < ahead_row < size - 1 and 0 < ahead_col < size - 1 and blocked[ahead_row, ahead_col]:
-                break
-            dcol, drow = -drow, dcol
-        else:
-            return blocked
-        blocked[row + drow, col + dcol] = blocked[ahead_row, ahead_col] = False
-        col, row = ahead_col, ahead_row
-
-
 @pytest.fixture(scope="session")
 def grids() -> dict[str, np.ndarray]:
     """Maps of every kind by name."""
@@ -221,7 +204,6 @@ def grids() -> dict[str, np.ndarray]:
         "rooms": rooms,
         "maze": _maze(rng, 12, 15),
         "maze with doors": _maze(rng, 15, 12) & (rng.random((31, 25)) > 0.1),
-        "spiral": _spiral(27),
         "corners": corners,
         "open": np.zeros((35, 20), dtype=bool),
         "no free cell": np.ones((7, 9), dtype=bool),

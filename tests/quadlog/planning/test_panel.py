@@ -8,11 +8,10 @@ from numpy.testing import assert_array_equal
 
 from quadlog.mapping.grid import Window
 from quadlog.planning.planners.astar import AStar
-from quadlog.planning.planners.ia_star import IAStar
 from quadlog.planning.protocol import no_plan
 from quadlog.planning.query import NoQuery, Query
 from quadlog.planning.registry import PLANNERS, make_planner
-from quadlog.planning.replan import Panel, ReplanSettings, compile_planner, why_no_path
+from quadlog.planning.replan import Panel, ReplanSettings, compile_planner
 from quadlog.planning.rules import Rules
 
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -47,46 +46,6 @@ def test_answers_are_in_the_order_of_the_planners_who_take_turns_to_begin():
     firsts = [name for name, _ in calls[::3]]
     assert sorted(firsts) == list("aabbcc")
     assert all(sorted(name for name, _ in calls[i : i + 3]) == list("abc") for i in range(0, 18, 3))
-
-
-def test_doubles_are_asked_the_same_in_rounds_of_their_own():
-    calls: list = []
-    panel = Panel([Watched(name, calls) for name in "ab"], None, [[Watched(name, calls) for name in "ab"]] * 2)
-    calls.clear()
-    panel.begin_episode()
-    query = query_on(np.zeros((4, 4), dtype=bool), (0, 0), (3, 3))
-    answers = panel.ask(query)
-    asked = [name for name, what in calls if what != "reset"]
-    assert [sorted(asked[i : i + 2]) for i in (0, 2, 4)] == [["a", "b"]] * 3
-    assert asked[0] != asked[2]  # turns go on from round to round
-    for answer in answers:
-        assert len(answer.us_repeats) == 3
-        assert answer.us == sorted(answer.us_repeats)[1]
-
-
-def test_an_incremental_planner_does_the_same_work_in_every_round():
-    """Its doubles remember their own plans, so that a repeat is no answer by heart."""
-    blocked = np.random.default_rng(4).random((40, 40)) < 0.2
-    blocked[0, :3] = blocked[39, 39] = False
-    work: list[list[int]] = [[], [], []]
-
-    class Noted(IAStar):
-        def __init__(self, number: int) -> None:
-            super().__init__()
-            self.number = number
-
-        def plan(self, blocked, start, goal, shift=(0, 0)):
-            plan = super().plan(blocked, start, goal, shift)
-            work[self.number].append(plan.expanded)
-            return plan
-
-    panel = Panel([Noted(0)], None, [[Noted(1)], [Noted(2)]])
-    for each in work:
-        each.clear()
-    for start in ((0, 0), (1, 0), (2, 0)):
-        panel.ask(query_on(blocked, start, (39, 39)))
-    assert work[0] == work[1] == work[2]
-    assert len(work[0]) == 3
 
 
 def test_planners_hear_how_the_window_moved_and_forget_between_episodes():
@@ -126,20 +85,6 @@ def test_a_way_that_a_planner_did_not_find_is_missed_not_unreachable():
         assert math.isnan(answer.optimal_cost)
 
 
-@pytest.mark.parametrize(
-    ("start", "goal", "why"),
-    [
-        ((-1, 0), (1, 1), "start outside"),
-        ((0, 0), (0, 3), "goal outside"),
-        ((2, 0), (0, 0), "start blocked"),
-        ((0, 0), (2, 0), "goal blocked"),
-        ((0, 0), (1, 1), "unreachable"),
-    ],
-)
-def test_why_no_path(start, goal, why):
-    assert why_no_path(np.array([[False, True, True], [True, False, False]]), start, goal) == why
-
-
 def test_lengths_and_turns_are_of_the_path_in_metres():
     """Two steps right, a diagonal, one up: 2 + root of 2 + 1 cells, two turns of an eighth."""
     blocked = np.ones((3, 4), dtype=bool)
@@ -153,18 +98,6 @@ def test_lengths_and_turns_are_of_the_path_in_metres():
     assert answer.curvature_max_1pm > 0
     (plain,) = Panel([make_planner("astar")], None).ask(query_on(blocked, (0, 0), (3, 2)))
     assert math.isnan(plain.curvature_max_1pm)
-
-
-def test_the_optimum_is_by_the_planners_costs_whatever_their_heuristic():
-    blocked = np.random.default_rng(3).random((20, 20)) < 0.2
-    blocked[0, 0] = blocked[19, 19] = False
-    for costs in ("integer", "exact"):
-        rules = Rules(costs=costs, heuristic="manhattan")
-        query = query_on(blocked, (0, 0), (19, 19))
-        optimum = make_planner("dijkstra", rules).plan(blocked, (0, 0), (19, 19)).cost
-        assert optimum > 0
-        for answer in Panel([make_planner(name, rules) for name in ("astar_paper", "ia_star")], None).ask(query):
-            assert answer.optimal_cost == pytest.approx(optimum, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", PLANNERS)

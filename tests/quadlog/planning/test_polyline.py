@@ -56,12 +56,6 @@ def test_turning_of_a_staircase():
     assert turning(np.array([[0, 0], [1, 0], [0, 0]])) == (2.0, pytest.approx(math.pi))
 
 
-@pytest.mark.parametrize("points", [np.array([[1, 2]]), np.array([[1, 2], [4, 6]])])
-def test_a_point_and_a_straight_line_turn_nowhere(points):
-    assert turning(points) == (5.0 if len(points) == 2 else 0.0, 0.0)
-    assert largest_curvature(points.astype(np.float64)) == 0.0
-
-
 @given(
     radius_m=st.floats(0.1, 50),
     steps=st.integers(16, 300),
@@ -77,10 +71,3 @@ def test_an_arc_has_its_curvature_and_turns_by_its_angle(radius_m, steps, sweep_
     assert turned == pytest.approx(sweep_rad * (steps - 2) / (steps - 1))
     # Angle by chord: a little above 1 / radius.
     assert largest_curvature(points) == pytest.approx(half / (radius_m * math.sin(half)), rel=1e-6)
-
-
-def test_the_largest_curvature_is_that_of_the_sharpest_corner():
-    """Two corners of 90 and 45 degrees, the second between shorter sides."""
-    points = np.array([[0, 0], [4, 0], [4, 4], [4, 4.5], [4.25, 4.75]])
-    sides = (0.5 + 0.25 * math.sqrt(2)) / 2
-    assert largest_curvature(points) == pytest.approx(max(math.pi / 2 / 4, math.pi / 4 / sides))

@@ -16,15 +16,6 @@ def ask(occupied=None, start=(0.03, 0.02), goal=(1.51, -0.72), dilation_m=0.3, d
     return make_query(WINDOW, occupied, np.array(start), np.array(goal), dilation_m, dilation)
 
 
-def test_free_ground_is_asked_as_it_is():
-    query = ask()
-    assert query.window is WINDOW
-    assert (query.start, query.goal) == ((20, 20), (35, 12))
-    assert not query.goal_projected
-    assert query.way_out.shape == (0, 2)
-    assert not query.blocked.any()
-
-
 @pytest.mark.parametrize("dilation", sorted(INFLATIONS))
 @pytest.mark.parametrize(("dilation_m", "cells"), [(0.0, 0), (0.1, 1), (0.3, 3)])
 def test_obstacles_grow_by_whole_cells(dilation, dilation_m, cells):

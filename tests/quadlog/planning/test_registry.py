@@ -5,7 +5,6 @@ import pytest
 
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.schema import PlannerConfig as PlannerSection
-from quadlog.errors import UnknownName
 from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
 from quadlog.planning.rules import HEURISTICS, Rules
 
@@ -30,29 +29,9 @@ def test_planners_that_are_defined_by_a_heuristic_keep_it(name):
         assert make_planner(name, Rules(heuristic=other)).rules.heuristic == (own if is_fixed else other)
 
 
-@pytest.mark.parametrize("name", sorted(PLANNERS))
-def test_only_incremental_planners_remember_and_all_forget(name):
-    """The first and the third answer know nothing of the one before."""
-    blocked, planner = np.zeros((9, 9), dtype=bool), make_planner(name)
-    plans = [planner.plan(blocked, (0, 0), (8, 4)) for _ in range(2)]
-    planner.reset()
-    plans.append(planner.plan(blocked, (0, 0), (8, 4)))
-    assert [plan.from_scratch for plan in plans] == [True, not planner.incremental, True]
-    assert (plans[1].reused_cells > 0) == planner.incremental
-
-
 def test_names_are_those_of_the_planners():
     """They are listed by themselves: importing the planners would make every command wait for their compiled cores."""
     assert tuple(PLANNERS) == PLANNER_NAMES
     for name in PLANNER_NAMES:
         assert make_planner(name).name == name
         assert PlannerSection(name=name).name == name
-
-
-def test_unknown_name_lists_the_choices():
-    with pytest.raises(UnknownName) as raised:
-        make_planner("a*")
-    assert str(raised.value) == (
-        "unknown planner 'a*'; choose one of: ara_star, astar, astar_paper, clearance_astar, d_star_lite, dijkstra, "
-        "ea_star, ia_star, ia_star_bounded, ia_star_end, lpa_star, mt_d_star_lite"
-    )

@@ -9,9 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from quadlog.planning.path import (
-    arc_lengths,
     control_points,
-    inflection_indices,
     smooth_path,
     spline_point,
     straight_path,
@@ -67,30 +65,10 @@ def test_smooth_path_turns_gradually_and_keeps_its_ends():
     assert np.hypot(*steps.T).max() <= 0.02 + 1e-9
 
 
-def test_lies_on_scipys_clamped_curve():
-    points_m = in_map([[5, 5], [30, 5], [30, 30], [60, 30]])
-    control = np.concatenate([points_m[:1], points_m, points_m[-1:]])
-    oracle = BSpline(np.arange(9.0), control, 2)(np.linspace(2, 6, 20001))
-    for point in smooth(points_m, merge_m=0.0):
-        assert np.hypot(*(oracle - point).T).min() < 2e-3
-
-
-def test_straight_path_stays_straight():
-    points_m = in_map([[2, 3], [3, 4], [4, 5], [5, 6]])
-    curve_m = smooth(points_m)
-    np.testing.assert_allclose(curve_m[:, 0] - curve_m[0, 0], curve_m[:, 1] - curve_m[0, 1], atol=1e-12)
-    assert arc_lengths(curve_m)[-1] == pytest.approx(arc_lengths(points_m)[-1])
-
-
 @pytest.mark.parametrize("points_m", [[[0.0, 3.0]], [[0.0, 3.0], [0.0, 3.0]]])
 def test_a_path_of_one_point(points_m):
     np.testing.assert_allclose(smooth(points_m), [[0.0, 3.0]])
     np.testing.assert_allclose(straight_path(np.array(points_m), 0.05), [[0.0, 3.0]])
-
-
-def test_inflection_points():
-    path = np.array([[0, 0], [1, 0], [2, 0], [3, 1], [4, 2], [4, 3]], dtype=float)
-    assert inflection_indices(path).tolist() == [0, 2, 4, 5]
 
 
 def test_close_inflection_points_are_merged_but_not_through_obstacles():
@@ -136,10 +114,3 @@ def test_never_touches_a_blocked_cell(seed, merge_m, spacing_m):
     np.testing.assert_allclose(curve_m[[0, -1]], points_m[[0, -1]], atol=1e-9)
     if len(curve_m) > 1:
         assert not touches(curve_m, blocked)
-
-
-def test_smoothing_off_is_the_path_itself():
-    points_m = in_map([[5, 5], [9, 5], [12, 8]])
-    line_m = straight_path(points_m, 0.05)
-    assert arc_lengths(line_m)[-1] == pytest.approx(arc_lengths(points_m)[-1])
-    assert np.diff(arc_lengths(line_m)).max() <= 0.05 + 1e-9

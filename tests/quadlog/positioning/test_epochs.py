@@ -1,3 +1,5 @@
+"""Ranges of a log: which are used, and which of them make one fix."""
+
 from __future__ import annotations
 
 from itertools import groupby
@@ -10,13 +12,9 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.messages import RangeSeries
 from quadlog.positioning import epochs as epochs_module
-from quadlog.positioning.epochs import (
-    LONGEST_EPOCH_S,
-    USUAL_EPOCH_S,
-    derive_epoch_s,
-    group_epochs,
-    thin_rows,
-)
+from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs, screen_ranges
+
+BIG_NS = 1_700_000_000_000_000_000
 
 
 def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
@@ -25,53 +23,37 @@ def series(rows: list[tuple[int, int, int, float]]) -> RangeSeries:
     return RangeSeries(*ids, np.array(range_m, dtype=np.float64))
 
 
-def test_single_ranges_make_a_round_at_their_mean_time():
-    big = 1_700_000_000_000_000_000
-    rows = [(big + 0, 0, 1, 1.0), (big + 10, 0, 2, 2.0), (big + 26, 0, 3, 3.0), (big + 40, 0, 1, 1.5)]
-    got = group_epochs(series(rows), 0, ids(1, 2, 3), 1e-7)
-    np.testing.assert_array_equal(got.t_ns, [big + 12, big + 40])
-    np.testing.assert_array_equal(got.last_ns, [big + 26, big + 40])
+def rounds(interval_ms: int, anchors: int, count: int = 200, lost: float = 0.0) -> RangeSeries:
+    """Single ranges to each anchor in turn, some of them lost."""
+    heard = np.random.default_rng(0).random(count) >= lost
+    return series([(BIG_NS + i * interval_ms * 10**6, 0, i % anchors, 1.0) for i in range(count) if heard[i]])
+
+
+@pytest.mark.parametrize(
+    ("interval_ms", "anchors", "lost", "epoch_s"),
+    [(50, 4, 0.0, 0.2), (50, 4, 0.2, 0.2), (400, 4, 0.0, LONGEST_EPOCH_S), (10, 4, 0.0, USUAL_EPOCH_S)],
+)
+def test_epochs_are_as_long_as_a_slow_round(interval_ms, anchors, lost, epoch_s):
+    ids, ranges = np.arange(anchors), rounds(interval_ms, anchors, lost=lost)
+    assert derive_epoch_s(ranges, 0, ids) == pytest.approx(epoch_s)
+    if epoch_s == 0.2:
+        heard = np.isfinite(group_epochs(ranges, 0, ids, epoch_s).range_m).sum(axis=1)
+        assert (heard >= 3).mean() > (0.99 if lost == 0 else 0.7)
+
+
+def test_a_rare_anchor_frames_and_lone_ranges_do_not_stretch_the_epochs():
+    slow = rounds(50, 5)
+    kept = (slow.anchor < 4) | (np.arange(200) % 50 == 0)
+    slow = RangeSeries(*(getattr(slow, name)[kept] for name in ("t_ns", "tag", "anchor", "range_m")))
+    assert derive_epoch_s(slow, 0, np.arange(5)) == pytest.approx(0.25)
+    for ranges in ([(i * 10**9, 0, a, 1.0) for i in range(10) for a in range(4)], [], [(0, 0, 1, 1.0)]):
+        assert derive_epoch_s(series(ranges), 0, np.arange(4)) == USUAL_EPOCH_S
 
 
 def test_too_many_cells_are_refused(monkeypatch):
     monkeypatch.setattr(epochs_module, "MAX_CELLS", 5)
     with pytest.raises(TooLarge, match="tag 0: 6 exceeds the limit of 5"):
-        group_epochs(series([(0, 0, 1, 1.0), (0, 0, 1, 1.0)]), 0, ids(1, 2, 3), 0.1)
-
-
-def rounds(interval_ms: int, anchors: int, count: int = 200, lost: float = 0.0) -> RangeSeries:
-    """Single ranges to each anchor in turn, some of them lost."""
-    heard = np.random.default_rng(0).random(count) >= lost
-    big = 1_700_000_000_000_000_000
-    return series([(big + i * interval_ms * 10**6, 0, i % anchors, 1.0) for i in range(count) if heard[i]])
-
-
-@pytest.mark.parametrize("lost", [0.0, 0.2])
-def test_slow_rounds_make_long_epochs(lost):
-    slow = rounds(50, 4, lost=lost)
-    epoch_s = derive_epoch_s(slow, 0, ids(0, 1, 2, 3))
-    assert epoch_s == pytest.approx(0.2)
-    heard = np.isfinite(group_epochs(slow, 0, ids(0, 1, 2, 3), epoch_s).range_m).sum(axis=1)
-    assert (heard >= 3).mean() > (0.99 if lost == 0 else 0.7)
-
-
-def test_an_epoch_stays_below_its_bound():
-    assert derive_epoch_s(rounds(400, 4), 0, ids(0, 1, 2, 3)) == LONGEST_EPOCH_S
-
-
-def test_an_anchor_that_is_rarely_heard_does_not_stretch_the_epochs():
-    slow = rounds(50, 5)
-    rare = (slow.anchor == 4) & (np.arange(200) % 50 > 0)
-    kept = RangeSeries(*(getattr(slow, name)[~rare] for name in ("t_ns", "tag", "anchor", "range_m")))
-    assert derive_epoch_s(kept, 0, ids(0, 1, 2, 3, 4)) == pytest.approx(0.25)
-
-
-def test_frames_and_fast_rounds_keep_the_usual_length():
-    frames = series([(i * 10**9, 0, anchor, 1.0) for i in range(10) for anchor in range(4)])
-    assert derive_epoch_s(frames, 0, ids(0, 1, 2, 3)) == USUAL_EPOCH_S
-    assert derive_epoch_s(rounds(10, 4), 0, ids(0, 1, 2, 3)) == USUAL_EPOCH_S
-    assert derive_epoch_s(series([]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
-    assert derive_epoch_s(series([(0, 0, 1, 1.0)]), 0, ids(0, 1, 2)) == USUAL_EPOCH_S
+        group_epochs(series([(0, 0, 1, 1.0), (0, 0, 1, 1.0)]), 0, np.arange(1, 4), 0.1)
 
 
 def grouped(rows: list[tuple[int, int]], epoch_ns: int) -> list[list[int]]:
@@ -90,44 +72,43 @@ def grouped(rows: list[tuple[int, int]], epoch_ns: int) -> list[list[int]]:
 
 
 @given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 3)), max_size=40).map(sorted), st.integers(0, 30))
-def test_epochs_follow_the_rule_stamp_by_stamp(rows, epoch_ns):
-    got = group_epochs(
-        series([(t, 0, a, float(i)) for i, (t, a) in enumerate(rows)]), 0, ids(0, 1, 2, 3), epoch_ns * 1e-9
-    )
+def test_epochs_follow_the_rule_and_lose_no_range(rows, epoch_ns):
+    """Every range has a number of its own as its value; those of another tag and anchor are left out."""
+    own = [(BIG_NS + t, 1, a, float(i)) for i, (t, a) in enumerate(rows)]
+    strangers = [(t, *which, 99.0) for t, *_ in own[::3] for which in ((0, 2), (1, 7))]
+    got = group_epochs(series(sorted(own + strangers, key=lambda row: row[0])), 1, np.arange(4), epoch_ns * 1e-9)
     held = [sorted(row[np.isfinite(row)].astype(int).tolist()) for row in got.range_m]
     assert held == grouped(rows, epoch_ns)
+    for t_ns, last_ns, members in zip(got.t_ns, got.last_ns, held, strict=True):
+        times = [rows[i][0] for i in members]
+        assert max(times) == last_ns - BIG_NS
+        assert abs(np.mean(times) - (t_ns - BIG_NS)) <= 0.5
 
 
-row = st.tuples(st.integers(0, 400), st.integers(0, 1), st.integers(0, 4))
+def screen(rows):
+    return screen_ranges(series(rows), np.array([0, 3]), np.array([10, 11, 12]), 0.05, 300.0)
 
 
-@given(st.lists(row, max_size=60), st.integers(0, 100))
-def test_no_range_is_lost_or_doubled(rows, epoch_ns):
-    """Every range gets a number of its own as its value; the epochs must hold exactly those of the tag and anchors."""
-    rows = [(t, tag, anchor, float(i + 1)) for i, (t, tag, anchor) in enumerate(sorted(rows))]
-    got = group_epochs(series(rows), 1, ids(0, 1, 2, 3), epoch_ns * 1e-9)
-    expected = [value for _, tag, anchor, value in rows if tag == 1 and anchor < 4]
-    held = got.range_m[np.isfinite(got.range_m)]
-    assert sorted(held) == expected
-
-    time_of = {value: t for t, _, _, value in rows}
-    for t_ns, last_ns, ranges in zip(got.t_ns, got.last_ns, got.range_m, strict=True):
-        times = [time_of[value] for value in ranges[np.isfinite(ranges)]]
-        assert max(times) == last_ns
-        assert abs(np.mean(times) - t_ns) <= 0.5
-        assert max(times) - min(times) <= epoch_ns
-    assert (np.diff(got.last_ns) >= 0).all()
+def test_every_cause_is_counted_and_every_stranger_named():
+    bad_m = [np.nan, np.inf, 0.0, -2.0, 0.01, 301.0]
+    rows = [(k, 0, 10, each) for k, each in enumerate([1.0, *bad_m, 300.0])]
+    kept, counts = screen([*rows, (8, 0, 77, 1.0), (9, 0, 77, 1.0), (10, 3, 78, 1.0), (11, 5, 10, 1.0)])
+    np.testing.assert_array_equal(kept.t_ns, [0, 7])
+    assert (counts.not_finite, counts.not_positive, counts.too_short, counts.too_long) == (2, 2, 1, 1)
+    assert counts.unknown_anchors == ((77, 2), (78, 1))
+    assert counts.other_tags == ((5, 1),)
+    assert counts.silent_anchors == (11, 12)
 
 
-@pytest.mark.parametrize("n", [0, 1, 200, 201, 999])
-def test_rows_are_thinned_evenly(n):
-    usable = np.ones(2 * n, dtype=bool)
-    usable[::2] = False
-    rows = thin_rows(usable, 200)
-    assert usable[rows].all()
-    assert min(n, 100) <= len(rows) <= 200
-    assert len(np.unique(np.diff(rows))) <= 1
+range_m = st.floats(-1, 400) | st.sampled_from([np.nan, np.inf, -np.inf, 0.0])
 
 
-def ids(*values: int) -> np.ndarray:
-    return np.array(values, dtype=np.int64)
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 4), st.integers(9, 13), range_m), max_size=40))
+def test_every_range_is_counted_exactly_once(rows):
+    kept, counts = screen(rows)
+    strangers = sum(n for _, n in counts.other_tags + counts.unknown_anchors)
+    left_out = strangers + counts.not_finite + counts.not_positive + counts.too_short + counts.too_long
+    assert counts.total == len(rows) == counts.used + left_out
+    assert counts.used == len(kept)
+    assert (np.diff(kept.t_ns) >= 0).all()
+    assert ((kept.range_m >= 0.05) & (kept.range_m <= 300)).all()

@@ -30,10 +30,6 @@ def loop(s_m: np.ndarray) -> np.ndarray:
     return np.column_stack([5 + 6.5 * np.cos(phase), 4.5 + 5 * np.sin(phase) + np.sin(3 * phase)])
 
 
-def line(s_m: np.ndarray) -> np.ndarray:
-    return np.column_stack([s_m / 4, np.full(len(s_m), 4.0)])
-
-
 def survey(
     seed: int, path=loop, known: tuple[int, ...] = (), turns: float = 1.0, late_s: float = 0.0, doubtful: bool = False
 ) -> tuple[AnchorSurvey, np.ndarray]:
@@ -94,39 +90,33 @@ def test_known_anchors_give_the_frame():
     np.testing.assert_allclose(result.start[:2], start, atol=0.15)
 
 
-def test_a_straight_walk_is_refused():
-    with pytest.raises(AnchorsNotObserved, match=r"straight line .* mirror image; walk a loop"):
-        survey(0, line)
+@pytest.mark.parametrize(
+    ("path", "late_s", "why"),
+    [
+        (lambda s_m: np.column_stack([s_m / 4, np.full(len(s_m), 4.0)]), 0.0, r"straight line .* mirror image; walk a"),
+        (lambda s_m: np.column_stack([np.linspace(0, 1e-3, len(s_m)), 0 * s_m]), 0.0, r"walks 0\.0 m only"),
+        (loop, 2.0, r"ranges contradict the odometry.* time stamps"),
+    ],
+    ids=["straight", "standing", "two seconds apart"],
+)
+def test_walks_that_show_no_anchor_are_refused(path, late_s, why):
+    with pytest.raises(AnchorsNotObserved, match=why):
+        survey(6001, path, late_s=late_s)
 
 
-def test_a_robot_that_stands_is_refused():
-    with pytest.raises(AnchorsNotObserved, match=r"walks 0\.0 m only"):
-        survey(0, lambda s_m: np.column_stack([np.linspace(0, 1e-3, len(s_m)), np.zeros(len(s_m))]))
-
-
-def test_turns_that_the_odometry_overstates_are_scaled_back():
-    result, truth_m = survey(6001, turns=1.2)
-    assert result.turn_scale == pytest.approx(1 / 1.2, abs=0.03)
+@pytest.mark.parametrize(("turns", "late_s", "limit_m"), [(1.2, 0.0, 0.15), (1.0, 0.2, 0.1)])
+def test_turns_that_the_odometry_overstates_and_stamps_that_are_apart_are_found(turns, late_s, limit_m):
+    result, truth_m = survey(6001, turns=turns, late_s=late_s)
+    assert result.turn_scale == pytest.approx(1 / turns, abs=0.03)
+    assert result.delay_s == pytest.approx(-late_s, abs=0.03)
     place_m = np.array([each.position_m for each in result.anchors])
-    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.15
-
-
-def test_stamps_that_are_apart_are_brought_together():
-    result, truth_m = survey(6001, late_s=0.2)
-    assert result.delay_s == pytest.approx(-0.2, abs=0.03)
-    place_m = np.array([each.position_m for each in result.anchors])
-    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= 0.10
+    assert np.median(np.hypot(*(place_m - truth_m)[:, :2].T)) <= limit_m
 
 
 def test_where_the_odometry_doubts_its_poses_bounds_are_wider():
     sure, doubtful = (survey(6002, doubtful=doubts)[0] for doubts in (False, True))
     ratio = [after.radius_m / before.radius_m for before, after in zip(sure.anchors, doubtful.anchors, strict=True)]
     assert np.median(ratio) > 1.3
-
-
-def test_stamps_two_seconds_apart_are_refused():
-    with pytest.raises(AnchorsNotObserved, match=r"ranges contradict the odometry.* time stamps"):
-        survey(6001, late_s=2.0)
 
 
 def test_every_link_keeps_its_share_of_many_ranges():

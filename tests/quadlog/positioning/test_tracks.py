@@ -24,13 +24,6 @@ def errors(simulated, got: TagResult) -> Float:
     return got.track.position_m - simulated.truth_at(got.track.t_ns)
 
 
-def test_clean_ranges_are_smoothed_far_below_their_noise(lab):
-    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 1)
-    got = run(lab, simulated.series, lab.TRIANGLE_M)
-    assert lab.rmse(errors(simulated, got)) < 0.05
-    np.testing.assert_allclose(got.track.velocity_mps[100:-100].mean(axis=0), [0.4, 0.3], atol=0.02)
-
-
 @pytest.mark.parametrize(("smooth", "rate_hz"), [(True, 50), (False, 10)])
 def test_weights_point_at_the_late_ranges(lab, smooth, rate_hz):
     simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 5, rate_hz=rate_hz)
@@ -133,11 +126,20 @@ def test_a_tag_carried_away_again_and_again(lab):
     assert np.hypot(*errors(simulated, got).T).max() < 0.35
 
 
-@pytest.mark.parametrize("smooth", [True, False])
-def test_bursts_are_no_jumps(lab, smooth):
-    for seed in range(20 if smooth else 3):
-        simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, seed, rate_hz=20, bursts=True)
-        assert len(run(lab, simulated.series, lab.TRIANGLE_M, smooth=smooth).restart_ns) == 0
+@pytest.mark.parametrize(("smooth", "seeds", "limit_m"), [(True, 30, 0.06), (False, 4, 0.2)])
+def test_three_anchors_and_one_behind_something_for_a_while_lose_no_tag(lab, smooth, seeds, limit_m):
+    """One epoch of three ranges cannot show which is late; time can. A track always comes back."""
+    every_m = []
+    for seed in range(seeds):
+        simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, seed, bursts=True)
+        got = run(lab, simulated.series, lab.TRIANGLE_M, smooth=smooth)
+        assert len(got.restart_ns) == 0
+        assert len(got.track) == len(simulated.t_ns)
+        every_m.append(np.hypot(*errors(simulated, got).T))
+    assert np.sqrt(np.mean(np.square(every_m))) <= limit_m
+    assert np.median(every_m, axis=1).max() < 0.6
+    away = np.convolve((np.array(every_m) > 1.0).ravel(), np.ones(50), "valid")  # a second
+    assert away.max() < 50
 
 
 def test_a_long_gap_starts_a_new_segment_where_there_is_a_fix(lab):
@@ -165,3 +167,37 @@ def test_ranges_across_a_clock_jump_of_one_second(lab):
     got = run(lab, series, lab.SQUARE_M)
     assert len(got.restart_ns) == 0
     assert np.hypot(*(got.track.position_m - simulated.position_m).T).max() < 0.35
+
+
+@pytest.mark.parametrize("n_anchors", [4, 6])
+@pytest.mark.parametrize("smooth", [True, False])
+def test_ellipses_hold_errors_that_depend_on_the_place(lab, n_anchors, smooth):
+    """Reflections lengthen ranges by what depends on the place, 0.06 m, beside constant biases: no noise shows that."""
+    anchors_m, inside, squares = np.vstack([lab.SQUARE_M, [[4.0, -1.0, 1.2], [4.0, 8.0, 1.2]]])[:n_anchors], [], []
+    for seed in range(100, 110 if smooth else 102):
+        simulated = lab.simulate(
+            lab.walk_figure_eight, anchors_m, seed, duration_s=45, rate_hz=10, std_m=0.05,
+            bias_m=np.random.default_rng(seed).uniform(0.05, 0.2, n_anchors),
+        )  # fmt: skip
+        rng = np.random.default_rng([7, seed])
+        waves, phase = rng.normal(0, 1.2, (n_anchors, 20, 2)), rng.uniform(0, 6.3, (n_anchors, 20))
+        field = np.cos(np.einsum("akd,td->tak", waves, simulated.position_m) + phase).sum(axis=2)
+        simulated.series.range_m[:] += (0.06 * np.sqrt(2 / 20) * field).ravel()
+        got = run(lab, simulated.series, anchors_m, smooth=smooth, calibrate=True)
+        error_m, covariance_m2 = errors(simulated, got), got.track.covariance_m2
+        inside.append(lab.share_in_ellipses(error_m, covariance_m2))
+        squares += list(np.einsum("ni,nij,nj->n", error_m, np.linalg.inv(covariance_m2), error_m))
+    assert 0.8 < np.mean(squares) < 2.6  # of two coordinates; measured 1.0 to 1.9
+    assert np.mean(inside) > 0.93
+    assert np.min(inside) > 0.75
+
+
+def test_a_link_that_is_blocked_half_of_the_time_is_not_calibrated_away(lab):
+    """0.8 m late for 4 s, on time for 4 s: no constant bias. Measured 0.09 m."""
+    anchors_m = np.vstack([lab.SQUARE_M, [[4.0, -1.0, 1.2], [4.0, 8.0, 1.2]]])
+    simulated = lab.simulate(lab.walk_figure_eight, anchors_m, 5, duration_s=40, rate_hz=20)
+    late = (simulated.series.anchor == 2) & ((simulated.series.t_ns - simulated.t_ns[0]) // 4_000_000_000 % 2 == 1)
+    simulated.series.range_m[late] += 0.8
+    got = run(lab, simulated.series, anchors_m, calibrate=True)
+    assert lab.rmse(errors(simulated, got)) < 0.1
+    assert np.median(got.ranges.weight[late]) < 0.3

@@ -5,55 +5,38 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.geometry import tag_to_base, wrap_angle
-from quadlog.positioning.heading.heading import align_yaw
+from quadlog.geometry import wrap_angle
+from quadlog.messages import RangeSeries
+from quadlog.positioning.heading.heading import YawSensor, align_yaw
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
 
 @pytest.fixture(scope="module")
 def calibrated(trolley) -> Located:
-    return run(trolley, LocateSettings())
+    return run(trolley, trolley.series, LocateSettings())
 
 
-def run(trolley, settings: LocateSettings) -> Located:
+def run(trolley, series: RangeSeries, settings: LocateSettings, tags=range(3)) -> Located:
     anchors = Anchors(np.arange(8), trolley.anchors_m, np.zeros(8))
-    return locate(trolley.series, anchors, [TagInfo(tag, 0.97) for tag in range(3)], settings)
+    return locate(series, anchors, [TagInfo(tag, 0.97) for tag in tags], settings)
 
 
-def fix_errors(lab, trolley, located: Located) -> np.ndarray:
-    return np.array(
-        [
-            lab.rmse((tag.fixes.position_m - trolley.truth_at(tag.tag, tag.fix_t_ns))[tag.fixes.solved])
-            for tag in located.tags
-        ]
-    )
-
-
-def track_errors(lab, trolley, located: Located) -> np.ndarray:
-    return np.array(
-        [lab.rmse(tag.track.position_m - trolley.truth_at(tag.tag, tag.track.t_ns)) for tag in located.tags]
-    )
-
-
-def test_calibration_halves_the_error_of_a_fix(lab, trolley, calibrated):
-    assert (fix_errors(lab, trolley, calibrated) <= [0.086, 0.082, 0.075]).all()
+@pytest.mark.parametrize(("tag", "fixes_m", "track_m"), [(0, 0.086, 0.0625), (1, 0.082, 0.044), (2, 0.075, 0.041)])
+def test_fixes_tracks_biases_and_ellipses(lab, trolley, calibrated, tag, fixes_m, track_m):
+    """The first tag's stamps are 0.08 s off, which makes half of its error."""
     assert calibrated.counts.not_positive == calibrated.counts.total - calibrated.counts.used == 30
-
-
-def test_smoothed_tracks(lab, trolley, calibrated):
-    assert (track_errors(lab, trolley, calibrated) <= [0.066, 0.058, 0.048]).all()
-
-
-def test_biases_are_those_that_the_truth_shows(trolley, calibrated):
-    for tag in calibrated.tags:
-        mine = trolley.series.tag == tag.tag
-        t_ns, anchor, range_m = (getattr(trolley.series, name)[mine] for name in ("t_ns", "anchor", "range_m"))
-        place_m = np.column_stack([trolley.truth_at(tag.tag, t_ns), np.full(len(t_ns), 0.97)])
-        excess_m = range_m - np.linalg.norm(place_m - trolley.anchors_m[anchor], axis=1)
-        true_m = [np.mean(excess_m[(anchor == a) & (range_m > 0)]) for a in range(8)]
-        assert tag.bias is not None
-        assert tag.bias.applied.all()
-        np.testing.assert_allclose(tag.bias.bias_m, true_m, atol=0.03)
+    got = calibrated.tags[tag]
+    fixed = got.fixes.solved
+    assert lab.rmse((got.fixes.position_m - trolley.truth_at(tag, got.fix_t_ns))[fixed]) < fixes_m
+    error_m = got.track.position_m - trolley.truth_at(tag, got.track.t_ns)
+    assert lab.rmse(error_m) < track_m
+    assert lab.share_in_ellipses(error_m, got.track.covariance_m2) > 0.95
+    mine = trolley.series.tag == tag
+    t_ns, anchor, range_m = (getattr(trolley.series, name)[mine] for name in ("t_ns", "anchor", "range_m"))
+    excess_m = range_m - lab.true_ranges(trolley.truth_at(tag, t_ns), trolley.anchors_m, 0.97)[range(len(t_ns)), anchor]
+    true_m = [np.mean(excess_m[(anchor == a) & (range_m > 0)]) for a in range(8)]
+    assert got.bias.applied.all()
+    np.testing.assert_allclose(got.bias.bias_m, true_m, atol=0.03)
 
 
 def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, calibrated):
@@ -67,18 +50,24 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, calibrated):
     velocity = np.stack([np.convolve(velocity[:, i], np.ones(25) / 25, mode="same") for i in range(2)], axis=1)
     moving = np.hypot(*velocity.T) > 0.2
     slip = float(np.median(wrap_angle(np.arctan2(velocity[:, 1], velocity[:, 0]) - true_yaw)[moving]))
+    sensor = YawSensor(trolley.t_ns, wrap_angle(true_yaw - np.radians(50)))
     for tag in calibrated.tags:
-        ahead_m = float(trolley.lever_m[tag.tag, 0])
-        aligned = align_yaw(tag.track, trolley.t_ns, wrap_angle(true_yaw - np.radians(50)), ahead_m)
-        assert aligned.offset_rad == pytest.approx(np.radians(50) + slip, abs=np.radians(2))
+        aligned = align_yaw(tag.track, sensor, float(trolley.lever_m[tag.tag, 0]))
+        off = abs(aligned.fit.offset_rad - np.radians(50) - slip)
+        assert off < np.radians(2)
         # Tag 0's courses err for tens of seconds at a time, which its std must know: by 1.7 degrees on this walk.
-        assert abs(aligned.offset_rad - np.radians(50) - slip) < 2 * aligned.std_rad < np.radians(5)
+        assert off < 2 * np.median(aligned.yaw_std_rad) < np.radians(5)
 
 
-def test_the_lever_arm_leads_to_the_trolleys_origin(lab, trolley, calibrated):
-    tag = calibrated.tags[2]
-    true_yaw = np.unwrap(trolley.rotation.as_euler("ZYX")[:, 0])
-    base_m = tag_to_base(tag.track.position_m, np.interp(tag.track.t_ns, trolley.t_ns, true_yaw), 0.2034, 0.1451)
-    truth_m = np.stack([np.interp(tag.track.t_ns, trolley.t_ns, trolley.position_m[:, i]) for i in range(2)], axis=1)
-    assert lab.rmse(base_m - truth_m) < 0.048
-    assert lab.rmse(tag.track.position_m - truth_m) > 0.2
+def test_short_windows_are_smoothed_below_their_fixes_without_calibration(lab, trolley):
+    """Biases of 0.08 to 0.31 m are no blocked paths. Measured 0.55 of the fixes' RMSE on average."""
+    ratios, since_s = [], (trolley.series.t_ns - trolley.series.t_ns[0]) * 1e-9
+    for tag, begin_s in np.ndindex(3, 5):
+        keep = (trolley.series.tag == tag) & (since_s >= 30 * begin_s) & (since_s < 30 * begin_s + 10)
+        columns = (getattr(trolley.series, name)[keep] for name in ("t_ns", "tag", "anchor", "range_m"))
+        (got,) = run(trolley, RangeSeries(*columns), LocateSettings(calibrate=False), [tag]).tags
+        fixed = got.fixes.solved
+        fixes_m = lab.rmse((got.fixes.position_m - trolley.truth_at(tag, got.fix_t_ns))[fixed])
+        ratios.append(lab.rmse(got.track.position_m - trolley.truth_at(tag, got.track.t_ns)) / fixes_m)
+    assert np.mean(ratios) < 0.7
+    assert np.max(ratios) < 1.05

@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from quadlog.errors import RecordingNotFound, StorageFailed
+from quadlog.errors import RecordingNotFound
 from quadlog.recordings.find import find_recordings
-from quadlog.results.find_runs import run_names
 
 
 @pytest.fixture
@@ -33,17 +32,6 @@ def test_folders_and_patterns_in_a_bucket(season: str) -> None:
     assert found(f"{season}/ba*") == [f"{season}/bag"]
 
 
-def test_paths_come_before_urls(season: str, tmp_path: Path) -> None:
-    (tmp_path / "z.mcap").touch()
-    assert found(season, tmp_path)[0] == str(tmp_path / "z.mcap")
-
-
-def test_runs_are_named_by_the_last_part_alone(season: str, web: Any) -> None:
-    (web.folder / "a.mcap").touch()
-    recordings = find_recordings([f"{season}/a.mcap", f"{web.url}/a.mcap?sig=SECRET", f"{season}/b.bag"])
-    assert run_names(recordings) == ["a.mcap", "a.mcap-2", "b"]
-
-
 @pytest.mark.parametrize("argument", ["", "gone.mcap", "*.gone", "gone/"])
 def test_urls_without_recordings_are_refused(bucket: Any, argument: str) -> None:
     with pytest.raises(RecordingNotFound, match=bucket.name):
@@ -65,10 +53,3 @@ def test_a_remote_list_cannot_name_local_files(web: Any, tmp_path: Path, line: s
     (web.folder / "list.txt").write_text(f"{line}\n")
     with pytest.raises(RecordingNotFound, match="names URLs or what lies beside it"):
         find_recordings([f"@{web.url}/list.txt"])
-
-
-def test_a_web_server_has_no_folders(web: Any) -> None:
-    with pytest.raises(StorageFailed, match="cannot be listed; name the recordings"):
-        find_recordings([f"{web.url}/season/"])
-    with pytest.raises(RecordingNotFound):
-        find_recordings([f"{web.url}/season/*.mcap"])

@@ -64,21 +64,6 @@ def test_moving_chain_at_the_times_of_its_busiest_part() -> None:
         np.testing.assert_allclose(turn, expected[:3, :3], atol=1e-9)
 
 
-@pytest.mark.parametrize("stamps", [[3, 1, 2, 2], [1, 2, 3, 3]])
-def test_times_increase_strictly(stamps: list[int]) -> None:
-    tree = TransformTree()
-    for t_ns in stamps:
-        tree.add(t_ns, pose("map", "base", (float(t_ns), 2.0, 0.0), 0.5), static=False)
-    series = tree.pose_series("base", "map")
-    assert series is not None
-    assert series.t_ns.tolist() == [1, 2, 3]
-    assert series.position_m[:, 0].tolist() == [1, 2, 3]
-    inverse = tree.pose_series("map", "base")
-    assert inverse is not None
-    expected = [invert_transform(matrix(pose("map", "base", (t, 2.0, 0.0), 0.5)))[:3, 3] for t in (1.0, 2.0, 3.0)]
-    np.testing.assert_allclose(inverse.position_m, expected, atol=1e-12)
-
-
 CHAINS = {
     "the frame of that name": (["map>odom", "odom>base_link"], "base_link", "map"),
     "no map": (["odom>base_footprint", "base_footprint=base_link"], "base_footprint", "odom"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -20,7 +19,7 @@ from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.tables import TABLES, read_table, write_table
+from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
@@ -52,19 +51,6 @@ def browse(tmp_path: Path) -> Callable[..., tuple[str, list[str]]]:
         return done.stdout, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
     return open_page
-
-
-@pytest.fixture
-def tiny_walk(tiny_run: Path) -> Path:
-    """The tiny run with the tables of a walk along a course alone."""
-    kept = {"control.parquet", "paths.parquet", "ground.npz", "metrics.json", "config.toml", "run.json"}
-    for each in tiny_run.iterdir():
-        if each.name not in kept:
-            each.unlink()
-    record = json.loads((tiny_run / "run.json").read_text())
-    record |= {"options": {"course": "line", "controller": "fpmw", "seed": 0}, "losses": [], "topics": []}
-    (tiny_run / "run.json").write_text(json.dumps(record))
-    return tiny_run
 
 
 @pytest.fixture(scope="session")
@@ -159,58 +145,29 @@ def tiny_run(tiny_original: Path, tmp_path: Path) -> Path:
     return shutil.copytree(tiny_original, tmp_path / "walk")
 
 
-@pytest.fixture
-def other(tiny_run: Path, tmp_path: Path) -> Path:
-    """A second copy of the tiny run, of the test's own."""
-    return shutil.copytree(tiny_run, tmp_path / "other")
-
-
-@pytest.fixture(scope="session")
-def change() -> Callable[..., None]:
-    """Replaces columns of a saved table: (run, name, column=values); a function gets the old values."""
-
-    def change(run: Path, name: str, **columns: Any) -> None:
-        table = read_table(run, name)
-        changed = {key: value(table[key]) if callable(value) else value for key, value in columns.items()}
-        _table(run, name, **table | changed)
-
-    return change
-
-
-@pytest.fixture(scope="session")
-def change_json() -> Callable[..., None]:
-    """Replaces entries of a JSON file: (path, {dotted name: value}); numbers in a name are places of a list."""
-
-    def change(path: Path, entries: dict[str, Any]) -> None:
-        content = json.loads(path.read_text())
-        for name, value in entries.items():
-            *way, last = (int(part) if part.isdecimal() else part for part in name.split("."))
-            inner = content
-            for part in way:
-                inner = inner[part]
-            inner[last] = value
-        path.write_text(json.dumps(content))
-
-    return change
-
-
 def _table(path: Path, name: str, **columns: Any) -> None:
-    write_table(path / f"{name}.parquet", TABLES[name], columns)
+    """A table in which columns that are not given are 0, no text, or without values."""
+    kinds = {"int64": 0, "bool": False, "string": ""}
+    rows = max(np.size(of) for of in columns.values())
+    rest = {of.name: kinds.get(str(of.type), np.nan) for of in TABLES[name]}
+    full = {key: np.broadcast_to(of, rows) for key, of in (rest | columns).items()}
+    write_table(path / f"{name}.parquet", TABLES[name], full)
 
 
 def _write_positions(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     rng = np.random.default_rng(1)
     fix_m = robot_m + rng.normal(0, 0.05, robot_m.shape)
-    fixes: dict[str, Any] = {"t_ns": np.repeat(t_ns, 2), "tag": np.tile([0, 1], 40)}
-    fixes |= {"x_m": np.repeat(fix_m[:, 0], 2) + np.tile([0, 2.0], 40), "y_m": np.repeat(fix_m[:, 1], 2), "z_m": 0.6}
-    fixes |= {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "n_ranges": 3, "residual_rms_m": 0.05}
-    fixes["x_m"][7] = np.nan  # an epoch without a fix
+    x_m = np.repeat(fix_m[:, 0], 2) + np.tile([0, 2.0], 40)
+    x_m[7] = np.nan  # an epoch without a fix
+    spread = {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01}
+    fixes: dict[str, Any] = {"t_ns": np.repeat(t_ns, 2), "tag": np.tile([0, 1], 40), "x_m": x_m, "z_m": 0.6} | spread
+    fixes |= {"y_m": np.repeat(fix_m[:, 1], 2), "n_ranges": 3, "residual_rms_m": 0.05}
     _table(path, "fixes", **fixes, outlier=np.arange(80) % 20 == 3)
     true_m = np.linalg.norm(robot_m[:, None] - ANCHORS_M, axis=2).ravel()
     ranges = {"range_m": true_m + rng.normal(0, 0.1, 120), "predicted_m": true_m, "weight": 1.0}
-    _table(path, "ranges", t_ns=np.repeat(t_ns, 3), tag=0, anchor=np.tile([0, 1, 2], 40), **ranges)
-    unknown = dict.fromkeys(("z_m", "roll_rad", "pitch_rad"), np.nan)
-    _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb", **unknown)
+    _table(path, "ranges", t_ns=np.repeat(t_ns, 3), anchor=np.tile([0, 1, 2], 40), **ranges)
+    _table(path, "poses", t_ns=t_ns, x_m=robot_m[:, 0], y_m=robot_m[:, 1], yaw_rad=yaw_rad, source="uwb")
+    _table(path, "pose_uncertainty", t_ns=t_ns, **spread, yaw_std_rad=0.02)
     _table(path, "target", t_ns=t_ns, x_m=robot_m[:, 0] + 2, y_m=robot_m[:, 1], source="uwb")
     write_tum(path / "trajectory.tum", t_ns, robot_m[:, 0], robot_m[:, 1], yaw_rad)
 
@@ -222,13 +179,11 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
     links |= {"x_m": np.tile(ANCHORS_M[:, 0], 2), "y_m": np.tile(ANCHORS_M[:, 1], 2), "z_m": 1.2}
     links |= {"residual_rms_m": 0.1, "residual_median_m": -0.0004, "bias_m": np.linspace(-0.1, 0.4, 6)}
     links |= {"bias_std_m": np.where(applied, 0.02, 0.09), "bias_applied": applied, "nlos_share": 0.025}
-    why_not = np.where(applied, "", "known to 0.09 m only")
-    _table(path, "links", **links, why_not=why_not, weak_first_path_share=np.nan)
-    errors: dict[str, Any] = {"t_ns": np.tile(t_ns, 2), "tag": 0, "source": np.repeat(["fixes", "track"], 40)}
-    _table(path, "innovations", t_ns=errors["t_ns"], tag=errors["tag"], n_ranges=4, nis=1.0)
-    _table(path, "uwb_errors", **errors, error_x_m=0.03, error_y_m=np.tile([0.04, 0.4], 40), bound_m=0.2)
-    spread = {"cov_xx_m2": 0.01, "cov_xy_m2": 0.0, "cov_yy_m2": 0.01, "yaw_std_rad": 0.02}
-    _table(path, "pose_uncertainty", t_ns=t_ns, **spread)
+    _table(path, "links", **links, why_not=np.where(applied, "", "known to 0.09 m only"))
+    both_ns = np.tile(t_ns, 2)
+    _table(path, "innovations", t_ns=both_ns, n_ranges=4, nis=1.0)
+    errors = {"error_x_m": 0.03, "error_y_m": np.tile([0.04, 0.4], 40), "bound_m": 0.2}
+    _table(path, "uwb_errors", t_ns=both_ns, source=np.repeat(["fixes", "track"], 40), **errors)
     x, y = np.meshgrid(np.arange(30) - 15, np.arange(24) - 12)
     hdop = 0.8 + (x**2 + y**2) / 200
     hdop[0, 0] = np.inf
@@ -238,8 +193,7 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
 def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
     rng = np.random.default_rng(2)
     counts = {"n_raw": 5000, "n_valid": 4800, "n_outlier": 100, "n_ground": 3000, "n_obstacle": 1700}
-    plane = {"ground_nx": 0.0, "ground_ny": 0.0, "ground_nz": 1.0, "ground_d_m": 0.0}
-    _table(path, "scans", t_ns=t_ns, **counts, **plane, ground_found=True, ms=12.5)
+    _table(path, "scans", t_ns=t_ns, **counts, ground_nz=1.0, ground_found=True, ms=12.5)
     with MapsWriter(path / "maps.npz", 0.1, (60, 50)) as maps:
         for t, xy in zip(t_ns, robot_m, strict=True):
             maps.append(t, np.floor(xy * 10) / 10 - 2.5, rng.random((60, 50)) < 0.1)
@@ -256,32 +210,28 @@ def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:
 
 
 def _write_plans(path: Path, t_ns: Any, robot_m: Any) -> None:
-    line = np.linspace(0, 2, 10)
-    found = np.arange(40) != 5
-    _table(path, "astar", t_ns=t_ns, expanded=np.arange(40) + 30)
+    line, number = np.linspace(0, 2, 10), np.arange(40)
+    _table(path, "astar", t_ns=t_ns, expanded=number + 30)
+    plans: dict[str, Any] = {"t_ns": t_ns, "planner": "ia_star", "found": number != 5, "expanded": number + 20}
+    plans |= {"generated": number + 60, "cost": np.where(number != 5, 200.0, np.nan), "length_m": 2.0, "us": 40.0}
+    plans |= {"from_scratch": number % 10 == 0, "start_x_m": robot_m[:, 0], "start_y_m": robot_m[:, 1]}
+    plans |= {"goal_x_m": robot_m[:, 0] + 2, "goal_y_m": robot_m[:, 1]}
+    paths: dict[str, Any] = {"t_ns": np.repeat(t_ns, 10), "i": np.tile(np.arange(10), 40)}
+    paths |= {"x_m": (robot_m[:, :1] + line).ravel(), "y_m": np.repeat(robot_m[:, 1], 10)}
+    smooth_m = np.where(paths["i"] < 8, paths["x_m"], np.nan)  # a smooth path of fewer points
     for prefix in ("", "resim_"):
-        plans: dict[str, Any] = {"t_ns": t_ns, "planner": "ia_star", "found": found, "expanded": np.arange(40) + 20}
-        plans |= {"generated": np.arange(40) + 60, "cost": np.where(found, 200.0, np.nan), "length_m": 2.0}
-        plans |= {"from_scratch": np.arange(40) % 10 == 0, "reused_cells": 5, "goal_projected": False, "us": 40.0}
-        plans |= {"start_x_m": robot_m[:, 0], "start_y_m": robot_m[:, 1]}
-        plans |= {"goal_x_m": robot_m[:, 0] + 2, "goal_y_m": robot_m[:, 1]}
         _table(path, f"{prefix}plans", **plans)
-        paths: dict[str, Any] = {"t_ns": np.repeat(t_ns, 10), "i": np.tile(np.arange(10), 40)}
-        paths |= {"x_m": (robot_m[:, :1] + line).ravel(), "y_m": np.repeat(robot_m[:, 1], 10)}
-        smooth_m = np.where(paths["i"] < 8, paths["x_m"], np.nan)  # a smooth path of fewer points
         _table(path, f"{prefix}paths", **paths, smooth_x_m=smooth_m, smooth_y_m=paths["y_m"])
 
 
 def _write_control(path: Path, t_ns: Any, robot_m: Any, yaw_rad: Any) -> None:
     tick_ns = START_NS + np.arange(200, dtype=np.int64) * 20_000_000
-    x_m, y_m = (np.interp(tick_ns - START_NS, t_ns - START_NS, robot_m[:, k]) for k in (0, 1))
+    x_m, y_m, yaw_rad = (np.interp(tick_ns - START_NS, t_ns - START_NS, of) for of in (*robot_m.T, yaw_rad))
     error_m = 0.1 * np.abs(np.sin(np.arange(200) / 20))
-    control: dict[str, Any] = {"t_ns": tick_ns, "x_m": x_m, "y_m": y_m, "z_m": np.nan, "roll_rad": np.nan}
-    control |= {"pitch_rad": np.nan, "yaw_rad": np.interp(tick_ns - START_NS, t_ns - START_NS, yaw_rad)}
-    control |= {"vx_mps": 0.6, "vy_mps": 0.0, "yaw_rate_radps": 0.2, "ref_x_m": x_m, "ref_y_m": y_m + error_m}
+    control: dict[str, Any] = {"t_ns": tick_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad, "ref_x_m": x_m}
+    control |= {"vx_mps": 0.6, "vy_mps": 0.0, "yaw_rate_radps": 0.2, "ref_y_m": y_m + error_m}
     control |= {"error_m": error_m, "cross_track_m": -error_m, "time_error_m": 2 * error_m, "heading_error_rad": 0.0}
-    control |= {"lookahead_m": 2.0, "cmd_v_mps": 0.6, "cmd_yaw_rate_radps": 0.2, "fallen": False}
-    _table(path, "control", **control)
+    _table(path, "control", **control, lookahead_m=2.0, cmd_v_mps=0.6, cmd_yaw_rate_radps=0.2)
     contacts = {"t_ns": tick_ns[[40, 90]], "duration_s": [0.1, 0.42], "x_m": [1.05, 2.15], "y_m": 0.35}
     causes = ["appeared inside the body", "the robot cut a corner of its plan"]
     _table(path, "contacts", **contacts, clearance_m=[-0.05, -0.031], cause=causes, collision=[False, True])

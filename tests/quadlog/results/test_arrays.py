@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import quadlog.results
 from quadlog.errors import NotARun, TooLarge
 from quadlog.results import arrays
 from quadlog.results.arrays import MapsWriter, load_maps, read_arrays, write_arrays
@@ -156,7 +155,6 @@ def test_arrays_come_back_and_the_same_have_the_same_bytes(tmp_path: Path, name:
     ("name", "changed", "match"),
     [
         ("dilution", {"cell_m": np.array(0.0)}, "without a place or a size"),
-        ("dilution", {"origin_m": np.array([np.nan, 0.0])}, "without a place or a size"),
         ("dilution", {"hdop": np.zeros((0, 3))}, "without a place or a size"),
         ("dilution", {"hdop": np.zeros(3)}, "hdop is"),
         ("dilution", {"hdop": np.array([[{}]], dtype=object)}, "hdop"),
@@ -164,26 +162,20 @@ def test_arrays_come_back_and_the_same_have_the_same_bytes(tmp_path: Path, name:
         ("cloud_samples", {"offset": np.array([0, 1, 9])}, "offset does not fit"),
         ("cloud_samples", {"offset": np.array([0, 3, 2])}, "offset does not fit"),
         ("cloud_samples", {"label": np.full(2, 7, np.uint8)}, "a label without a class"),
-        ("cloud_samples", {"x_m": np.zeros(1)}, "x_m is"),
+        ("cloud_samples", None, ""),
     ],
 )
 def test_arrays_that_contradict_each_other_are_damage(tmp_path: Path, name: str, changed: Any, match: str) -> None:
-    write_arrays(tmp_path, name, SOUND[name])
-    np.savez(tmp_path / f"{name}.npz", **(read_arrays(tmp_path, name) | changed))
-    with pytest.raises(NotARun, match=rf"{name}\.npz: is damaged: .*{match}"):
-        read_arrays(tmp_path, name)
-    (tmp_path / f"{name}.npz").write_bytes(b"not a zip")
-    with pytest.raises(NotARun, match=rf"{name}\.npz: is damaged"):
-        read_arrays(tmp_path, name)
-    (tmp_path / f"{name}.npz").unlink()
+    path = tmp_path / f"{name}.npz"
     with pytest.raises(NotARun, match=rf"has no {name}\.npz"):
         read_arrays(tmp_path, name)
-
-
-def test_the_loader_of_the_contract() -> None:
-    assert quadlog.results.load_maps is load_maps
-    with pytest.raises(AttributeError, match="no attribute 'load_map'"):
-        quadlog.results.load_map  # noqa: B018
+    write_arrays(tmp_path, name, SOUND[name])
+    if changed is None:
+        path.write_bytes(b"not a zip")
+    else:
+        np.savez(path, **(read_arrays(tmp_path, name) | changed))
+    with pytest.raises(NotARun, match=rf"{name}\.npz: is damaged: .*{match}"):
+        read_arrays(tmp_path, name)
 
 
 def test_what_does_not_fit_is_not_written(tmp_path: Path) -> None:

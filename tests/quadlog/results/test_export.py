@@ -5,9 +5,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from quadlog.errors import AlreadyExists, CannotWrite, NotARun, UnknownName
-from quadlog.results import mpl
-from quadlog.results.export import EXPORTERS, export_run
+from quadlog.errors import NotARun
+from quadlog.results.export import export_run
 from quadlog.results.tables import TABLES, read_table, write_table
 
 
@@ -44,30 +43,8 @@ def test_csv_keeps_every_digit_and_names_are_no_formulas(tiny_run: Path, tmp_pat
 
 
 @pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap", "gif"])
-def test_nothing_is_overwritten_without_force(
-    tiny_run: Path, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(mpl, "MOST_FRAMES", 4)
-    written = export_run(tiny_run, to, tmp_path / "out")
-    written[-1].write_bytes(b"precious")
-    with pytest.raises(AlreadyExists, match="--force"):
-        export_run(tiny_run, to, tmp_path / "out")
-    assert written[-1].read_bytes() == b"precious"
-    export_run(tiny_run, to, tmp_path / "out", force=True)
-    assert written[-1].read_bytes() != b"precious"
-
-
-@pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap", "gif"])
 def test_a_run_without_the_result_says_so(tmp_path: Path, to: str) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(NotARun, match="has no"):
         export_run(tmp_path / "run", to, tmp_path / "out")
     assert [each.name for each in tmp_path.iterdir()] == ["run"]
-
-
-def test_unknown_formats_and_impossible_places(tiny_run: Path, tmp_path: Path) -> None:
-    with pytest.raises(UnknownName, match=f"choose one of: {', '.join(sorted(EXPORTERS))}"):
-        export_run(tiny_run, "kml", tmp_path / "out")
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(CannotWrite):
-        export_run(tiny_run, "tum", tmp_path / "file" / "out")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadlog.cli.main import run as run_cli
@@ -17,7 +17,6 @@ from quadlog.results.find_runs import (
     RECORDS,
     failed_recordings,
     find_runs,
-    is_run,
     run_labels,
     run_name,
     run_names,
@@ -43,16 +42,6 @@ def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
     assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
 
 
-def test_files_that_a_shell_adds_beside_the_runs_are_left_out(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "m")
-    for name in ("a.txt", "report.html", "summary.parquet"):
-        (tmp_path / name).write_text("")
-    assert find_runs(sorted(tmp_path.iterdir())) == [run]
-    (tmp_path / "no run").mkdir()
-    with pytest.raises(NotARun, match="no run"):
-        find_runs(sorted(tmp_path.iterdir()))
-
-
 def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
     run = make_run(tmp_path / "made" / "a")
     link = tmp_path / "chosen" / "fast"
@@ -71,29 +60,13 @@ def test_what_is_no_run_is_named(tmp_path: Path) -> None:
             find_runs([tmp_path / name])
 
 
-def test_a_folder_is_a_run_by_what_its_files_say(tmp_path: Path) -> None:
-    (tmp_path / "config.toml").write_text("[mine]\n")
-    assert not is_run(tmp_path)
-    (tmp_path / "run.json").write_text("{damaged")
-    assert is_run(tmp_path)
-
-
-def test_labels_are_as_short_as_they_can_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert run_labels([Path("runs/walk")]) == ["walk"]
-    assert run_labels([Path("runs/a"), Path("runs/b")]) == ["a", "b"]
-    assert run_labels([Path("sim/line/seed-000"), Path("sim/circle/seed-000")]) == ["line/seed-000", "circle/seed-000"]
-    assert run_labels([Path("runs/a"), tmp_path / "a"]) == ["runs/a", "a"]
-    assert run_labels([Path(), Path("runs")]) == [tmp_path.name, f"{tmp_path.name}/runs"]
-    assert run_labels([]) == []
-
-
 @given(
     st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple), min_size=2, max_size=8, unique=True)
 )
 def test_labels_tell_all_runs_apart(parts: list[tuple[str, ...]]) -> None:
     labels = run_labels([Path("/", *each) for each in parts])
     assert len(set(labels)) == len(labels)
+    assert run_labels([Path("sim/line/a"), Path("sim/circle/a")]) == ["line/a", "circle/a"]
     assert all(f"/{'/'.join(each)}".endswith(f"/{label}") for each, label in zip(parts, labels, strict=True))
 
 
@@ -118,33 +91,21 @@ def test_they_are_told_of_a_bucket_too(tiny_run: Path, tmp_path: Path, bucket: A
     bucket.put_file(str(tmp_path / "summary.parquet"), f"{bucket.name}/season/summary.parquet")
     for name in ("run.json", "config.toml", "metrics.json"):
         bucket.put_file(str(tiny_run / name), f"{bucket.name}/season/walk/{name}")
-    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as here:
+    with runs_here([to_path(f"s3://{bucket.name}/season")], RECORDS) as (here, as_given):
         (failed,) = failed_recordings(here)
-        assert here.as_given(failed) == f"s3://{bucket.name}/season/broken"
-
-
-@pytest.mark.parametrize(
-    ("name", "safe"),
-    [
-        ("walk 2024.05", "walk 2024.05"),
-        ("..", "recording"),
-        ("../../etc/passwd", "_.._etc_passwd"),
-        (".hidden", "hidden"),
-        ("-rf", "rf"),
-        ("a\nb\x00c", "a_b_c"),
-        ("C:\\x", "C__x"),
-        ("", "recording"),
-        ("report.html", "report.html_"),
-        ("é" * 200, "é" * 60),
-    ],
-)
-def test_a_name_is_made_safe(name: str, safe: str) -> None:
-    assert run_name(name) == safe
+        assert as_given(failed) == f"s3://{bucket.name}/season/broken"
 
 
 @given(st.text())
+@example("../../etc/passwd")
+@example("-rf")
+@example("C:\\x\n")
+@example("report.html")
+@example("é" * 200)
 def test_any_name_stays_one_folder_below(name: str) -> None:
     safe = run_name(name)
+    assert safe.isprintable() or not name.isprintable()
+    assert safe not in ("", "report.html", "summary.parquet")
     assert Path("runs", safe).parent == Path("runs")
     assert Path("/runs", safe).resolve().parent == Path("/runs")
     assert len(safe.encode()) <= 121
@@ -167,7 +128,7 @@ def test_no_two_recordings_share_a_folder(stems: list[str]) -> None:
 @pytest.mark.parametrize(
     ("command", "copied"),
     [
-        (["export", "--to", "tum"], {"run.json", "poses.parquet", "trajectory.tum"}),
+        (["export", "--to", "tum"], {"run.json", "trajectory.tum"}),
         (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
         (
             ["compare-planners", "--planner", "astar"],

@@ -9,9 +9,8 @@ import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun
 from quadlog.results.find_runs import OWN_FILES, find_runs
-from quadlog.results.places import check_place, new_run, settle
 from quadlog.results.record import RunRecord, is_finished
-from quadlog.results.run import Run, load_run
+from quadlog.results.run import Run, check_place, load_run, new_run, settle
 from quadlog.storage.atomic_write import complete_folders
 from tests.lab.runs import begin_run
 

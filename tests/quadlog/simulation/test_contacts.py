@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import window_around
-from quadlog.simulation.contacts import CAUSES, Contact, ContactLog, Footprint, PlanInUse, TouchableCells, cause_of
+from quadlog.simulation.contacts import CAUSES, Footprint, PlanInUse, TouchableCells, cause_of
 from quadlog.simulation.worlds.world import body_clearance
 
 BODY = Footprint(0.6, 0.3)
@@ -49,10 +49,6 @@ def test_a_cell_that_was_there_before_the_body_came_is_touched():
     assert renewed(cells, grid((0.55, 0.05), window=moved), at(0.5), moved) == (1, 0)
 
 
-def test_what_the_body_stands_in_at_the_start_appeared_there():
-    assert renewed(TouchableCells(BODY), grid((0.05, 0.05), (0.55, 0.05)), at(0.0)) == (1, 1)
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_standing_still_nothing_is_ever_touched(seed):
     """Whatever maps say: everything inside the body has appeared there, and all else is out of reach."""
@@ -86,15 +82,3 @@ def test_causes(cause, given):
     usual = {"cell_m": np.array([1.0, 0.25]), "is_mapped": True, "fallen": False, "plan": GOOD, "width_m": 0.3}
     assert cause_of(**(usual | given)) == cause
     assert cause in CAUSES
-
-
-def test_a_contact_lasts_until_the_first_tick_without_it():
-    log = ContactLog()
-    for t_ns, clearance_m in enumerate([0.1, -0.02, -0.05, 0.0, 0.1, np.nan, -0.01, np.nan, -0.03]):
-        log.tick(t_ns, clearance_m, lambda t_ns=t_ns: (np.array([t_ns, 0.0]), CAUSES[-1]))
-    log.end(9)
-    assert log.contacts == [
-        Contact(1, 3e-9, 1.0, 0.0, -0.05, CAUSES[-1], True),
-        Contact(6, 1e-9, 6.0, 0.0, -0.01, CAUSES[-1], True),
-        Contact(8, 1e-9, 8.0, 0.0, -0.03, CAUSES[-1], True),
-    ]

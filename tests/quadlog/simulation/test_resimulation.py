@@ -61,14 +61,6 @@ def test_walks_to_a_metre_from_a_standing_person(planner):
     assert walk.outside_ticks == walk.outside_replans == 0
 
 
-def test_plans_start_where_the_simulated_robot_is():
-    walk = run(instants(40), fixed(4.0, 1.0))
-    at_replans = slice(0, None, 5)
-    np.testing.assert_allclose([p.start_x_m for p in walk.plans], walk.control["x_m"][at_replans])
-    np.testing.assert_allclose([p.start_y_m for p in walk.plans], walk.control["y_m"][at_replans])
-    np.testing.assert_allclose(walk.control["plan_error_m"][at_replans], 0.0, atol=1e-9)
-
-
 def test_walks_round_a_wall_with_clearance():
     walk = run(instants(150, wall=True), fixed(5.0, 0.0), lookahead_m=0.5)
     assert walk.target_distance_m[-1] < 1.2
@@ -93,24 +85,6 @@ def test_outside_the_window_the_last_plan_is_kept_and_ticks_are_counted():
     assert held.control["x_m"][-1] == pytest.approx(1.45, abs=0.1)
 
 
-def test_without_a_target_the_robot_stands_still():
-    walk = run(instants(10), fixed(np.nan, np.nan))
-    assert walk.plans == []
-    assert (walk.control["x_m"] == 0).all()
-    assert np.isnan(walk.control["error_m"]).all()
-    assert np.isnan(walk.control["ref_x_m"]).all()
-
-
-def test_a_walled_in_robot_stands_still():
-    maps = list(instants(5))
-    for each in maps:
-        each.occupied[:] = True
-    walk = run(maps, fixed(4.0, 0.0))
-    assert [plan.found for plan in walk.plans] == [False] * 5
-    assert walk.paths == []
-    assert (walk.control["cmd_v_mps"] == 0).all()
-
-
 def test_uneven_and_equal_instants_lose_no_tick():
     maps = list(instants(6))
     times_s = [0.0, 0.013, 0.013, 0.05, 0.051, 0.3]
@@ -120,38 +94,12 @@ def test_uneven_and_equal_instants_lose_no_tick():
     np.testing.assert_array_equal(walk.control["t_ns"] - START_NS, np.rint(np.arange(10) * 1e9 / 30))
 
 
-def test_the_same_input_gives_the_same_walk():
-    first, second = (run(instants(30, wall=True), fixed(4.0, 1.0)) for _ in range(2))
-    for name, column in first.control.items():
-        np.testing.assert_array_equal(column, second.control[name])
-    for ours, theirs in zip(first.plans, second.plans, strict=True):
-        assert dataclasses.replace(ours, us=0.0) == dataclasses.replace(theirs, us=0.0)
-
-
-def test_without_maps_there_is_no_walk():
-    walk = run([], fixed(4.0, 0.0))
-    assert len(walk.control["t_ns"]) == 0
-    assert walk.plans == []
-
-
 def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
     (first,) = instants(1)
     with pytest.raises(TooLarge, match="ticks"):
         run([first, dataclasses.replace(first, t_ns=START_NS + 10**18)], fixed(4.0, 0.0))
     with pytest.raises(ValueError, match="order"):
         run([first, dataclasses.replace(first, t_ns=START_NS - 1), first], fixed(4.0, 0.0))
-
-
-def test_clearance_includes_cells_of_the_whole_runs_map():
-    """The way is planned as if the wall were not there, and the walk is honest about it."""
-    walls = [
-        dataclasses.replace(each, standing=wall.occupied)
-        for each, wall in zip(instants(100), instants(100, wall=True), strict=True)
-    ]
-    blind, seen = run(instants(100), fixed(5.0, 0.0)), run(walls, fixed(5.0, 0.0))
-    np.testing.assert_array_equal(blind.control["x_m"], seen.control["x_m"])
-    assert np.isinf(blind.clearance_m).all()
-    assert seen.clearance_m.min() <= 0
 
 
 def test_a_robot_with_a_body_walks_as_the_plan_goes():
@@ -180,20 +128,6 @@ def test_a_robot_with_a_body_walks_as_the_plan_goes():
     assert (walk.clearance_m > 0).all()
 
 
-def test_a_fallen_robot_does_not_move():
-    """Without friction nobody walks: the fall is in the table, and the walk goes on to its end."""
-    model = quadruped_model(ROBOTS["tracking"], flat(), friction=0.01)
-    robot = WalkingRobot(model, WalkerSettings(), np.zeros(3), np.random.default_rng(0))
-    replanner = Replanner(make_planner("astar"), ReplanSettings())
-    walk = resimulate(instants(40), fixed(4.0, 0.0), robot, FixedLookahead(2.0), replanner, PursuitSettings())
-    fallen = walk.control["fallen"]
-    assert fallen[-1]
-    first = int(fallen.argmax())
-    assert fallen[first:].all()
-    assert len(fallen) == 196
-    np.testing.assert_array_equal(walk.control["x_m"][first:], walk.control["x_m"][first])
-
-
 def test_a_plan_is_the_reference_for_as_long_as_walking_it_takes():
     """Turned by a radian the robot leaves a plan of 3 m; no newer plan, which starts where it is, hides that."""
     walk = run(instants(40, period_s=0.25), fixed(4.0, 0.0), "astar", pose=(0.0, 0.0, 1.0))
@@ -212,16 +146,6 @@ def test_a_plan_is_the_reference_for_as_long_as_walking_it_takes():
     )
     # Then comes the plan made where the robot is at that map's instant.
     assert control["error_m"][np.isclose(t_s, until_s)] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_newer_plans_do_not_begin_the_reference_anew():
-    """The oftener it replans, the nearer a robot is to its newest plan, and no nearer to the one that is held."""
-    often, seldom = (
-        run(instants(count, period_s), fixed(9.0, 0.0), "astar", pose=(0.0, 0.0, 0.0)).control
-        for count, period_s in ((51, 0.1), (11, 0.5))
-    )
-    assert often["plan_error_m"].mean() < 0.3 * seldom["plan_error_m"].mean()
-    assert often["error_m"].mean() > 0.9 * seldom["error_m"].mean()
 
 
 @pytest.mark.parametrize("clear_chord", [True, False])

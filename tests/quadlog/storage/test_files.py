@@ -11,36 +11,13 @@ from typing import Any
 
 import pytest
 
-from quadlog.errors import CannotWrite
 from quadlog.storage.atomic_write import (
     is_part,
-    new_folder,
-    part_folder,
     part_prefix,
     remove_stale_parts,
-    remove_unfinished,
     whole_file,
     write_whole,
 )
-
-
-def test_a_new_folder_is_removed_when_its_block_fails(tmp_path: Path) -> None:
-    with new_folder(tmp_path / "kept"):
-        pass
-    for name in ("kept", "new"):
-        with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / name):
-            raise KeyboardInterrupt
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["kept"]
-
-
-def test_a_signal_between_two_blocks_leaves_neither_the_file_nor_its_folder(tmp_path: Path) -> None:
-    """As one does that comes when a block has begun and the caller does not know it yet: nothing leaves the block."""
-    blocks = [new_folder(tmp_path / "out"), whole_file(tmp_path / "out" / "a.csv")]
-    for block in blocks:
-        block.__enter__()
-    assert list((tmp_path / "out").iterdir())
-    remove_unfinished()
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [None, ValueError, KeyboardInterrupt, SystemExit])
@@ -117,19 +94,6 @@ for write in (table, maps, lambda: write_whole(folder / "big", bytes(200_000))):
     assert not list(tmp_path.iterdir())
 
 
-def test_obstacles_to_writing_are_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CannotWrite, match="No such file"):
-        write_whole(tmp_path / "gone" / "a", b"")
-    (tmp_path / "b").mkdir()
-    with pytest.raises(CannotWrite, match="cannot be written"):
-        write_whole(tmp_path / "b", b"")
-    with pytest.raises(CannotWrite, match="by another process"), whole_file(tmp_path / "a") as part:
-        part.unlink()
-    with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a"):
-        (tmp_path / "input").read_bytes()  # an error of the block stays what it is
-    assert [each.name for each in tmp_path.iterdir()] == ["b"]
-
-
 def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.write_bytes(b"precious")
@@ -154,28 +118,6 @@ def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: st
         os.utime(tmp_path / name, (time.time() - 25 * 3600,) * 2)
     remove_stale_parts(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {names[0], *kept}
-
-
-def test_no_two_files_that_are_begun_have_one_name(tmp_path: Path) -> None:
-    with whole_file(tmp_path / "a") as one, whole_file(tmp_path / "a") as other:
-        assert one != other
-        assert one.name.startswith(part_prefix(os.getpid()))
-        other.write_bytes(b"last")
-        one.write_bytes(b"first")
-    # The inner block ends first; whoever ends last has the name.
-    assert (tmp_path / "a").read_bytes() == b"first"
-
-
-def test_a_folder_that_is_not_renamed_vanishes_and_what_a_killed_process_left_of_one_too(tmp_path: Path) -> None:
-    with part_folder(tmp_path / "store") as kept:
-        write_whole(kept / "a", b"")
-        kept.rename(tmp_path / "store" / "key")
-    with part_folder(tmp_path / "store") as part:
-        write_whole(part / "a", b"")
-    killed = tmp_path / "store" / f"{part_prefix(2**22 + 1)}00000000.part"
-    killed.mkdir()
-    remove_stale_parts(tmp_path / "store")
-    assert [path.name for path in (tmp_path / "store").iterdir()] == ["key"]
 
 
 def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:

@@ -42,7 +42,3 @@ def test_any_bytes_parse_or_raise_not_plain_yaml(content: bytes) -> None:
 def test_refused_yaml_names_line_and_reason(content: str, reason: str) -> None:
     with pytest.raises(NotPlainYaml, match=reason):
         parse_yaml(content.encode())
-
-
-def test_a_quoted_merge_key_and_null_are_text() -> None:
-    assert parse_yaml(b"{'<<': '~', b: ~}") == {"<<": "~", "b": None}

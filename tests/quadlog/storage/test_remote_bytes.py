@@ -4,13 +4,11 @@ import random
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from time import sleep
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.errors import StorageFailed
 from quadlog.storage import byte_ranges as remote_bytes
 from quadlog.storage.byte_ranges import BLOCK_BYTES, RemoteBytes
 from quadlog.storage.remote_object import ObjectInfo
@@ -56,20 +54,6 @@ def test_reads_are_those_of_the_file_and_no_block_comes_twice(reads: list[tuple[
     assert set(served.times()) == {block for offset, length in reads for block in blocks(offset, offset + length)}
 
 
-@given(READS)
-def test_without_room_blocks_come_again_and_are_right(reads: list[tuple[int, int]]) -> None:
-    served = Served()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(remote_bytes.shutil, "disk_usage", lambda _: SimpleNamespace(free=4 * BLOCK_BYTES))
-        source = RemoteBytes(served, SIZE)
-    try:
-        for offset, length in reads:
-            assert source.read(offset, length) == CONTENT[offset : offset + length]
-        assert len(source._blocks) <= 2
-    finally:
-        source.close()
-
-
 def test_blocks_that_this_machine_loses_come_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that fails here is no damage of a recording there."""
     served = Served()
@@ -84,15 +68,6 @@ def test_blocks_that_this_machine_loses_come_again(monkeypatch: pytest.MonkeyPat
         assert source.read(0, 10) == CONTENT[:10]
     source.close()
     assert served.times() == {0: 3}
-
-
-def test_neighbours_come_by_one_request() -> None:
-    served = Served()
-    source = RemoteBytes(served, SIZE)
-    source.read(2 * BLOCK_BYTES, 1)
-    source.read(0, SIZE)
-    source.close()
-    assert served.asked[1:] == [(0, 2 * BLOCK_BYTES), (3 * BLOCK_BYTES, SIZE)]
 
 
 def test_threads_share_fetched_blocks() -> None:
@@ -113,14 +88,3 @@ def test_threads_share_fetched_blocks() -> None:
     source.close()
     assert found == [CONTENT[offset : offset + length] for offset, length in reads]
     assert set(served.times().values()) == {1}
-
-
-def test_a_failed_request_can_be_repeated() -> None:
-    served = Served()
-    source = RemoteBytes(served, SIZE)
-    served.fetch = lambda start, end: CONTENT[start : end - 1]  # type: ignore[method-assign]
-    with pytest.raises(StorageFailed, match=r"s3://lab/walk\?\.\.\.: 65535 bytes received"):
-        source.read(0, 10)
-    del served.fetch
-    assert source.read(0, 10) == CONTENT[:10]
-    source.close()

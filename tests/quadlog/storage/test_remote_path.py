@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from aiohttp import web as http
 
 from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
 from quadlog.storage import remote_object, remote_path
@@ -37,15 +36,6 @@ def test_files_and_folders_of_a_bucket(bucket: Any) -> None:
     assert not (season / "gone").exists()
     assert [each.url for each in at(bucket, "season/*.mcap").matches()] == [walk.url]
     assert {each.name for each in at(bucket, "**/*.mcap").matches()} == {"walk.mcap", "other.mcap"}
-
-
-def test_object_names_with_dot_segments_are_ignored(bucket: Any) -> None:
-    for name in ("season/../up.mcap", "season/./here.mcap", "season//twice.mcap", "season/a%2F..%2Fb.mcap", "season/"):
-        bucket.pipe_file(f"{bucket.name}/{name}", b"x")
-    found = list(at(bucket, "season").iterdir())
-    assert [each.name for each in found] == ["a%2F..%2Fb.mcap"]
-    assert found[0].read_bytes() == b"x"
-    assert {each.name for each in at(bucket, "**/*.mcap").matches()} <= {"a%2F..%2Fb.mcap"}
 
 
 def test_a_file_appears_whole_and_goes(bucket: Any, tmp_path: Path) -> None:
@@ -86,48 +76,6 @@ def store(bucket: Any, web: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[An
     s3fs.S3FileSystem.clear_instance_cache()
 
 
-def test_a_store_that_refuses_a_condition_without_words_is_understood(store: Any) -> None:
-    remote = store.remote.open_object()
-    assert remote.fetch(10, 20) == CONTENT[10:20]
-    store.walk.write_bytes(CONTENT[::-1] + b"more")
-    with pytest.raises(StorageChanged):
-        remote.fetch(10, 20)
-
-
-def test_an_object_of_a_store_without_etags_is_compared_by_its_date(store: Any) -> None:
-    def answer(request: http.Request) -> http.Response:
-        data = store.walk.read_bytes()
-        told = {"Last-Modified": store.date, "Accept-Ranges": "bytes"}
-        if "Range" not in request.headers:
-            return http.Response(body=data, headers=told)
-        first, last = map(int, request.headers["Range"].removeprefix("bytes=").split("-"))
-        told["Content-Range"] = f"bytes {first}-{last}/{len(data)}"
-        return http.Response(status=206, body=data[first : last + 1], headers=told)
-
-    store.answer, store.date = answer, "Mon, 01 Jan 2024 00:00:00 GMT"
-    remote = store.remote.open_object()
-    assert remote.fetch(10, 20) == CONTENT[10:20]
-    store.walk.write_bytes(CONTENT[::-1])
-    store.date = "Tue, 02 Jan 2024 00:00:00 GMT"
-    with pytest.raises(StorageChanged):
-        remote.fetch(10, 20)
-
-
-def test_systems_without_conditions_are_compared_after_each_part() -> None:
-    import fsspec
-
-    memory = fsspec.filesystem("memory")
-    memory.pipe_file("/lab/walk", CONTENT)
-    remote = RemotePath("memory://lab/walk").open_object()
-    assert remote.fetch(10, 20) == CONTENT[10:20]
-    memory.pipe_file("/lab/walk", CONTENT[:50_000])
-    with pytest.raises(StorageChanged):
-        remote.fetch(10, 20)
-    memory.rm_file("/lab/walk")
-    with pytest.raises(StorageChanged):
-        remote.fetch(10, 20)
-
-
 def test_copies_are_whole_and_bounded(bucket: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bucket.pipe_file(f"{bucket.name}/walk.mcap", CONTENT)
     path = at(bucket, "walk.mcap")
@@ -157,26 +105,6 @@ def test_unknown_protocols_and_missing_buckets(bucket: Any, url: str, words: str
         return
     with pytest.raises(StorageUnknown, match=words):
         RemotePath(url).exists()
-
-
-def test_the_server_of_an_ftp_url_is_asked() -> None:
-    with pytest.raises(StorageFailed, match="the server cannot be reached"):
-        RemotePath("ftp://127.0.0.1:9/b.mcap").exists()
-
-
-def test_missing_credentials_are_explained(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-        monkeypatch.delenv(name)
-    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
-    monkeypatch.setattr(remote_object, "_filesystem", remote_object._filesystem.__wrapped__)
-    import s3fs
-
-    s3fs.S3FileSystem.clear_instance_cache()
-    try:
-        with pytest.raises(StorageFailed, match="no credentials; set AWS_PROFILE"):
-            at(bucket, "x").exists()
-    finally:
-        s3fs.S3FileSystem.clear_instance_cache()
 
 
 def test_a_web_server_has_no_folders_and_takes_nothing(web: Any, tmp_path: Path) -> None:

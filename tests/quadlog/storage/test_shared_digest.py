@@ -27,17 +27,3 @@ def test_whatever_is_read_the_digest_is_that_of_the_file(size, read, in_order, g
             list(threads.map(lambda each: file.read(*each), sorted(read) if in_order else read))
         assert digest.finish() == hashlib.sha256(content).hexdigest()
         file.close()
-
-
-def test_bytes_read_in_order_are_not_read_again(tmp_path, monkeypatch):
-    (tmp_path / "f").write_bytes(bytes(1 << 20))
-    file = LocalBytes(tmp_path / "f")
-    digest = SharedDigest(file)
-    own = []
-    unwatched = file.read_unwatched
-    for offset in range(0, 1 << 20, 1 << 16):
-        file.read(offset + 100, (1 << 16) - 100)
-    monkeypatch.setattr(file, "read_unwatched", lambda *asked: own.append(unwatched(*asked)) or own[-1])
-    digest.finish()
-    assert sum(map(len, own)) == 0
-    file.close()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.errors import StorageFailed, StorageUnknown
+from quadlog.errors import StorageFailed
 from quadlog.storage.remote_path import RemotePath, to_path
 from quadlog.storage.urls import redacted, redacted_text
 
@@ -52,37 +52,6 @@ def test_secrets_in_library_errors_are_removed(url: str) -> None:
     with pytest.raises(StorageFailed) as raised:
         RemotePath(url).exists()
     assert not {"KEYKEY", "se", "cret", "secret"} & set(re.findall(r"\w+", str(raised.value)))
-
-
-@pytest.mark.parametrize(
-    ("text", "path"),
-    [
-        ("runs/x", Path("runs/x")),
-        ("file:///data/my%20walk.mcap", Path("/data/my walk.mcap")),
-        ("file://localhost/data/x", Path("/data/x")),
-        ("FILE:///data/x", Path("/data/x")),
-    ],
-)
-def test_local_places_are_paths(text: str, path: Path) -> None:
-    assert to_path(text) == path
-
-
-BAD_FILES = ["file://other/x", "file://[x", "file://\u2100/x", "file:///a%00b"]
-
-
-@pytest.mark.parametrize("text", [*BAD_FILES, "://x", "s3://", "1a://b", "a b://c"])
-def test_invalid_urls_are_refused(text: str) -> None:
-    with pytest.raises(StorageUnknown):
-        to_path(text)
-
-
-def test_parts_of_a_url() -> None:
-    path = RemotePath("https://host/season/walk_3.mcap?sig=1")
-    assert (path.name, path.stem, path.suffix) == ("walk_3.mcap", "walk_3", ".mcap")
-    assert path.parent.url == "https://host/season"
-    assert path.with_name("list.txt").url == "https://host/season/list.txt"
-    assert (path / "below").url == "https://host/season/walk_3.mcap/below"
-    assert RemotePath("s3://lab").parent.url == "s3://lab"
 
 
 def test_urls_are_sorted_behind_paths_and_keep_their_secret_on_the_way_to_another_process() -> None:

@@ -8,12 +8,11 @@ const HELP = "player. Space plays and stops, left and right arrow step, plus and
 const openScene = (place, scene, block) => {
   const [from, until] = scene.span ?? [0, 0];
   const moves = until > from;
-  const small = place.classList.contains("small");
   const clock = clockOf(scene.group);
   const canvas = element("canvas", { role: "img", "aria-label": place.dataset.name });
   const stage = element("div", { class: "stage" }, canvas);
   const view = openView(scene, canvas, block);
-  const draw = () => view.draw(moves && !small ? (clock.now ?? from) : until);
+  const draw = () => view.draw(moves ? (clock.now ?? from) : until);
   const changed = (act) => {
     act();
     draw();
@@ -25,19 +24,18 @@ const openScene = (place, scene, block) => {
   const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
   const legend = legendOf(view.layers, draw);
   const timeline = element("div", { class: "timeline", role: "group", "aria-label": HELP });
-  place.append(stage);
-  if (!small) {
-    stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
-    place.append(legend, ...(moves ? [timeline] : []));
-  }
+  stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
+  place.append(stage, legend, ...(moves ? [timeline] : []));
   place.classList.add("open");
   let fitted = false;
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
     const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
-    // The first screen also has verdict, cards, legend and timeline. A page that is printed may have no height.
-    const height = Math.round(small ? 0.75 * width : Math.max(isWide ? innerHeight - 480 : fitting, 280));
+    // Beside curves the map ends with the screen: what lies above it, legend and timeline have their place there too.
+    const above = Math.min(stage.getBoundingClientRect().top + scrollY, innerHeight / 2);
+    const rest = innerHeight - above - (place.offsetHeight - stage.offsetHeight) - 12;
+    const height = Math.round(Math.max(isWide ? rest : fitting, 280)); // print may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
     if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
@@ -49,7 +47,6 @@ const openScene = (place, scene, block) => {
     view.recolor();
     draw();
   });
-  if (small) return null;
   addPointer(stage, view, scene, changed, moves && clock);
   if (!moves) return null;
   const player = addTransport(timeline, scene, clock);

@@ -1,7 +1,6 @@
 "use strict";
 // Opens the scenes and curves of the page. Keys work anywhere; #t=18.08 opens an instant.
 (async () => {
-  if (typeof DecompressionStream === "undefined") return document.body.classList.add("old-browser");
   const block = await unpack();
   const places = [...document.querySelectorAll("[data-scene]")];
   const open = (place) => openScene(place, pageData.scenes[place.dataset.scene], block);

@@ -45,13 +45,6 @@ def test_a_wall_in_the_corner_ends_the_look_ahead_where_the_line_of_sight_touche
         assert aim(*place, wall) == lookahead_within(CORNER, *place[:2], near, place[2], math.inf)
 
 
-def test_even_in_a_wall_it_looks_ahead_a_little():
-    """A robot that was pushed into blocked cells goes on along its path."""
-    x_m, y_m, _ = aim(1.0, 0.05, 2.0, block(0.0, -0.5, 4.0, 0.5))
-    assert math.dist((x_m, y_m), (1.0, 0.05)) == pytest.approx(LEAST_CHORD_M, abs=CELL_M / 2)
-    assert y_m == 0.0
-
-
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_chord_is_free_and_no_longer_than_asked(seed):
     rng = np.random.default_rng(seed)

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 import skfuzzy.control
@@ -13,12 +11,8 @@ from quadlog.control.following.lookahead import (
     PRINTED,
     SETS,
     TABLES,
-    FuzzyTable,
-    fuzzy_table,
     infer_many,
-    rule_tables,
 )
-from quadlog.errors import UnknownName
 
 CENTRES = np.arange(-3.0, 4.0)
 GRID = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121), indexing="ij")).reshape(2, -1)
@@ -133,39 +127,3 @@ def test_the_published_look_aheads():
     apart = points - continuous
     assert np.abs(apart).max(axis=0) == pytest.approx([0.80, 1.11], abs=0.01)
     assert np.abs(apart @ weights).max() == pytest.approx(0.57, abs=0.005)
-
-
-@pytest.mark.parametrize("centroid", ["points", "continuous"])
-def test_inputs_are_clipped_and_nan_is_refused(centroid):
-    table = FuzzyTable(PRINTED, centroid)
-    for outside, border in (((5, -99), (3, -3)), ((-math.inf, math.inf), (-3, 3)), ((0.5, 3.0001), (0.5, 3))):
-        assert infer(*outside, PRINTED, centroid) == infer(*border, PRINTED, centroid)
-        assert table.at(*outside) == table.at(*border)
-    with pytest.raises(ValueError, match="NaN"):
-        infer(math.nan, 0, PRINTED, centroid)
-    assert np.isnan(table.at(0, math.nan)).all()
-
-
-@pytest.mark.parametrize(("centroid", "largest", "mean"), [("points", 0.025, 2e-4), ("continuous", 0.085, 3e-4)])
-@pytest.mark.parametrize("tables", TABLES.values(), ids=list(TABLES))
-def test_the_table_is_as_exact_as_it_says(tables, centroid, largest, mean):
-    table = FuzzyTable(tables, centroid)
-    e, ec = np.random.default_rng(0).uniform(-3, 3, (2, 20_000))
-    looked_up = np.array([table.at(*at) for at in zip(e.tolist(), ec.tolist(), strict=True)])
-    errors = np.abs(looked_up - infer_many(e, ec, tables, centroid))
-    assert errors.max() <= largest
-    assert errors.mean(axis=0).max() <= mean
-    assert table.at(table.nodes[7], table.nodes[-2]) == pytest.approx(
-        infer(table.nodes[7], table.nodes[-2], tables, centroid)
-    )
-
-
-def test_names():
-    assert rule_tables("printed") is PRINTED
-    assert fuzzy_table("corrected", "points") is fuzzy_table("corrected", "points")
-    with pytest.raises(UnknownName, match="corrected, printed"):
-        rule_tables("textbook")
-    with pytest.raises(UnknownName, match="continuous, points"):
-        infer(0, 0, PRINTED, "bisector")
-    with pytest.raises(ValueError, match="read-only"):
-        PRINTED[0, 0, 0] = 1

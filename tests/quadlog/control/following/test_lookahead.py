@@ -10,27 +10,16 @@ from hypothesis import strategies as st
 
 from quadlog.control.following.lookahead import (
     CORRECTED,
-    HONEST,
     PAPER,
     PRINTED,
-    FixedLookahead,
     FuzzyLookahead,
     FuzzySettings,
     infer_many,
 )
-from quadlog.errors import UnknownName
 
 
 def infer(e, ec, tables=PRINTED):
     return tuple(infer_many(np.array([e]), np.array([ec]), tables, "points")[0].tolist())
-
-
-def test_fixed():
-    assert FixedLookahead(1.5).step(0.3, 0.02, 0.5)[0] == 1.5
-    assert np.isnan(FixedLookahead(1.5).step(0.3, 0.02, 0.5)[1:]).all()
-    for l_m in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="positive distance"):
-            FixedLookahead(l_m)
 
 
 @given(errors=st.lists(st.floats(-2, 2), min_size=1, max_size=6), speed=st.floats(0, 1.2), signed=st.booleans())
@@ -66,13 +55,6 @@ def test_the_papers_setting():
         assert max(reached) < PAPER.l_max_m
 
 
-@pytest.mark.parametrize("l_m", [0.5, 2.0])
-def test_limits_hold(l_m):
-    low = FuzzyLookahead(replace(PAPER, l0_m=-50.0, l_min_m=l_m))
-    high = FuzzyLookahead(replace(PAPER, l0_m=50.0, l_max_m=l_m))
-    assert low.step(0.1, 0.02, 0.5).l_m == high.step(0.1, 0.02, 0.5).l_m == l_m
-
-
 def test_unsigned_treats_left_and_right_alike_and_signed_does_not():
     for signed in (False, True):
         control = FuzzySettings(gain_e_per_m=10.0, signed=signed)
@@ -89,49 +71,3 @@ def test_the_rates_filter_against_its_differential_equation():
             look = control.step(1.5 * k * dt_s, dt_s, 0.5)
             rate = 1.5 * (1 - math.exp(-k * dt_s / 0.4))
             assert (look.k_v, look.k_w) == pytest.approx(infer(0.0, rate), abs=0.03)
-
-
-def test_reset_forgets_the_last_error():
-    control = FuzzyLookahead(HONEST)
-    first = control.step(0.05, 0.02, 0.5)
-    assert control.step(0.4, 0.02, 0.5) != first
-    control.reset()
-    assert control.step(0.05, 0.02, 0.5) == first
-
-
-def test_bad_settings_and_inputs():
-    with pytest.raises(UnknownName, match="rule tables 'mamdani'"):
-        FuzzySettings(tables="mamdani")
-    with pytest.raises(UnknownName, match="centroid"):
-        FuzzySettings(centroid="bisector")
-    for limits in ((0.0, 1.0), (2.0, 1.0), (0.5, math.inf), (math.nan, 1.0)):
-        with pytest.raises(ValueError, match="look-ahead limits"):
-            FuzzySettings(l_min_m=limits[0], l_max_m=limits[1])
-    with pytest.raises(ValueError, match="ec_filter_s"):
-        FuzzySettings(ec_filter_s=-1.0)
-    for step in ((math.nan, 0.02, 0.5), (0.0, 0.0, 0.5), (0.0, 0.02, math.inf)):
-        with pytest.raises(ValueError, match="no look-ahead"):
-            FuzzyLookahead().step(*step)
-
-
-def mean_error_m(walked):
-    assert walked.finished
-    return np.abs(walked.cross_track_m).mean()
-
-
-def test_on_the_s_curve_the_rules_are_worth_a_shorter_look_ahead(s_curve, walk):
-    """The paper's setting: what it gains over l = 2 a fixed look-ahead of the same mean gains too."""
-    paper = walk(s_curve, FuzzyLookahead())
-    two = mean_error_m(walk(s_curve, FixedLookahead(2.0)))
-    same = mean_error_m(walk(s_curve, FixedLookahead(paper.l_m.mean())))
-    assert two == pytest.approx(0.0904, abs=5e-4)
-    assert mean_error_m(paper) < 0.5 * two
-    assert mean_error_m(paper) == pytest.approx(same, rel=0.03)
-
-
-def test_the_honest_setting_beats_a_fixed_look_ahead_of_its_mean_but_not_the_best(s_curve, walk):
-    honest = walk(s_curve, FuzzyLookahead(HONEST))
-    assert honest.l_m.mean() == pytest.approx(1.66, abs=0.01)
-    assert mean_error_m(honest) == pytest.approx(0.0162, abs=5e-4)
-    assert mean_error_m(walk(s_curve, FixedLookahead(honest.l_m.mean()))) > 3 * mean_error_m(honest)
-    assert mean_error_m(walk(s_curve, FixedLookahead(1.0))) < mean_error_m(honest)

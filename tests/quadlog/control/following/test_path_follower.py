@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.following import pure_pursuit as path_follower
 from quadlog.control.following.lookahead import FixedLookahead
 from quadlog.control.following.path import nearest_on_path
 from quadlog.control.following.pure_pursuit import (
@@ -18,7 +17,6 @@ from quadlog.control.following.pure_pursuit import (
     checked_path,
     pure_pursuit,
 )
-from quadlog.errors import TooLarge
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
 LEGS = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.3], [0.0, 0.3], [0.0, 0.6], [5.0, 0.6]])
@@ -33,18 +31,6 @@ def points_at_lengths(path, length_m):
 def closed_circle(radius_m, points=400):
     angle = np.linspace(0, 2 * np.pi, points)
     return radius_m * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=1)
-
-
-def test_state_on_a_corner():
-    follower = PathFollower(CORNER, start_m=3.6)
-    state = follower.step(3.9, 0.4, 1.0)
-    assert state.near[:4] == pytest.approx((1, 0.4 / 3.0, 4.0, 0.4))
-    assert (state.error_m, state.near.distance_m) == pytest.approx((0.1, 0.1))
-    assert (state.progress_m, state.remaining_m) == pytest.approx((4.4, 2.6))
-    assert state.heading_error_rad == pytest.approx(1.0 - math.pi / 2)
-    assert not state.finished
-    assert PathFollower(CORNER).step(1.0, -0.2, -3.0).near.distance_m == -0.2
-    assert PathFollower(CORNER).step(0.0, 0.0, 3.5).heading_error_rad == pytest.approx(3.5 - 2 * math.pi)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -75,14 +61,6 @@ def test_a_closed_circle_is_walked_round_once(walk, lookahead_m):
     assert np.diff(walked.progress_m).max() < 0.05
     assert walked.progress_m[-1] > 2 * math.pi * 2.0 - 0.2
     assert np.abs(walked.cross_track_m).max() < 0.02
-
-
-def test_pushed_off_the_start_of_a_circle_onto_its_end_it_still_walks_round(walk):
-    path = closed_circle(2.0)
-    walked = walk(path, FixedLookahead(1.0), pose=(-0.2, 0.0, 0.0), push=lambda k: (-0.1 if k == 5 else 0.0, 0.0))
-    assert walked.finished
-    assert walked.progress_m[:20].max() < 0.5
-    assert len(walked.progress_m) * 0.02 * 0.5 > 2 * math.pi * 2.0 - 0.3
 
 
 def test_parallel_legs_are_walked_one_after_the_other(walk):
@@ -124,12 +102,6 @@ def test_commands_are_pure_pursuits(x, y, yaw, lookahead_m):
     assert mine == pytest.approx(pure_pursuit(x, y, yaw, path, near, lookahead_m, 0.6, 1.5), abs=1e-9)
 
 
-def test_a_push_back_is_seen(walk):
-    walked = walk(CORNER, FixedLookahead(0.6), push=lambda k: (-0.4 if k == 100 else 0.0, 0.0))
-    assert walked.finished
-    assert np.diff(walked.progress_m).min() == pytest.approx(-0.39, abs=0.01)
-
-
 def test_finished_only_at_the_end():
     circle = PathFollower(closed_circle(2.0))
     assert not circle.step(0.0, 0.0, 0.0).finished
@@ -137,37 +109,6 @@ def test_finished_only_at_the_end():
     assert end.step(4.0, 3.0 - 0.9 * FINISHED_M, 0.0).finished
     assert not end.step(4.0, 3.0 - 1.1 * FINISHED_M, 0.0).finished
     assert not end.step(4.0, 3.0 + 1.1 * FINISHED_M, 0.0).finished
-
-
-def test_one_point_and_repeated_points():
-    one = PathFollower(np.array([[1.0, 1.0]]))
-    state = one.step(4.0, 5.0, 0.3)
-    assert (state.error_m, state.progress_m, state.remaining_m, state.finished) == (5.0, 0.0, 0.0, False)
-    assert math.isnan(state.heading_error_rad)
-    assert one.pursue(1.0, 1.0, 0.0, one.step(1.0, 1.0, 0.0), 1.0, 0.5, 1.5)[:2] == (0.0, 0.0)
-    assert one.reference_at(2.0) == (1.0, 1.0)
-    same = PathFollower(np.ones((3, 2)))
-    assert same.step(1.0, 1.05, 0.0).finished
-    repeated = PathFollower(CORNER.repeat(3, axis=0), start_m=4.0)
-    assert repeated.step(4.0, 1.0, 0.0).progress_m == pytest.approx(5.0)
-    assert repeated.step(4.0, 1.0, 0.0).near.heading_rad == pytest.approx(math.pi / 2)
-
-
-@given(seed=st.integers(0, 2**32 - 1))
-def test_references_against_interpolation(seed):
-    rng = np.random.default_rng(seed)
-    path = rng.uniform(-2, 2, (5, 2)).repeat(rng.integers(1, 3, 5), axis=0)
-    follower = PathFollower(path)
-    for s_m in rng.uniform(-1, follower.length_m + 1, 5).tolist():
-        assert follower.reference_at(s_m) == pytest.approx(points_at_lengths(path, np.array([s_m]))[0], abs=1e-9)
-
-
-def test_checked_paths():
-    checked = checked_path([(0, 0), (0, 0), (1, 0), (1, 0), (0, 0)])
-    assert checked.tolist() == [[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
-    assert checked.dtype == np.float64
-    assert checked.flags.c_contiguous
-    assert len(checked_path([(0, 0), (10, 10)])) == 2
 
 
 @pytest.mark.parametrize(
@@ -190,12 +131,6 @@ def test_checked_paths():
 def test_what_is_no_path_is_refused(points, reason):
     with pytest.raises(ValueError, match=reason):
         checked_path(points)
-
-
-def test_paths_of_absurd_length_are_refused(monkeypatch):
-    monkeypatch.setattr(path_follower, "MAX_POINTS", 10)
-    with pytest.raises(TooLarge, match="11 exceeds"):
-        checked_path(np.zeros((11, 2)))
 
 
 @given(st.lists(st.tuples(st.floats(), st.floats()), max_size=6))

@@ -7,7 +7,6 @@ import pytest
 
 from quadlog.control.following.path import nearest_on_path
 from quadlog.control.following.pure_pursuit import ARRIVED_M, BRAKING_MPS2, Command, pure_pursuit
-from quadlog.simulation.robot.unicycle_robot import unicycle_step
 
 
 def command_at(x_m, y_m, yaw_rad, path, *settings) -> Command:
@@ -57,15 +56,3 @@ def test_brakes_towards_the_end():
     for to_end in (0.06, 0.1, 0.3):
         command = command_at(0.0, 0.0, 0.0, np.array([[-1.0, 0.0], [to_end, 0.0]]), 2.0, 0.6, 1.5)
         assert command.v_mps == pytest.approx(math.sqrt(2 * BRAKING_MPS2 * to_end))
-
-
-@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (0.0, 0.3, 2.5), (-1.0, -1.0, -1.5)])
-def test_walks_a_path_to_its_end(start):
-    path = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [1.0, 5.0]])
-    x, y, yaw = start
-    for _ in range(3000):
-        command = command_at(x, y, yaw, path, 0.6, 0.6, 1.5)
-        assert abs(command.yaw_rate_radps) <= 1.5 + 1e-12
-        assert 0 <= command.v_mps <= 0.6
-        x, y, yaw = unicycle_step(x, y, yaw, command.v_mps, command.yaw_rate_radps, 0.02)
-    assert math.hypot(x - 1.0, y - 5.0) <= 0.1

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from quadlog.control.locomotion.body_reference import (
     LEASH_M,
     LEASH_RAD,
-    SLOPE_TIME_S,
     BodyReference,
     WantedMotion,
     follow,
@@ -72,14 +71,6 @@ def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_m
     assert abs(reference.rpy[2] - measured_rad) <= LEASH_RAD + 1e-12
 
 
-def test_past_half_a_turn_it_goes_on_turning():
-    reference = BodyReference(START_M, math.pi - 0.01, HEIGHT_M)
-    for _ in range(10):
-        measured_rad = math.remainder(float(reference.rpy[2]), 2 * math.pi)
-        step(reference, 0.01, WantedMotion(0.0, 1.0), START_M, measured_rad, LEVEL)
-    assert math.remainder(float(reference.rpy[2]), 2 * math.pi) == pytest.approx(-math.pi + 0.09)
-
-
 @given(angle, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-1, 1))
 def test_on_a_slope_it_is_parallel_to_the_plane_and_goes_along_it(yaw_rad, a, b, speed_mps):
     plane = np.array([a, b, 0.1])
@@ -95,15 +86,6 @@ def test_on_a_slope_it_is_parallel_to_the_plane_and_goes_along_it(yaw_rad, a, b,
     assert np.linalg.norm(velocity_mps) == pytest.approx(abs(speed_mps))
     assert velocity_mps @ normal == pytest.approx(0, abs=1e-12)
     np.testing.assert_allclose(velocity_mps[:2] * [math.sin(yaw_rad), -math.cos(yaw_rad)] @ [1, 1], 0, atol=1e-12)
-
-
-def test_uphill_is_nose_up_and_the_slope_is_taken_gradually():
-    reference = BodyReference(START_M, 0.0, HEIGHT_M)
-    plane = np.array([math.tan(0.2), 0, 0])
-    followed(reference, SLOPE_TIME_S, 0.0005, WantedMotion(0.0, 0.0), plane)
-    taken = 1 - math.exp(-1)
-    assert reference.rpy[1] == pytest.approx(-0.2 * taken, rel=0.01)
-    assert reference.position_m[2] - HEIGHT_M == pytest.approx(math.tan(0.2) * START_M[0] * taken, rel=0.01)
 
 
 @given(angle, st.sampled_from([-0.3, 0.0, 0.0, 0.2]), st.floats(-1, 1), st.floats(-1, 1))

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.kinematics import leg_jacobian, leg_position
-from quadlog.control.locomotion.leg_dynamics import stance_joints
 
 L1, L2, L3 = LENGTHS = np.array([0.07, 0.21, 0.21])
 # Frame {0} has x down, y left, z forward. Rows of Table 1, a right leg's: d, a and alpha of every link.
@@ -22,10 +21,6 @@ def eq_2(joints, mended):
     x = L2 * c1 * c2 + L3 * c1 * c2 * c3 - L3 * c1 * s2 * s3
     y = L2 * c2 * s1 + L3 * c2 * c3 * s1 - L3 * s1 * s2 * s3
     return np.array([x, y, L1 + L2 * s2 + L3 * c2 * s3 + last])
-
-
-def eq_3_abduction(p):
-    return -math.atan(p[1] / p[2]) - math.atan(L1 / math.sqrt(p[1] ** 2 + p[2] ** 2 - L1**2))
 
 
 def eq_4(joints, mended):
@@ -65,22 +60,6 @@ def test_eq_2_mended_is_table_1_with_l1_in_row_0(joints):
     shifted[:2, 0] = L1, 0
     np.testing.assert_allclose(eq_2(joints, mended=True), chain(shifted, joints), atol=1e-15)
     assert np.abs(eq_2(joints, mended=True) - chain(TABLE_1, joints)).max() > 0.01
-
-
-def test_eq_2_as_printed_makes_the_shank_longer_and_shorter():
-    for mended, wrong_m in ((True, 0.0), (False, 0.05)):
-        shanks = []
-        for joints in JOINTS:
-            (c1, c2, _), (s1, s2, _) = np.cos(joints), np.sin(joints)
-            shanks.append(np.linalg.norm(eq_2(joints, mended) - [L2 * c1 * c2, L2 * s1 * c2, L1 + L2 * s2]))
-        np.testing.assert_allclose(shanks, L3, atol=1e-15 if mended else 1.0)
-        assert np.abs(np.array(shanks) - L3).max() >= wrong_m
-
-
-def test_eq_3_as_printed_turns_a_leg_that_hangs_straight():
-    # Eq. 5's foot: L1 to the right, the leg's plane upright.
-    assert math.degrees(eq_3_abduction([0.0, -L1, -0.2])) == pytest.approx(-38.6, abs=0.05)
-    assert stance_joints([[0.0, -L1, -0.2]], -1.0, LENGTHS, 1.0)[0, 0] == pytest.approx(0.0, abs=1e-15)
 
 
 @pytest.mark.parametrize("joints", JOINTS[:10])

@@ -65,12 +65,6 @@ def test_the_cycle_is_that_of_eqs_9_and_10_about_the_middle_of_the_step(lam):
     np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, 0 * x]), atol=1e-15)
 
 
-def test_the_cycle_repeats():
-    cycle, t_s = FootCycle(0.8, S, H, aside_m=0.01), np.linspace(0, 0.79, 57)
-    for once, later in zip(cycle.at(t_s), cycle.at(t_s + 1.6), strict=True):
-        np.testing.assert_allclose(once, later, atol=1e-12)
-
-
 @given(
     st.floats(0.02, 0.98).filter(lambda s: abs(s - 0.5) > 1e-3),
     st.sampled_from(POWERS),
@@ -92,19 +86,6 @@ def test_a_foot_lifts_off_and_touches_down_without_speed_and_acceleration(power,
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("t_s", [0.0, 0.5])
-def test_as_printed_the_bulge_alone_does_not(t_s):
-    """Y(t) leaves the ground, and meets it, at M T / (8 k J1)."""
-    moment, k, inertia = 0.7, 175.0, 0.0063
-    cycle = FootCycle(T, S, H, aside_m=lateral_peak_m(moment, k, inertia, T))
-    # Amid t < lambda T and at its end: of the swing, hence just before.
-    (velocity,), (acceleration,) = (each for each in cycle.at(np.array([max(t_s - 1e-12, 0.0)]))[1:])
-    np.testing.assert_allclose(velocity[[0, 2]], 0.0, atol=1e-9)
-    np.testing.assert_allclose(acceleration[[0, 2]], 0.0, atol=1e-9)
-    assert velocity[1] == pytest.approx(-moment * T / (8 * k * inertia) * (1 if t_s == 0 else -1))
-    assert acceleration[1] == pytest.approx(moment / (2 * k * inertia))
-
-
 def test_the_bulge_solves_eq_11():
     """2 J1 k y'' = M, y(0) = y(T/2) = 0, solved by scipy."""
     moment, k, inertia, period_s = -0.7, 120.0, 0.0063, 0.8
@@ -118,20 +99,3 @@ def test_the_bulge_solves_eq_11():
     cycle = FootCycle(period_s, S, H, aside_m=lateral_peak_m(moment, k, inertia, period_s))
     np.testing.assert_allclose(cycle.at(t_s)[0][:, 1], solved.sol(t_s)[0], atol=1e-12)
     assert lateral_peak_m(moment, k, inertia, period_s) == pytest.approx(solved.sol(period_s / 4)[0])
-
-
-@pytest.mark.parametrize("power", POWERS)
-def test_the_middle_is_highest_and_farthest_aside(power):
-    aside = 0.0 if power == QUINTIC else 0.01
-    np.testing.assert_allclose(_state(0.5, power)[0], (START + END) / 2 + [0.0, aside, 0.06], atol=1e-15)
-
-
-@given(st.floats(-3, 4), st.sampled_from(POWERS))
-def test_a_foot_stays_within_its_swing_and_rests_outside(phase, power):
-    position, velocity, acceleration = _state(phase, power)
-    assert np.isfinite([position, velocity, acceleration]).all()
-    assert 0.1 - 1e-12 <= position[0] <= 0.3 + 1e-12
-    if not 0 <= phase <= 1:
-        np.testing.assert_array_equal(position, _state(0.0 if phase < 0 else 1.0, power)[0])
-        assert not velocity.any()
-        assert not acceleration.any()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.locomotion.gait import GAITS, Gait, contact_schedule, contact_state
+from quadlog.control.locomotion.gait import GAITS, Gait, contact_state
 
 gaits = st.builds(
     Gait,
@@ -48,30 +48,7 @@ def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
 
 
-@given(gaits, st.floats(0, 100), st.floats(0.001, 0.1))
-def test_a_schedule_is_the_states_one_after_the_other(gait, t_s, step_s):
-    contacts = np.empty((12, 4), np.bool_)
-    contact_schedule(t_s, step_s, gait.period_s, gait.duty, np.array(gait.offsets), contacts)
-    np.testing.assert_array_equal(contacts, [state(gait, t_s + k * step_s)[0] for k in range(12)])
-
-
-def test_just_before_a_whole_turn_is_a_phase_too():
-    stance, phase = state(Gait("stand", 1.0, 1.0, (-1e-18, 0, 0, 0)), 0.0)
-    assert stance.all()
-    assert np.isfinite(phase).all()
-
-
 @pytest.mark.parametrize(("period_s", "duty", "offset"), [(0, 0.5, 0), (1, 0, 0), (1, 1.1, 0), (1, 0.5, float("nan"))])
 def test_an_impossible_gait_is_refused(period_s, duty, offset):
     with pytest.raises(ValueError, match="a gait needs"):
         Gait("odd", period_s, duty, (offset, 0.0, 0.0, 0.0))
-
-
-def test_pairs_move_together():
-    rng = np.random.default_rng(0)
-    for t_s in rng.uniform(0, 5, 200):
-        left_fore, right_fore, left_hind, right_hind = state(GAITS["trot"], t_s)[0]
-        assert (left_fore, right_fore) == (right_hind, left_hind)
-        left_fore, right_fore, left_hind, right_hind = state(GAITS["bound"], t_s)[0]
-        assert (left_fore, left_hind) == (right_fore, right_hind)
-        assert len(set(state(GAITS["pronk"], t_s)[0].tolist())) == 1

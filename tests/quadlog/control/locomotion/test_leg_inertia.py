@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from quadlog.control.locomotion.leg_dynamics import abduction_inertia, leg_masses, mass_behind, swing_reaction
+from quadlog.control.locomotion.leg_dynamics import leg_masses, swing_reaction
 from quadlog.control.locomotion.robot import LEGS, ROBOTS, SIDES
 from quadlog.simulation.robot.model import mjcf
 
@@ -44,26 +44,6 @@ def test_links_lie_where_mujoco_has_them(model, leg):
         np.testing.assert_allclose(masses.inertias_kgm2[k], inertias, atol=1e-17)
 
 
-def test_what_hangs_behind_the_hips_puts_the_robots_centre_there():
-    sums = 0.0
-    for leg, side in enumerate(SIDES):
-        mass, behind = mass_behind(ROBOT, side, ROBOT.standing_joints_rad[3 * leg : 3 * leg + 3])
-        sums += mass * behind
-        assert behind > 0
-        assert mass == pytest.approx(0.28)
-    assert -sums / ROBOT.mass_kg == pytest.approx(ROBOT.centre_of_mass_m[0], rel=1e-12)
-
-
-@LEG
-def test_abductions_inertia_is_the_entry_of_mujocos_mass_matrix(model, leg):
-    data, full = mujoco.MjData(model), np.empty((model.nv, model.nv))
-    data.qpos[:] = ROBOT.standing_joints_rad
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, full)
-    own = ROBOT.standing_joints_rad[3 * leg : 3 * leg + 3]
-    assert abduction_inertia(ROBOT, SIDES[leg], own) == pytest.approx(full[3 * leg, 3 * leg], rel=1e-12)
-
-
 @LEG
 @pytest.mark.parametrize("gravity", [9.81, 0.0])
 def test_motors_that_mujocos_inverse_dynamics_ask_for_push_back_on_the_body(model, leg, gravity):
@@ -82,10 +62,3 @@ def test_motors_that_mujocos_inverse_dynamics_ask_for_push_back_on_the_body(mode
     assert np.abs(asked).max() > 0.2
     np.testing.assert_allclose(ours[inside], asked[inside], atol=2e-6)
     np.testing.assert_allclose(ours, asked, atol=2e-3)
-
-
-def test_a_leg_at_rest_weighs_on_its_hip():
-    joints = np.tile(ROBOT.standing_joints_rad[:3], (9, 1))
-    mass, behind = mass_behind(ROBOT, 1.0, joints[0])
-    reaction = swing_reaction(ROBOT, 1.0, np.linspace(0, 1, 9), joints, 9.81)
-    np.testing.assert_allclose(reaction[:, 1], -mass * 9.81 * behind, atol=1e-12)

@@ -89,29 +89,6 @@ def test_cost_is_that_of_the_rolled_out_model(seed):
     np.testing.assert_array_equal(H, H.T)
 
 
-def test_whole_turns_of_the_reference_change_nothing():
-    random = np.random.default_rng(0)
-    state = random.normal(scale=0.1, size=12)
-    state[2] = 3.1
-    reference = state + random.normal(scale=0.05, size=(10, 12))
-    reference[:, 2] = 3.1 + 0.02 * np.arange(1, 11)
-    wrapped = reference.copy()
-    wrapped[:, 2] = (reference[:, 2] + np.pi) % (2 * np.pi) - np.pi
-    wrapped[4:, 2] -= 4 * np.pi
-    arms_m, contacts = random.normal(scale=0.3, size=(10, 4, 3)), np.ones((10, 4), dtype=bool)
-    plain, turned = (built(state, each, arms_m, contacts) for each in (reference, wrapped))
-    np.testing.assert_allclose(turned[0], plain[0], rtol=1e-9, atol=1e-14)
-    np.testing.assert_allclose(turned[1], plain[1], rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_told_even_in_flight(value):
-    state = np.zeros(12)
-    state[4] = value
-    for contacts in (np.ones((10, 4), dtype=bool), np.zeros((10, 4), dtype=bool)):
-        assert not built(state, np.zeros((10, 12)), np.ones((10, 4, 3)), contacts)[2]
-
-
 @pytest.mark.parametrize(
     ("force", "allowed"),
     [

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -38,8 +36,3 @@ def test_an_inertia_is_one_of_a_body_and_symmetric_about_the_middle(robot):
     small, middle, large = np.linalg.eigvalsh(inertia)
     assert 0 < small < middle < large < small + middle
     assert abs(robot.centre_of_mass_m[1]) < 1e-15
-
-
-def test_legs_too_short_to_stand_are_refused():
-    with pytest.raises(ValueError, match="cannot stand"):
-        _ = replace(ROBOTS["tracking"], standing_height_m=0.6).standing_joints_rad

@@ -27,12 +27,6 @@ def torques(side, knee, force=FIG_3):
     return stance_torques(stance_joints(feet, side, LENGTHS, knee), force, side, LENGTHS)
 
 
-def test_a_stance_goes_from_half_a_stride_ahead_to_half_a_stride_behind():
-    feet = stance_feet(-1.0, LENGTHS, 0.2, 0.05, 5)
-    np.testing.assert_allclose(feet[:, 0], [0.025, 0.0125, 0, -0.0125, -0.025], atol=1e-17)
-    np.testing.assert_array_equal(feet[:, 1:], np.tile([-0.07, -0.2], (5, 1)))
-
-
 @pytest.mark.parametrize("knee", [KNEE_BEHIND, KNEE_IN_FRONT])
 def test_fig_3s_numbers(knee):
     right, left = torques(-1.0, knee), torques(1.0, knee)
@@ -65,21 +59,3 @@ def test_the_motors_feel_the_reaction_on_the_body_backwards(joints, side, force)
     hip_axis = [0, -np.cos(joints[0]), -np.sin(joints[0])]
     motors = stance_torques(joints[None], force, side, LENGTHS)[0]
     np.testing.assert_allclose([-couple[0], -(couple @ hip_axis)], motors[:2], atol=1e-12)
-
-
-@given(ANGLES, side, st.sampled_from([KNEE_BEHIND, KNEE_IN_FRONT]))
-def test_joints_for_a_foot_bring_it_back_with_the_knee_where_it_is_wanted(joints, side, knee):
-    foot, again = np.empty(3), np.empty(3)
-    leg_position(np.array(joints), side, LENGTHS, foot)
-    found = stance_joints(foot[None], side, LENGTHS, knee)[0]
-    leg_position(found, side, LENGTHS, again)
-    # Near a stretched leg the knee's angle is known to the root of what floats tell.
-    np.testing.assert_allclose(again, foot, atol=3e-8 if abs(joints[2]) < 0.01 else 2e-14)
-    assert knee * found[2] >= 0
-
-
-def test_a_foot_out_of_reach_has_no_torques():
-    feet = np.array([[0.0, -0.07, -0.2], [0.0, -0.07, -0.43], [0.0, -0.01, -0.02]])
-    joints = stance_joints(feet, -1.0, LENGTHS, KNEE_BEHIND)
-    assert np.isnan(joints).any(axis=1).tolist() == [False, True, True]
-    assert np.isnan(stance_torques(joints, FIG_3, -1.0, LENGTHS)).all(axis=1).tolist() == [False, True, True]

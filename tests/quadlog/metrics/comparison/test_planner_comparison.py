@@ -12,7 +12,7 @@ from scipy import stats
 
 from quadlog.metrics.intervals import corrected_confidence, fewest_values, median_interval
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
-from quadlog.results.planners import PLANNERS
+from quadlog.results.studies.planners import PLANNERS
 
 NAN = float("nan")
 

@@ -110,16 +110,6 @@ def test_keeps_clear_of_an_obstacle(make, rings, clearance, beside_the_middle, r
     assert away[cells[:, 1], cells[:, 0]].min() == clearance
 
 
-def test_a_near_start_makes_no_detour():
-    """The charge for a ring is worth a few cells of searching: from six cells away all of them are soon closed."""
-    blocked = np.zeros((60, 80), dtype=bool)
-    blocked[22:38, 32:48] = True
-    away = distance_transform_cdt(~blocked, "chessboard")
-    for rings in (1, 2, 3):
-        cells = EAStar(rings=rings).plan(blocked, (26, 29), (53, 29)).cells
-        assert away[cells[:, 1], cells[:, 0]].min() == 1
-
-
 @both
 @pytest.mark.parametrize(("width", "clearance"), [(9, 4), (5, 3), (3, 2)])
 def test_a_passage_stays_open(make, width, clearance):

@@ -59,12 +59,6 @@ def test_robot_beside_its_route_takes_the_shortest_way_over_it(away):
     assert plan.reused_cells == len(path) - 4 - away
 
 
-def test_robot_too_far_from_its_route_plans_from_scratch():
-    blocked, planner = np.zeros((30, 60), dtype=bool), IAStar()
-    planner.plan(blocked, (1, 10), (58, 10))
-    assert planner.plan(blocked, (5, 11 + REANCHOR_CELLS), (58, 10)).from_scratch
-
-
 def test_robot_that_left_its_path_does_not_walk_backwards():
     """The route leads to the north-east, and the cells of it nearest to the robot lie north-west of it."""
     blocked, planner, at = np.zeros((40, 40), dtype=bool), IAStar(), (10, 5)
@@ -76,15 +70,6 @@ def test_robot_that_left_its_path_does_not_walk_backwards():
     assert not plan.from_scratch
     assert plan.reused_cells > 0
     assert (np.diff(plan.cells, axis=0) >= 0).all()
-
-
-def test_robot_that_walks_on_beyond_the_end_of_its_route_searches_on():
-    """The person moves on; nothing of the route is left but its last cell."""
-    blocked, planner = np.zeros((30, 30), dtype=bool), IAStar()
-    planner.plan(blocked, (2, 10), (10, 10))
-    plan = planner.plan(blocked, (10, 10), (20, 10))
-    assert not plan.from_scratch
-    assert (plan.cost, plan.reused_cells) == (100, 1)
 
 
 def test_sought_from_the_end_the_way_round_an_obstacle_is_kept():

@@ -4,8 +4,9 @@ import sqlite3
 
 import pytest
 
-from quadlog.errors import NotARecording, NothingReadable, QuadlogError, TooLarge
+from quadlog.errors import NotARecording, NothingReadable, QuadlogError
 from quadlog.recordings.containers.db3 import open_sqlite
+from tests.lab import recordings
 
 
 def change(path, *statements):
@@ -18,7 +19,7 @@ def change(path, *statements):
 
 
 @pytest.fixture
-def crashed(tmp_path, recordings):
+def crashed(tmp_path):
     """As a killed recorder leaves it: a database with half of the messages, the others in its -wal, no -shm."""
     messages = recordings.some()
     source = tmp_path / "recorder.db3"
@@ -40,7 +41,7 @@ def crashed(tmp_path, recordings):
     return crashed
 
 
-def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside_it(crashed, recordings):
+def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside_it(crashed):
     messages = recordings.some()
     before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()}
 
@@ -51,48 +52,7 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
     assert {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()} == before
 
 
-@pytest.mark.parametrize("linked", ["file", "file and wal", "folder"])
-def test_a_link_does_not_hide_the_wal(crashed, tmp_path, recordings, linked):
-    """It lies beside the file that the link leads to or, as file stores do it, beside the link and itself a link."""
-    links = tmp_path / "links"
-    if linked == "folder":
-        links.symlink_to(crashed)
-    else:
-        links.mkdir()
-        (links / "a.db3").symlink_to(crashed / "a.db3")
-    if linked == "file and wal":
-        (crashed / "a.db3-wal").rename(crashed / "7f3c")
-        (links / "a.db3-wal").symlink_to(crashed / "7f3c")
-    with open_sqlite(links / "a.db3") as container:
-        assert container.path == links / "a.db3"
-        assert recordings.read(container) == recordings.some()
-        assert "a.db3-wal" in container.warnings[0]
-
-
-def test_a_database_in_wal_mode_without_wal_is_read_in_place(tmp_path, recordings):
-    messages = recordings.some()
-    path = tmp_path / "a.db3"
-    writer = sqlite3.connect(path)
-    writer.execute("PRAGMA journal_mode=WAL")
-    recordings.fill_db3(writer, messages)
-    writer.close()
-    assert path.read_bytes()[18:20] == b"\2\2"
-    with open_sqlite(path) as container:
-        assert recordings.read(container) == messages
-        assert [each.name for each in tmp_path.iterdir()] == ["a.db3"]
-        assert container.warnings == []
-    assert [each.name for each in tmp_path.iterdir()] == ["a.db3"]
-
-
-def test_no_disk_space_for_the_copy_is_too_large(tmp_path, recordings, monkeypatch):
-    path = recordings.db3(tmp_path / "a.db3", recordings.some())
-    (tmp_path / "a.db3-wal").write_bytes(b"x" * 100)
-    monkeypatch.setattr("shutil.disk_usage", lambda _: type("Usage", (), {"free": 10}))
-    with pytest.raises(TooLarge, match="copying it with its -wal"):
-        open_sqlite(path)
-
-
-def test_foreign_serialization_is_refused_by_name(tmp_path, recordings):
+def test_foreign_serialization_is_refused_by_name(tmp_path):
     path = recordings.db3(tmp_path / "a.db3", recordings.some(), serialization="protobuf")
     with pytest.raises(NothingReadable, match="'protobuf'"):
         open_sqlite(path)
@@ -104,48 +64,14 @@ def test_foreign_serialization_is_refused_by_name(tmp_path, recordings):
         assert {channel.topic for channel in container.channels} == {"/a", "/b"}
 
 
-def test_definitions_of_newer_distributions_are_the_schema(tmp_path, recordings):
+def test_definitions_of_newer_distributions_are_the_schema(tmp_path):
     path = recordings.db3(tmp_path / "a.db3", recordings.some())
     columns = "id INTEGER PRIMARY KEY, topic_type, encoding, encoded_message_definition, type_description_hash"
-    values = (recordings.type_name, "ros2msg", "string data", "")
+    values = (recordings.TYPE_NAME, "ros2msg", "string data", "")
     insert = "INSERT INTO message_definitions VALUES (1, ?, ?, ?, ?)"
     change(path, f"CREATE TABLE message_definitions({columns})", (insert, values))
     with open_sqlite(path) as container:
         assert {(c.schema_encoding, c.schema) for c in container.channels} == {("ros2msg", b"string data")}
-
-
-def test_a_row_that_cannot_be_used_costs_itself(tmp_path, recordings):
-    messages = recordings.some()
-    path = recordings.db3(tmp_path / "a.db3", messages)
-    changes = (("data = 'text'", 11), ("timestamp = 'noon'", 21), ("topic_id = 9", 31))
-    change(path, *(f"UPDATE messages SET {new} WHERE id = {number}" for new, number in changes))
-    with open_sqlite(path) as container:
-        got = recordings.read(container)
-        assert got == [m for i, m in enumerate(messages, 1) if i not in (11, 21, 31)]
-        told = {(loss.cause, loss.topic, loss.count) for loss in container.losses}
-        assert told == {("damaged", None, 1), ("damaged", "/b", 1), ("count", "/b", 1)}
-
-
-def test_the_rest_of_a_truncated_database_is_read(tmp_path, recordings):
-    messages = [(topic, t_ns, payload * 10) for topic, t_ns, payload in recordings.some(400)]
-    path = recordings.db3(tmp_path / "a.db3", messages)
-    data = path.read_bytes()
-    path.write_bytes(data[: len(data) * 3 // 4])
-    with open_sqlite(path) as container:
-        got = recordings.read(container)
-        assert len(got) > 200
-        assert set(got) < set(messages)
-        assert len(set(got)) == len(got)
-        assert "truncated" in recordings.causes(container)
-        assert f"{len(data) - len(data) * 3 // 4} bytes" in container.losses[0].detail
-
-
-def test_a_message_that_is_less_than_a_second_late_is_not_named(tmp_path, recordings):
-    ordered = recordings.some(40)
-    path = recordings.db3(tmp_path / "b.db3", [*ordered[1:9], ordered[0], *ordered[9:]])
-    with open_sqlite(path) as container:
-        assert recordings.read(container) == ordered
-        assert container.warnings == []
 
 
 TOPICS = "CREATE TABLE topics(id, name, type, serialization_format)"
@@ -169,7 +95,7 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path, script):
         open_sqlite(path)
 
 
-def test_real_bags_give_every_row(edge_cases, recordings):
+def test_real_bags_give_every_row(edge_cases):
     paths = [*edge_cases.rglob("*.db3"), *edge_cases.parent.glob("uwb_tiers/*/*.db3")]
     assert len(paths) > 8
     for path in paths:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import base64
 import json
-import re
 import struct
 from pathlib import Path
 from typing import Any
@@ -66,87 +65,72 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Channe
         }
 
 
-def test_protobuf_point_cloud_with_its_pose_applied(recorded: dict[str, tuple[Channel, bytes]]) -> None:
-    channel, payload = recorded["/points"]
-    (cloud,) = decoder_for(channel)(payload)  # type: ignore[misc]
-    assert cloud.stamp_ns == T_NS
-    assert cloud.frame_id == "lidar"
+def decoded(channel: Channel, payload: bytes) -> Any:
+    (message,) = decoder_for(channel)(payload)  # type: ignore[misc]
+    return message
+
+
+def test_protobuf_with_its_pose_applied(recorded: dict[str, tuple[Channel, bytes]]) -> None:
+    cloud = decoded(*recorded["/points"])
+    assert (cloud.stamp_ns, cloud.frame_id, cloud.ring.tolist()) == (T_NS, "lidar", [7, 8])
     np.testing.assert_allclose(cloud.xyz_m, [[8, 1, 3], [5, 4, 6]], atol=1e-5)
-    assert cloud.ring.tolist() == [7, 8]
-
-
-def test_protobuf_pose(recorded: dict[str, tuple[Channel, bytes]]) -> None:
     channel, payload = recorded["/pose"]
-    decode: Any = decoder_for(channel)
-    (pose,) = decode(payload)
+    pose = decoded(channel, payload)
     assert (pose.stamp_ns, pose.frame_id, pose.position_m.tolist()) == (T_NS, "map", [10, 0, 0])
     np.testing.assert_allclose(pose.quat_xyzw, [0, 0, 0.5**0.5, 0.5**0.5])
     assert payload.count(struct.pack("<d", 10.0)) == 1
-    with pytest.raises(DecodeError, match="position is not finite, or beyond"):
-        decode(payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))
+    with pytest.raises(DecodeError):
+        decoded(channel, payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))
 
 
 def test_broken_protobuf_is_one_decode_error(recorded: dict[str, tuple[Channel, bytes]]) -> None:
     channel, payload = recorded["/points"]
-    with pytest.raises(DecodeError, match=re.escape("/points: not a foxglove.PointCloud")):
-        decoder_for(channel)(payload[: len(payload) // 2])  # type: ignore[misc]
+    with pytest.raises(DecodeError, match="/points"):
+        decoded(channel, payload[: len(payload) // 2])
     with pytest.raises(DecodeError, match="descriptors"):
         decoder_for(Channel("/points", "foxglove.PointCloud", "protobuf", "protobuf", b"\xff\xff"))
 
 
-def json_pose(x_m: float) -> dict[str, Any]:
-    return {"position": {"x": x_m, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 2}}
+CLOUDS, POSES = (
+    Channel("/json", f"foxglove.{name}", "json", "jsonschema", b"{}") for name in ("PointCloud", "PoseInFrame")
+)
+STAMP = {"timestamp": {"sec": T_NS // 10**9, "nsec": T_NS % 10**9}, "frame_id": "lidar"}
+
+
+def json_pose(x_m: float, y_m: float = 2, z_m: float = 3) -> dict[str, Any]:
+    turn = {"x": 0, "y": 0, "z": 0, "w": 2}
+    return {"pose": {"position": {"x": x_m, "y": y_m, "z": z_m}, "orientation": turn}}
 
 
 def json_cloud(**changed: Any) -> bytes:
-    message = {
-        "timestamp": {"sec": T_NS // 10**9, "nsec": T_NS % 10**9},
-        "frame_id": "lidar",
-        "pose": {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
-        "point_stride": POINTS.itemsize,
-        "fields": [{"name": axis, "offset": 4 * i, "type": 7} for i, axis in enumerate("xyz")],
-        "data": base64.b64encode(POINTS.tobytes()).decode(),
-    }
-    return json.dumps({**message, **changed}).encode()
+    fields = [{"name": axis, "offset": 4 * i, "type": 7} for i, axis in enumerate("xyz")]
+    data = base64.b64encode(POINTS.tobytes()).decode()
+    body = {"point_stride": POINTS.itemsize, "fields": fields, "data": data}
+    return json.dumps(STAMP | json_pose(0, 0, 0) | body | changed).encode()
 
 
-JSON_CLOUDS = Channel("/points", "foxglove.PointCloud", "json", "jsonschema", b"{}")
-
-
-def test_json_point_cloud() -> None:
-    (cloud,) = decoder_for(JSON_CLOUDS)(json_cloud())  # type: ignore[misc]
+def test_json() -> None:
+    cloud = decoded(CLOUDS, json_cloud())
     assert cloud.stamp_ns == T_NS
     np.testing.assert_array_equal(cloud.xyz_m, [[1, 2, 3], [4, 5, 6]])
-    (empty,) = decoder_for(JSON_CLOUDS)(json_cloud(data=""))  # type: ignore[misc]
-    assert len(empty.xyz_m) == 0
+    assert len(decoded(CLOUDS, json_cloud(data="")).xyz_m) == 0
+    pose = decoded(POSES, json.dumps(STAMP | json_pose(1)).encode())
+    assert (pose.stamp_ns, pose.position_m.tolist(), pose.quat_xyzw.tolist()) == (T_NS, [1, 2, 3], [0, 0, 0, 1])
 
 
 @pytest.mark.parametrize(
-    "payload",
+    ("channel", "payload"),
     [
-        b"",
-        b"[1]",
-        b"[" * 100_000,
-        json_cloud(data="***"),
-        json_cloud(point_stride=3),
-        json_cloud(fields=[{"name": "x", "offset": 10**9, "type": 7}]),
-        json_cloud(fields=None),
-        json_cloud(pose=json_pose(10**400)),
-        json_cloud(timestamp={"sec": float("inf"), "nsec": 0}),
+        *((POSES, json.dumps(STAMP | json_pose(x_m)).encode()) for x_m in (float("nan"), 1e300, 10**400)),
+        *((CLOUDS, payload) for payload in (b"", b"[1]", b"[" * 100_000)),
+        (CLOUDS, json_cloud(data="***")),
+        (CLOUDS, json_cloud(point_stride=3)),
+        (CLOUDS, json_cloud(fields=[{"name": "x", "offset": 10**9, "type": 7}])),
+        (CLOUDS, json_cloud(fields=None)),
+        (CLOUDS, json_cloud(**json_pose(10**400))),
+        (CLOUDS, json_cloud(timestamp={"sec": float("inf"), "nsec": 0})),
     ],
 )
-def test_broken_json_is_one_decode_error(payload: bytes) -> None:
+def test_broken_json_is_one_decode_error(channel: Channel, payload: bytes) -> None:
     with pytest.raises(DecodeError):
-        decoder_for(JSON_CLOUDS)(payload)  # type: ignore[misc]
-
-
-def test_json_pose() -> None:
-    channel = Channel("/pose", "foxglove.PoseInFrame", "json", "jsonschema", b"")
-    decode = decoder_for(channel)
-    message = {"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "map"}
-    (decoded,) = decode(json.dumps(message | {"pose": json_pose(1)}).encode())  # type: ignore[misc]
-    assert (decoded.stamp_ns, decoded.position_m.tolist()) == (1_000_000_005, [1, 2, 3])
-    assert decoded.quat_xyzw.tolist() == [0, 0, 0, 1]
-    for x_m in (float("nan"), 1e300, 10**400):
-        with pytest.raises(DecodeError):
-            decode(json.dumps(message | {"pose": json_pose(x_m)}).encode())  # type: ignore[misc]
+        decoded(channel, payload)

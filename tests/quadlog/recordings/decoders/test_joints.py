@@ -15,32 +15,29 @@ from quadlog.errors import DecodeError, UnknownJoints
 from quadlog.messages import Imu, JointStates, Odometry
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.columns import Columns
-from quadlog.recordings.decoders.joints import JOINTS, JointOrder
+from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.ros_messages import BUNDLED, Definitions
 from quadlog.recordings.decoding import decoder_for, ways_in_columns
 
 LEGS = ("FL", "FR", "RL", "RR")
 UNITREE = [f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
+
+
+def named(form, ends, joints):
+    return [form.format(end, joint) for end in ends.split() for joint in joints.split()]
+
+
 STYLES = {
     "unitree": UNITREE,
     "unitree with _joint": [f"{name}_joint" for name in UNITREE],
-    "anymal": [f"{leg}_{joint}" for leg in ("LF", "RF", "LH", "RH") for joint in ("HAA", "HFE", "KFE")],
-    "spot": [
-        f"{end}_{side}_{j}"
-        for end in ("front", "rear")
-        for side in ("left", "right")
-        for j in ("hip_x", "hip_y", "knee")
-    ],
-    "spot, short": [f"{leg}.{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn")],
-    "champ": [f"{leg}_{j}_joint" for leg in ("lf", "rf", "lh", "rh") for j in ("hip", "upper_leg", "lower_leg")],
-    "roll and pitch": [
-        f"{leg}_{j}" for leg in ("lf", "rf", "lh", "rh") for j in ("hip_roll", "hip_pitch", "knee_pitch")
-    ],
-    "abduction": [f"{leg}_{j}" for leg in ("FL", "FR", "BL", "BR") for j in ("abduction", "hip", "knee")],
-    "camel case": [
-        f"{leg}{j}" for leg in ("frontLeft", "frontRight", "hindLeft", "hindRight") for j in ("Hip", "Thigh", "Calf")
-    ],
-    "numbered": [f"{leg}{k}" for leg in ("FL", "FR", "RL", "RR") for k in range(3)],
+    "anymal": named("{}_{}", "LF RF LH RH", "HAA HFE KFE"),
+    "spot": named("{}_{}", "front_left front_right rear_left rear_right", "hip_x hip_y knee"),
+    "spot, short": named("{}.{}", "fl fr hl hr", "hx hy kn"),
+    "champ": named("{}_{}_joint", "lf rf lh rh", "hip upper_leg lower_leg"),
+    "roll and pitch": named("{}_{}", "lf rf lh rh", "hip_roll hip_pitch knee_pitch"),
+    "abduction": named("{}_{}", "FL FR BL BR", "abduction hip knee"),
+    "camel case": named("{}{}", "frontLeft frontRight hindLeft hindRight", "Hip Thigh Calf"),
+    "numbered": named("{}{}", "FL FR RL RR", "0 1 2"),
 }
 RANK = {"FR": 1, "FL": 0, "RR": 3, "RL": 2}
 
@@ -82,11 +79,8 @@ def joint_state(ros: str, names: Any, position: Any = None, velocity: Any = (), 
 
 def decoded(ros: str, message: Any, order: JointOrder | None = None, *, embedded: bool = True) -> tuple[Any, ...]:
     """What the message gives alone, which is what it gives in columns."""
-    channel, payload, order = (
-        channel_of(ros, message.__msgtype__, embedded),
-        payload_of(ros, message),
-        order or JointOrder(),
-    )
+    channel, payload = channel_of(ros, message.__msgtype__, embedded), payload_of(ros, message)
+    order = order or JointOrder()
     decode = decoder_for(channel, None, order)
     assert decode is not None
     columns = Definitions().column_decoder(channel, payload, ways_in_columns(channel, order))
@@ -117,34 +111,25 @@ def same_columns(message: Any, columns: Columns) -> None:
     assert stamps == message.stamp_ns
 
 
-@pytest.mark.parametrize("style", STYLES)
-@given(data=st.data())
+@given(style=st.sampled_from(sorted(STYLES)), data=st.data())
 def test_joints_are_found_by_name_in_any_order(style: str, data: Any) -> None:
+    """What a message leaves out is not a number."""
     names = STYLES[style]
     legs = ("FR", "FL", "RR", "RL") if style.startswith("unitree") else LEGS
     others = ["arm_1", "front_left_wheel", "FL_hip_rotor", "gripper"]
-    given_names = data.draw(st.permutations([*names, *data.draw(st.lists(st.sampled_from(others), unique=True))]))
-    place = {name: float(i) for i, name in enumerate(given_names)}
+    mixed = data.draw(st.permutations([*names, *data.draw(st.lists(st.sampled_from(others), unique=True))]))
+    numbers = np.arange(len(mixed), dtype=float)
+    velocity, effort = (numbers[: data.draw(st.sampled_from([0, len(mixed)]))] for _ in range(2))
     ros = data.draw(st.sampled_from(["ros1", "ros2"]))
-    numbers = list(place.values())
-    (found,) = decoded(
-        ros, joint_state(ros, given_names, velocity=[-v for v in numbers], effort=[2 * v for v in numbers])
-    )
+    (found,) = decoded(ros, joint_state(ros, mixed, velocity=-velocity, effort=2 * effort))
     expected = np.empty(12)
     for i, name in enumerate(names):
-        expected[3 * RANK[legs[i // 3]] + i % 3] = place[name]
+        expected[3 * RANK[legs[i // 3]] + i % 3] = mixed.index(name)
     np.testing.assert_array_equal(found.position_rad, expected)
-    np.testing.assert_array_equal(found.velocity_radps, -expected)
-    np.testing.assert_array_equal(found.torque_nm, 2 * expected)
+    np.testing.assert_array_equal(found.velocity_radps, -expected if len(velocity) else np.full(12, np.nan))
+    np.testing.assert_array_equal(found.torque_nm, 2 * expected if len(effort) else np.full(12, np.nan))
     assert np.isnan(found.foot_force_n).all()
     assert found.stamp_ns == 5_000_000_007
-
-
-def test_what_a_joint_state_leaves_out_is_not_a_number() -> None:
-    for velocity, effort in (((), ()), ((), np.ones(12)), (np.ones(12), ())):
-        (found,) = decoded("ros2", joint_state("ros2", UNITREE, velocity=velocity, effort=effort))
-        assert np.isnan(found.velocity_radps).all() == (len(velocity) == 0)
-        assert np.isnan(found.torque_nm).all() == (len(effort) == 0)
 
 
 def test_the_effort_of_a_foot_is_its_force() -> None:
@@ -152,9 +137,8 @@ def test_the_effort_of_a_foot_is_its_force() -> None:
     (found,) = decoded("ros2", joint_state("ros2", names, effort=np.arange(16)))
     assert found.foot_force_n.tolist() == [12, 13, 14, 15]
     # Of a wheeled leg, it is the joint of a wheel.
-    (wheeled,) = decoded(
-        "ros2", joint_state("ros2", [*UNITREE, *(f"{leg}_foot_joint" for leg in LEGS)], effort=np.arange(16))
-    )
+    wheels = [*UNITREE, *(f"{leg}_foot_joint" for leg in LEGS)]
+    (wheeled,) = decoded("ros2", joint_state("ros2", wheels, effort=np.arange(16)))
     assert np.isnan(wheeled.foot_force_n).all()
 
 
@@ -168,15 +152,15 @@ def test_configured_joints_by_name_place_and_sign() -> None:
 @pytest.mark.parametrize(
     ("names", "error", "words"),
     [
-        (UNITREE[:11], DecodeError, "11 of a quadruped's 12 joints are known by name; unknown: RL_calf"),
-        ([*UNITREE[:11], UNITREE[0]], DecodeError, "names FR_hip twice"),
-        ([*UNITREE, "rf_haa"], DecodeError, "names FR_hip twice"),
+        (UNITREE[:11], DecodeError, "RL_calf"),
+        ([*UNITREE[:11], UNITREE[0]], DecodeError, "FR_hip twice"),
+        ([*UNITREE, "rf_haa"], DecodeError, "FR_hip twice"),
         ([f"m{i}" for i in range(12)], UnknownJoints, "--set 'robot.joints="),
-        (["front_left_wheel", "rear_left_wheel"], UnknownJoints, "names no joint of four legs, but front_left_wheel"),
-        ([f"{leg}_{joint}" for leg in LEGS for joint in ("hip", "knee")], DecodeError, "4 of a quadruped's 12"),
-        ([f"joint_{i}" for i in range(10_000)], DecodeError, "names 10000 joints; quadlog reads at most 1000"),
-        (["rh_l1", "rh_r1", "rh_l2", "rh_r2"], UnknownJoints, "names no joint of four legs, but rh_l1"),
-        ([], UnknownJoints, "but none"),
+        (["front_left_wheel", "rear_left_wheel"], UnknownJoints, "front_left_wheel"),
+        (["rh_l1", "rh_r1", "rh_l2", "rh_r2"], UnknownJoints, "rh_l1"),
+        (named("{}_{}", "FL FR RL RR", "hip knee"), DecodeError, "4 of a quadruped's 12"),
+        ([f"joint_{i}" for i in range(10_000)], DecodeError, "10000"),
+        ([], UnknownJoints, "none"),
     ],
 )
 def test_joints_that_are_not_known_are_told(names: list[str], error: type[Exception], words: str) -> None:
@@ -189,7 +173,7 @@ def test_joints_that_are_not_known_are_told(names: list[str], error: type[Except
 
 @pytest.mark.parametrize("which", ["position", "velocity", "effort"])
 def test_lists_of_different_lengths_are_refused(which: str) -> None:
-    with pytest.raises(DecodeError, match="names 12 joints, but has 11"):
+    with pytest.raises(DecodeError):
         decoded("ros2", joint_state("ros2", UNITREE, **{which: np.zeros(11)}))
 
 
@@ -271,13 +255,3 @@ def test_high_and_sport_mode_states_give_odometry() -> None:
     sport.position[0] = np.nan
     with pytest.raises(DecodeError, match="position is not finite"):
         decoded("ros2", sport)
-
-
-@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (np.nan, 0, 0, 1)])
-def test_an_imu_without_orientation_still_has_rates_and_joints(quaternion: Any) -> None:
-    message = filled("ros2", LOW_STATES[0][1])
-    message.imu_state.quaternion[:] = quaternion
-    joints, imu = decoded("ros2", message)
-    assert imu.quat_xyzw is None
-    assert np.isfinite(joints.position_rad).all()
-    assert len(JOINTS) == len(joints.position_rad)

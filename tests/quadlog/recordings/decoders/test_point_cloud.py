@@ -96,19 +96,6 @@ def test_any_layout_is_read_like_a_structured_array(
         np.testing.assert_array_equal(cloud.ring, points["ring"].astype(np.uint16))
 
 
-def test_one_decoder_follows_a_topic_that_changes_its_fields(ros: Any) -> None:
-    decode = PointCloud2Decoder("/points", ros.encoding)
-    for names in ("xyz", "xyz", "zyx", "xyzt", "yxz"):
-        points = np.zeros(2, [(name, "<f4") for name in names])
-        for i, name in enumerate("xyz"):
-            points[name] = [i, i + 10]
-        for payload in (
-            ros.serialise(cloud_message(ros, points)),
-            memoryview(ros.serialise(cloud_message(ros, points))),
-        ):
-            np.testing.assert_array_equal(decode(payload).xyz_m, [[0, 1, 2], [10, 11, 12]])
-
-
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
@@ -127,15 +114,6 @@ def test_points_that_do_not_fit_their_data_are_refused(ros: Any, changed: dict[s
         setattr(message, name, value)
     with pytest.raises(DecodeError, match=why):
         decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
-
-
-def test_non_finite_and_float64_points_are_kept_as_they_are(ros: Any) -> None:
-    points = np.zeros(3, [("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
-    points["x"] = [np.nan, np.inf, 1e300]
-    message = cloud_message(ros, points)
-    message.row_step = 0  # a single row needs none
-    xyz_m = decode_point_cloud2(ros.serialise(message), ros.encoding, "/points").xyz_m
-    np.testing.assert_array_equal(xyz_m[:, 0], np.array([np.nan, np.inf, np.inf], np.float32))
 
 
 @pytest.mark.parametrize(
@@ -173,14 +151,14 @@ def test_real_scans_agree_with_another_reader(both_ros: SimpleNamespace, file: s
     for payload in payloads:
         cloud = decode_point_cloud2(payload, "cdr", "/points")
         other = both_ros.cdr.store.deserialize_cdr(payload, "sensor_msgs/msg/PointCloud2")
-        at = {field.name: field.offset for field in other.fields}
-        table = other.data.reshape(-1, other.point_step)
+        at, table = {field.name: field.offset for field in other.fields}, other.data.reshape(-1, other.point_step)
+        read = {
+            name: table[:, at[name] : at[name] + size] for name, size in (("x", 4), ("y", 4), ("z", 4), ("ring", 2))
+        }
         for axis, name in enumerate("xyz"):
-            raw = table[:, at[name] : at[name] + 4].copy().view("<f4").ravel()
-            np.testing.assert_array_equal(cloud.xyz_m[:, axis], raw)
+            np.testing.assert_array_equal(cloud.xyz_m[:, axis], read[name].copy().view("<f4").ravel())
+        np.testing.assert_array_equal(cloud.ring, read["ring"].copy().view("<u2").ravel())
         assert cloud.ring is not None
-        np.testing.assert_array_equal(cloud.ring, table[:, at["ring"] : at["ring"] + 2].copy().view("<u2").ravel())
-        assert len(np.unique(cloud.ring)) >= 15
         assert cloud.ring.max() == 15
     assert len(decode_point_cloud2(payloads[0], "cdr", "/points").xyz_m) == first_count
 
@@ -200,11 +178,11 @@ def custom_message(ros: Any, count: int, timebase_ns: int = T_NS, frame: str = "
     )
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 5])
-@pytest.mark.parametrize("big_endian", [False, True])
-@pytest.mark.parametrize("frame", ["", "a", "abc", "livox_frame", "livox_frame_2"])
-def test_livox_points_lines_and_offsets(ros: Any, count: int, big_endian: bool, frame: str) -> None:
+@given(count=st.integers(0, 5), big_endian=st.booleans(), frame=st.text("abc", max_size=9))
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+def test_livox_points_lines_and_offsets(both_ros: Any, encoding: str, count: int, big_endian: bool, frame: str) -> None:
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
+    ros = getattr(both_ros, encoding)
     payload = ros.serialise(custom_message(ros, count, T_NS + 500, frame), big_endian=big_endian)
     cloud = livox_decoder("/livox/lidar", ros.encoding)(payload)
     i = np.arange(count)

@@ -93,20 +93,6 @@ def test_a_definition_that_costs_more_than_any_message_is_refused(text: str, why
         largest_payload_bytes(needed_types(parse_definition(text, "pkg/msg/A", "ros1msg"), "pkg/msg/A", lambda _: {}))
 
 
-@pytest.mark.parametrize("aside", ["\n", "# a\n", "  \t# ///\n", " \n \n"])
-def test_any_number_of_comments_costs_nothing(aside: str) -> None:
-    asides = aside * (900_000 // len(aside))
-    assert fields_of(asides + "bool x\n" + aside + "bool y\n") == ["x", "y"]
-
-
-@pytest.mark.parametrize(
-    "aside", ["\n", " ", "// a\n", "/* ; { */", "@key ", '@verbatim (language="a", text="(;/*")\n', "@a::b()"]
-)
-def test_any_number_of_annotations_costs_nothing(aside: str) -> None:
-    text = 'module pkg { module msg { const string X = "//@a/*"; struct A { ASIDE long x; ASIDE long y; }; }; };'
-    assert fields_of(text.replace("ASIDE", aside * (400_000 // len(aside))), encoding="ros2idl") == ["x", "y"]
-
-
 @pytest.mark.parametrize("opened", ["/*", '"\\', "@a(", '@a("', "struct a{", "@"])
 def test_repeated_openings_are_parsed_in_linear_time(opened: str) -> None:
     with pytest.raises(BadDefinition):

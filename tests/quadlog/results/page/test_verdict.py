@@ -15,7 +15,7 @@ from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.page.run_page import cards, metric_table
 from quadlog.results.page.verdict import verdict, walked_m
 from quadlog.results.run import Run
-from quadlog.results.words import STATES
+from quadlog.results.text import STATES
 from tests.lab.runs import along_course, change, change_json, remove, until_ingest, with_gap, with_one_scan
 
 SECOND_NS = 1_000_000_000
@@ -66,7 +66,7 @@ CASES = {
     "as it is": ([], "Recorded walk", "good", "The robot followed its target for 4.71 m in 3.9 s (1.2 m/s)."),
     "collision": ([], "Simulated walk", "bad", "touched obstacles 1 ×, first at 1.8 s"),
     "failed replan": ([], "Planning", "warn", "1 of 40 replans found no path."),
-    "lost": ([], "Recording", "bad", "Part was lost (crc); 1 warning: no heading source: yaw is the course."),
+    "lost": ([], "Recording", "bad", "Part was lost (crc). Warning: no heading source: yaw is the course."),
     "position did not run": ([until_ingest], "Recorded walk", "", "Positions were not computed (--until ingest)."),
     "gap": ([with_gap], "Gaps", "bad", "1 gap, the longest 30 s"),
     "short gap": ([later(0.5)], "Gaps", None, ""),

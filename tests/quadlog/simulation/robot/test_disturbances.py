@@ -50,13 +50,3 @@ def test_the_velocity_bias_is_horizontal_and_drawn_once():
         assert abs(np.linalg.norm(bias) - 0.03) < 1e-12
         assert bias[2] == 0
     assert len({tuple(bias) for bias in biases}) == 5
-
-
-def test_the_same_seed_gives_the_same_disturbances():
-    first, second = _disturbances(seed=7), _disturbances(seed=7)
-    for k in range(200):
-        t_s = k * 0.05
-        assert np.array_equal(first.measured(t_s, np.ones(3)), second.measured(t_s, np.ones(3)))
-        pushes = first.push_at(t_s, 0.0), second.push_at(t_s, 0.0)
-        assert (pushes[0] is None) == (pushes[1] is None)
-        assert pushes[0] is None or np.array_equal(*pushes)

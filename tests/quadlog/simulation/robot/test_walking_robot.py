@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from quadlog.control.locomotion.robot import ROBOTS
-from quadlog.control.locomotion.walker import Walker, WalkerSettings
+from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import quadruped_model
@@ -95,31 +95,6 @@ def test_pushes_move_the_robot_and_strong_ones_make_it_fall(model):
     felled.walk(10, 0.6, 0.0)
     np.testing.assert_array_equal(felled.pose, lying)
     assert felled.t_s == pytest.approx(1.03)
-
-
-def test_the_distance_is_measured_on_the_true_state(model):
-    biased = _robot(model, replace(NONE, velocity_bias_mps=0.2))
-    places = [biased.pose[:2]]
-    for _ in range(150):
-        biased.walk(1, 0.0, 0.0)
-        places.append(biased.pose[:2])
-    assert biased.effort.distance_m == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum(), rel=0.02)
-
-
-def test_the_controller_gets_the_biased_velocity(model, monkeypatch):
-    told, step = [], Walker.step
-
-    def spy(walker, t_s, dt_s, state, wanted):
-        told.append(state.qvel.copy())
-        return step(walker, t_s, dt_s, state, wanted)
-
-    monkeypatch.setattr(Walker, "step", spy)
-    robot = _robot(model, replace(NONE, velocity_bias_mps=0.2))
-    for _ in range(5):
-        true = robot._state.qvel.copy()
-        robot.walk(1, 0.3, 0.0)
-        np.testing.assert_array_equal(told[-1][:3], true[:3] + robot.disturbances.velocity_bias_mps)
-        np.testing.assert_array_equal(told[-1][3:], true[3:])
 
 
 def test_the_same_walk_twice_is_bitwise_the_same(model):

@@ -90,16 +90,6 @@ def test_odometry_starts_at_its_own_origin_and_drifts(by_topic):
     assert (turned[-1] - turned[0]) - (true_yaw[-1] - true_yaw[0]) == pytest.approx(0.12, abs=0.05)
 
 
-def test_odometry_pose_is_the_sum_of_its_twist(by_topic):
-    messages = odometry(by_topic)
-    turned = yaw([each.quat_xyzw for each in messages])
-    rate = np.array([each.angular_radps[2] for each in messages])
-    speed = np.array([each.linear_mps[0] for each in messages])
-    np.testing.assert_allclose(np.diff(turned), rate[1:] * 0.02, atol=1e-9)
-    steps = np.linalg.norm(np.diff([each.position_m for each in messages], axis=0), axis=1)
-    np.testing.assert_allclose(steps, speed[1:] * 0.02, atol=1e-9)
-
-
 class Rocking:
     """Turns, pitches and rolls smoothly on the spot."""
 

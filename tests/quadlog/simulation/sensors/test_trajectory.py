@@ -2,20 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from quadlog.geometry import quat_from_euler
-from quadlog.simulation.sensors.scene import slope, undulating
+from quadlog.simulation.sensors.scene import slope
 from quadlog.simulation.sensors.trajectory import (
     ROBOT_FEET_M,
-    Motion,
     OnTerrain,
     PacingWalk,
     Route,
     RouteWalk,
     Standing,
-    position_in_map,
-    turned_from_level,
     turned_into_map,
 )
 from quadlog.simulation.synthetic import follow
@@ -56,50 +51,7 @@ def test_a_route_through_a_circle_has_its_length_and_curvature():
     )
 
 
-def test_a_route_closes_and_goes_round_again():
-    route = Route(follow.WAYPOINTS_M)
-    first, second = route.at(np.array([0.5, 7.0])), route.at(np.array([0.5, 7.0]) + route.length_m)
-    for one, other in zip(first, second, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
-
-
 T_S = np.linspace(0.0, 20.0, 60)
-
-
-def random_motion(count: int = 200) -> Motion:
-    rng = np.random.default_rng(0)
-    angles = rng.uniform(-1.2, 1.2, (count, 3))
-    zero = np.zeros(count)
-    place = rng.normal(size=(count, 2))
-    return Motion(place, 2 * angles[:, 0], zero, zero, zero, rng.normal(size=count), angles[:, 1], angles[:, 2])
-
-
-def rotation(motion: Motion) -> Rotation:
-    return Rotation.from_euler("ZYX", np.column_stack([motion.yaw_rad, motion.pitch_rad, motion.roll_rad]))
-
-
-def test_rotations_agree_with_scipy():
-    motion, vectors = random_motion(), np.random.default_rng(1).normal(size=(200, 3))
-    np.testing.assert_allclose(turned_into_map(motion, vectors), rotation(motion).apply(vectors), atol=1e-12)
-    there = position_in_map(motion, vectors)
-    base = np.column_stack([motion.position_m, motion.height_m])
-    np.testing.assert_allclose(there, base + rotation(motion).apply(vectors), atol=1e-12)
-    level = motion._replace(yaw_rad=np.zeros(200))
-    np.testing.assert_allclose(turned_from_level(motion, vectors), rotation(level).inv().apply(vectors), atol=1e-12)
-
-
-def test_quaternions_agree_with_scipy():
-    motion = random_motion()
-    ours = quat_from_euler(motion.yaw_rad, motion.pitch_rad, motion.roll_rad)
-    np.testing.assert_allclose(np.linalg.norm(ours, axis=1), 1.0, atol=1e-12)
-    assert (rotation(motion).inv() * Rotation.from_quat(ours)).magnitude().max() < 1e-7
-
-
-def test_a_level_walkers_quaternion_is_that_of_its_yaw_to_the_bit():
-    yaw, zero = np.linspace(-6.0, 6.0, 50), np.zeros(50)
-    ours = quat_from_euler(yaw, zero, zero)
-    np.testing.assert_array_equal(ours, np.column_stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)]))
-    assert not np.signbit(ours[:, :2]).any()
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, np.pi / 2, -2.5])
@@ -111,26 +63,3 @@ def test_a_robot_on_a_slope_stands_at_right_angles_to_it(yaw):
     ahead = turned_into_map(motion, np.tile([1.0, 0.0, 0.0], (len(T_S), 1)))
     np.testing.assert_allclose(np.arctan2(ahead[:, 1], ahead[:, 0]), yaw, atol=1e-12)
     np.testing.assert_allclose(motion.height_m, 3.0 * np.tan(angle), atol=1e-12)
-
-
-def test_a_person_stands_upright_at_the_grounds_height():
-    walk, terrain = PacingWalk((-4.0, 1.0), (4.0, 2.0), period_s=10.0), slope(0.3)
-    motion = OnTerrain(walk, terrain).at(T_S)
-    np.testing.assert_allclose(motion.height_m, np.tan(0.3) * motion.position_m[:, 0], atol=1e-12)
-    assert not motion.roll_rad.any()
-    assert not motion.pitch_rad.any()
-
-
-def test_on_uneven_ground_the_feet_are_near_it():
-    terrain = undulating(np.random.default_rng(0), (0.0, 0.0), 12.0, band_m=0.06, correlation_m=1.0)
-    motion = OnTerrain(PacingWalk((-7.0, 1.0), (7.0, 2.0), period_s=40.0), terrain, ROBOT_FEET_M).at(T_S)
-    assert motion.pitch_rad.std() > 0.01
-    gaps = []
-    for x in (0.2, -0.2):
-        for y in (0.13, -0.13):
-            foot = position_in_map(motion, np.tile([x, y, 0.0], (len(T_S), 1)))
-            gaps.append(foot[:, 2] - terrain.height_at(foot[:, :2]))
-    # A plane cannot go through four points of a surface, but it errs evenly: diagonally opposite feet alike.
-    np.testing.assert_allclose(np.sum(gaps, axis=0), 0.0, atol=1e-3)
-    np.testing.assert_allclose(gaps[0], gaps[3], atol=1e-3)
-    assert np.abs(gaps).max() < 0.02

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from quadlog.simulation.sensors.uwb import CarriedTag, TagRanges
+from quadlog.simulation.sensors.uwb import TagRanges
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedRecording
 
@@ -57,12 +57,3 @@ def test_ranges_drop_out_at_the_given_share(recording):
         for message, range_m in zip(list(ranges.messages())[:200], ranges.range_m, strict=False):
             assert message.anchor.tolist() == np.flatnonzero(np.isfinite(range_m)).tolist()
             np.testing.assert_array_equal(message.range_m, range_m[message.anchor])
-
-
-def test_a_lever_arm_turns_with_its_carrier(recording):
-    tag = CarriedTag(7, recording.site.robot, 0.5, x_m=0.3, y_m=-0.1)
-    t_s = np.array([0.0, 4.0, 11.0])
-    motion = recording.site.robot.at(t_s)
-    arm = tag.position_m(t_s)[:, :2] - motion.position_m
-    back = (arm[:, 0] + 1j * arm[:, 1]) * np.exp(-1j * motion.yaw_rad)
-    np.testing.assert_allclose(back, 0.3 - 0.1j, atol=1e-12)

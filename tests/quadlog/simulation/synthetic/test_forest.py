@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from quadlog.simulation.sensors.lidar import TruePointClass
 from quadlog.simulation.sensors.scene import Cylinder, RayCaster
 from quadlog.simulation.synthetic import forest
-from quadlog.simulation.synthetic.recording import PERSON_TRUTH_TOPIC, ROBOT_TRUTH_TOPIC, START_NS
+from quadlog.simulation.synthetic.recording import ROBOT_TRUTH_TOPIC, START_NS
 
 
 @pytest.fixture(scope="module")
@@ -23,18 +23,6 @@ def outline_distance(obstacle, xy):
     turn = np.exp(-1j * obstacle.yaw_rad) * (offset @ [1, 1j])
     outside = [np.abs(turn.real) - obstacle.length_m / 2, np.abs(turn.imag) - obstacle.width_m / 2]
     return np.linalg.norm(np.maximum(outside, 0), axis=0)
-
-
-def test_trees_are_many_of_many_sizes_and_apart():
-    for seed in range(4):
-        trunks = forest.grow(np.random.default_rng(seed)).trunks
-        assert len(trunks) > 70
-        place = np.array([[each.x_m, each.y_m] for each in trunks])
-        radius = np.array([each.radius_m for each in trunks])
-        assert radius.min() < 0.12
-        assert radius.max() > 0.3
-        gap = np.linalg.norm(place[:, None] - place, axis=2) - radius[:, None] - radius
-        assert gap[~np.eye(len(trunks), dtype=bool)].min() >= 0.9 - 1e-9
 
 
 def test_ground_points_lie_on_the_uneven_ground_from_the_true_pose_of_their_instant(recording):
@@ -62,17 +50,6 @@ def test_ground_points_lie_on_the_uneven_ground_from_the_true_pose_of_their_inst
     assert np.abs(ground.mean()) < 2e-3
     assert len(trees) > 2000
     assert trees.max() < 0.1
-
-
-def test_the_person_stands_on_the_ground_too(recording):
-    site = recording.site
-    poses = [m.message for m in recording.messages() if m.topic == PERSON_TRUTH_TOPIC]
-    xyz = np.array([each.position_m for each in poses])
-    np.testing.assert_allclose(xyz[:, 2], site.terrain.height_at(xyz[:, :2]), atol=1e-12)
-    t_s = np.array([0.0, 1.0, 2.0])
-    for tag, walk, height_m in zip(recording.tags, (site.robot, site.person), (0.6, 1.3), strict=True):
-        ground_m = site.terrain.height_at(walk.at(t_s).position_m)
-        np.testing.assert_allclose(tag.position_m(t_s)[:, 2] - ground_m, height_m, atol=0.05)
 
 
 def test_trunks_block_uwb_and_saplings_do_not():

@@ -6,16 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.errors import WalkerFell
-from quadlog.messages import Imu, JointStates, Pose
+from quadlog.messages import JointStates
 from quadlog.simulation.sensors.scene import slope
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
     JOINT_TOPIC,
-    ODOMETRY_TOPIC,
     ROBOT_TRUTH_TOPIC,
-    START_NS,
 )
 
 ROBOT = ROBOTS["tracking"]
@@ -81,26 +79,6 @@ def test_the_imu_measures_how_the_true_poses_turn_and_what_feet_push(by_topic):
         assert np.corrcoef(between[:, axis], true_radps[:, axis])[0, 1] > 0.9
     felt_mps2 = np.mean([each.linear_mps2 for each in imu[100:]], axis=0)
     assert felt_mps2[2] == pytest.approx(9.81, abs=0.1)
-
-
-def test_it_walks_the_way_of_the_scenario_in_time(walked):
-    t_s = np.arange(0.0, walked.duration_s, 0.1)
-    own, wanted = walked.site.robot.at(t_s), follow.synthesize(41, 12.0, 16).site.robot.at(t_s)
-    apart_m = np.hypot(*(own.position_m - wanted.position_m).T)
-    assert apart_m.max() < 0.4  # it starts from standing
-    assert apart_m[50:].max() < 0.15
-    assert np.ptp(own.pitch_rad[50:]) > 0.005
-    assert np.ptp(own.height_m[50:]) > 0.001
-
-
-def test_only_a_robot_with_a_body_has_joints(by_topic):
-    assert len(by_topic[JOINT_TOPIC]) == 6000
-    assert [each.stamp_ns for each in by_topic[JOINT_TOPIC][:2]] == [START_NS, START_NS + 2_000_000]
-    assert isinstance(by_topic[IMU_TOPIC][0], Imu)
-    assert isinstance(by_topic[ROBOT_TRUTH_TOPIC][0], Pose)
-    assert ODOMETRY_TOPIC in by_topic
-    plain = follow.synthesize(seed=41, duration_s=0.1, azimuth_steps=16)
-    assert JOINT_TOPIC not in {topic for topic, _, _ in plain.messages()}
 
 
 def test_a_walker_that_falls_says_when_and_where():

@@ -50,13 +50,3 @@ def test_sight_to_the_anchors_is_lost_at_times_and_kept_mostly(name):
     for ranges in synthesize(name, 0, duration_s=12.0).ranges:
         assert 0.1 < 1 - ranges.line_of_sight.mean() < 0.5
         assert ranges.line_of_sight.sum(axis=1).min() >= 1
-
-
-def test_the_direct_line_to_the_person_is_blocked_at_times(distance_to):
-    """Within the fixture's 12 s the straight line, with the papers' 0.3 m of room, runs into something."""
-    site, t_s = synthesize("follow", 0).site, np.arange(0.0, 12.0, 0.05)
-    robot, person = site.robot.at(t_s).position_m, site.person.at(t_s).position_m
-    line = robot + np.linspace(0, 1, 60)[:, None, None] * (person - robot)
-    line = np.concatenate([line, np.full((*line.shape[:2], 1), 0.2)], axis=2).reshape(-1, 3)
-    room = np.min([distance_to(obstacle)(line) for obstacle in site.obstacles], axis=0).reshape(60, -1).min(axis=0)
-    assert np.mean(room < 0.3) > 0.2

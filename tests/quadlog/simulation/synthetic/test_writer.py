@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import sqlite3
 from collections import Counter
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag1 import Reader as BagReader
 from rosbags.typesys import Stores, get_typestore
 
 from quadlog.simulation.synthetic import follow
@@ -94,38 +92,3 @@ def test_mcap_reads_with_its_own_library_in_order_of_log_time(written):
     assert [sequence for _, sequence, _ in scans] == list(range(10))
     for log_time, _, cloud in scans:
         assert log_time - (cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec) == 105_000_000
-
-
-def test_static_transforms_are_latched(written):
-    with BagReader(written["bag"]) as bag:
-        latched = {each.topic: each.ext.latching for each in bag.connections}
-    assert latched.pop("/tf_static") == 1
-    assert not any(latched.values())
-    with AnyReader([written["db3"]]) as reader:
-        durability = {
-            each.topic: [q.durability.name for q in each.ext.offered_qos_profiles] for each in reader.connections
-        }
-    assert durability["/tf_static"] == ["TRANSIENT_LOCAL"]
-
-
-def test_db3_is_one_healthy_file_with_definitions(written):
-    # Bytes 18 and 19 of the header: 1 is a plain journal, 2 a write-ahead log that readers would need files beside for.
-    assert written["db3"].read_bytes()[18:20] == b"\x01\x01"
-    database = sqlite3.connect(f"file:{written['db3']}?mode=ro", uri=True)
-    assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-    types = {row[0] for row in database.execute("SELECT topic_type FROM message_definitions")}
-    assert types == {row[0] for row in database.execute("SELECT type FROM topics")}
-    database.close()
-
-
-@pytest.mark.parametrize("container", list(WRITERS))
-def test_a_recording_that_fails_half_way_is_released(container, tmp_path):
-    def failing():
-        yield from list(follow.synthesize(seed=0, duration_s=0.2, azimuth_steps=16).messages())[:20]
-        raise KeyboardInterrupt
-
-    path = tmp_path / f"half.{container}"
-    with pytest.raises(KeyboardInterrupt):
-        write_recording(WRITERS[container](path), failing())
-    path.unlink()
-    assert list(tmp_path.iterdir()) == []

@@ -72,34 +72,6 @@ def test_a_robot_in_the_growth_leaves_it_the_shortest_way_and_never_returns():
     assert walk.outcome is Outcome.ARRIVED
 
 
-def test_instants_hold_what_the_robot_saw():
-    path = WaypointTrack(np.array([0, 20 * 10**9]), np.array([[1.5, -1.5], [1.5, 1.5]]))
-    world = ground((3.0, 0.05), boxes=[(2.0, -0.5, 2.2, 0.6)], moving=(MovingDisc(path, 0.3),))
-    walk = walk_world(world, make_planner("astar"))
-    at_m = [instant.robot_xy_m for instant in walk.instants]
-    np.testing.assert_allclose(at_m, walk.path_xy_m[:-1])
-    for instant in walk.instants:
-        assert instant.window.shape == (40, 40)
-        assert tuple(instant.window.cell_of(instant.robot_xy_m)) == (20, 20)
-        seen = instant.occupied
-        assert seen.dtype == np.bool_
-        np.testing.assert_array_equal(seen, world.occupied_in(instant.window, instant.t_ns))
-        assert instant.occupied_bits.nbytes == 200
-    # Time passes as the robot walks: 0.1 m a straight step, and more for a diagonal one.
-    steps_m = np.hypot(*np.diff(walk.path_xy_m, axis=0).T)
-    times_s = np.diff([instant.t_ns for instant in walk.instants]) * 1e-9
-    np.testing.assert_allclose(times_s, steps_m[:-1] / world.speed_mps, atol=1e-8)
-
-
-def test_a_moving_goal_is_met_where_it_is_then():
-    goal = WaypointTrack(np.array([0, 15 * 10**9]), np.array([[3.05, 0.05], [3.05, 2.05]]))
-    walk = walk_world(ground(goal), make_planner("ia_star"))
-    assert walk.outcome is Outcome.ARRIVED
-    np.testing.assert_allclose(walk.path_xy_m[-1], [3.05, 2.05])
-    assert walk.instants[0].goal_xy_m.tolist() == [3.05, 0.05]
-    assert np.ptp([instant.goal_xy_m[1] for instant in walk.instants]) > 1.0
-
-
 def test_the_robot_waits_until_a_moving_obstacle_has_passed(monkeypatch):
     """A corridor in which somebody stands for 5 s, then walks off: no other way leads through."""
     walls = [(-6.0, 0.6, 6.0, 1.2), (-6.0, -1.1, 6.0, -0.5), (-6.0, -1.1, -0.6, 1.2)]
@@ -123,21 +95,6 @@ def test_gives_up_when_walled_in():
         assert walk.plans[-1].found == (dilation_m == 0.1)
 
 
-def test_walks_end_at_the_limit_of_replans(monkeypatch):
-    monkeypatch.setattr(replanning_walk, "MOST_REPLANS", 7)
-    walk = walk_world(ground((4.0, 0.05)), make_planner("astar"))
-    assert walk.outcome is Outcome.OUT_OF_REPLANS
-    assert len(walk.plans) == 7
-    assert len(walk.path_xy_m) == 8
-
-
-def test_starting_at_the_goal_needs_no_plan():
-    walk = walk_world(ground((0.01, 0.09)), make_planner("astar"))
-    assert walk.outcome is Outcome.ARRIVED
-    assert walk.plans == walk.instants == ()
-    assert walk.path_xy_m.shape == (1, 2)
-
-
 @pytest.mark.parametrize("leader", ["astar", "ia_star", "mt_d_star_lite"])
 def test_the_same_walk_for_the_same_seed_whatever_the_planner_did_before(leader):
     planner = make_planner(leader)
@@ -146,8 +103,3 @@ def test_the_same_walk_for_the_same_seed_whatever_the_planner_did_before(leader)
     for a, b in zip(one.instants, same.instants, strict=True):
         assert (a.t_ns, a.window, a.occupied_bits.tobytes()) == (b.t_ns, b.window, b.occupied_bits.tobytes())
     assert [plan.expanded for plan in one.plans] == [plan.expanded for plan in same.plans]
-
-
-def test_zero_cells_per_replan_are_refused():
-    with pytest.raises(ValueError, match="at least 1, not 0"):
-        walk_world(ground((4.0, 0.0)), make_planner("astar"), cells_per_replan=0)

@@ -9,14 +9,11 @@ from hypothesis import strategies as st
 
 from quadlog.mapping.grid import Window
 from quadlog.simulation.worlds.world import (
-    MovingDisc,
     Rectangle,
-    WaypointTrack,
     World,
     body_clearance,
     body_gaps,
     discs_in,
-    occupied_centres,
     rectangles_in,
     standing,
 )
@@ -78,28 +75,6 @@ def test_a_window_shows_what_lies_at_its_places(seed, col0, row0):
             assert seen[row, col] == expected
 
 
-def test_reading_a_window_does_not_change_the_world():
-    disc = MovingDisc(standing(0.0, 1.5), 0.4)
-    world = somewhere(np.random.default_rng(1), (disc,))
-    before = world.occupied.copy()
-    somebody = discs_in(world.window, np.array([[0.0, 1.5, 0.4]]))
-    assert somebody.any()
-    np.testing.assert_array_equal(world.occupied_in(world.window, 0), before | somebody)
-    np.testing.assert_array_equal(world.occupied, before)
-
-
-def test_a_window_of_other_cells_is_refused():
-    with pytest.raises(ValueError, match="share no lattice"):
-        somewhere(np.random.default_rng(1)).occupied_in(Window(0, 0, 0.2, (10, 10)), 0)
-
-
-def test_a_track_is_linear_between_its_waypoints():
-    track = WaypointTrack(np.array([10, 20, 40]), np.array([[0.0, 0.0], [1.0, 2.0], [1.0, 0.0]]))
-    for t_ns, xy in {0: (0, 0), 10: (0, 0), 15: (0.5, 1), 20: (1, 2), 35: (1, 0.5), 99: (1, 0)}.items():
-        np.testing.assert_allclose(track.at(t_ns), xy)
-    np.testing.assert_array_equal(standing(3.0, 4.0).at(10**12), [3.0, 4.0])
-
-
 def test_distances_from_the_sides_and_a_corner():
     def clearance(x, y):
         cells_m = np.array([[x, y]])
@@ -115,22 +90,3 @@ def test_distances_from_the_sides_and_a_corner():
     assert clearance(0.2, 0.09) == pytest.approx(-0.01 - 0.05)
     assert clearance(0.2, 0.0) == pytest.approx(-0.1 - 0.05)
     assert clearance(-0.28, 0.0) == pytest.approx(-0.02 - 0.05)
-
-
-def test_clearance_is_invariant_under_rotation():
-    rng = np.random.default_rng(0)
-    cells = rng.uniform(-2, 2, (20, 2))
-    yaw = 0.8
-    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    moved = cells @ turn.T + [3.0, -1.0]
-    assert body_clearance(3.0, -1.0, yaw, 0.6, 0.2, moved, 0.1) == pytest.approx(
-        body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, cells, 0.1)
-    )
-
-
-def test_without_obstacles_it_is_infinite():
-    window = Window(3, -2, 0.5, (4, 6))
-    occupied = np.zeros((4, 6), dtype=bool)
-    assert body_clearance(0.0, 0.0, 0.0, 0.6, 0.2, occupied_centres(occupied, window), 0.5) == math.inf
-    occupied[1, 2] = True
-    np.testing.assert_allclose(occupied_centres(occupied, window), [[2.75, -0.25]])

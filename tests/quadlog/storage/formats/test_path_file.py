@@ -17,20 +17,17 @@ def write(tmp_path):
     return write
 
 
-def test_two_columns_need_no_header(write):
-    assert read_path(write("# a path\n0, 1\n\n2.5,-3e0\r\n")).tolist() == [[0, 1], [2.5, -3]]
-
-
-def test_a_header_says_which_columns(write):
-    text = "\ufefft_ns,y_m,x_m,source\n0,1,2,uwb\n1,3,4,uwb\n"
-    assert read_path(write(text)).tolist() == [[2, 1], [4, 3]]
-
-
-def test_tum_is_read_by_every_other_name(write):
-    text = "0 1 2 0 0 0 0 1\n1.5 3 4 9 0 0 0 1\n"
-    assert (
-        read_path(write(text, "path.tum")).tolist() == read_path(write(text, "path.txt")).tolist() == [[1, 2], [3, 4]]
-    )
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("path.csv", "# a path\n1, 2\n\n2.5,-3e0\r\n"),
+        ("path.csv", "\ufefft_ns,y_m,x_m,source\n0,2,1,uwb\n1,-3,2.5,uwb\n"),
+        ("path.tum", "0 1 2 0 0 0 0 1\n1.5 2.5 -3 9 0 0 0 1\n"),
+        ("path.txt", "0 1 2 0 0 0 0 1\n1.5 2.5 -3 9 0 0 0 1\n"),
+    ],
+)
+def test_columns_with_or_without_a_header_and_tum(write, name, text):
+    assert read_path(write(text, name)).tolist() == [[1, 2], [2.5, -3]]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import zlib
 from itertools import product
 from pathlib import Path
 
-import matplotlib.image
 import numpy as np
 import pytest
 import yaml
@@ -91,59 +90,27 @@ def test_every_mode_reads_a_picture_as_nav2_does(
     assert ros_map.blocked.tolist() == [[value == 100 for value in row] for row in expected]
 
 
-def test_thresholds_may_coincide(folder: Path) -> None:
-    (folder / "map.pgm").write_bytes(b"P5\n3 1\n255\n" + bytes([203, 204, 205]))  # 204 is exactly 0.2
-    for mode in ("trinary", "scale"):
-        path = describe(folder, mode=mode, occupied_thresh=0.2, free_thresh=0.2)
-        assert read_rosmap(path).cells.tolist() == [[100, -1, 0]]
-
-
-def test_optional_keys_and_an_absolute_picture_path(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    elsewhere = tmp_path_factory.mktemp("elsewhere") / "m.pgm"
-    elsewhere.write_bytes(PGM)
-    lines = ABOUT.replace("image: map.pgm", f"image: {elsewhere}").splitlines()
-    kept = [line for line in lines if not line.startswith(("mode", "negate"))]
-    (folder / "map.yaml").write_text("\n".join(kept))
-    assert read_rosmap(folder / "map.yaml").cells.tolist() == [[0, 100, -1], [100, 100, 0]]
-
-
 @pytest.mark.parametrize(
-    ("old", "new", "match"),
+    ("old", "new", "words"),
     [
-        ("image: map.pgm", "image: gone.pgm", r"gone\.pgm: No such file"),
-        ("image: map.pgm", "image: .", r"is no regular file"),
-        ("image: map.pgm", "image: /dev/zero", r"/dev/zero: is no regular file"),
-        ("image: map.pgm", 'image: "a\\0b"', r"is damaged"),
-        ("resolution: 0.1", "resolution: .nan", "no map_server file: resolution is no number: '.nan'"),
-        *(
-            ("resolution: 0.1", f"resolution: {value}", "resolution is .* it must be between 0.001 and 1000")
-            for value in ("1e-300", "inf", "-1", "1" + "0" * 400)
-        ),
-        ("[-1.0, ", "[1e300, ", "origin must be"),
-        ("resolution: 0.1", "", "resolution is no text"),
-        ("2.0, 0.0]", "2.0, 0.5]", "rotated"),
-        ("2.0, 0.0]", "2.0]", "origin must be"),
-        ("mode: trinary", "mode: fine", "mode is 'fine'; choose one of: raw, scale, trinary"),
-        ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "thresholds are not"),
-        ("image: map.pgm", "image: [unclosed", r"map\.yaml, line 2: no map_server file: is no YAML"),
-        ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", r"map\.yaml, line 1: .* has the tag"),
-        ("negate: 0", "negate: maybe", "negate is 'maybe'; choose one of"),
-        ("mode: trinary", "mode: " + "a" * 50_000, "mode is 'a{50}... "),
-        ("image: map.pgm", "image: map.yaml", r"map\.yaml: is no PGM, PNG or BMP"),
-        (ABOUT, "- just a list\n", "the document is no mapping"),
+        *(("image: map.pgm", f"image: {each}", "") for each in ("gone.pgm", ".", "/dev/zero", '"a\\0b"', "map.yaml")),
+        *(("0.1", value, "resolution") for value in (".nan", "1e-300", "inf", "-1", "1" + "0" * 400, "")),
+        *(("-1.0, 2.0, 0.0", value, "origin") for value in ("1e300, 2.0, 0.0", "-1.0, 2.0", "-1.0, 2.0, 0.5")),
+        ("mode: trinary", "mode: fine", "raw, scale, trinary"),
+        ("mode: trinary", "mode: " + "a" * 50_000, "mode"),
+        ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "thresholds"),
+        ("image: map.pgm", "image: [unclosed", "line 2"),
+        ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", "line 1"),
+        ("negate: 0", "negate: maybe", "negate"),
+        (ABOUT, "- just a list\n", ""),
     ],
 )
-def test_a_wrong_description_is_refused(folder: Path, old: str, new: str, match: str) -> None:
+def test_a_wrong_description_is_refused(folder: Path, old: str, new: str, words: str) -> None:
     assert old in ABOUT
-    (folder / "map.yaml").write_text(ABOUT.replace(old, new))
-    with pytest.raises(UnreadableFile, match=match):
+    (folder / "map.yaml").write_text(ABOUT.replace(old, new, 1))
+    with pytest.raises(UnreadableFile, match=words) as caught:
         read_rosmap(folder / "map.yaml")
-
-
-def test_a_huge_description_is_refused(folder: Path) -> None:
-    (folder / "map.yaml").write_bytes(b"#" * 100_000)
-    with pytest.raises(UnreadableFile, match="too long"):
-        read_rosmap(folder / "map.yaml")
+    assert len(str(caught.value)) < 500
 
 
 CELLS = np.array([[0, 100, -1], [100, 100, 0]], np.int8)  # the first row is the lowest y
@@ -169,31 +136,12 @@ def test_other_libraries_see_the_map_upright(tmp_path: Path) -> None:
     top_first = [[0, 0, 254], [254, 0, 205]]
     with Image.open(tmp_path / "map.pgm") as image:
         assert np.asarray(image).tolist() == top_first
-    assert matplotlib.image.imread(tmp_path / "map.pgm").tolist() == top_first
     about = yaml.safe_load((tmp_path / "map.yaml").read_text())
-    assert about == {
-        "image": "map.pgm",
-        "mode": "trinary",
-        "resolution": 0.05,
-        "origin": [-1.0, 2.0, 0.0],
-        "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-    }
-
-
-def test_only_the_three_values_are_written(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="-1, 0 or 100"):
-        write_rosmap(tmp_path, CELLS + 1, np.zeros(2), 0.1)
-    assert not list(tmp_path.iterdir())
+    expected = {"image": "map.pgm", "mode": "trinary", "resolution": 0.05, "origin": [-1.0, 2.0, 0.0], "negate": 0}
+    assert about == expected | {"occupied_thresh": 0.65, "free_thresh": 0.196}
 
 
 GREYS = np.array([[0, 10, 100], [200, 254, 255]], np.uint8)
-
-
-def plain_pgm(greys: np.ndarray) -> bytes:
-    rows = "\n".join(" ".join(map(str, row)) for row in greys.tolist())
-    return f"P2\n# by hand\n{greys.shape[1]} {greys.shape[0]}\n255\n{rows}\n".encode()
 
 
 def saved(image: Image.Image, kind: str, **options: object) -> bytes:
@@ -202,45 +150,22 @@ def saved(image: Image.Image, kind: str, **options: object) -> bytes:
     return file.getvalue()
 
 
-@given(greys=stn.arrays(np.uint8, stn.array_shapes(min_dims=2, max_dims=2, max_side=6)))
-def test_a_pgm_in_plain_text_is_read(tmp_path_factory: pytest.TempPathFactory, greys: np.ndarray) -> None:
-    path = tmp_path_factory.mktemp("picture") / "a.pgm"
-    path.write_bytes(plain_pgm(greys))
-    assert read_picture(path).sums.tolist() == greys.tolist()
-
-
-def test_a_colour_may_be_declared_transparent(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
-    path.write_bytes(saved(Image.fromarray(GREYS), "PNG", transparency=100))
-    read = read_picture(path)
-    assert read.opaque is not None
-    assert read.opaque.tolist() == [[True, True, False], [True, True, True]]
-    assert (read.sums // 3).tolist() == GREYS.tolist()
-
-
-def test_fewer_greys_are_stretched_to_all(tmp_path: Path) -> None:
-    path = tmp_path / "a.pgm"
-    path.write_bytes(b"P5\n3 1\n2\n\x00\x01\x02")
-    assert read_picture(path).sums.tolist() == [[0, 128, 255]]
-
-
 @pytest.mark.parametrize(
-    ("content", "match"),
+    "content",
     [
-        (b"P5\n3 2\n255\n12345", "is damaged"),
-        (b"P5\n0 0\n255\n", "is damaged"),
-        (b"P5\n3 2\n65535\n" + bytes(12), "more than 8 bits"),
-        (saved(Image.fromarray(GREYS.astype(np.uint16)), "PNG"), "more than 8 bits"),
-        (b"P2\n2 1\n255\n0", "is damaged"),
-        (b"P2\n2 1\n255\n0 256", "is damaged"),
-        (saved(Image.fromarray(GREYS), "GIF"), "is no PGM, PNG or BMP"),
-        (b"P6\n1 1\n255\n123", "is no PGM, PNG or BMP"),
-        (b"", "is no PGM, PNG or BMP"),
+        b"P5\n3 2\n255\n12345",
+        b"P5\n0 0\n255\n",
+        b"P5\n3 2\n65535\n" + bytes(12),
+        saved(Image.fromarray(GREYS.astype(np.uint16)), "PNG"),
+        b"P2\n2 1\n255\n0 256",
+        saved(Image.fromarray(GREYS), "GIF"),
+        b"P6\n1 1\n255\n123",
+        b"",
     ],
 )
-def test_damaged_pictures_are_refused_with_a_reason(tmp_path: Path, content: bytes, match: str) -> None:
+def test_damaged_pictures_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.png").write_bytes(content)
-    with pytest.raises(UnreadableFile, match=rf"a\.png: .*{match}"):
+    with pytest.raises(UnreadableFile, match=r"a\.png"):
         read_picture(tmp_path / "a.png")
 
 

@@ -1,4 +1,4 @@
-"""A web server of a folder, in a thread and on a free port, that counts what it sends; also for the tests."""
+"""A web server of a folder, in a thread and on a free port, that counts what it sends."""
 
 from __future__ import annotations
 

@@ -9,34 +9,9 @@ from quadlog.planning.planners.astar import AStar
 from quadlog.planning.planners.d_star_lite import DStarLite, LPAStar, MTDStarLite
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import COSTS, TIES, Rules
-from quadlog.planning.search.lifelong_search import FAR_COSTS, RHS, G, _slid, empty_field
 
 START, GOAL = (2, 2), (30, 35)
 each_planner = pytest.mark.parametrize("make", [DStarLite, LPAStar, MTDStarLite])
-
-
-@pytest.mark.parametrize("shift", [(0, 0), (1, -2), (-3, 2), (4, 4), (-30, 0), (0, 30)])
-@pytest.mark.parametrize("to_shape", [(8, 9), (5, 12), (3, 3)])
-@pytest.mark.parametrize("costs", FAR_COSTS)
-def test_slid_cells_keep_what_is_known_but_on_the_border(costs, shift, to_shape):
-    """Cell by cell: (c, r) is what (c + dcol, r + drow) was; nothing is known of what was outside."""
-    shape, (dcol, drow), far = (8, 9), shift, FAR_COSTS[costs]
-    field = empty_field(shape, costs)
-    field.padded.reshape(shape)[1:-1, 1:-1] = 0
-    field.records[:, G], field.records[:, RHS] = np.arange(72), np.arange(72) + 100
-    slid, before = _slid(field, shape, to_shape, shift)
-    for row in range(to_shape[0]):
-        for col in range(to_shape[1]):
-            old_row, old_col = row + drow, col + dcol
-            was_inside = 0 <= old_row < 8 and 0 <= old_col < 9
-            was_free = was_inside and 0 < old_row < 7 and 0 < old_col < 8
-            is_border = row in (0, to_shape[0] - 1) or col in (0, to_shape[1] - 1)
-            old = old_row * 9 + old_col
-            wanted = (old, old + 100) if was_inside and not is_border else (far, far)
-            assert tuple(slid.records[row * to_shape[1] + col, : RHS + 1]) == wanted
-            assert before[row, col] == (not was_free)
-    assert slid.padded.all()
-    assert slid.records.dtype == costs
 
 
 @each_planner
@@ -125,19 +100,6 @@ def test_a_search_that_need_not_search_closes_the_goal_alone(name):
     assert make_planner(name).plan(blocked, (2, 2), (3, 2)).expanded == 2
 
 
-@each_planner
-def test_first_search_does_no_more_than_astar(make, forest):
-    """From the same end. Among equal f the larger g goes first; equal f and g are free: a few cells more or less."""
-    ends = (GOAL, START) if make is DStarLite else (START, GOAL)
-    for seed in range(20):
-        blocked = forest(seed, 0.25)
-        plan, best = make().plan(blocked, START, GOAL), AStar().plan(blocked, *ends)
-        assert plan.expanded == pytest.approx(best.expanded, rel=0.15, abs=12)
-        assert plan.cost == best.cost
-    blocked = np.zeros((40, 40), dtype=bool)
-    assert make().plan(blocked, START, GOAL).expanded <= AStar().plan(blocked, START, GOAL).expanded
-
-
 @pytest.mark.parametrize(("make", "start", "goal"), [(DStarLite, START, (30, 34)), (LPAStar, (2, 3), GOAL)])
 def test_fresh_search_when_the_root_moves_and_after_a_reset(make, start, goal, forest):
     planner, blocked = make(), forest()
@@ -168,22 +130,3 @@ def test_small_change_costs_less_than_a_search(make, forest, ties):
     assert not again.from_scratch
     assert 0 < again.expanded < AStar(Rules(ties=ties)).plan(blocked, START, GOAL).expanded
     assert 0 < again.reused_cells < len(again.cells)
-
-
-@each_planner
-def test_published_ties_expand_open_ground(make, forest):
-    """The smaller g first is all of the parallelogram that cheapest ways go through; both cost the same."""
-    blocked = np.zeros((60, 60), dtype=bool)
-    ours, published = (make(Rules(ties=ties)).plan(blocked, (5, 5), (50, 30)) for ties in TIES)
-    assert ours.cost == published.cost
-    assert ours.expanded < 50
-    assert published.expanded > 300
-
-
-@each_planner
-def test_after_a_query_without_an_answer_the_next_is_a_fresh_one(make):
-    blocked, planner = np.zeros((4, 5), dtype=bool), make()
-    planner.plan(blocked, (0, 0), (2, 2))
-    blocked[1, 1] = True
-    assert not planner.plan(blocked, (1, 1), (2, 2)).found
-    assert planner.plan(blocked, (0, 0), (2, 2)).from_scratch

@@ -16,7 +16,7 @@ from quadlog.planning.protocol import Bool, Cells
 from quadlog.planning.query import Query
 from quadlog.results.arrays import MOST_CELLS
 from quadlog.results.tables import table_schema
-from quadlog.results.text import TitledTable, interval_text, print_table, print_tables, terminal_width
+from quadlog.results.text import TitledTable, ends_text, print_table, print_tables, terminal_width
 
 REPLANS = table_schema(
     "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
@@ -59,7 +59,7 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
     for row in rows:
         ends, excess = (row["ratio_low"], row["ratio_high"]), row["suboptimality_mean"]
         cells = [row["planner"], 100 * row["success_rate"], row["expanded_mean"], row["ratio_expanded"]]
-        cells += ["" if None in ends else interval_text(ends), None if excess is None else 100 * excess]
+        cells += ["" if None in ends else ends_text(ends), None if excess is None else 100 * excess]
         counts = (f"{row[name]} {name if row[name] != 1 else name[:-1]}" for name in ("episodes", "replans"))
         title = f"{row['source']}: {', '.join(counts)}"
         tables.setdefault(title, []).append([*cells, row["us_median"], row["us_p95"]])

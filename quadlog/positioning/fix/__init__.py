@@ -1,1 +1,0 @@
-"""One position from the ranges of one epoch."""

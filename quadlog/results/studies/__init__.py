@@ -1,0 +1,1 @@
+"""What several runs say together: a sweep, a comparison of planners, the tables of the papers."""

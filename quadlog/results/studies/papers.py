@@ -1,0 +1,226 @@
+"""A measured table of a paper: rows in groups with a verdict each, its picture, and its files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quadlog.errors import CannotWrite
+from quadlog.results.find_runs import refuse_existing
+from quadlog.results.text import TitledTable, ends_text, print_table, print_tables, sig
+from quadlog.results.view import Panel, Spread, forest
+from quadlog.storage.atomic_write import write_whole
+
+
+class Verdict(StrEnum):
+    """Whether what a paper prints reproduces.
+
+    undecided: our interval holds both what the paper prints and its contrary. not comparable: the paper does not say
+    how its number came about, ours rests on that very number, or holds by construction.
+    """
+
+    YES = "yes"
+    NO = "no"
+    UNDECIDED = "undecided"
+    NOT_COMPARABLE = "not comparable"
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRow:
+    """One quantity, its unit in the name: the paper's number and quadlog's.
+
+    paper: None where the paper prints none; a claim in words is judged all the same.
+    ours: of all runs; low, high: 95 % interval of the same statistic over the same runs, None where nothing is drawn.
+    claim: what the paper says instead of a number, as "> 5"; paper is then the 5, or None.
+    reproduces: None where there is nothing to reproduce; note: one sentence why not, or what ours rests on.
+    of: which number or claim of the paper this is one setting of; empty where it is the only one.
+    """
+
+    quantity: str
+    ours: float
+    paper: float | None = None
+    low: float | None = None
+    high: float | None = None
+    reproduces: Verdict | None = None
+    note: str = ""
+    claim: str = ""
+    of: str = ""
+
+    def __post_init__(self) -> None:
+        given = (self.ours, self.paper, self.low, self.high)
+        assert all(math.isfinite(value) for value in given if value is not None), self
+        assert (self.low is None) == (self.high is None), self
+        assert self.reproduces is None or isinstance(self.reproduces, Verdict), self
+
+    @property
+    def difference(self) -> float | None:
+        """Ours less the paper's."""
+        return None if self.paper is None else self.ours - self.paper
+
+
+@dataclass(frozen=True, slots=True)
+class RowGroup:
+    """Rows under one title; text: how they were measured."""
+
+    title: str
+    text: str
+    rows: tuple[PaperRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTable:
+    """A table or a few figures of a paper, measured again.
+
+    name: as the command line takes it. sizes: one sentence on how many seeds, fixes or episodes it rests on.
+    """
+
+    name: str
+    title: str
+    caption: str
+    sizes: str
+    seed: int
+    fast: bool
+    groups: tuple[RowGroup, ...]
+
+    def __post_init__(self) -> None:
+        quantities = [row.quantity for row in self.rows]
+        assert len(set(quantities)) == len(quantities), "a quantity names its row in the CSV file"
+
+    @property
+    def rows(self) -> tuple[PaperRow, ...]:
+        """The rows of all groups, in order."""
+        return tuple(row for group in self.groups for row in group.rows)
+
+    @property
+    def claims(self) -> dict[str, Verdict]:
+        """The verdict on each number and claim of the paper, once, whatever the number of settings it is measured in.
+
+        Yes or no where some setting says so and none the contrary; undecided where settings contradict each other.
+        """
+        found: dict[str, set[Verdict]] = {}
+        for row in self.rows:
+            if row.reproduces is not None:
+                found.setdefault(row.of or row.quantity, set()).add(row.reproduces)
+        return {claim: _joined(verdicts) for claim, verdicts in found.items()}
+
+    @property
+    def reproduced(self) -> str:
+        """How many of the claims reproduce, in words."""
+        counts, words = Counter(self.claims.values()), {Verdict.YES: "reproduce", Verdict.NO: "do not"}
+        parts = [f"{counts[verdict]} {words.get(verdict, verdict)}" for verdict in Verdict if counts[verdict]]
+        claims = f"{counts.total()} claim{'s' * (counts.total() != 1)}"
+        return f"{claims}: {', '.join(parts)}" if parts else "the paper prints none"
+
+    @property
+    def command(self) -> str:
+        """The command line that makes this table."""
+        fast, seed = " --fast" if self.fast else "", f" --seed {self.seed}" if self.seed else ""
+        return f"quadlog tables {self.name}{fast}{seed}"
+
+
+def _joined(verdicts: set[Verdict]) -> Verdict:
+    clear = verdicts & {Verdict.YES, Verdict.NO}
+    if len(clear) == 1:
+        return clear.pop()
+    return Verdict.NOT_COMPARABLE if verdicts == {Verdict.NOT_COMPARABLE} else Verdict.UNDECIDED
+
+
+COLORS = {Verdict.YES: "robot", Verdict.NO: "target", Verdict.UNDECIDED: "note"}
+MOST, HEAD, TAIL = 10.0, 42, 18
+"""What lies farther off stands at the edge. Letters at the beginning and end of a long name that are kept."""
+AXIS = "ours less print or claim, in half-widths of our interval"
+
+
+def table_panel(table: PaperTable) -> Panel | None:
+    """How far ours lies from what the paper prints or says, in widths of our interval, by row; None without any."""
+    rows: dict[str, Spread] = {}
+    for row in table.rows:
+        if (spread := _spread(row)) is not None:
+            label = _label(row.quantity)
+            rows[row.quantity if label in rows else label] = spread
+    return forest(table.name, rows, AXIS, marks=[0.0]) if rows else None
+
+
+def _spread(row: PaperRow) -> Spread | None:
+    printed = row.paper
+    if printed is None and row.claim[:1] in ("<", ">"):
+        printed = float(row.claim[1:])
+    if row.reproduces not in COLORS or row.low is None or row.high is None or printed is None or row.low == row.high:
+        return None
+    places = (np.array([row.ours, row.low, row.high]) - printed) / ((row.high - row.low) / 2)
+    ours, low, high = np.clip(places, -MOST, MOST).tolist()
+    return Spread(ours, (low, high), color=COLORS[row.reproduces])
+
+
+def _label(quantity: str) -> str:
+    name = quantity.rpartition(" (")[0]
+    return name if len(name) <= HEAD + TAIL else f"{name[:HEAD]}…{name[-TAIL:]}"
+
+
+PAGE, SUFFIXES = "report.html", ("csv", "tex", "png", "json")
+COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
+SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
+
+
+def csv_text(table: PaperTable) -> str:
+    """All rows in full precision, an empty field where there is no value."""
+    rows = [
+        (row.quantity, row.paper, row.ours, row.low, row.high, row.difference, row.reproduces or "", row.note)
+        for row in table.rows
+    ]
+    return print_table(COLUMNS, rows, "csv")
+
+
+def latex_text(table: PaperTable) -> str:
+    """A table of each group, without the notes."""
+    fast = " (fast run)" if table.fast else ""
+    groups = [
+        TitledTable(f"{table.title}: {group.title}{fast}", SHOWN, [shown_cells(row) for row in group.rows])
+        for group in table.groups
+    ]
+    return print_tables(groups, "latex", [table.command])
+
+
+def shown_cells(row: PaperRow) -> tuple[str, ...]:
+    """A row as people read it, in the order of SHOWN, with four significant digits."""
+    ends = None if row.low is None or row.high is None else (row.low, row.high)
+    paper, difference = (row.claim, "") if row.claim else (_short(row.paper), _short(row.difference))
+    return row.quantity, paper, _short(row.ours), ends_text(ends, 4), difference, row.reproduces or ""
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None else sig(value, 4)
+
+
+def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
+    """Make the folder, before the named tables are measured.
+
+    Raises CannotWrite, and unless `force` AlreadyExists for the page and for a file of theirs.
+    """
+    for name in (PAGE, *(f"{name}.{suffix}" for name in names for suffix in SUFFIXES)):
+        refuse_existing(folder / name, force)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(folder, error.strerror or str(error)) from error
+
+
+def write_table(folder: Path, table: PaperTable, walks: Sequence[Mapping[str, Any]]) -> None:
+    """CSV, LaTeX, JSON and, where something can be compared, a picture; walks: rows of factors and figures."""
+    from quadlog.results.mpl import render  # slow to import
+
+    content = {"table": asdict(table), "walks": walks}
+    files = {"csv": csv_text(table).encode(), "tex": latex_text(table).encode()}
+    files["json"] = f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode()
+    if (panel := table_panel(table)) is not None:
+        files["png"] = render([panel])
+    for suffix, written in files.items():
+        write_whole(folder / f"{table.name}.{suffix}", written)

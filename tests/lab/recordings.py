@@ -1,0 +1,180 @@
+"""Small recordings, written by the libraries that users' recorders share, not by quadlog; `make fuzz` damages them."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+import struct
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as BagWriter
+
+Message = tuple[str, int, bytes]
+BASE_NS = 1_700_000_000 * 10**9
+TYPE_NAME = "std_msgs/msg/String"
+Types = Mapping[str, tuple[str, str, str]]
+"""What a topic holds, where it is no String: name of the type, definition, digest."""
+_STRING = (TYPE_NAME, "string data", "0" * 32)
+STRINGS: Types = MappingProxyType({})
+
+
+def some(count: int = 60, start_ns: int = BASE_NS) -> list[Message]:
+    """Two topics in turn, 100 ms apart, payloads that say who they are and do not compress away."""
+    noise = random.Random(count)
+    return [
+        ("/a" if i % 2 else "/b", start_ns + i * 10**8, b"\0\1\0\0" + b"%06d" % i + noise.randbytes(60))
+        for i in range(count)
+    ]
+
+
+def mcap(path: Path, messages: Sequence[Message], types: Types = STRINGS, **options: Any) -> Path:
+    """Options are those of the library's Writer."""
+    options = {"chunk_size": 600, "compression": CompressionType.ZSTD} | options
+    with path.open("wb") as file:
+        writer = McapWriter(file, **options)
+        writer.start("ros2", "test")
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for topic, t_ns, payload in messages:
+            if topic not in channels:
+                name, definition, _ = types.get(topic, _STRING)
+                if name not in schemas:
+                    schemas[name] = writer.register_schema(name, "ros2msg", definition.encode())
+                channels[topic] = writer.register_channel(topic, "cdr", schemas[name])
+            writer.add_message(channels[topic], t_ns, payload, t_ns)
+        writer.finish()
+    return path
+
+
+def bag(
+    path: Path, messages: Sequence[Message], compression: str = "", chunk_bytes: int = 600, types: Types = STRINGS
+) -> Path:
+    writer = BagWriter(path)
+    writer.chunk_threshold = chunk_bytes
+    if compression:
+        writer.set_compression(BagWriter.CompressionFormat[compression.upper()])
+    with writer:
+        connections: dict[str, Any] = {}
+        for topic, t_ns, payload in messages:
+            if topic not in connections:
+                name, definition, digest = types.get(topic, _STRING)
+                connections[topic] = writer.add_connection(topic, name, msgdef=definition, md5sum=digest)
+            writer.write(connections[topic], t_ns, payload)
+    return path
+
+
+def db3(
+    path: Path, messages: Sequence[Message], serialization: str = "cdr", index: bool = True, types: Types = STRINGS
+) -> Path:
+    connection = sqlite3.connect(path)
+    fill_db3(connection, messages, serialization, index, types)
+    connection.close()
+    return path
+
+
+def fill_db3(
+    connection: sqlite3.Connection,
+    messages: Sequence[Message],
+    serialization: str = "cdr",
+    index: bool = True,
+    types: Types = STRINGS,
+) -> None:
+    """The tables that rosbag2_storage_sqlite3 makes."""
+    connection.executescript(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,"
+        " serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);"
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,"
+        " data BLOB NOT NULL);" + ("CREATE INDEX timestamp_idx ON messages (timestamp ASC);" if index else "")
+    )
+    topics = {topic: number for number, topic in enumerate(dict.fromkeys(topic for topic, _, _ in messages), 1)}
+    for topic, number in topics.items():
+        name, _, _ = types.get(topic, _STRING)
+        connection.execute("INSERT INTO topics VALUES (?, ?, ?, ?, '')", (number, topic, name, serialization))
+    connection.executemany(
+        "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+        [(topics[topic], t_ns, payload) for topic, t_ns, payload in messages],
+    )
+    connection.commit()
+
+
+def build(form: str, path: Path, messages: Sequence[Message], **options: Any) -> Path:
+    """A recording of a form (`mcap-lz4`, `bag`, `db3-unindexed`, `split`) at exactly this path."""
+    kind, _, option = form.partition("-")
+    if kind == "split":
+        path.mkdir()
+        half = len(messages) // 2 or 1
+        for number, part in enumerate((messages[:half], messages[half:])):
+            mcap(path / f"walk_{number}.mcap", part, **options)
+        return path
+    if kind == "bag":
+        return bag(path, messages, option, **options)
+    if kind == "db3":
+        return db3(path, messages, index=not option)
+    if option == "loose":
+        return mcap(path, messages, use_chunking=False, **options)
+    return mcap(path, messages, **({"compression": CompressionType[option.upper()]} if option else {}) | options)
+
+
+def unindex(path: Path) -> Path:
+    """What a recorder of bags leaves that was killed: a header that points nowhere, no index behind the chunks."""
+    data = bytearray(path.read_bytes())
+    place = data.index(b"index_pos=") + len(b"index_pos=")
+    (index_offset,) = struct.unpack_from("<Q", data, place)
+    struct.pack_into("<Q", data, place, 0)
+    path.write_bytes(bytes(data[:index_offset]))
+    return path
+
+
+def record(opcode: int, content: bytes, more: int = 0) -> bytes:
+    """A record, or the beginning of one whose content goes on for so many bytes."""
+    return struct.pack("<BQ", opcode, len(content) + more) + content
+
+
+def text(value: bytes) -> bytes:
+    return struct.pack("<I", len(value)) + value
+
+
+def message(t_ns: int = 0, payload: bytes = b"", more: int = 0) -> bytes:
+    return record(5, struct.pack("<HIQQ", 1, 0, t_ns, t_ns) + payload, more)
+
+
+def channel(number: int = 1) -> bytes:
+    return record(4, struct.pack("<HH", number, 0) + text(b"/t%d" % number) + text(b"cdr") + bytes(4))
+
+
+def chunk(size: int, compression: bytes, packed: bytes) -> bytes:
+    """A chunk of log times 0 to 1 s without a checksum; size: what it declares to hold."""
+    head = struct.pack("<QQQI", 0, 10**9, size, 0) + text(compression)
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)
+
+
+def write_records(path: Path, *records: bytes) -> Path:
+    """A file of these records without a summary, whose data section ends as it should."""
+    path.write_bytes(b"".join([b"\x89MCAP0\r\n", *records, record(15, bytes(4))]))
+    return path
+
+
+def read(container: Any, *arguments: Any) -> list[Message]:
+    """What a container gives back, to be compared with what was written."""
+    return [read_one(message) for message in container.messages(*arguments)]
+
+
+def read_one(message: Any) -> Message:
+    return message.channel.topic, message.log_time_ns, bytes(message.payload)
+
+
+def causes(container: Any) -> list[str]:
+    return [loss.cause for loss in container.losses]
+
+
+def flip(path: Path, offset: int) -> Path:
+    """The file with the bits of one byte turned over."""
+    data = bytearray(path.read_bytes())
+    data[offset] ^= 0xFF
+    path.write_bytes(bytes(data))
+    return path
