@@ -264,5 +264,5 @@ def make_memory(config: Config) -> Memory:
     grid, layers = config.grid, LogOddsMemory.LAYERS
     if grid.memory == "scan":
         return ScanMemory()
-    lattice = SlidingLattice(layers) if grid.extent == "window" else GrowingLattice(grid.cell_m, layers)
-    return LogOddsMemory(lattice, grid.clear_s)
+    lattice = SlidingLattice if grid.extent == "window" else GrowingLattice
+    return LogOddsMemory(lattice(grid.cell_m, layers), grid.clear_s)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
 from quadlog.mapping.grid import Grid, Window
-from quadlog.mapping.lattice import Layers
+from quadlog.mapping.lattice import GrowingLattice
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 
 Int16 = NDArray[np.int16]
@@ -58,7 +58,7 @@ class LogOddsMemory:
 
     LAYERS: ClassVar = dict.fromkeys(("low_ms", "low_mm", "high_ms", "high_mm"), np.int16)
 
-    def __init__(self, layers: Layers, clear_s: float) -> None:
+    def __init__(self, layers: GrowingLattice, clear_s: float) -> None:
         self._layers, self._clear_ms = layers, np.int16(min(max(round(clear_s * 1e3), 1), _LONGEST_MS))
         self._last_ns: int | None = None
         self.skipped = 0

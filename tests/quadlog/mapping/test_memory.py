@@ -29,7 +29,7 @@ SEEN_THROUGH = rays(0.0)
 
 
 def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
-    return LogOddsMemory(SlidingLattice(LogOddsMemory.LAYERS), clear_s)
+    return LogOddsMemory(SlidingLattice(0.1, LogOddsMemory.LAYERS), clear_s)
 
 
 def test_without_memory_a_map_is_its_scan() -> None:
@@ -84,11 +84,9 @@ def test_rays_in_the_plane_in_which_something_was_hit_contradict_it() -> None:
     assert not kept
 
 
-@pytest.mark.parametrize(
-    ("lattice", "comes_back"), [(SlidingLattice, False), (lambda layers: GrowingLattice(0.1, layers), True)]
-)
+@pytest.mark.parametrize(("lattice", "comes_back"), [(SlidingLattice, False), (GrowingLattice, True)])
 def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(lattice, comes_back: bool) -> None:
-    memory = LogOddsMemory(lattice(LogOddsMemory.LAYERS), 100.0)
+    memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 100.0)
     near, beside, away = WINDOW, Window(3, -2, 0.1, (10, 12)), Window(50, 0, 0.1, (10, 12))
     memory.add(10**9, near, PlacedScan(tops((5, 5)), UNSEEN))
     assert np.argwhere(memory.add(2 * 10**9, beside, PlacedScan(tops(), UNSEEN))).tolist() == [[7, 2]]

@@ -34,8 +34,8 @@ clouds = [
 ]
 for view_deg in (360.0, 180.0):
     classifier = ScanClassifier(RangeImageSettings(field_of_view_deg=view_deg))
-    for lattice in (SlidingLattice, lambda layers: GrowingLattice(0.1, layers)):
-        memory = LogOddsMemory(lattice(LogOddsMemory.LAYERS), 0.4)
+    for lattice in (SlidingLattice, GrowingLattice):
+        memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 0.4)
         whole, ground = AccumulatedMap(0.1), GroundHeight(0.2)
         compactor, placer = ScanCompactor(CompactSettings(ObstacleSettings())), ScanPlacer(2, 0.5)
         for k, cloud in enumerate(clouds):
