@@ -16,7 +16,7 @@ from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.compact import CompactScan, CompactSettings, ObstacleSettings, ScanCompactor, reach_of
+from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
@@ -266,14 +266,11 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
 
 def _compact_settings(config: Config) -> CompactSettings:
     grid, robot = config.grid, config.robot
-    blocking = ObstacleSettings(
+    return CompactSettings(
         min_height_m=grid.min_height_m,
         max_height_m=grid.max_height_m,
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
-    )
-    return CompactSettings(
-        blocking,
         reach_m=reach_of(grid.cell_m, grid.size_cells),
         highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
         ground_cell_m=config.results.ground_cell_m,

@@ -39,11 +39,13 @@ def reach_of(cell_m: float, size_cells: int) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class ObstacleSettings:
-    """Which points of a classified scan block the robot.
+class CompactSettings:
+    """Parameters of compact scans.
 
-    min_height_m, max_height_m: above the ground; lower and higher points do not block.
-    body_length_m, body_width_m, body_margin_m: points in this box about base's origin are the robot.
+    min_height_m, max_height_m: above the ground; lower and higher points do not block. body_length_m, body_width_m,
+    body_margin_m: points in this box about base's origin are the robot. reach_m: what lies farther from the lidar is in
+    no window. highest_m: how high above the ground rays still matter. ground_cell_m: edge of the cells over which
+    ground returns are averaged. counts: whether it matters how many points hit a cell.
     """
 
     min_height_m: float = 0.05
@@ -51,18 +53,6 @@ class ObstacleSettings:
     body_length_m: float = 0.62
     body_width_m: float = 0.26
     body_margin_m: float = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class CompactSettings:
-    """Parameters of compact scans.
-
-    blocking: what counts as an obstacle. reach_m: what lies farther from the lidar is in no window. highest_m: how
-    high above the ground rays still matter. ground_cell_m: edge of the cells over which ground returns are averaged.
-    counts: whether it matters how many points hit a cell.
-    """
-
-    blocking: ObstacleSettings
     reach_m: float = 15.2
     highest_m: float = 1.6
     ground_cell_m: float = 0.2
@@ -91,8 +81,7 @@ class ScanCompactor:
 
     def __init__(self, settings: CompactSettings) -> None:
         self._settings, self._gatherer = settings, RayGatherer()
-        blocking = settings.blocking
-        self._half_body_m = np.array([blocking.body_length_m, blocking.body_width_m]) / 2 + blocking.body_margin_m
+        self._half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
         self._unit_m = max(2 * settings.reach_m / _UNITS, 1e-3)
         # Cells are counted by 15 bits along each axis.
         self._least_cell_m = 2.2 * settings.reach_m / _UNITS
@@ -110,9 +99,9 @@ class ScanCompactor:
         n, width = len(scan.label), scan.columns or max(len(scan.label), 1)
         if n > len(self._obstacle) or width > len(self._key):
             self._grow(n + n // 8, width)
-        settings, blocking = self._settings, self._settings.blocking
+        settings = self._settings
         limits = np.array(
-            [*scan.lidar_base_m, *self._half_body_m, blocking.min_height_m, blocking.max_height_m, settings.reach_m,
+            [*scan.lidar_base_m, *self._half_body_m, settings.min_height_m, settings.max_height_m, settings.reach_m,
              1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
              1 / self._unit_m], np.float32
         )  # fmt: skip

@@ -5,7 +5,7 @@ import pytest
 
 from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
-from quadlog.mapping.compact import CompactScan, CompactSettings, ObstacleSettings, ScanCompactor
+from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
 from quadlog.mapping.grid import Window
 from quadlog.mapping.placing import PlacedScan, ScanPlacer
 
@@ -33,7 +33,7 @@ def compacted():
         arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
         slots = Slots(np.zeros(1, np.int64), None)
         scan = ClassifiedScan(*arrays, 0, 0, len(xyz_m), ground, "paper", place_m, slots)
-        return ScanCompactor(CompactSettings(ObstacleSettings(), **settings)).compact(scan)
+        return ScanCompactor(CompactSettings(**settings)).compact(scan)
 
     return make
 

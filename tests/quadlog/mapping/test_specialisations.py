@@ -15,7 +15,6 @@ from quadlog.mapping.compact import CompactSettings, ScanCompactor
 from quadlog.mapping.accumulated_map import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.compact import ObstacleSettings
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
@@ -37,7 +36,7 @@ for view_deg in (360.0, 180.0):
     for lattice in (SlidingLattice, GrowingLattice):
         memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 0.4)
         whole, ground = AccumulatedMap(0.1), GroundHeight(0.2)
-        compactor, placer = ScanCompactor(CompactSettings(ObstacleSettings())), ScanPlacer(2, 0.5)
+        compactor, placer = ScanCompactor(CompactSettings()), ScanPlacer(2, 0.5)
         for k, cloud in enumerate(clouds):
             returns = classifier.classify(cloud, scan.transform_lidar_to_base)
             returns.points()
