@@ -15,9 +15,8 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE, ValueKind
 from quadlog.metrics.intervals import (
     Interval,
-    deviation_interval,
-    log_interval,
     mean_interval_in_time,
+    root_interval,
     student_interval,
     wilson_interval,
 )
@@ -205,14 +204,12 @@ def interval_of(samples: Samples) -> Interval | None:
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
     found = None if series is None else mean_interval_in_time(series)
-    is_square = samples.statistic in ("std", "rms")
-    if found is None or (is_square and samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S):
+    is_root = samples.statistic in ("std", "rms")
+    if series is None or found is None or (is_root and samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S):
         return None
     match samples.statistic:
-        case "std":
-            return deviation_interval(value, found, (x - np.mean(x)) ** 2)
-        case "rms":
-            return log_interval(value, found)
+        case "std" | "rms":
+            return root_interval(value, found, series)
         case "length of mean":
             # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
             return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
