@@ -192,7 +192,7 @@ def _row(replans: _Aligned, at: int, ratio: Ratio | None, incremental: bool) -> 
     mine = {name: column[at] for name, column in replans.columns.items()}
     paired = {name: column[replans.paired] for name, column in mine.items()}
     totals = {f"{name}_total": int(mine[name].sum()) for name in COUNTS}
-    low, high = (ratio and ratio.interval) or (None, None)
+    low, high = (None if ratio is None else ratio.interval) or (None, None)
     is_first = np.concatenate([[True], np.diff(replans.episode) != 0])
     later = mine["from_scratch"][~is_first]
     excess = _excess(paired["cost"], paired["optimal_cost"])
