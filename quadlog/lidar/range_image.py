@@ -78,11 +78,27 @@ class Beams:
         return len(self.descending)
 
 
-def beams_by_ring(polar: Polar, ring: NDArray[np.uint16] | None, upright: bool) -> Beams | None:
-    """Beams by the driver's ring numbers, in any order; None where these do not match the elevations."""
-    if ring is None or ring.shape != polar.range_m.shape:
+def beams_by_number(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beams | None:
+    """Beams by their numbers (N,), in any order; None where these do not match the elevations."""
+    found = _statistics(polar, beam)
+    used = np.flatnonzero(found.points)
+    if len(used) == 0:
         return None
-    return _sorted_beams(polar, ring.astype(np.uint16, copy=False), upright)
+    n = found.points[used]
+    mean = found.first[used] + found.total[used] / n
+    scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
+    order = np.argsort(mean if upright else -mean, kind="stable")
+    gaps = np.sort(np.abs(np.diff(mean[order])))
+    gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
+    if scatter > _LARGEST_SCATTER * gap:
+        return None
+    descending = mean[order] < 0 if upright else mean[order] > 0
+    columns = _columns(found.arcs[used])
+    first_cell = np.full(MOST_BEAMS + 1, -1, dtype=np.int32)
+    first_cell[used[order]] = np.arange(len(used)) * columns
+    sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
+    sine[used] = mean
+    return Beams(first_cell, False, descending, columns, sine, max(gap * _STRANGE, _FLAT_SCATTER))
 
 
 def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
@@ -100,7 +116,7 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
     number = np.full(ELEVATION_BINS + 1, NO_BEAM, dtype=np.uint16)
     for beam, (low, high) in enumerate(zip(first[real], last[real], strict=True)):
         number[low:high] = beam
-    beams = _sorted_beams(polar, number[bins], upright)
+    beams = beams_by_number(polar, number[bins], upright)
     if beams is None:
         return None
     number = np.minimum(number, len(beams.first_cell) - 1)
@@ -164,28 +180,6 @@ def _sample(
         number = min(number, last_key)
         strange = first_cell[number] < 0 or (not by_elevation and not abs(sine - sines[number]) <= limits[2])
         found[3] += 1.0 if strange else 0.0
-
-
-def _sorted_beams(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beams | None:
-    found = _statistics(polar, beam)
-    used = np.flatnonzero(found.points)
-    if len(used) == 0:
-        return None
-    n = found.points[used]
-    mean = found.first[used] + found.total[used] / n
-    scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
-    order = np.argsort(mean if upright else -mean, kind="stable")
-    gaps = np.sort(np.abs(np.diff(mean[order])))
-    gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
-    if scatter > _LARGEST_SCATTER * gap:
-        return None
-    descending = mean[order] < 0 if upright else mean[order] > 0
-    columns = _columns(found.arcs[used])
-    first_cell = np.full(MOST_BEAMS + 1, -1, dtype=np.int32)
-    first_cell[used[order]] = np.arange(len(used)) * columns
-    sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
-    sine[used] = mean
-    return Beams(first_cell, False, descending, columns, sine, max(gap * _STRANGE, _FLAT_SCATTER))
 
 
 def _columns(arcs: Int) -> int:

@@ -31,7 +31,7 @@ from quadlog.lidar.range_image import (
     XyzM,
     beams_by_bins,
     beams_by_elevation,
-    beams_by_ring,
+    beams_by_number,
     phase_and_strangers,
     to_polar,
 )
@@ -173,7 +173,7 @@ class ScanClassifier:
         self._known = None
         polar = to_polar(scan.xyz_m, self._ranges_m)
         route: Route = "rings"
-        beams = beams_by_ring(polar, scan.ring, upright)
+        beams = None if scan.ring is None else beams_by_number(polar, scan.ring, upright)
         if beams is None:
             route, beams = "elevations", beams_by_elevation(polar, upright)
         if beams is None:
