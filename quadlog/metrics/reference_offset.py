@@ -25,7 +25,7 @@ from quadlog.metrics.alignment import (
     mirror_words,
     project_to_plane,
 )
-from quadlog.metrics.intervals import Interval, mean_interval_in_time
+from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
 from quadlog.metrics.positioning import Trajectory, associate, pair_samples, positions_at
 from quadlog.metrics.summary import Samples
 
@@ -50,6 +50,7 @@ _LEAST_OF_SPEED = 0.1  # speed that no rigid motion explains, over speed
 _LEAST_OF_CURVATURE = 0.3  # of what that speed promises: below, most of it is noise
 _FARTHEST_M = 1e7  # of positions; beyond, squares lose what is measured
 _LEAST_MOVED_M = 0.1  # by a reference onto which a trajectory can be turned
+_FEWEST_SAMPLES, _FEWEST_INDEPENDENT = 100, 6.0  # with fewer the offset's error is not known
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 
 
@@ -185,7 +186,8 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
         return _unknown("the noise of the positions hides it")
     influence_s = np.sum(unexplained_mps * residual_m, axis=1) / curvature_m2ps2
     samples_s = offset_s + influence_s - influence_s.mean()
-    interval = mean_interval_in_time(samples_s)
+    is_long = len(samples_s) >= _FEWEST_SAMPLES and independent_values(samples_s) >= _FEWEST_INDEPENDENT
+    interval = mean_interval_in_time(samples_s) if is_long else None
     if interval is None and np.ptp(samples_s) > 2 * _RESOLUTION_S:
         return _unknown("too short a walk to say how well it is known")
     return TimeOffset(offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s)
