@@ -2,8 +2,13 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 RUNNABLE := $(VENV)/.runnable
+# The versions to install; `make install LOCK=` takes the newest that pyproject.toml allows.
+LOCK ?= requirements.lock
+LOCKED = $(LOCK:%=--constraint=%) $(LOCK:%=--build-constraint=%)
+GROUPS := --group lint --group tests --group docs
 JOBS ?= 2
 SECONDS ?= 600
 SEED ?= 0
@@ -11,7 +16,7 @@ SEED ?= 0
 check-python = $(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 14) else \
 	"quadlog needs Python 3.11, 3.12 or 3.13; try: make PYTHON=python3.12 $(MAKECMDGOALS)")'
 
-.PHONY: demo tables test test-all install lint typecheck unit bench fuzz docs fixture clean
+.PHONY: demo tables test test-all install lint typecheck unit bench fuzz docs fixture package lock clean
 
 demo: $(RUNNABLE)  ## replay the committed recording, print its verdict and where its page is
 	@echo "demo: replaying fixtures/follow.mcap, 12 s of a synthetic walk; the first time compiles for some 20 s"
@@ -25,20 +30,23 @@ test: install lint typecheck unit  ## everything a change must pass
 test-all: install lint typecheck  ## with the nightly tests, and 500 examples of each property; takes an hour
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "" --hypothesis-profile nightly
 
-install: $(INSTALLED)
+install: $(INSTALLED)  ## quadlog with what lint, tests and docs need
 
-# With the tools of lint and tests, which the demo does without.
-$(INSTALLED): pyproject.toml
-	$(check-python)
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+$(INSTALLED): $(VENV)/.pip pyproject.toml $(LOCK)
+	$(PIP) install --quiet $(LOCKED) $(GROUPS) --editable .
 	touch $@ $(RUNNABLE)
 
-$(RUNNABLE): pyproject.toml
+$(RUNNABLE): $(VENV)/.pip pyproject.toml $(LOCK)
+	@echo "demo: installing quadlog and its packages into $(VENV): 410 MB to download, 1.6 GB on disk, 1 to 3 minutes"
+	@$(PIP) install --progress-bar off $(LOCKED) --editable .
+	@touch $@
+
+# Older ones, such as those that come with Python 3.11, know neither groups nor build constraints.
+$(VENV)/.pip:
 	@$(check-python)
-	@echo "demo: installing quadlog and its packages into $(VENV): 270 MB to download, 1.6 GB on disk, 1 to 3 minutes"
+	@echo "making $(VENV)"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --editable .
+	@$(PIP) install --quiet --upgrade 'pip>=25.3'
 	@touch $@
 
 lint: install
@@ -52,11 +60,11 @@ unit: install
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 bench: install  ## the figures the README quotes, with limit and floor beside each; PARTS=perception measures less
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(PIP) install --quiet $(LOCKED) --group bench
 	$(BIN)/python -m benchmarks $(PARTS)
 
 fuzz: install  ## damaged and hostile inputs for SECONDS=600, guided by coverage where atheris has a wheel; SEED=0, TARGETS=
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --only-binary :all: atheris || true
+	$(PIP) install --quiet --only-binary :all: atheris || true
 	$(BIN)/python -m fuzzing --seconds $(SECONDS) --seed $(SEED) $(TARGETS)
 
 docs: install  ## write the pages of docs/ again that say what the code says
@@ -65,5 +73,19 @@ docs: install  ## write the pages of docs/ again that say what the code says
 fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py
 
+package: $(VENV)/.pip  ## sdist and wheel into dist/; the wheel runs the demo from an empty environment, newest versions
+	rm -rf dist build
+	$(PIP) install --quiet $(LOCKED) --group package
+	$(BIN)/python -m build --outdir dist .
+	$(PYTHON) -m venv build/empty
+	build/empty/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	cd build/empty && bin/python -m pip check && bin/quadlog --version
+	cd build/empty && bin/quadlog replay $(CURDIR)/fixtures/follow.mcap -c $(CURDIR)/fixtures/follow.toml -o runs
+
+lock: $(VENV)/.pip  ## requirements.lock again: the newest versions that pyproject.toml allows, for every platform
+	$(PIP) install --quiet --upgrade uv
+	$(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --all-extras $(GROUPS) --group bench \
+		--group package --no-header --no-annotate --no-emit-index-url --upgrade -o requirements.lock
+
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build *.egg-info
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build dist *.egg-info

@@ -102,18 +102,17 @@ def _row(name: str, by: str, found: list[Scores]) -> str:
 
 
 def _judged(log: Log, by: str) -> Scores | None:
-    """By one estimator, the second call; None where it does not apply: several tags have no fix."""
+    """By one estimator; None where it does not apply: several tags have no fix."""
     settings = LocateSettings(mirror=log.mirror, smooth=by != "causal")
     if by == "fixes" and len(log.tags) > 1:
         return None
-    for _ in range(2):
-        began_s = time.process_time()
-        located = locate(log.ranges, log.anchors, log.tags, settings)
-        track = located.tags[0].track
-        if len(log.tags) > 1:
-            levers_m = np.array([(tag.x_m, tag.y_m) for tag in log.tags])
-            track = locate_body(list(located.tags), levers_m, log.anchors, settings).track
-        cpu_s = time.process_time() - began_s
+    began_s = time.process_time()
+    located = locate(log.ranges, log.anchors, log.tags, settings)
+    track = located.tags[0].track
+    if len(log.tags) > 1:
+        levers_m = np.array([(tag.x_m, tag.y_m) for tag in log.tags])
+        track = locate_body(list(located.tags), levers_m, log.anchors, settings).track
+    cpu_s = time.process_time() - began_s
     t_ns, xy_m, covariance_m2 = track.t_ns, track.position_m, track.covariance_m2
     if by == "fixes":
         tag = located.tags[0]

@@ -39,7 +39,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     Exit code 0: all bounds hold, 4: one does not, 1: a run or FILE.toml cannot be read.
     """  # noqa: D301 - click reads \b as: keep the lines of this paragraph
     from quadlog.errors import ExitCode, UsageError, printable
-    from quadlog.pipelines.evaluation.check import check_runs, propose_bounds
+    from quadlog.pipelines.evaluation.metrics import check_runs, propose_bounds
     from quadlog.results.check import check_text
     from quadlog.results.find_runs import RECORDS, runs_here
 

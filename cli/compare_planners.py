@@ -54,7 +54,7 @@ def command(sources: tuple[str, ...], to: str, output: Path | None, force: bool,
     Baseline, --leader and --count are astar, astar and expanded; with --preset paper astar_paper, ia_star, generated.
     """
     from quadlog.pipelines.comparison.compare import compare
-    from quadlog.pipelines.comparison.problems import CompareOptions
+    from quadlog.pipelines.comparison.sources import CompareOptions
     from quadlog.results.studies.planners import format_rows
 
     baseline, config = given.pop("preset"), options.configured(given).config

@@ -22,7 +22,7 @@ def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Pat
 
     Detected topics, tags and anchors are filled in. Keys that are commented out have their default values.
     """
-    from quadlog.pipelines.init import propose_config, write_new
+    from quadlog.pipelines.info import propose_config, write_new
     from quadlog.results.find_runs import refuse_existing
 
     refuse_existing(output, force)  # before the recording is read, which may take a while

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from quadlog.errors import printable
-from quadlog.pipelines.batch.progress import BatchLines
+from quadlog.pipelines.executor.progress import BatchLines
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from quadlog.pipelines.batch.progress import BatchCounts
+    from quadlog.pipelines.executor.progress import BatchCounts
 
 MAX_NAME, MAX_LINES = 20, 32
 """Characters shown of a recording's name, and lines of workers."""

@@ -13,9 +13,7 @@ from quadlog.cli.progress import folded, open_progress, print_json, say
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from quadlog.pipelines.batch.plan import Previewed
+    from collections.abc import Iterable, Sequence
 
 
 @options.command(
@@ -52,7 +50,7 @@ def command(
     typed = ("quadlog", *sys.argv[1:])
     batch = plan_batch(recordings, output, config, ReplayOptions(**given), existing, typed, notes, not no_plots)
     if dry_run:
-        _print_plan(preview_batch(batch), as_json)
+        _print_plan(preview_batch(batch), [each.request.run.parent for each in batch], as_json)
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:
@@ -68,10 +66,9 @@ def command(
     return outcome.exit_code
 
 
-def _print_plan(previewed: Sequence[Previewed], as_json: bool) -> None:
+def _print_plan(rows: Sequence[dict[str, Any]], folders: Iterable[Path], as_json: bool) -> None:
     from quadlog.pipelines.store import stored_bytes
 
-    rows = [each.to_dict() for each in previewed]
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
@@ -81,7 +78,7 @@ def _print_plan(previewed: Sequence[Previewed], as_json: bool) -> None:
         click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
     todo = [row["size_bytes"] for row in rows if row["action"] not in ("skip", "refuse")]
     click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)
-    for folder in sorted({each.planned.request.run.parent for each in previewed}):
+    for folder in sorted(set(folders)):
         if size_bytes := stored_bytes(folder):
             click.echo(f"{folder / '.stages'}: {size_bytes / 1e6:.1f} MB of results, which may be deleted", err=as_json)
 

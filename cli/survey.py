@@ -58,10 +58,9 @@ def command(
 
     Exit code 1: the walk does not determine the positions, or the ranges contradict the odometry or the known anchors.
     """
-    from quadlog.pipelines.init import write_new
+    from quadlog.pipelines.info import write_new
     from quadlog.pipelines.request import ReplayOptions
-    from quadlog.pipelines.survey.output import survey_json, survey_toml
-    from quadlog.pipelines.survey.survey import survey_recording
+    from quadlog.pipelines.survey import survey_json, survey_recording, survey_toml
     from quadlog.results.find_runs import refuse_existing
     from quadlog.results.text import percent
 

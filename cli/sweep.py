@@ -39,8 +39,7 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
     existing, jobs, scheduler = options.how_to_run(given)
     from quadlog.pipelines.executor.machine import cores
     from quadlog.pipelines.request import ReplayOptions
-    from quadlog.pipelines.sweep.grid import make_grid
-    from quadlog.pipelines.sweep.sweep import SweepRequest, outcome_of, sweep
+    from quadlog.pipelines.sweep import SweepRequest, make_grid, sweep
     from quadlog.results.studies.sweep import sweep_text
 
     path, overrides, preset = map(given.pop, ("config_path", "overrides", "preset"))
@@ -49,12 +48,11 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
         say(note)
     request = SweepRequest(recording, output, grid, ReplayOptions(**given), existing, ("quadlog", *sys.argv[1:]))
     with open_progress() as progress:
-        rows = sweep(request, jobs or cores(), scheduler, progress)
+        rows, ended = sweep(request, jobs or cores(), scheduler, progress)
     if as_json:
         print_json([row.to_dict() for row in rows])
     else:
         click.echo(f"{sweep_text(rows)}\nreport: {output / 'report.html'}")
-    ended = outcome_of(rows, request)
     for line in ended.failure_lines("runs", "sweep.parquet"):
         say(line)
     return ended.exit_code

@@ -10,7 +10,7 @@ import click
 
 from quadlog.cli import options
 from quadlog.cli.progress import open_progress
-from quadlog.pipelines.tables.registry import TABLES
+from quadlog.pipelines.tables import TABLES
 
 if TYPE_CHECKING:
     from quadlog.results.studies.papers import PaperTable

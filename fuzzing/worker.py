@@ -100,11 +100,13 @@ def _by_atheris(name: str, seconds: float, seed: int, folder: Path, journal: Jou
     for number, content in enumerate(TARGETS[name].seeds()):
         (seeds / f"{number:03d}").write_bytes(content)
 
-    words = folder / "words"
-    escaped = ("".join(f"\\x{byte:02x}" for byte in word) for word in TARGETS[name].tokens)
-    words.write_text("".join(f'"{word}"\n' for word in escaped))
     options = [f"-seed={seed + 1}", f"-max_total_time={max(1, round(seconds))}", f"-max_len={_LONGEST_BYTES}"]
-    options += ["-rss_limit_mb=0", "-timeout=120", "-verbosity=0", f"-artifact_prefix={folder}/", f"-dict={words}"]
+    options += ["-rss_limit_mb=0", "-timeout=120", "-verbosity=0", f"-artifact_prefix={folder}/"]
+    if TARGETS[name].tokens:
+        words = folder / "words"
+        escaped = ("".join(f"\\x{byte:02x}" for byte in word) for word in TARGETS[name].tokens)
+        words.write_text("".join(f'"{word}"\n' for word in escaped))
+        options.append(f"-dict={words}")
     atheris.Setup([sys.argv[0], *options, str(seeds)], lambda data: one_input(run, data, journal))
     atheris.Fuzz()
 

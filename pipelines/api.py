@@ -9,9 +9,9 @@ from typing import Any, get_args
 from quadlog.config.file import configure
 from quadlog.errors import UnknownName, UsageError
 from quadlog.pipelines.batch.plan import kept_names
-from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.replay import replay as replay_into
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.store import Store
 from quadlog.recordings.clock import Stamp
@@ -49,7 +49,9 @@ def replay(
     Raises a QuadlogError: UsageError and UnknownName for wrong options, those of the configuration, AlreadyExists for
     an existing run without `force` and `resume`, and those of opening and replaying the recording.
     """
-    options = _options(start_s, duration_s, until, stamp, seed, msg_path)
+    _check(start_s, duration_s, until, stamp, seed)
+    start_s, duration_s = (None if each is None else float(each) for each in (start_s, duration_s))
+    options = ReplayOptions(stamp, start_s, duration_s, until, int(seed), tuple(map(Path, msg_path)))
     if force and resume:
         raise UsageError("force and resume exclude each other")
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
@@ -65,17 +67,15 @@ def replay(
         notes=configured.notes,
         plots=plots,
     )
-    replay_anywhere(request, Silent())
+    replay_into(request, Silent())
     summarise(request.run.parent, Silent())
     if isinstance(request.run, Path):
         Store(request.run.parent).trim()
     return load_run(request.run)
 
 
-def _options(
-    start_s: float | None, duration_s: float | None, until: str, stamp: str, seed: int, msg_path: Sequence[Path | str]
-) -> ReplayOptions:
-    """The options, checked as the command line checks them. Raises UnknownName, UsageError."""
+def _check(start_s: float | None, duration_s: float | None, until: str, stamp: str, seed: int) -> None:
+    """Raises UnknownName and UsageError, as the command line does."""
     if until not in STAGES:
         raise UnknownName("stage", until, STAGES)
     if stamp not in get_args(Stamp):
@@ -86,11 +86,3 @@ def _options(
         raise UsageError(f"duration_s is {duration_s}; it must be positive")
     if not 0 <= seed <= MAX_SEED:
         raise UsageError(f"seed is {seed}; it lies between 0 and {MAX_SEED}")
-    return ReplayOptions(
-        stamp="log" if stamp == "log" else "header",
-        start_s=None if start_s is None else float(start_s),
-        duration_s=None if duration_s is None else float(duration_s),
-        until=until,
-        seed=int(seed),
-        msg_path=tuple(map(Path, msg_path)),
-    )

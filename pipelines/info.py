@@ -1,30 +1,37 @@
-"""`quadlog info`: topics and roles of a recording, its clocks, losses, and the quality of its ranges."""
+"""`quadlog info` and `quadlog init`: what a recording holds, and a first configuration for it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from quadlog.config.schema import Config
-from quadlog.errors import NothingReadable
+import numpy as np
+
+from quadlog.config.file import commented_toml
+from quadlog.config.schema import Config, UwbConfig
+from quadlog.errors import NothingReadable, printable
+from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.stages.mount import find_mount
+from quadlog.pipelines.stages.mount import find_mount, lidar_in_base
 from quadlog.recordings.clock import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
+from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
+from quadlog.results.find_runs import refuse_existing
+from quadlog.storage.atomic_write import write_whole
 
 FAR_APART_S = FAR_APART_NS * 1e-9
 NOT_NEEDED = "not used: no role is left for it"
 STEPS = 100
+NO_UWB: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": []}
 OpenProgress = Callable[[], AbstractContextManager[Progress]]
 
 
@@ -92,7 +99,7 @@ def _uwb(
 ) -> tuple[dict[str, Any], list[str]]:
     """The health of the ranges where anchors are configured, or placed by enough messages."""
     if not config.uwb.anchors and len(places) < FEWEST_ANCHORS:
-        return {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}, place_warnings(places, {})
+        return NO_UWB, place_warnings(places, {})
     # What locates takes half a second to load.
     from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics
     from quadlog.pipelines.stages.positions.uwb import configured_places, with_carried_anchors
@@ -100,7 +107,7 @@ def _uwb(
     warnings = place_warnings(places, configured_places(config))
     effective = with_carried_anchors(config, places)
     if not effective.uwb.anchors:
-        return {"uwb": [], "uwb_tags": [], "uwb_body": [], "dilution": None}, warnings
+        return NO_UWB, warnings
     found, more = uwb_diagnostics(part, roles, effective, whole)
     return found, [*warnings, *more]
 
@@ -126,14 +133,8 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
             for anchor, place in seen.anchor_places.items()
         ],
         "links": [
-            {
-                "topic": topic,
-                "tag": link.tag,
-                "anchor": link.anchor,
-                "n": link.messages,
-                "range_min_m": link.range_min_m,
-                "range_max_m": link.range_max_m,
-            }
+            {"topic": topic, "tag": link.tag, "anchor": link.anchor, "n": link.messages}
+            | {"range_min_m": link.range_min_m, "range_max_m": link.range_max_m}
             for topic, links in seen.links.items()
             for link in links
         ],
@@ -235,3 +236,120 @@ def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
     return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}
+
+
+ALWAYS = ("topics", "results")
+NEEDS_RANGES = ("uwb",)
+NEEDS_CLOUDS = tuple(name for name in Config.model_fields if name not in (*ALWAYS, *NEEDS_RANGES))
+"""Sections of the configuration by what a log must have for them."""
+TAG_HEIGHT_M, PERSON_HEIGHT_M = UwbConfig().tag_height_m, UwbConfig().person_height_m
+SINGLE_TOPICS = ("lidar", "odometry", "imu", "joints", "reference")
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """The text of a quadlog.toml, and losses and warnings of the recording."""
+
+    text: str
+    losses: tuple[Loss, ...]
+    warnings: tuple[str, ...]
+
+
+def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: bool = False) -> Proposal:
+    """A quadlog.toml: detected topics and lidar mount filled in, anchors and tags left to be placed.
+
+    everything: sections that the log cannot use, too.
+    Raises the errors of open_recording.
+    """
+    # Only static transforms are used, which hold on any clock.
+    with open_configured(path, Config(), msg_path, "log") as recording:
+        roles = detect_roles(recording, Config().topics)
+        seen = survey(recording)
+        # From the transforms that never change, where they lead from the lidar to the base.
+        lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found and "tf" in roles.found else None
+        transform = None if lidar is None else lidar_in_base(recording, lidar, roles.frames)
+        mount = None if transform is None else mount_of(transform)
+        losses, warnings = tuple(recording.losses), (*recording.warnings, *place_warnings(seen.anchor_places, {}))
+    topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}
+    if "uwb" in roles.found:
+        topics["uwb"] = list(roles.found["uwb"].topics)
+    filled = {"topics": topics} if mount is None else {"topics": topics, "lidar": {"mount": mount}}
+    config = Config.model_validate(filled)
+    there = {*roles.found, *roles.ambiguous}
+    ranges, clouds = NEEDS_RANGES if "uwb" in there else (), NEEDS_CLOUDS if "lidar" in there else ()
+    legs = ("robot",) if "joints" in there and not clouds else ()
+    sections = tuple(Config.model_fields) if everything else (*ALWAYS, *ranges, *clouds, *legs)
+    text = commented_toml(config, _notes(roles, mount), sections)
+    missing = [f"[{name}]" for name in Config.model_fields if name not in sections]
+    left_out = f"\n# This log cannot use {' '.join(missing)}: quadlog init --all writes them.\n" if missing else ""
+    return Proposal(text + _radio_skeleton(seen) + left_out, losses, warnings)
+
+
+def write_new(path: Path, text: str, *, force: bool) -> None:
+    """Write a file whole. Raises AlreadyExists unless forced, CannotWrite."""
+    refuse_existing(path, force)
+    write_whole(path, text.encode())
+
+
+def _notes(roles: Roles, mount: dict[str, float] | None) -> dict[str, list[str]]:
+    """Comment lines beside the keys: why this topic, or which ones to choose from."""
+    notes: dict[str, list[str]] = {}
+    for name in (*SINGLE_TOPICS, "uwb"):
+        if name in roles.found:
+            notes[f"topics.{name}"] = [f"here: {printable(roles.found[name].why)}"]
+        elif name in roles.ambiguous:
+            choices = "  or  ".join(", ".join(topics) for topics in roles.ambiguous[name])
+            notes[f"topics.{name}"] = [f"several could be it: {printable(choices)}"]
+    if roles.targets:
+        notes["topics.target"] = [f"in this log: {printable(', '.join(roles.targets))}"]
+    notes["lidar.mount"] = [
+        "not in the log's tf: to be measured" if mount is None else "from the transforms of the log"
+    ]
+    return notes
+
+
+def mount_of(transform_lidar_to_base: Float) -> dict[str, float]:
+    """The keys of [lidar.mount] for a (4, 4) transform, rounded to 0.1 mm and 0.001 degree."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
+    x_m, y_m, z_m = (round(float(value), 4) for value in transform_lidar_to_base[:3, 3])
+    angles = Rotation.from_matrix(transform_lidar_to_base[:3, :3]).as_euler("ZYX", degrees=True)
+    yaw, pitch, roll = (round(float(value), 3) + 0.0 for value in np.asarray(angles))
+    return {"x_m": x_m, "y_m": y_m, "z_m": z_m, "roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
+
+
+def _radio_skeleton(seen: Survey) -> str:
+    """Tables for the anchors that the log's messages place; commented ones for every other radio, to be filled in."""
+    links = [link for topic in seen.links.values() for link in topic if link.anchor >= 0]
+    if not links:
+        return ""
+    lines = ["", "# The radios that ranged in this log. Give the anchors their places in map and uncomment them."]
+    if seen.anchor_places:
+        lines = ["", "# The radios that ranged in this log. Its messages hold the places of the anchors given here."]
+    for anchor in sorted({link.anchor for link in links}):
+        reach = [link for link in links if link.anchor == anchor]
+        count = sum(link.messages for link in reach)
+        far_m = max((link.range_max_m for link in reach if link.range_max_m is not None), default=None)
+        length = "" if far_m is None else f" of up to {far_m:.1f} m"
+        lines += ["#", f"# {count} ranges{length}"]
+        place = seen.anchor_places.get(anchor)
+        if place is None:
+            lines += ["# [[uwb.anchors]]", f"# id = {anchor}", "# x_m = ", "# y_m = ", "# z_m = "]
+        else:
+            x_m, y_m, z_m = (round(each, 4) + 0.0 for each in place.position_m)  # zero without a sign
+            lines += ["[[uwb.anchors]]", f"id = {anchor}", f"x_m = {x_m}", f"y_m = {y_m}", f"z_m = {z_m}"]
+    lines += [
+        "#",
+        "# A tag is the robot, a person or none. Without this table the lowest id is the robot, the next the person.",
+    ]
+    for index, tag in enumerate(sorted({link.tag for link in links})):
+        count = sum(link.messages for link in links if link.tag == tag)
+        role = ("robot", "person", "none")[min(index, 2)]
+        lines += ["#", f"# {count} ranges", "# [[uwb.tags]]", f"# id = {tag}", f'# role = "{role}"']
+        height_m = PERSON_HEIGHT_M if role == "person" else TAG_HEIGHT_M
+        lines += [
+            f"# height_m = {height_m}   # above map's floor",
+            "# x_m = 0.0   # where it sits in base",
+            "# y_m = 0.0",
+        ]
+    return "\n".join(lines) + "\n"

@@ -61,8 +61,7 @@ class Journal:
         for text in page.notes:
             self.note(text)
         self.lose(page.losses)
-        for name, amount in page.counts.items():
-            self.counts[name] = amount
+        self.counts |= page.counts
         self.topics |= page.topics
         for name, seconds in page.clock.seconds.items():
             self.clock.seconds[name] = self.clock.seconds.get(name, 0.0) + seconds

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypedDict
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -18,9 +18,8 @@ from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import ReplayOptions
-from quadlog.pipelines.stages.mount import CloudMover, LidarMount, find_mount, imu_in_base, imu_mount, moved_mounts
+from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
-from quadlog.pipelines.stages.tilt import contradicts_gravity, up_of_base
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
@@ -125,7 +124,7 @@ class LogData:
     """What the small topics of a log hold, and the stamps of its clouds, which are streamed apart.
 
     config: of the stage that uses it. mount: of the lidar; mover: of clouds whose frame moves in base. up: which way is
-    up in base, None where nothing tells. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
+    up in base, None where it is unknown. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
     its joints and by its clouds, None where there is none.
     """
 
@@ -133,8 +132,8 @@ class LogData:
     config: Config
     input: InputRecord
     streams: Streams
-    mount: LidarMount
-    mover: CloudMover | None
+    mount: mounts.LidarMount
+    mover: mounts.CloudMover | None
     up: UpSeries | None
     first_ns: int
     last_ns: int
@@ -160,7 +159,9 @@ def read_log(log: Log, progress: Progress) -> LogData:
     Raises AmbiguousTopic for a role that is needed, EmptyWindow, NothingToReplay and ClocksDiffer.
     """
     recording, roles, config = log.recording, log.roles, log.config
-    describe = _describing(log)
+    file = getattr(recording.container, "file", None)  # whose bytes are hashed while they are read, where possible
+    digest = SharedDigest(file) if isinstance(file, LocalBytes) else None
+    aside = describe_input_aside(log.path) if digest is None else None
     topics = _topics_to_read(log)
     wanted = Gatherer(**topics)
     wanted.take_static(recording)
@@ -172,22 +173,22 @@ def read_log(log: Log, progress: Progress) -> LogData:
             progress.advance()
     streams, frames, base_frame = wanted.streams(), roles.frames, config.topics.base_frame
     imu = streams.imu
-    if imu is not None and (wrong := contradicts_gravity(recording, str(topics["imu"]))) is not None:
+    if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
-    mount = find_mount(recording, roles, config, log.lidar, topics["odometry"])
+    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
     gap_ns = round(config.lidar.pose_gap_s * 1e9)
-    mover = None if mount.moving is None else CloudMover(mount, streams, gap_ns)
+    mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
     streams.warnings.extend(_of_mounts(log, mount, mover, streams))
     first_ns, last_ns = log.span_ns(streams)
     return LogData(
         log=log,
         config=config,
-        input=describe(),
-        streams=replace(streams, imu=None if imu is None else imu_in_base(imu, frames, base_frame)),
+        input=describe_file(log.path, digest.finish()) if aside is None else aside.result(),
+        streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames, base_frame)),
         mount=mount,
         mover=mover,
-        up=up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
+        up=mounts.up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
         first_ns=first_ns,
         last_ns=last_ns,
     )
@@ -244,37 +245,20 @@ def tell_recording(data: LogData, journal: Journal) -> None:
         journal.warn(f"{topic}: its joints are not used: it {why}")
 
 
-def _describing(log: Log) -> Callable[[], InputRecord]:
-    """A function that describes the input once it is read; hashes the bytes while they are read, where possible."""
-    file = getattr(log.recording.container, "file", None)
-    if not isinstance(file, LocalBytes):
-        return describe_input_aside(log.path).result
-    digest = SharedDigest(file)
-    return lambda: describe_file(log.path, digest.finish())
-
-
-def _of_mounts(log: Log, mount: LidarMount, mover: CloudMover | None, streams: Streams) -> list[str]:
+def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | None, streams: Streams) -> list[str]:
     """What a user should know of the mounts, now that all transforms are read."""
     frames, base_frame = log.roles.frames, log.config.topics.base_frame
     fixed, base = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame)
-    if streams.imu is not None and base is not None and imu_mount(streams.imu.frame_id, frames, base) is not None:
+    if (
+        streams.imu is not None
+        and base is not None
+        and mounts.imu_mount(streams.imu.frame_id, frames, base) is not None
+    ):
         fixed.append((streams.imu.frame_id, base))
-    return moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())
+    return mounts.moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())
 
 
-class _Topics(TypedDict):
-    uwb: tuple[str, ...]
-    odometry: str | None
-    imu: str | None
-    joints: str | None
-    reference: str | None
-    target: str | None
-    tf: tuple[str, ...]
-    estimates: tuple[str, ...]
-    lidar: str | None
-
-
-def _topics_to_read(log: Log) -> _Topics:
+def _topics_to_read(log: Log) -> dict[str, Any]:
     """The topics by role, as the gatherer takes them. Raises AmbiguousTopic for a role that is needed."""
     roles, position = log.roles, log.config.topics.position
     chosen = position if position in {channel.topic for channel in log.recording.channels} else None

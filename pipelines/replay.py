@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from itertools import takewhile
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
-from quadlog.errors import CannotWrite, ExitCode, NotARun, RunOfAnother, UnknownRunFormat
+from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, run_key
+from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
-from quadlog.results.record import describe_input, read_metrics, read_record
+from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
+from quadlog.results.record import describe_input, read_metrics, read_record, write_record
 from quadlog.results.run import check_place, new_run, settle
 from quadlog.storage.atomic_write import is_full, is_part, new_folder
+from quadlog.storage.remote_path import RemotePath
 
 if TYPE_CHECKING:
     from quadlog.pipelines.log import Facts, Log, LogData
@@ -26,7 +30,10 @@ if TYPE_CHECKING:
     from quadlog.pipelines.stages.tracks import Tracks
 
 
-class Steps(NamedTuple):
+RECORD, DONE_BEFORE = "run.json", "{}: already done with the same input, config and version"
+
+
+class StageResults(NamedTuple):
     """Results of the stages that the report is made of."""
 
     facts: Keyed[Facts]
@@ -34,7 +41,7 @@ class Steps(NamedTuple):
     body: Keyed[WalkedBody | None]
 
 
-def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> Steps:
+def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> StageResults:
     """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
     from quadlog.pipelines.log import ingest
     from quadlog.pipelines.stages.control import resimulate
@@ -51,18 +58,25 @@ def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, las
     maps = do(filter_scans if last == "filter" else filter_and_map, data, tracks, drawn)
     do(replan, maps, tracks)
     body = do(resimulate, maps, tracks, seed)
-    return Steps(facts, tracks, body)
+    return StageResults(facts, tracks, body)
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     """Run the stages of one recording and leave its run folder. Raises QuadlogError when there is nothing to leave.
 
     What the store has is not done again, but with FORCE. A run that is replaced stands until the new one is complete.
-    With pause_after only the store is filled.
+    A run at a URL that is not finished is made from the start.
     """
+    do = _replay_there if isinstance(request.run, RemotePath) else _replay_here
+    outcome = do(request, progress)
+    (request.run / FAILED).unlink(missing_ok=True)  # of an earlier try
+    return outcome
+
+
+def _replay_here(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     if request.existing is Existing.RESUME:
         if (finished := finished_outcome(request)) is not None:
-            progress.say(f"{request.run}: already done with the same input, config and version")
+            progress.say(DONE_BEFORE.format(request.run))
             return finished
         refuse_another(request)
         if reusable := reusable_stages(request):
@@ -72,18 +86,45 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     replaces = request.existing is not Existing.REFUSE
     check_place(request.run, replaces)
     journal = Journal(progress)
-    with _opened(request, journal) as log, _with_resume_hint(request.run), new_folder(request.run.parent):
-        if request.pause_after is not None:
-            do, *_ = _do_stages(request, log, None, journal)
-            return ReplayOutcome(request.recording, request.run, ExitCode.DONE, reused=do.reused)
-        with new_run(request.run, replaces) as run:
-            do, made, startup_s = _do_stages(request, log, run, journal)
-            with journal.clock.stage("report"):
-                # Drawing is not loaded before there is something to draw.
-                from quadlog.pipelines.stages.report import Finished, finish
-            metrics = finish(run, Finished.of(request, log, do, made, startup_s))
+    with (
+        _opened(request, journal) as log,
+        _with_resume_hint(request.run),
+        new_folder(request.run.parent),
+        new_run(request.run, replaces) as run,
+    ):
+        do, made, startup_s = _do_stages(request, log, run, journal)
+        with journal.clock.stage("report"):
+            # Drawing is not loaded before there is something to draw.
+            from quadlog.pipelines.stages.report import Finished, finish
+        metrics = finish(run, Finished(request, log, do, made, startup_s))
     reason = "; ".join(loss.detail for loss in journal.losses)
-    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, do.reused)
+    code = ExitCode.WITH_LOSS if reason else ExitCode.DONE
+    return ReplayOutcome(request.recording, request.run, code, reason, metrics, do.reused)
+
+
+def _replay_there(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
+    """Replay into a local folder and upload it, the finished record last: object storage has no rename."""
+    run = cast(RemotePath, request.run)
+    there = list(run.iterdir()) if run.is_dir() else []
+    if any(each.name != FAILED for each in there):
+        if not is_run(request.run):
+            raise CannotWrite(str(run), "the folder holds other files and is no run of quadlog")
+        if request.existing is Existing.REFUSE:
+            raise RunExists(str(run))
+    if request.existing is Existing.RESUME and (finished := finished_outcome(request)) is not None:
+        progress.say(DONE_BEFORE.format(run))
+        return finished
+    with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
+        local = Path(scratch) / run_name(run.name)
+        outcome = _replay_here(replace(request, run=local, existing=Existing.REFUSE), progress)
+        names = {path.relative_to(local).as_posix() for path in local.rglob("*") if path.is_file()}
+        write_record(Path(scratch), read_record(local), finished=False)
+        run.upload_all(Path(scratch), [RECORD])
+        for name in sorted(own_files(there).keys() - names):
+            (run / name).unlink()
+        run.upload_all(local, sorted(names - {RECORD}))
+        run.upload_all(local, [RECORD])
+    return replace(outcome, run=request.run)
 
 
 @contextmanager
@@ -98,24 +139,21 @@ def _opened(request: ReplayRequest, journal: Journal) -> Iterator[Log]:
         yield log
 
 
-def _do_stages(request: ReplayRequest, log: Log, run: Path | None, journal: Journal) -> tuple[Doing, Steps, float]:
+def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) -> tuple[Doing, StageResults, float]:
     """Do the stages up to the last one that is wanted and that the log allows; also the seconds spent on compiling."""
     from quadlog.pipelines.executor.compilation import compilation, compiling_s
     from quadlog.pipelines.log import read_log
 
     compiled_s = compiling_s()
     last, store = log.last_stage(), Store(request.run.parent)
-    if request.pause_after in stages_until(last):
-        last = str(request.pause_after)
     missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
-    to_compile = [name for name in missing if name != "position" or log.by_uwb]
-    with compilation(to_compile, request.config, journal.progress.say) as before:
+    with compilation(missing, request.config, journal.progress.say) as before:
         do = Doing(store, run, request.config, last, journal, before)
         read = cache(partial(read_log, log, journal.progress))
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
-    if request.options.until != last == "position" and request.pause_after is None:
+    if request.options.until != last == "position":
         why = log.roles.choices("lidar") or log.roles.why_none("lidar")
-        journal.warn(f"nothing is filtered, mapped, planned or walked: {why}")
+        journal.warn(f"stopped after position: {why}")
     return do, made, compiling_s() - compiled_s
 
 
@@ -125,12 +163,8 @@ def planned_keys(request: ReplayRequest, last: str | None = None) -> dict[str, s
     Raises RecordingNotFound.
     """
     last, keys = last or request.options.until, Keys(request.config)
-    steps(keys, Keyed(log_key(request.recording, request.options), _unread), request, last)
+    steps(keys, Keyed(log_key(request.recording, request.options), partial(not_done, ("ingest",))), request, last)
     return {name: keys.of[name] for name in stages_until(last) if name in keys.of}
-
-
-def _unread() -> Any:
-    raise LookupError("the log was not opened")
 
 
 def reusable_stages(request: ReplayRequest) -> tuple[str, ...]:
@@ -157,7 +191,8 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
         return None
     reason = "; ".join(loss.detail for loss in record.losses)
     reused = stages_until(request.options.until)[1:]
-    return ReplayOutcome(request.recording, request.run, _code(reason), reason, metrics, reused)
+    code = ExitCode.WITH_LOSS if reason else ExitCode.DONE
+    return ReplayOutcome(request.recording, request.run, code, reason, metrics, reused)
 
 
 def refuse_another(request: ReplayRequest) -> None:
@@ -187,7 +222,3 @@ def _with_resume_hint(written: Path | str) -> Iterator[None]:
         if not is_full(error):
             raise
         raise CannotWrite(error.filename or written, f"{os.strerror(error.errno or 0)}; {GOES_ON}") from error
-
-
-def _code(losses: str) -> ExitCode:
-    return ExitCode.WITH_LOSS if losses else ExitCode.DONE

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from quadlog.errors import UsageError
-
-if TYPE_CHECKING:
-    from quadlog.results.page.runs_page import Compared
-    from quadlog.results.run import Run
+from quadlog.metrics.comparison.paired import paired_differences
+from quadlog.pipelines.batch.summary import rebuild_summary
+from quadlog.pipelines.evaluation.samples import read_samples
+from quadlog.results.diff import diff_runs, first_moments
+from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.find_runs import files_beside_runs, is_run, refuse_existing, run_labels
+from quadlog.results.page.blocks import write_page
+from quadlog.results.page.run_page import write_run_page
+from quadlog.results.page.runs_page import Compared, side_by_side_page, write_sweep_page
+from quadlog.results.run import Run
+from quadlog.results.studies.sweep import TABLE
+from quadlog.storage.atomic_write import new_folder
 
 
 def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
@@ -18,14 +25,6 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
 
     Raises NotARun, CannotWrite.
     """
-    from quadlog.pipelines.batch.summary import rebuild_summary
-    from quadlog.results.figures import drawings_of, write_plots
-    from quadlog.results.find_runs import files_beside_runs, is_run
-    from quadlog.results.page.run_page import write_run_page
-    from quadlog.results.page.runs_page import write_sweep_page
-    from quadlog.results.run import Run
-    from quadlog.results.studies.sweep import TABLE
-
     beside = files_beside_runs(runs)
     for path in (path for path in runs if path not in beside):
         if not is_run(path) and path.is_dir():
@@ -43,11 +42,6 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
     force: replace an existing file. Raises AlreadyExists, CannotWrite, UsageError for a run that is given twice and for
     an output that is a file of one of the runs, and what reading the runs raises: NotARun, TooLarge, UnreadableFile.
     """
-    from quadlog.results.find_runs import refuse_existing
-    from quadlog.results.page.blocks import write_page
-    from quadlog.results.page.runs_page import side_by_side_page
-    from quadlog.storage.atomic_write import new_folder
-
     if len({path.resolve() for path in runs}) < max(len(runs), 2):
         raise UsageError("--side-by-side takes two runs or more, and none twice")
     refuse_existing(output, force)
@@ -59,23 +53,16 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
 
 def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
     """The runs by name, what differs between the first and each other one, and why runs cannot be paired."""
-    from quadlog.metrics.comparison.paired import paired_differences
-    from quadlog.pipelines.evaluation.samples import read_samples
-    from quadlog.results.diff import diff_runs, first_moments
-    from quadlog.results.find_runs import run_labels
-    from quadlog.results.page.runs_page import Compared
-    from quadlog.results.run import Run
-
     runs = dict(zip(run_labels(paths), map(Run, paths), strict=True))
     (first_name, first), *others = runs.items()
     paired, moments, notes = {}, [], []
-    own, errors = read_samples(first.path, first.metrics.keys(), may_lack=True)
+    own, errors = read_samples(first.path, first.metrics.keys())
     for name, run in others:
         if (why := why_not_paired(first, run)) is not None:
             notes.append(f"{name} is not paired with {first_name}: {why}")
             continue
         run.start_ns = first.start_ns
-        samples, more = read_samples(run.path, run.metrics.keys() & own.keys(), may_lack=True)
+        samples, more = read_samples(run.path, run.metrics.keys() & own.keys())
         errors += more
         paired[name] = paired_differences(own, samples)
         moments += first_moments(diff_runs(first, run), first)

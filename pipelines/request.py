@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,23 +36,14 @@ class ReplayOptions:
 
     def to_dict(self) -> dict[str, Any]:
         """As `run.json` keeps them."""
-        return {
-            "stamp": self.stamp,
-            "start_s": self.start_s,
-            "duration_s": self.duration_s,
-            "until": self.until,
-            "seed": self.seed,
-            "msg_path": [str(path) for path in self.msg_path],
-        }
+        return asdict(self) | {"msg_path": [str(path) for path in self.msg_path]}
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
     """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
 
-    pause_after: name of a stage after which the replay ends without a run, for others that share its results; None to
-    run all. draws: whether the run gets a page, and plots
-    if `plots` is true too.
+    draws: whether the run gets a page. plots: whether also pictures in plots/.
     """
 
     recording: Path
@@ -62,7 +53,6 @@ class ReplayRequest:
     existing: Existing = Existing.REFUSE
     command: tuple[str, ...] = ("quadlog", "replay")
     notes: tuple[str, ...] = ()
-    pause_after: str | None = None
     draws: bool = True
     plots: bool = True
 

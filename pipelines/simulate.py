@@ -1,36 +1,42 @@
-"""`quadlog simulate` as a library: a course or a trot on the spot, walked once for each seed into run folders."""
+"""`quadlog simulate`: a course or a trot on the spot, walked once for each seed into run folders."""
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
-from quadlog.errors import AlreadyExists, UsageError
+from quadlog.errors import UsageError
+from quadlog.messages import Float
+from quadlog.metrics.summary import Metric, Metrics, saved_metrics
+from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
-from quadlog.pipelines.executor.pool import side_by_side
-from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.simulation.courses import Remarks, find_course, ground_remarks, make_ground
-from quadlog.pipelines.simulation.run_folder import (
-    Description,
-    Walked,
-    fill_folder,
-    trotted_results,
-    walked_results,
-)
-from quadlog.pipelines.simulation.trot import CURVES, plan_trot, trot_once
-from quadlog.pipelines.simulation.walk import check_rate, walk_once
-from quadlog.results.run import new_run
-from quadlog.simulation.course_walk import TROT, Course
+from quadlog.pipelines.executor.pool import LocalPool
+from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
+from quadlog.pipelines.simulation import walk as walking
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, Remarks, find_course, ground_remarks, make_ground
+from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.page.run_page import write_run_page
+from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.run import Run, check_place, new_run
+from quadlog.results.tables import TABLES
+from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.simulation.robot.height_field import HeightField
-from quadlog.storage.atomic_write import is_part
+from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.storage.formats.tum import write_tum
+from quadlog.version import __version__
 
 DISTURBED_OVERRIDES = tuple(
     f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
@@ -69,44 +75,6 @@ class SimulatedRun:
         return which | values
 
 
-@dataclass(frozen=True, slots=True)
-class _Walk:
-    """What one walk needs, in this process or another. course: None for a trot, whose curve is the controller."""
-
-    request: SimulateRequest
-    course: Course | None
-    config: Config
-    remarks: Remarks
-    controller: str
-    seed: int
-    run: Path
-
-    def warm_up(self, progress: Progress) -> float:
-        """Load and compile by the plan of a trot or a tenth of a second of a walk; returns the seconds it took.
-
-        Raises what is wrong with robot, ground or curve.
-        """
-        started = time.perf_counter()
-        with on_first_compilation(lambda: progress.say(SAID)):
-            if self.course is None:
-                plan_trot(self.config.simulation, self.controller, self.seed)
-            else:
-                walk_once(self.course, self.config, self._ground(self.course), 0, most_s=0.1)
-        return time.perf_counter() - started
-
-    def results(self) -> Walked:
-        """Simulate it."""
-        if self.course is None:
-            return trotted_results(trot_once(self.config.simulation, self.controller, self.seed))
-        ground = self._ground(self.course)
-        simulated = walk_once(self.course, self.config, ground, self.seed)
-        most_n = self.config.mpc.f_max_n
-        return walked_results(self.course, self.request.course, ground, self.remarks, simulated, most_n)
-
-    def _ground(self, course: Course) -> HeightField:
-        return make_ground(self.request.course, course, self.config, self.seed)
-
-
 def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> list[SimulatedRun]:
     """Walk the course once for each seed; a fall is a result. Returns the walks in the order of the seeds.
 
@@ -114,65 +82,271 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     AlreadyExists and what the course, the ground and the robot raise, before anything is walked.
     """
     walks = _trots(request) if request.course == TROT else _walks(request)
-    for walk in () if request.force else walks:
-        if walk.run.is_dir() and not all(is_part(entry.name) for entry in walk.run.iterdir()):
-            raise AlreadyExists(walk.run)
+    for walk in walks:
+        check_place(walk.run, request.force)
     for warning in walks[0].remarks.warnings:
         progress.say(f"warning: {warning}")
     progress.begin("simulate", len(walks))
     # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
-    startup_s = walks[-1].warm_up(progress)
+    with on_first_compilation(lambda: progress.say(SAID)):
+        startup_s = walks[-1].warm_up()
     workers = min(jobs or cores(), len(walks))
     if workers == 1:
-        runs = []
-        for walk in walks:
-            runs.append(_save(walk, startup_s, progress))
-            progress.advance()
+        runs = [_shown(_save(walk, request.force, startup_s), progress) for walk in walks]
     else:
-        runs = side_by_side(_save_elsewhere, walks, workers, progress)
+        with LocalPool(workers) as pool:
+            futures = [pool.submit(_save, walk, request.force) for walk in walks]
+            for done in as_completed(futures):
+                if done.exception() is None:
+                    _shown(done.result(), progress)
+        runs = [each.result() for each in futures]
     for folder in dict.fromkeys(each.run.parent for each in runs):
         summarise(folder, progress)
     return runs
 
 
-def _walks(request: SimulateRequest) -> list[_Walk]:
+def _shown(run: SimulatedRun, progress: Progress) -> SimulatedRun:
+    progress.say(f"{run.run}: {run.ended or 'done'}")
+    progress.advance()
+    return run
+
+
+def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     """One along the course for each seed."""
     controller = request.config.simulation.controller
     if controller == NO_CONTROLLER:
         raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
-    check_rate(request.config.pursuit.rate_hz)
+    walking.check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     config = request.config.model_copy(update={"pursuit": pursuit})
     folder, remarks = request.output / f"{course.name}-{controller}", ground_remarks(course, config)
-    walks = [
-        _Walk(request, course, config, remarks, controller, seed, folder / f"seed-{seed:03d}") for seed in request.seeds
-    ]
-    if any(walk.run.resolve() == Path(config.simulation.terrain).resolve() for walk in walks):
+    runs = {seed: folder / f"seed-{seed:03d}" for seed in request.seeds}
+    if any(run.resolve() == Path(config.simulation.terrain).resolve() for run in runs.values()):
         raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
-    return walks
+    how = request.command, request.plots
+    return [PlannedWalk(request.course, course, config, remarks, controller, *run, *how) for run in runs.items()]
 
 
-def _trots(request: SimulateRequest) -> list[_Walk]:
+def _trots(request: SimulateRequest) -> list[PlannedWalk]:
     """One with each curve for each seed, in the curve's folder: below it where there are several seeds."""
     folders = {seed: f"seed-{seed:03d}" if len(request.seeds) > 1 else "" for seed in request.seeds}
+    how, none = (request.command, request.plots), Remarks()
     return [
-        _Walk(request, None, request.config, Remarks(), curve, seed, request.output / TROT / curve / folder)
-        for curve in CURVES
+        PlannedWalk(TROT, None, request.config, none, curve, seed, request.output / TROT / curve / folder, *how)
+        for curve in walking.CURVES
         for seed, folder in folders.items()
     ]
 
 
-def _save(walk: _Walk, startup_s: float, progress: Progress) -> SimulatedRun:
-    """Simulate one walk into its folder."""
-    walked, request = walk.results(), walk.request
-    made_by = walk.seed, request.command, startup_s, request.plots
-    with new_run(walk.run, request.force) as folder:
-        metrics = fill_folder(folder, Description(request.course, walk.controller, walk.config, *made_by), walked)
-    progress.say(f"{walk.run}: {walked.ended or 'done'}")
-    name = TROT if walk.course is None else walk.course.name
+def _save(walk: PlannedWalk, force: bool, startup_s: float | None = None) -> SimulatedRun:
+    """Simulate one walk into its folder. startup_s: of this process, None where it has not been warmed up yet."""
+    startup_s = walk.warm_up() if startup_s is None else startup_s
+    walked = walk.walk()
+    with new_run(walk.run, force) as folder:
+        metrics = fill_folder(folder, walk, walked, startup_s)
+    name = walk.name if walk.course is None else walk.course.name
     return SimulatedRun(walk.run, name, walk.controller, walk.seed, walked.ended, metrics)
 
 
-def _save_elsewhere(walk: _Walk, progress: Progress) -> SimulatedRun:
-    return _save(walk, walk.warm_up(progress), progress)
+NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedWalk:
+    """One walk and its run folder. name: of its course, or a file. plots: whether also pictures in plots/.
+
+    course: None for a trot, whose curve is `controller`.
+    """
+
+    name: str
+    course: Course | None
+    config: Config
+    remarks: Remarks
+    controller: str
+    seed: int
+    run: Path
+    command: tuple[str, ...]
+    plots: bool
+
+    def warm_up(self) -> float:
+        """Load and compile by the plan of a trot or a tenth of a second of a walk; returns the seconds it took.
+
+        Raises what is wrong with robot, ground or curve.
+        """
+        started = time.perf_counter()
+        if self.course is None:
+            walking.plan_trot(self.config.simulation, self.controller, self.seed)
+        else:
+            walking.walk_once(self.course, self.config, self._ground(self.course), 0, most_s=0.1)
+        return time.perf_counter() - started
+
+    def walk(self) -> Walked:
+        """Simulate it."""
+        if self.course is None:
+            return trotted_results(walking.trot_once(self.config.simulation, self.controller, self.seed))
+        ground = self._ground(self.course)
+        return walked_results(self, self.course, ground, walking.walk_once(self.course, self.config, ground, self.seed))
+
+    def _ground(self, course: Course) -> HeightField:
+        return make_ground(self.name, course, self.config, self.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Walked:
+    """What a walk leaves for its folder.
+
+    control: the columns of that table. ended: how, where it did not arrive. record: further fields of `RunRecord`.
+    write: writes all further results.
+    """
+
+    control: Mapping[str, Any]
+    metrics: Metrics
+    ended: str
+    lasted_s: float
+    walking_s: float
+    record: dict[str, Any]
+    write: Callable[[Run], None] | None = None
+
+
+def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked, startup_s: float) -> dict[str, dict[str, Any]]:
+    """Write all results of a walk, then plots and the page on them, `run.json` last. Returns the metrics as saved.
+
+    startup_s: spent on loading and compiling.
+    """
+    saved, clock = saved_metrics(walked.metrics), StageClock()
+    with clock.stage("report"):
+        record = _record(planned, walked, startup_s, clock)
+        run = Run.create(folder, record)
+        run.write("metrics", saved)
+        run.write("control", walked.control)
+        pose = (walked.control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m"))
+        tilt_rad = np.column_stack([walked.control["roll_rad"], walked.control["pitch_rad"]])
+        write_tum(folder / "trajectory.tum", *pose, tilt_rad)
+        if walked.write is not None:
+            walked.write(Run(folder, record))
+        drawings = drawings_of(Run(folder, record))
+        if planned.plots:
+            write_plots(folder, drawings)
+    finished = _record(planned, walked, startup_s, clock)
+    write_run_page(Run(folder, finished), drawings)
+    run.finish(finished)
+    return saved
+
+
+def _record(planned: PlannedWalk, walked: Walked, startup_s: float, clock: StageClock) -> RunRecord:
+    warnings = [*walked.record["warnings"], *([f"the robot {walked.ended}"] if walked.ended else [])]
+    spent_s = {"control": walked.walking_s, "report": clock.seconds.get("report", 0.0)}
+    peaks_mb = {"control": peak_memory_mb(), "report": clock.peak_memory_mb.get("report", 0.0)}
+    return RunRecord(
+        quadlog_version=__version__,
+        command=list(planned.command),
+        config=planned.config,
+        options={"course": planned.name, "controller": planned.controller, "seed": planned.seed},
+        seed=planned.seed,
+        recorded_s=walked.lasted_s,
+        stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
+        startup_s=startup_s,
+        realtime_factor=walked.lasted_s / walked.walking_s,
+        **walked.record | {"warnings": warnings},
+    )
+
+
+def trotted_results(trotted: walking.TrottedCurve) -> Walked:
+    """What a trot leaves."""
+    walk, robot = trotted.walk, trotted.planned.robot
+    fallen = walk.fallen.any()
+    return Walked(
+        control=dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns(),
+        metrics=walking.trot_metrics(trotted),
+        ended=f"fell after {walk.t_ns[np.argmax(walk.fallen)] / NS:.2f} s" if fallen else "",
+        lasted_s=float(walk.t_ns[-1]) / NS,
+        walking_s=trotted.seconds,
+        record={
+            "input": _input(TROT, trotted.planned.targets_rad),  # the joint angles that the robot is sent to
+            "counts": {"samples": len(walk.t_ns)},
+            "warnings": [],
+            "notes": [
+                f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
+                f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, a posture",
+            ],
+        },
+    )
+
+
+def walked_results(
+    planned: PlannedWalk, course: Course, ground: HeightField, simulated: walking.SimulatedWalk
+) -> Walked:
+    """What a walk along a course leaves."""
+
+    def write(run: Run) -> None:
+        # The course is the one plan of the walk.
+        (x_m, y_m), n = course.path_m.T, len(course.path_m)
+        plan = {"t_ns": np.zeros(n, np.int64), "i": np.arange(n), "x_m": x_m, "y_m": y_m}
+        run.write("paths", plan | {"smooth_x_m": x_m, "smooth_y_m": y_m})
+        if not ground.is_plane:
+            # A corner's height stands for the cell about it. It is known everywhere: it can be a terrain again.
+            origin_m = np.array(ground.origin_m) - ground.cell_m / 2
+            seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
+            place = {"origin_m": origin_m, "cell_m": ground.cell_m}
+            run.write("ground", place | {"height_m": ground.height_m, "count": seen})
+        write_derived(run)
+        write_layout(run)
+
+    name = planned.name
+    return Walked(
+        control=simulated.walk.control,
+        metrics=walk_metrics(simulated),
+        ended=walk_verdict(simulated),
+        lasted_s=simulated.lasted_s,
+        walking_s=simulated.seconds,
+        record={
+            "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
+            "counts": {"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
+            "warnings": [*planned.remarks.warnings, *_warnings(simulated, planned.config.mpc.f_max_n)],
+            "notes": list(planned.remarks.notes),
+        },
+        write=write,
+    )
+
+
+def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
+    """How well the course was followed, what it cost, and how fast it was simulated."""
+    walk = simulated.walk
+    control = walk.control
+    errors = {name: control[name] for name in ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")}
+    fallen = control["fallen"].astype(np.bool_) if simulated.model is not None else None
+    metrics = tracking_metrics(TrackedWalk(control["t_ns"], **errors, fallen=fallen), walk.completed_ns)
+    if walk.effort is not None:
+        ticks = round(simulated.lasted_s / TIMESTEP_S)
+        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)
+    metrics["realtime_factor"] = Metric(simulated.lasted_s / simulated.seconds, 1, "")
+    return metrics
+
+
+def walk_verdict(simulated: walking.SimulatedWalk) -> str:
+    """How the walk ended, where it did not end at the course's end; else empty."""
+    control = simulated.walk.control
+    # Adding 0 makes a plain 0 of -0.
+    x_m, y_m = (round(float(control[name][-1]), 2) + 0.0 for name in ("x_m", "y_m"))
+    where = f"after {simulated.lasted_s:.2f} s at ({x_m:.2f}, {y_m:.2f}) m"
+    if control["fallen"][-1]:
+        return f"fell {where}"
+    return "" if simulated.walk.completed_ns is not None else f"gave up {where}: it should have arrived long before"
+
+
+def _input(name: str, values: Float) -> InputRecord:
+    """What a course or trot of quadlog's own is made of."""
+    content = np.ascontiguousarray(values, np.float64).tobytes()
+    return InputRecord(path=name, size_bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
+
+
+def _warnings(simulated: walking.SimulatedWalk, most_n: float) -> list[str]:
+    warnings = []
+    if simulated.failed_solves:
+        warnings.append(f"{simulated.failed_solves} QPs failed; older or simpler forces were used: see counts")
+    weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
+    # Two feet carry in a trot, and have to push harder than the weight to go up.
+    if weight_n > 1.5 * most_n:
+        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
+    return warnings

@@ -6,17 +6,19 @@ are one thing here: they ask for results by their keys, and what is there is not
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
 import platform
 import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, partial, reduce
+from operator import getitem
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from quadlog.config.plugins import all_plugins
 from quadlog.config.schema import Config
@@ -37,6 +39,7 @@ MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
 """Where definitions are looked for below a folder of --msg-path."""
 STATE = "_state.json"
 """Of a result: its journal, and what its stage returned. It is not linked into runs."""
+LOCK = ".lock-"
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,7 @@ class Stage(Generic[R]):
 
 
 def stage(
-    *names: str,
-    reads: tuple[str, ...],
-    load: Callable[[Path, Any], R],
+    *names: str, reads: tuple[str, ...], load: Callable[[Path, Any], R]
 ) -> Callable[[Callable[..., Any]], Stage[R]]:
     """Make a stage of the function below."""
     return lambda fill: Stage(names, reads, fill, load)
@@ -70,11 +71,8 @@ class Keyed(Generic[R]):
     get: Callable[[], R]
 
 
-class Do(Protocol):
-    """What a replay gives its stages to: one that does them, or one that finds their keys alone."""
-
-    def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
-        """The result of a stage on its inputs, each Keyed or a plain value of JSON."""
+Do = Callable[..., Keyed[Any]]
+"""do(stage, *inputs) gives a stage's result on its inputs, each Keyed or a plain value of JSON: Keys or Doing."""
 
 
 class Keys:
@@ -87,27 +85,26 @@ class Keys:
     def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
         key = key_of(stage, self._config, inputs)
         self.of |= dict.fromkeys(stage.names, key)
-        return Keyed(key, partial(_not_done, stage.names))
+        return Keyed(key, partial(not_done, stage.names))
 
 
 class Doing:
     """Does stages, or takes them from the store, and links their files into the folder of a run.
 
-    last: the last stage that is wanted. journal: of all stages. reused: the names of those that were in the store, but
-    for `ingest`.
-    keys: of all so far.
+    last: the last stage that is wanted. journal, keys: of all stages so far. reused: the names of those that were in
+    the store, but for `ingest`.
     """
 
     def __init__(
         self,
         store: Store,
-        run: Path | None,
+        run: Path,
         config: Config,
         last: str,
         journal: Journal,
         before: Callable[[str], None],
     ) -> None:
-        """run: None to fill the store alone. before: called with each name of a stage that is done next."""
+        """before: called with the name of each stage that is done next."""
         self._before = before
         self._store, self._run, self._config, self._last = store, run, config, last
         self._dumped = config.model_dump(mode="json")
@@ -118,14 +115,14 @@ class Doing:
     def __call__(self, stage: Stage[R], *inputs: Any) -> Keyed[R]:
         key = key_of(stage, self._dumped, inputs)
         if self._last in self.keys:
-            return Keyed(key, partial(_not_done, stage.names))
+            return Keyed(key, partial(not_done, stage.names))
         if self._store.has(key):
             self.reused += tuple(name for name in stage.names if name != "ingest")
         kept = self._store.get(key, partial(self._fill, stage, inputs), self._run)
         self.keys |= dict.fromkeys(stage.names, key)
         self.journal.add(Journal.from_json(kept["journal"]))
-        # From the run where there is one: another process may remove results that no finished run has.
-        return Keyed(key, partial(stage.load, self._run or self._store.folder / key, kept["state"]))
+        # From the run: another process may remove results that no finished run has.
+        return Keyed(key, partial(stage.load, self._run, kept["state"]))
 
     def _fill(self, stage: Stage[Any], inputs: tuple[Any, ...], folder: Path) -> None:
         page = self.journal.page()
@@ -136,8 +133,8 @@ class Doing:
         write_whole(folder / STATE, json.dumps({"journal": page.to_json(), "state": state}).encode())
 
 
-def _not_done(names: tuple[str, ...]) -> Any:
-    raise LookupError(f"{names[-1]} was not asked for")
+def not_done(names: tuple[str, ...]) -> Any:
+    raise LookupError(f"{names[-1]} was not requested")
 
 
 class Store:
@@ -150,7 +147,7 @@ class Store:
         """Whether the result of this key is there."""
         return (self.folder / key / STATE).is_file()
 
-    def get(self, key: str, fill: Callable[[Path], None], run: Path | None) -> Any:
+    def get(self, key: str, fill: Callable[[Path], None], run: Path) -> Any:
         """The state of a result, whose files are linked into a run; `fill` makes all of it where there is none yet.
 
         Raises OSError, and what fill raises.
@@ -158,7 +155,9 @@ class Store:
         folder = self.folder / key
         with suppress(FileNotFoundError):  # there is none, or another process removes it
             return _taken(folder, run)
-        with part_folder(self.folder) as part:
+        with self._alone(key), part_folder(self.folder) as part:
+            with suppress(FileNotFoundError):  # the process that was waited for has not left it
+                return _taken(folder, run)
             fill(part)
             for file in part.iterdir():
                 file.chmod(0o444)
@@ -169,6 +168,18 @@ class Store:
                 if not self.has(key):  # another process was not faster
                     raise
         return kept
+
+    @contextmanager
+    def _alone(self, key: str) -> Iterator[None]:
+        """Wait for another process that fills this key, where the file system has locks; else both fill it."""
+        path = self.folder / f"{LOCK}{key}"
+        with ExitStack() as stack:
+            with suppress(OSError):
+                self.folder.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context(path.open("wb"))
+                stack.callback(path.unlink, missing_ok=True)
+                fcntl.flock(file, fcntl.LOCK_EX)
+            yield
 
     def forget(self, keys: Iterable[str]) -> None:
         """Remove results."""
@@ -185,6 +196,8 @@ class Store:
                 shutil.rmtree(state.parent, ignore_errors=True)
         with suppress(OSError):
             remove_stale_parts(self.folder)
+            for lock in self.folder.glob(f"{LOCK}*"):  # of killed processes
+                lock.unlink(missing_ok=True)
             self.folder.rmdir()  # if it is empty
 
     def _keys_of_runs(self) -> Iterator[str]:
@@ -200,11 +213,11 @@ def stored_bytes(output: Path) -> int:
     return sum(file.stat().st_size for file in folder.glob("*/*")) if folder.is_dir() else 0
 
 
-def _taken(source: Path, run: Path | None) -> Any:
+def _taken(source: Path, run: Path) -> Any:
     """The state of a result, and its files put into a run: hard links where the file system has them, else copies."""
     kept = json.loads((source / STATE).read_text())
-    for file in source.iterdir() if run is not None else ():
-        if run is not None and file.name != STATE:
+    for file in source.iterdir():
+        if file.name != STATE:
             (run / file.name).unlink(missing_ok=True)
             try:
                 os.link(file, run / file.name)
@@ -237,16 +250,9 @@ def versions() -> str:
 
 def key_of(stage: Stage[Any], config: dict[str, Any], inputs: tuple[Any, ...]) -> str:
     """A digest of versions, the stage's names, its configuration (as JSON has it) and its inputs."""
-    values = {name: _content(_value(config, name)) for name in stage.reads}
+    values = {name: _content(reduce(getitem, name.split("."), config)) for name in stage.reads}
     keys = [each.key if isinstance(each, Keyed) else each for each in inputs]
     return digest(versions(), stage.names, values, keys)
-
-
-def _value(dumped: Any, name: str) -> Any:
-    """Of a dotted key, or of a whole section."""
-    for part in name.split("."):
-        dumped = dumped[part]
-    return dumped
 
 
 def _content(value: Any) -> Any:
@@ -255,7 +261,10 @@ def _content(value: Any) -> Any:
         return {name: _content(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
         return [_content(each) for each in value]
-    return [value, _content_of(Path(value))] if isinstance(value, str) and _is_file(value) else value
+    with suppress(OSError, ValueError):  # of what is no path
+        if isinstance(value, str) and value and Path(value).is_file():
+            return [value, _content_of(Path(value))]
+    return value
 
 
 def _content_of(path: Path) -> str:
@@ -269,13 +278,6 @@ def _content_of(path: Path) -> str:
         return content_digest(path)
     except QuadlogError:
         return file_digest(path)  # no robot, or one that the stage will refuse
-
-
-def _is_file(name: str) -> bool:
-    try:
-        return bool(name) and Path(name).is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def only(config: Config, names: tuple[str, ...]) -> Config:

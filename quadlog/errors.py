@@ -221,7 +221,7 @@ class UnknownTopic(QuadlogError):
         self.role, self.topic, self.choices = role, topic, list(choices)
         listed = some_of(self.choices) or "none"
         where = f"topics.{role}: " if role else ""
-        super().__init__(f"{where}{topic} {why}; the recording has: {listed}")
+        super().__init__(f"{where}{topic} {why}; topics of the recording: {listed}")
 
 
 class MissingInput(QuadlogError):
@@ -321,7 +321,7 @@ class CannotWrite(FileError):
 
 
 class MissingProgram(QuadlogError):
-    """A program of others that is not on PATH, and what can be had without it."""
+    """A program of others that is not on PATH, and what works without it."""
 
     def __init__(self, program: str, needed_by: str, remedy: str) -> None:
         self.program, self.needed_by, self.remedy = program, needed_by, remedy

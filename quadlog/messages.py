@@ -93,7 +93,7 @@ class PointCloud:
 class UwbRanges:
     """Ranges of one tag to K anchors, measured together.
 
-    tag: id of the tag, None where only the topic tells it.
+    tag: id of the tag, None where only the topic identifies it.
     anchor: (K,) int64 ids; range_m: (K,) float64; absent ranges are left out.
     first_path_gap_db: (K,) receiver power minus first-path power, or None; large means NLOS.
     anchor_position_m: (K, 3) where the anchors are in map, NaN or zero where unknown, or None.

@@ -7,31 +7,29 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import CancelledError, Future
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Empty
 from typing import Any
 
-from quadlog.errors import (
-    AlreadyExists,
-    ExitCode,
-    QuadlogError,
-    RecordingNotFound,
-    RunExists,
-    RunOfAnother,
-    VersionsDiffer,
-)
+from quadlog import errors
 from quadlog.pipelines.batch.plan import Planned, existing_runs
-from quadlog.pipelines.batch.progress import BatchCounts, BatchLines, TaskProgress
-from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.machine import is_out_of_memory
 from quadlog.pipelines.executor.pool import Workers, open_executor
-from quadlog.pipelines.executor.progress import Progress, forget_peak_memory, peak_memory_mb, worker_name
-from quadlog.pipelines.replay import finished_outcome, planned_keys
+from quadlog.pipelines.executor.progress import (
+    BatchCounts,
+    BatchLines,
+    Progress,
+    TaskProgress,
+    forget_peak_memory,
+    peak_memory_mb,
+    worker_name,
+)
+from quadlog.pipelines.replay import finished_outcome, planned_keys, replay
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Store
 from quadlog.results import reused_words
@@ -56,9 +54,9 @@ class BatchOutcome:
     def exit_code(self) -> int:
         """0: all done; 1: none done; 3: something lost or failed."""
         codes = {run.exit_code for run in self.runs}
-        if codes == {ExitCode.FAILED}:
-            return ExitCode.FAILED
-        return ExitCode.DONE if codes <= {ExitCode.DONE} else ExitCode.WITH_LOSS
+        if codes == {errors.ExitCode.FAILED}:
+            return errors.ExitCode.FAILED
+        return errors.ExitCode.DONE if codes <= {errors.ExitCode.DONE} else errors.ExitCode.WITH_LOSS
 
     def failure_lines(self, many: str = "recordings", table: str = "summary.parquet") -> list[str]:
         """Number of failures and the reasons of the first ones; of a single recording its reason."""
@@ -75,7 +73,7 @@ class BatchOutcome:
 
 def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
-    outcome = replay_anywhere(planned.request, progress)
+    outcome = replay(planned.request, progress)
     summarise(planned.request.run.parent, progress)
     _trim([planned], [outcome])
     return BatchOutcome((outcome,))
@@ -87,15 +85,14 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
     An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
     After Ctrl-C, which stops all workers, `--resume` continues.
     """
-    with open_workers(batch, jobs, scheduler, progress) as replay_all:
-        outcomes = replay_all(batch)
+    outcomes = replay_all(batch, jobs, scheduler, progress)
     for outcome in outcomes:
         if outcome.failed and not outcome.refused:
             note_failure(outcome)
     for folder in sorted({each.request.run.parent for each in batch}):
         try:
             summarise(folder, progress)
-        except QuadlogError as error:  # a full disk, or a run that is damaged
+        except errors.QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
     _trim(batch, outcomes)
     return BatchOutcome(outcomes)
@@ -106,22 +103,17 @@ def _trim(batch: Sequence[Planned], outcomes: Sequence[ReplayOutcome]) -> None:
     kept: set[str] = set()
     for each, outcome in zip(batch, outcomes, strict=True):
         if outcome.failed:
-            with suppress(QuadlogError, OSError):  # the recording cannot be read: there are no results of it
+            with suppress(errors.QuadlogError, OSError):  # the recording cannot be read: there are no results of it
                 kept |= {*planned_keys(each.request).values()}
     for folder in {each.request.run.parent for each in batch}:
         if isinstance(folder, Path):
             Store(folder).trim(kept)
 
 
-ReplayAll = Callable[[Sequence[Planned]], tuple[ReplayOutcome, ...]]
-"""Replays recordings and returns their outcomes in the same order; none is started after the workers were halted."""
-
-
-@contextmanager
-def open_workers(
+def replay_all(
     batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
-) -> Iterator[ReplayAll]:
-    """Workers for a batch, which may be replayed in several parts, one after the other. Raises as replay_batch.
+) -> tuple[ReplayOutcome, ...]:
+    """The outcome of each recording, in their order. Raises as replay_batch.
 
     repeats: whether a warning is printed for each run that has it, or once.
     """
@@ -129,7 +121,7 @@ def open_workers(
         with open_executor(min(jobs, len(batch)), scheduler) as workers:
             if workers.greeting:
                 progress.say(workers.greeting)
-            yield _Batch(workers, progress, repeats).replay
+            return _Batch(batch, workers, progress, repeats).replay()
     finally:  # the workers have ended, and may have been killed
         for run in (each.request.run for each in batch if isinstance(each.request.run, Path)):
             with suppress(OSError):
@@ -146,12 +138,14 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
     told.begin("open", None)
     try:
         if refuses and is_finished(request.run) and finished_outcome(request) is None:
-            raise RunExists(request.run)
-        outcome = replay_anywhere(request, told)
-    except (AlreadyExists, RunOfAnother) as error:
+            raise errors.RunExists(request.run)
+        outcome = replay(request, told)
+    except (errors.AlreadyExists, errors.RunOfAnother) as error:
         outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
     except Exception as error:
-        full = _tells_of_a_full_disk(error)
+        cause: BaseException | None = error
+        while cause is not None and not full:
+            full, cause = isinstance(cause, OSError) and is_full(cause), cause.__cause__
         outcome = ReplayOutcome.of_failure(request, _failure_words(error, request.run, peak_memory_mb()))
     if time.monotonic() - began_s > WORTH_COLLECTING_S:
         gc.collect()
@@ -163,21 +157,14 @@ def _failure_words(error: Exception, run: Path, peak_mb: float | None) -> str:
     words = " ".join(str(error).split())
     if is_out_of_memory(error):
         return f"out of memory{_peak_words(peak_mb)}; {GOES_ON}"
-    if isinstance(error, RecordingNotFound):
+    if isinstance(error, errors.RecordingNotFound):
         return f"{words} (on {worker_name()})"
     if isinstance(error, OSError):
         return f"{error.filename or run}: {error.strerror or words}"
-    if isinstance(error, QuadlogError):
+    if isinstance(error, errors.QuadlogError):
         return words
     traceback.print_exception(error, file=sys.stderr)
     return f"a bug in quadlog: {type(error).__name__}: {words}"
-
-
-def _tells_of_a_full_disk(error: BaseException | None) -> bool:
-    """Whether a full disk is the error or among its causes."""
-    while error is not None and not (isinstance(error, OSError) and is_full(error)):
-        error = error.__cause__
-    return error is not None
 
 
 def _peak_words(peak_mb: float | None) -> str:
@@ -187,9 +174,8 @@ def _peak_words(peak_mb: float | None) -> str:
 class _Batch:
     """Recordings on their way through the workers. halted: why no more is started, empty while it goes on."""
 
-    def __init__(self, workers: Workers, progress: BatchLines, repeats: bool) -> None:
-        self._workers, self._progress, self._repeats = workers, progress, repeats
-        self._requests: list[ReplayRequest] = []  # of all parts, so that a late message is never taken for another's
+    def __init__(self, batch: Sequence[Planned], workers: Workers, progress: BatchLines, repeats: bool) -> None:
+        self._batch, self._workers, self._progress, self._repeats = batch, workers, progress, repeats
         self._outcomes: dict[int, ReplayOutcome] = {}
         self._running: dict[Future[Any], int] = {}
         self._tries: Counter[int] = Counter()
@@ -197,33 +183,37 @@ class _Batch:
         self._said: set[str] = set()
         self._halted = ""
 
-    def replay(self, batch: Sequence[Planned]) -> tuple[ReplayOutcome, ...]:
+    def replay(self) -> tuple[ReplayOutcome, ...]:
         """The outcomes, in the order of the recordings. Ctrl-C is reported with the number done, and raised again."""
-        first = len(self._requests)
-        numbers = range(first, first + len(batch))
-        self._requests += [each.request for each in batch]
-        self._outcomes |= {first + number: outcome for number, outcome in _refused(batch).items()}
-        todo = [number for number in numbers if number not in self._outcomes]
+        there = existing_runs(self._batch)
+        for number, each in enumerate(self._batch):
+            if each.request.existing is Existing.REFUSE and each.request.run in there:
+                why = str(errors.RunExists(each.request.run))
+                self._outcomes[number] = ReplayOutcome.of_failure(each.request, why, refused=True)
+        todo = [number for number in range(len(self._batch)) if number not in self._outcomes]
         self._tally = BatchCounts(len(todo))
         self._progress.expect(self._tally)
-        for number in sorted(todo, key=lambda number: (-batch[number - first].size_bytes, number)):
+        for number in sorted(todo, key=lambda number: (-self._batch[number].size_bytes, number)):
             self._submit(number)
         try:
             self._go()
         except KeyboardInterrupt:
             self._progress.say(f"interrupted with {self._tally.done} of {self._tally.recordings} recordings done")
             raise
-        return tuple(self._outcomes[number] for number in numbers)
+        return tuple(self._outcomes[number] for number in range(len(self._batch)))
 
     def _submit(self, number: int) -> None:
         """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
         if self._halted:
             self._end(number, "")
             return
-        request = self._requests[number]
+        request = self._batch[number].request
         refuses = request.existing is Existing.REFUSE
         request = replace(request, existing=Existing.RESUME) if refuses else request
-        request = _from_anywhere(request) if self._workers.address else request
+        if self._workers.address:  # of workers with another working folder
+            options = replace(request.options, msg_path=tuple(map(_absolute, request.options.msg_path)))
+            request = replace(request, recording=_absolute(request.recording), run=_absolute(request.run))
+            request = replace(request, options=options)
         future = self._workers.submit(replay_task, request, number, refuses)
         self._tries[number] += 1
         self._running[future] = number
@@ -262,11 +252,11 @@ class _Batch:
             again = ", and so was the next one" if self._workers.tries > 1 else ""
             words = f"its worker was killed{again}{_peak_words(self._peak_mb.get(number))}"
             self._end(number, f"{words}; out of memory is the usual cause; {GOES_ON}")
-        except (CancelledError, VersionsDiffer, ImportError) as error:
+        except (CancelledError, errors.VersionsDiffer, ImportError) as error:
             self._halt(str(error) or "the scheduler has ended, or dropped what it was given")
             self._end(number, "")
         except Exception as error:
-            self._end(number, _failure_words(error, self._requests[number].run, self._peak_mb.get(number)))
+            self._end(number, _failure_words(error, self._batch[number].request.run, self._peak_mb.get(number)))
         else:
             if full:
                 self._halt(f"disk full ({outcome.reason.removesuffix(f'; {GOES_ON}')})")
@@ -274,9 +264,11 @@ class _Batch:
 
     def _end(self, number: int, ended: ReplayOutcome | str, warnings: Sequence[str] = ()) -> None:
         """ended: the outcome, or why there is none."""
-        request = self._requests[number]
+        request = self._batch[number].request
         if isinstance(ended, str):
-            ended = ReplayOutcome.of_failure(request, self._stopped_words(number) if self._halted else ended)
+            begun = "stopped" if number in self._peak_mb else "not started"
+            words = f"{begun}: {self._halted}; {GOES_ON}" if self._halted else ended
+            ended = ReplayOutcome.of_failure(request, words)
         outcome = replace(ended, recording=request.recording, run=request.run)  # as they were given
         if self._workers.address and not outcome.failed and not request.run.is_dir():
             words = f"{worker_name()} does not see the run that its worker made: share {request.run.parent}"
@@ -290,9 +282,8 @@ class _Batch:
         self._said.update(warnings)
         if self._halted and number not in self._peak_mb:
             return  # not begun: it stands among the failures, and is not worth a line of its own
-        done = f"{request.pause_after} is done for all that share it" if request.pause_after else "done"
         words = f"; {reused_words(outcome.reused, request.options.until)}" if outcome.reused else ""
-        self._progress.finish(outcome.run.name, (outcome.reason or done) + words)
+        self._progress.finish(outcome.run.name, (outcome.reason or "done") + words)
 
     def _halt(self, reason: str) -> None:
         """Stop the batch, with one line for the user."""
@@ -301,25 +292,6 @@ class _Batch:
             self._progress.say(f"stopping: {reason}; {GOES_ON}")
             self._workers.stop()
 
-    def _stopped_words(self, number: int) -> str:
-        return f"{'stopped' if number in self._peak_mb else 'not started'}: {self._halted}; {GOES_ON}"
-
-
-def _from_anywhere(request: ReplayRequest) -> ReplayRequest:
-    """With absolute paths, for workers with another working folder."""
-    options = replace(request.options, msg_path=tuple(map(_absolute, request.options.msg_path)))
-    return replace(request, recording=_absolute(request.recording), run=_absolute(request.run), options=options)
-
 
 def _absolute(path: Path) -> Path:
     return path.absolute() if isinstance(path, Path) else path  # a URL
-
-
-def _refused(batch: Sequence[Planned]) -> dict[int, ReplayOutcome]:
-    """Outcomes by number of the recordings whose runs exist and may be neither replaced nor resumed."""
-    there = existing_runs(batch)
-    return {
-        number: ReplayOutcome.of_failure(each.request, str(RunExists(each.request.run)), refused=True)
-        for number, each in enumerate(batch)
-        if each.request.existing is Existing.REFUSE and each.request.run in there
-    }

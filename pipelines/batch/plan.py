@@ -2,67 +2,46 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from quadlog.config.schema import Config
-from quadlog.errors import CannotWrite, NotARun, RunOfAnother, UnknownRunFormat
+from quadlog.errors import CannotWrite, NotARun, RunOfAnother
 from quadlog.pipelines.replay import finished_outcome, refuse_another, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
 from quadlog.results.find_runs import is_absent, run_name, run_names
-from quadlog.results.record import input_bytes, is_finished, own_files, read_record
+from quadlog.results.record import input_bytes, is_finished, own_files, read_object
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     """A folder name for each recording: that of its run in the output folder, else what `run_names` gives.
 
-    Runs are read only where several folders could belong to a recording.
+    Only runs whose names begin as those of a recording are read.
     """
-    fresh = run_names(recordings)
-    families = [_family(name) for name in fresh]
-    there: dict[str, list[str]] = {}
-    for entry in sorted(output.iterdir()) if output.is_dir() else ():
-        there.setdefault(_family(entry.name), []).append(entry.name)
-    alike = Counter(families)
-    doubtful = {
-        family for family, name in zip(families, fresh, strict=True) if alike[family] > 1 or there.get(family) != [name]
-    }
-    runs = {_recording_of(output / name): name for family in doubtful for name in there.get(family, ())}
+    begins = tuple(run_name(path.resolve().name if path.is_dir() else stem(path)).casefold() for path in recordings)
+    there = [entry.name for entry in output.iterdir()] if output.is_dir() else []
+    runs = {_recording_of(output / name): name for name in sorted(there) if name.casefold().startswith(begins)}
     kept = [runs.get(_place(recording)) for recording in recordings]
-    taken = {name.casefold() for name in kept if name is not None}
-    names = []
-    for name, own in zip(fresh, kept, strict=True):
-        names.append(own or _free(name, taken))
+    taken, names = {name.casefold() for name in kept if name is not None}, []
+    for fresh, own in zip(run_names(recordings), kept, strict=True):
+        free = (f"{fresh}-{number}" if number else fresh for number in (0, *range(2, len(taken) + 3)))
+        names.append(own or next(name for name in free if name.casefold() not in taken))
         taken.add(names[-1].casefold())
     return names
 
 
-def _family(name: str) -> str:
-    """The common key of all names a recording's run may have: the same for `walk`, `walk.bag` and `walk.bag-2-2`."""
-    plain = re.sub(r"(-[0-9]{1,6})+$", "", name)
-    return run_name(stem(Path(plain if stem(Path(plain)) != plain else name))).casefold()
-
-
-def _free(name: str, taken: set[str]) -> str:
-    free, number = name, 2
-    while free.casefold() in taken:
-        free = f"{name}-{number}"
-        number += 1
-    return free
-
-
 def _recording_of(run: Path) -> str | None:
     """The place of the recording whose finished run this is."""
-    try:
-        return _place(read_record(run).input.path)
-    except (NotARun, UnknownRunFormat):
-        return None
+    with suppress(NotARun):
+        recorded = read_object(run, "run.json", "").get("input")
+        if isinstance(recorded, dict) and isinstance(recorded.get("path"), str):
+            return _place(recorded["path"])
+    return None
 
 
 def _place(recording: Path | str) -> str:
@@ -77,21 +56,6 @@ class Planned:
 
     request: ReplayRequest
     size_bytes: int
-
-
-@dataclass(frozen=True, slots=True)
-class Previewed:
-    """What would be done with a recording: run, resume (with the stages reused), replace, skip or refuse."""
-
-    planned: Planned
-    action: str
-    reused: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """One row of `--dry-run --json`."""
-        request = self.planned.request
-        where = {"action": self.action, "recording": str(request.recording), "run": str(request.run)}
-        return where | {"size_bytes": self.planned.size_bytes, "reused_stages": list(self.reused)}
 
 
 def plan_batch(
@@ -115,13 +79,20 @@ def plan_batch(
         ReplayRequest(recording, output / name, config, options, existing, command, notes=notes, plots=plots)
         for recording, name in zip(recordings, kept_names(recordings, output), strict=True)
     ]
-    return [Planned(request, _size(request.recording)) for request in requests]
+    return [Planned(request, input_bytes(own_files(request.recording))) for request in requests]
 
 
-def preview_batch(batch: Sequence[Planned]) -> list[Previewed]:
-    """What would be done with each recording; only those of runs that are resumed are looked at."""
-    there = existing_runs(batch)
-    return [_preview(each, each.request.run in there) for each in batch]
+def preview_batch(batch: Sequence[Planned]) -> list[dict[str, Any]]:
+    """A row of `--dry-run --json` for each recording: run, resume (with stages to reuse), replace, skip or refuse.
+
+    Only the recordings of runs that are resumed are looked at.
+    """
+    there, rows = existing_runs(batch), []
+    for each in batch:
+        request, (action, reused) = each.request, _preview(each.request, each.request.run in there)
+        where = {"action": action, "recording": str(request.recording), "run": str(request.run)}
+        rows.append(where | {"size_bytes": each.size_bytes, "reused_stages": list(reused)})
+    return rows
 
 
 def existing_runs(batch: Sequence[Planned]) -> set[Path]:
@@ -131,22 +102,18 @@ def existing_runs(batch: Sequence[Planned]) -> set[Path]:
     return {run for run in there if not run.is_dir() or any(not is_absent(entry.name) for entry in run.iterdir())}
 
 
-def _preview(planned: Planned, is_there: bool) -> Previewed:
-    request = planned.request
+def _preview(request: ReplayRequest, is_there: bool) -> tuple[str, Sequence[str]]:
+    """What would be done, and the stages that would be reused."""
     if not is_there:
         reused = reusable_stages(request) if request.existing is Existing.RESUME else ()
-        return Previewed(planned, "resume" if reused else "run", reused)
+        return "resume" if reused else "run", reused
     if request.existing is not Existing.RESUME:
-        return Previewed(planned, "replace" if request.existing is Existing.FORCE else "refuse")
+        return "replace" if request.existing is Existing.FORCE else "refuse", ()
     if is_finished(request.run):
         if finished_outcome(request) is not None:
-            return Previewed(planned, "skip")
+            return "skip", ()
         try:
             refuse_another(request)
         except RunOfAnother:
-            return Previewed(planned, "refuse")
-    return Previewed(planned, "resume", reusable_stages(request))
-
-
-def _size(recording: Path) -> int:
-    return input_bytes(own_files(recording))
+            return "refuse", ()
+    return "resume", reusable_stages(request)

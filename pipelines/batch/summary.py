@@ -63,7 +63,7 @@ def summarise(folder: Path, progress: Progress) -> None:
 def rebuild_summary(folder: Path) -> Path:
     """Summary and page of the runs that are in a folder now. Raises NotARun where there are none, CannotWrite."""
     if all(_row(folder / name) is None for name in _names(folder)):
-        raise NotARun(folder, "is no run, and there is none in it")
+        raise NotARun(folder, "is not a run folder and contains none")
     summarise(folder, said := Kept())
     if said.lines:
         raise NotARun(folder, said.lines[0].removeprefix(f"warning: {folder}: "))

@@ -1,102 +1,75 @@
-"""`quadlog metrics`: the metrics of saved runs, from their files alone."""
+"""`quadlog metrics` and `quadlog check`: the metrics of saved runs from their files alone, and bounds on them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
+from quadlog.config.file import read_bounds
+from quadlog.errors import ExitCode, NotARun, QuadlogError, UsageError, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import Condition
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
-from quadlog.metrics.summary import (
-    Measured,
-    MeasuredRun,
-    Samples,
-    summarise,
-    worst_of,
-)
-from quadlog.pipelines.evaluation.reference import (
-    REFERENCE_METRICS,
-    Reference,
-    compare_with_own_reference,
-    compare_with_reference,
-)
+from quadlog.metrics.summary import Measured, MeasuredRun, Samples, summarise, worst_of
+from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.results import check
 from quadlog.results.diff import differing_settings
-from quadlog.results.find_runs import failed_recordings, find_runs, run_labels
+from quadlog.results.find_runs import failed_recordings, find_runs, refuse_existing, run_labels
+from quadlog.results.record import read_metrics
 from quadlog.results.run import Run
-from quadlog.results.tables import has_table, read_table, start_ns
-from quadlog.results.text import RunAtWorst, WorstInstant, explain_text, print_table
+from quadlog.results.tables import start_ns
+from quadlog.results.text import RunAtWorst, WorstInstant, explain_text
+from quadlog.storage.atomic_write import new_folder, write_whole
 
 _NS = 1_000_000_000
 
 
-def explain_runs(name: str, runs: Sequence[MeasuredRun], reference: Reference | None) -> str:
+def explain_runs(name: str, runs: Sequence[MeasuredRun], reference: references.Reference | None) -> str:
     """The metric explained, with the three worst instants of each run."""
     return explain_text(name, [_at_worst(name, run, reference) for run in runs])
 
 
-def _at_worst(name: str, run: MeasuredRun, reference: Reference | None) -> RunAtWorst:
+def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | None) -> RunAtWorst:
     measured = run.metrics.get(name)
     if measured is None:
         return RunAtWorst(run.label, None, 0, ())
     try:
         samples = _samples(name, run.path, reference)
-        instants = [] if samples is None else _instants(name, samples, start_ns(run.path))
-        details = _contacts(run.path) if name in _OF_CONTACTS else _dimensions(name, run.path, reference)
+        first_ns, instants = start_ns(run.path), list[WorstInstant]()
+        for at in () if samples is None else worst_of(name, samples):
+            t_ns, value = int(samples.t_ns[at]), float(samples.values[at])
+            instants.append(WorstInstant(t_ns, (t_ns - first_ns) / _NS, value))
+        details = _dimensions(name, run.path, reference)
     except QuadlogError as error:
-        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants cannot be told: {error}")
-    why = "a run saves no samples of it" if samples is None else "at no instant bad"
+        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants unknown: {error}")
+    why = "a run saves no samples of it" if samples is None else "never above zero"
     return RunAtWorst(run.label, measured.value, measured.n, instants, why, details)
 
 
-_OF_CONTACTS = ("collisions", "clearance_min_m")
-
-
-def _contacts(run: Path) -> list[str]:
-    """A table of the run's contacts, from their first line on; nothing where there is none."""
-    if not has_table(run, "contacts"):
-        return []
-    contacts = read_table(run, "contacts")
-    if len(contacts["t_ns"]) == 0:
-        return []
-    first_ns = start_ns(run)
-    rows = [
-        (f"{(t_ns - first_ns) / _NS:.3f}", f"{duration_s:.3f}", f"{x_m:.2f}", f"{y_m:.2f}", f"{clearance_m:.3f}",
-         "yes" if collision else "no", cause)
-        for t_ns, duration_s, x_m, y_m, clearance_m, cause, collision in zip(*contacts.values(), strict=True)
-    ]  # fmt: skip
-    head = ("from s", "for s", "x m", "y m", "clearance m", "collision", "cause")
-    return ["contacts, s from start:", *print_table(head, rows).splitlines()]
-
-
-def _dimensions(name: str, run: Path, reference: Reference | None) -> list[str]:
+def _dimensions(name: str, run: Path, reference: references.Reference | None) -> list[str]:
     """Whether a metric of a trajectory is of errors in the plane or in space; nothing for other metrics."""
     if name not in TRAJECTORY_METRICS:
         return []
-    compared = compare_with_own_reference(run) if reference is None else compare_with_reference(run, reference)
+    compared = (
+        references.compare_with_own_reference(run)
+        if reference is None
+        else references.compare_with_reference(run, reference)
+    )
     return [] if compared is None else [f"errors in {compared.dimensions}"]
 
 
-def _samples(name: str, run: Path, reference: Reference | None) -> Samples | None:
+def _samples(name: str, run: Path, reference: references.Reference | None) -> Samples | None:
     if name not in SAMPLED:
         return None
-    if reference is not None and name in REFERENCE_METRICS:
-        return compare_with_reference(run, reference).samples.get(name)
+    if reference is not None and name in references.REFERENCE_METRICS:
+        return references.compare_with_reference(run, reference).samples.get(name)
     samples, errors = read_samples(run, [name])
     if errors:
         raise errors[0]
     return samples.get(name)
-
-
-def _instants(name: str, samples: Samples, first_ns: int) -> list[WorstInstant]:
-    values = samples.values
-    return [
-        WorstInstant(int(samples.t_ns[i]), (int(samples.t_ns[i]) - first_ns) / _NS, float(values[i]))
-        for i in worst_of(name, samples)
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +78,7 @@ class MetricsOutcome:
 
     differing: how the runs' settings differ, a line each; such runs are not averaged. said: lines on how they were
     read; problems: a line for everything that could not be; failing: a line for every condition that holds on a run,
-    or cannot be told.
+    or is unknown.
     """
 
     runs: list[MeasuredRun]
@@ -123,7 +96,10 @@ class MetricsOutcome:
 
 
 def measure_runs(
-    paths: Sequence[Path], reference: Reference | None, conditions: Sequence[Condition], in_detail: bool = False
+    paths: Sequence[Path],
+    reference: references.Reference | None,
+    conditions: Sequence[Condition],
+    in_detail: bool = False,
 ) -> MetricsOutcome:
     """Every metric of every run among the paths (see `find_runs`), in their order, from metrics.json.
 
@@ -141,13 +117,14 @@ def measure_runs(
             run = Run(path)
             measured, lines, damage = _measure(run, reference, in_detail)
             if reference is None and len(found) == 1 and not measured.keys().isdisjoint(TRAJECTORY_METRICS):
-                lines, damage = _say_dimensions(path, damage)
+                with suppress(QuadlogError):  # what is damaged is among the problems
+                    lines = [f"{path}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], path, None)]
             said += lines
         except QuadlogError as error:
             if len(found) == 1:
                 raise
             problems.append(str(error))
-            failing += [f"{path}: {each}: cannot be told, the run cannot be read" for each in conditions]
+            failing += [f"{path}: {each}: unknown, the run cannot be read" for each in conditions]
             continue
         runs.append(MeasuredRun(path, label, measured))
         records.append(run.record)
@@ -155,13 +132,15 @@ def measure_runs(
         failing += _failing(path, measured, conditions)
     for path, why in failed_recordings(paths).items():
         problems.append(why)
-        failing += [f"{path}: {each}: cannot be told, it was not replayed" for each in conditions]
+        failing += [f"{path}: {each}: unknown, it was not replayed" for each in conditions]
     if not runs:
         raise NotARun(paths[0], f"not one of {len(found)} runs can be read: {problems[0]}")
     return MetricsOutcome(runs, differing_settings(records), said, problems, failing)
 
 
-def _measure(run: Run, reference: Reference | None, detail: bool) -> tuple[dict[str, Measured], list[str], list[str]]:
+def _measure(
+    run: Run, reference: references.Reference | None, detail: bool
+) -> tuple[dict[str, Measured], list[str], list[str]]:
     """The metrics of one run in the contract's order, lines for people, and what is damaged."""
     if not (run.path / "metrics.json").is_file():
         raise NotARun(run.path, "has no metrics.json")
@@ -180,19 +159,11 @@ def _measure(run: Run, reference: Reference | None, detail: bool) -> tuple[dict[
         problems += dict.fromkeys(map(str, errors))
         metrics |= {name: replace(metrics[name], summary=summarise(each)) for name, each in samples.items()}
     if reference is not None:
-        metrics = {name: each for name, each in metrics.items() if name not in REFERENCE_METRICS}
-        compared = compare_with_reference(run.path, reference)
+        metrics = {name: each for name, each in metrics.items() if name not in references.REFERENCE_METRICS}
+        compared = references.compare_with_reference(run.path, reference)
         said += compared.said
         metrics |= _measured(compared.samples)
     return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
-
-
-def _say_dimensions(run: Path, damage: list[str]) -> tuple[list[str], list[str]]:
-    """A line on whether errors of the trajectory are in the plane or in space, or what is damaged with it."""
-    try:
-        return [f"{run}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], run, None)], damage
-    except QuadlogError as error:
-        return [], list(dict.fromkeys([*damage, str(error)]))
 
 
 def _measured(samples: Mapping[str, Samples]) -> dict[str, Measured]:
@@ -209,7 +180,57 @@ def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Co
     for each in conditions:
         measured = metrics.get(each.name)
         if measured is None:
-            lines.append(f"{run}: {each}: cannot be told, the run has no {each.name}")
+            lines.append(f"{run}: {each}: unknown, the run has no {each.name}")
         elif each.holds(measured.value):
             lines.append(f"{run}: {each} holds: {measured.value:.9g} {measured.unit}".rstrip())
     return lines
+
+
+def check_runs(
+    paths: Sequence[Path], expect: Path, junit: Path | None, force: bool, say: Callable[[str], None]
+) -> list[check.RunCheck]:
+    """Check every run; junit: where to write the JUnit XML, None for nowhere.
+
+    A run that cannot be read has an error, and so has a recording that could not be replayed. Raises NotARun for a path
+    without runs, AlreadyExists, CannotWrite, UsageError, and what reading the file of bounds raises.
+    """
+    if junit is not None and junit.resolve() == expect.resolve():
+        raise UsageError(f"--junit {junit} would replace the bounds of --expect")
+    if junit is not None:
+        refuse_existing(junit, force)
+    bounds, checks, given = read_bounds(expect), list[check.RunCheck](), set[str]()
+    for path in find_runs(paths):
+        try:
+            run = Run(path)
+            read_metrics(path)  # where they are missing or damaged, the check fails, whatever the bounds
+            checks.append(check.check_run(run, bounds))
+            given |= set(check.bound_names(run))
+        except QuadlogError as error:
+            checks.append(check.RunCheck(str(path), path.resolve().name, error=str(error)))
+    checks += [check.RunCheck(str(run), run.name, error=why) for run, why in failed_recordings(paths).items()]
+    # Recordings with bounds but without a run would otherwise pass unnoticed.
+    if unchecked := sorted(bounds.keys() - given - {""}):
+        say(f"not checked, no such run was given: {', '.join(unchecked)}")
+    if junit is not None:
+        with new_folder(junit.parent):
+            write_whole(junit, check.junit_xml(checks, run_labels(Path(each.run) for each in checks)))
+    return checks
+
+
+def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callable[[str], None]) -> dict[str, int]:
+    """Write bounds made from the runs into a new file; returns how many for each name.
+
+    Bounds that accept a contact or a fall are commented there and listed; metrics that the catalogue lacks
+    are listed, not bounded. Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
+    """
+    refuse_existing(expect, force)
+    runs = [Run(path) for path in find_runs(paths)]
+    bounds = check.propose(runs)
+    with new_folder(expect.parent):
+        write_whole(expect, check.bounds_toml(bounds))
+    for name, mine in bounds.items():
+        if events := [words for metric, bound in mine.items() if (words := check.accepted(metric, bound))]:
+            say(f"warning: the bounds for {name} accept {'; '.join(events)}")
+    if unknown := sorted({name for run in runs for name in run.metrics} - CATALOGUE.keys()):
+        say(f"not bounded, no metrics of quadlog's catalogue: {', '.join(unknown)}")
+    return {name: len(mine) for name, mine in bounds.items()}

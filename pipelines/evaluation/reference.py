@@ -16,9 +16,9 @@ from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import Trajectory, fix_error_samples
-from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, ReferenceComparison, compare_trajectories
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
 from quadlog.metrics.summary import Samples
-from quadlog.pipelines.stages.positions.tag_errors import lever_of, roles_of, tag_truth
+from quadlog.pipelines.stages.positions.uwb_tags import lever_of, roles_of, tag_truth
 from quadlog.results.record import read_record
 from quadlog.results.tables import has_table, read_table
 from quadlog.storage.formats.tum import read_tum
@@ -91,7 +91,7 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class ReferenceErrors:
     """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired.
 
     summary: the reference's clock and the errors, in one line; warnings: a clock or a frame that is not the poses'.
@@ -107,14 +107,14 @@ class Compared:
     mirrored: str | None
 
 
-def compare_with_reference(run: Path, reference: Reference) -> Compared:
+def compare_with_reference(run: Path, reference: Reference) -> ReferenceErrors:
     """The trajectory's errors pair by pair, and those of the robot's UWB fixes. Raises as `compare_trajectory` does."""
     compared = compare_trajectory(run, reference)
     of_fixes = compare_fixes(run, reference, robot_tag_of(run)) if has_table(run, "fixes") else {}
     return replace(compared, samples=compared.samples | of_fixes)
 
 
-def compare_trajectory(run: Path, reference: Reference) -> Compared:
+def compare_trajectory(run: Path, reference: Reference) -> ReferenceErrors:
     """The trajectory's errors pair by pair.
 
     Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
@@ -128,17 +128,20 @@ def compare_trajectory(run: Path, reference: Reference) -> Compared:
     except PosesOnLine as error:
         raise NotARun(run, f"cannot be aligned with {reference.path}: {error}") from error
     if compared is None:
-        raise NoCommonTime(reference.path, run, _why_nothing_matches(truth, estimate, how))
+        words = f"no two poses within {how.max_difference_s:g} s; {_ranges(truth.t_ns, estimate.t_ns, how)}"
+        raise NoCommonTime(reference.path, run, f"{words}; {_offset_words(estimate_clock_offset(truth, estimate))}")
     n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
     dimensions = _dimension_words(planar, how, why_planar)
-    if how.planar is None and planar:
-        dimensions += _left_out_words(truth, estimate, compared)
     summary = f"errors in {dimensions}; {compared.summary()}"
     said = [f"{reference.path}: {n} poses of {run} paired; {ranges}", f"{reference.path}: {summary}"]
     warnings = tuple(compared.warnings())
     said += [f"warning: {words}" for words in warnings]
-    said += _height_words(compared.truth, compared.estimate)
-    return Compared(compared.samples, tuple(said), summary, warnings, dimensions, compared.mirrored)
+    height_m = compared.truth.position_m[:, 2] - compared.estimate.position_m[:, 2]
+    if (apart_m := float(np.sqrt(np.mean(height_m**2)))) >= _SEEN_M:
+        said.append(
+            f"heights differ by {apart_m:.3f} m rms, and errors include them; --project-to-plane xy leaves them out"
+        )
+    return ReferenceErrors(compared.samples, tuple(said), summary, warnings, dimensions, compared.mirrored)
 
 
 def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:
@@ -154,7 +157,7 @@ def _is_planar(trajectory: Trajectory) -> bool:
     return bool(np.ptp(trajectory.position_m[:, 2]) == 0)
 
 
-def compare_with_own_reference(run: Path) -> Compared | None:
+def compare_with_own_reference(run: Path) -> ReferenceErrors | None:
     """The saved poses against the recording's own reference, in space where both have heights, else in the plane.
 
     In the plane too where the height of the tag, from which that of base follows, is only the default.
@@ -226,16 +229,10 @@ def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str,
     return {name: each for name, each in samples.items() if len(each.values)}
 
 
-def _why_nothing_matches(truth: Trajectory, estimate: Trajectory, how: OnTime) -> str:
-    """Both ranges, their overlap, and what might be the matter, in one line."""
-    words = f"no two poses within {how.max_difference_s:g} s; {_ranges(truth.t_ns, estimate.t_ns, how)}"
-    return f"{words}; {_offset_words(estimate_clock_offset(truth, estimate))}"
-
-
 def _offset_words(found: ClockOffset | None) -> str:
     """A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results."""
     if found is None:
-        return "no offset can be told: too short, too little motion, or another walk"
+        return "time offset unknown: too short, too little motion, or another walk"
     if found.rival_s is not None:
         return f"the offset is ambiguous: {found.offset_s:.3f} s and {found.rival_s:.3f} s fit about as well"
     apart = f"positions {found.residual_m:.3f} m apart once aligned"
@@ -246,27 +243,5 @@ def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:
     offset_ns = round(how.offset_s * _NS)
     first, last = int(estimate_ns[0]) + offset_ns, int(estimate_ns[-1]) + offset_ns
     overlap_s = max(0, min(int(truth_ns[-1]), last) - max(int(truth_ns[0]), first)) / _NS
-    reference = f"{_seconds(int(truth_ns[0]))} to {_seconds(int(truth_ns[-1]))} s"
-    return f"reference {reference}, run {_seconds(first)} to {_seconds(last)} s, overlap {overlap_s:.3f} s"
-
-
-def _seconds(t_ns: int) -> str:
-    return f"{t_ns / _NS:.3f}"
-
-
-def _left_out_words(truth: Trajectory, estimate: Trajectory, compared: ReferenceComparison) -> str:
-    """What errors in the plane leave out: the mean difference in height of the pairs, where both have heights."""
-    pairs = (truth, compared.truth), (estimate, compared.estimate)
-    true_m, own_m = (all_.position_m[np.searchsorted(all_.t_ns, paired.t_ns), 2] for all_, paired in pairs)
-    if min(np.ptp(truth.position_m[:, 2]), np.ptp(estimate.position_m[:, 2])) == 0:
-        return ""
-    off_m = own_m - true_m
-    return f", without the difference in height: {off_m.mean():+.2f} m on average, std {off_m.std():.2f} m"
-
-
-def _height_words(truth: Trajectory, estimate: Trajectory) -> list[str]:
-    height_m = truth.position_m[:, 2] - estimate.position_m[:, 2]
-    apart_m = float(np.sqrt(np.mean(height_m**2)))
-    if apart_m < _SEEN_M:
-        return []
-    return [f"heights differ by {apart_m:.3f} m rms, which counts; --project-to-plane xy leaves them out"]
+    reference = f"{truth_ns[0] / _NS:.3f} to {truth_ns[-1] / _NS:.3f} s"
+    return f"reference {reference}, run {first / _NS:.3f} to {last / _NS:.3f} s, overlap {overlap_s:.3f} s"

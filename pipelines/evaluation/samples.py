@@ -18,15 +18,8 @@ from quadlog.metrics.positioning import ellipse_samples, innovation_samples, res
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
 from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
+from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
-from quadlog.pipelines.evaluation.reference import (
-    OnTime,
-    Reference,
-    RobotTag,
-    compare_fixes,
-    compare_trajectory,
-    robot_tag_of,
-)
 from quadlog.results.tables import read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
@@ -39,46 +32,41 @@ LOGGED = "logged_"
 class _Run:
     """A run folder, and what several sources need of it, each read once and only when it is needed."""
 
-    def __init__(self, path: Path, robot: RobotTag | None) -> None:
+    def __init__(self, path: Path, robot: references.RobotTag | None) -> None:
         self.path, self._known_robot = path, robot
 
     @cached_property
-    def robot(self) -> RobotTag:
-        return robot_tag_of(self.path) if self._known_robot is None else self._known_robot
+    def robot(self) -> references.RobotTag:
+        return references.robot_tag_of(self.path) if self._known_robot is None else self._known_robot
 
     @cached_property
-    def reference(self) -> Reference:
+    def reference(self) -> references.Reference:
         """The recording's own."""
-        return Reference.read(self.path / "reference.tum", OnTime(planar=None))
+        return references.Reference.read(self.path / "reference.tum", references.OnTime(planar=None))
 
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Saved files, the metrics whose samples they hold, and how they are read from them.
-
-    newer: older runs have no such file.
-    """
+    """Saved files, the metrics whose samples they hold, and how they are read from them."""
 
     files: tuple[str, ...]
     metrics: tuple[str, ...]
     read: Callable[[_Run], dict[str, Samples]]
-    newer: bool = False
 
 
 def read_samples(
-    run: Path, wanted: Iterable[str], *, may_lack: bool = False, robot: RobotTag | None = None
+    run: Path, wanted: Iterable[str], robot: references.RobotTag | None = None
 ) -> tuple[dict[str, Samples], list[QuadlogError]]:
-    """The samples of the wanted metrics, and an error for each source that does not give them.
+    """The samples of the wanted metrics, as far as their files are there, and an error for each that is damaged.
 
-    may_lack: a missing file means that its metrics do not apply, and is no error. robot: the robot's tag; None reads it
-    from the finished run.
+    robot: the robot's tag; None reads it from the finished run.
     """
     samples: dict[str, Samples] = {}
     errors: list[QuadlogError] = []
     names, saved = frozenset(wanted), _Run(run, robot)
     for source in _SOURCES:
         is_complete = all((run / file).is_file() for file in source.files)
-        if names.isdisjoint(source.metrics) or ((may_lack or source.newer) and not is_complete):
+        if names.isdisjoint(source.metrics) or not is_complete:
             continue
         try:
             found = source.read(saved)
@@ -87,10 +75,6 @@ def read_samples(
         else:
             samples |= {name: found[name] for name in source.metrics if name in names and name in found}
     return samples, errors
-
-
-def _own_fixes(run: _Run) -> dict[str, Samples]:
-    return compare_fixes(run.path, run.reference, run.robot)
 
 
 def _residuals(run: _Run) -> dict[str, Samples]:
@@ -110,10 +94,6 @@ def _ellipses(run: _Run) -> dict[str, Samples]:
     own = (table["tag"] == run.robot.id) & (table["source"] == "track")
     t_ns, x_m, y_m, bound_m = (table[name][own] for name in ("t_ns", "error_x_m", "error_y_m", "bound_m"))
     return ellipse_samples(t_ns, np.hypot(x_m, y_m), bound_m)
-
-
-def _own_trajectory(run: _Run) -> dict[str, Samples]:
-    return compare_trajectory(run.path, run.reference).samples
 
 
 def _lidar_against_uwb(run: _Run) -> dict[str, Samples]:
@@ -141,32 +121,24 @@ def _control(run: _Run) -> dict[str, Samples]:
     return tracking_samples(TrackedWalk(table["t_ns"], **{name: table[name] for name in errors}, fallen=fallen))
 
 
-def _clearances(run: _Run) -> dict[str, Samples]:
-    return clearance_samples(**read_table(run.path, "clearances"))
-
-
-def _logged_body(run: _Run) -> dict[str, Samples]:
-    return body_samples(logged_body(run.path), LOGGED)
-
-
-def _resimulated_body(run: _Run) -> dict[str, Samples]:
-    body = resimulated_body(run.path)
-    return {} if body is None else body_samples(body)
-
-
 _SOURCES = (
-    _Source(("fixes.parquet", "reference.tum"), ("uwb_rmse_m", "uwb_bias_m"), _own_fixes),
+    _Source(
+        ("fixes.parquet", "reference.tum"),
+        ("uwb_rmse_m", "uwb_bias_m"),
+        lambda run: references.compare_fixes(run.path, run.reference, run.robot),
+    ),
     _Source(("fixes.parquet",), ("uwb_residual_m",), _residuals),
-    _Source(("innovations.parquet",), ("uwb_nis",), _innovations, newer=True),
-    _Source(("uwb_errors.parquet",), ("uwb_nees", "uwb_coverage_95"), _ellipses, newer=True),
-    _Source(("reference.tum",), TRAJECTORY_METRICS, _own_trajectory),
-    _Source(("other_poses.parquet",), ("lidar_uwb_rmse_m",), _lidar_against_uwb, newer=True),
+    _Source(("innovations.parquet",), ("uwb_nis",), _innovations),
+    _Source(("uwb_errors.parquet",), ("uwb_nees", "uwb_coverage_95"), _ellipses),
+    _Source(
+        ("reference.tum",),
+        TRAJECTORY_METRICS,
+        lambda run: references.compare_trajectory(run.path, run.reference).samples,
+    ),
+    _Source(("other_poses.parquet",), ("lidar_uwb_rmse_m",), _lidar_against_uwb),
     _Source(
         ("plans.parquet",),
-        (
-            *("expanded_total", "generated_total", "expanded_mean", "success_rate"),
-            *("fallback_share", "suboptimality_mean"),
-        ),
+        ("expanded_total", "generated_total", "expanded_mean", "success_rate", "fallback_share", "suboptimality_mean"),
         _plans,
     ),
     _Source(
@@ -178,11 +150,21 @@ _SOURCES = (
         _control,
     ),
     _Source(
-        ("clearances.parquet",), ("clearance_min_m", "collisions", "following_distance_mean_m"), _clearances, newer=True
+        ("clearances.parquet",),
+        ("clearance_min_m", "collisions", "following_distance_mean_m"),
+        lambda run: clearance_samples(**read_table(run.path, "clearances")),
     ),
-    _Source(("joints.parquet", "poses.parquet"), tuple(LOGGED + name for name in OF_BODIES), _logged_body, newer=True),
+    _Source(
+        ("joints.parquet", "poses.parquet"),
+        tuple(LOGGED + name for name in OF_BODIES),
+        lambda run: body_samples(logged_body(run.path), LOGGED),
+    ),
     # Without a logged body there is nothing to compare it with.
-    _Source(("joints.parquet", "control.parquet"), OF_BODIES[1:], _resimulated_body, newer=True),
+    _Source(
+        ("joints.parquet", "control.parquet"),
+        OF_BODIES[1:],
+        lambda run: {} if (body := resimulated_body(run.path)) is None else body_samples(body),
+    ),
 )
 SAMPLED = frozenset(name for source in _SOURCES for name in source.metrics)
 """The metrics whose samples a run saves."""

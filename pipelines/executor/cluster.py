@@ -35,7 +35,7 @@ class Stopped(BaseException):
 
 
 def do_task(topic: str, versions: Mapping[str, str], call: Callable[..., Any], /, *args: Any) -> Any:
-    """Run a call on a worker; what it tells goes to a topic of the scheduler's events.
+    """Run a call on a worker; its progress goes to a topic of the scheduler's events.
 
     Raises VersionsDiffer on a worker with other versions, Stopped after `stop_tasks`, and what call raises.
     """
@@ -88,7 +88,7 @@ def open_cluster(address: str) -> Iterator[Workers]:
     try:
         dask = import_module("distributed")
     except ImportError:
-        raise ClusterUnusable(address, "needs Dask: pip install distributed bokeh") from None
+        raise ClusterUnusable(address, "needs Dask: pip install 'quadlog[cluster]'") from None
     _check_scheduler(dask, address)
     topic, versions = f"quadlog-{uuid4().hex}", own_versions()
     messages: SimpleQueue[Any] = SimpleQueue()

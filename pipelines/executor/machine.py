@@ -102,14 +102,10 @@ def is_out_of_memory(error: BaseException | None) -> bool:
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
-        if isinstance(error, MemoryError) or _tells_of_it(error):
+        if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+            return True
+        words = str(error).lower() if isinstance(error, ImportError | OSError | RuntimeError) else ""
+        if any(each in words for each in _WORDS) and not any(each in words for each in _OTHER_CAUSES):
             return True
         error = error.__cause__ or error.__context__
     return False
-
-
-def _tells_of_it(error: BaseException) -> bool:
-    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
-        return True
-    told = str(error).lower() if isinstance(error, ImportError | OSError | RuntimeError) else ""
-    return any(words in told for words in _WORDS) and not any(words in told for words in _OTHER_CAUSES)

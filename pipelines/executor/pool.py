@@ -8,8 +8,8 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from types import TracebackType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
-from quadlog.errors import QuadlogError, WorkerDied
-from quadlog.pipelines.executor.progress import Kept, Progress, send_to
+from quadlog.errors import WorkerDied
+from quadlog.pipelines.executor.progress import send_to
 from quadlog.storage.atomic_write import remove_unfinished
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -28,9 +28,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREAD
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
 _SPAWN = multiprocessing.get_context("spawn")
 
-P = ParamSpec("P")
 T = TypeVar("T")
-Task = TypeVar("Task")
 
 
 class LocalPool(Executor):
@@ -51,10 +49,9 @@ class LocalPool(Executor):
         self._processes: set[_Process] = set()
         self._stopped = False
 
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """The future of a queued call. Raises RuntimeError after `shutdown`."""
-        done: Future[T] = self._threads.submit(self._do, fn, *args, **kwargs)
-        return done
+        return self._threads.submit(self._do, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Take no more tasks; finish those submitted, or cancel those that have not begun."""
@@ -178,37 +175,3 @@ def open_executor(jobs: int, scheduler: str | None) -> Iterator[Workers]:
     else:
         with LocalPool(jobs) as pool:
             yield Workers(pool.submit, pool.messages, pool.stop, lambda: jobs, tries=2)
-
-
-def side_by_side(
-    call: Callable[[Task, Progress], T], tasks: Sequence[Task], workers: int, progress: Progress
-) -> list[T]:
-    """call(task, progress) for each task in parallel; results in the order of the tasks.
-
-    Lines of a call are passed to `progress` when it ends. The first QuadlogError in that order, WorkerDied among them,
-    is raised after all calls have ended.
-    """
-    with LocalPool(workers) as pool:
-        futures = [pool.submit(_keeping_lines, call, task) for task in tasks]
-        for future in as_completed(futures):
-            if future.exception() is None:
-                _, lines = future.result()
-                for line in lines:
-                    progress.say(line)
-            progress.advance()
-    results: list[T] = []
-    for future in futures:
-        result, _ = future.result()
-        if isinstance(result, QuadlogError):
-            raise result
-        results.append(result)
-    return results
-
-
-def _keeping_lines(call: Callable[[Task, Progress], T], task: Task) -> tuple[T | QuadlogError, list[str]]:
-    """In the worker: the result or the error, and the lines of its progress."""
-    kept = Kept()
-    try:
-        return call(task, kept), kept.lines
-    except QuadlogError as error:
-        return error, kept.lines

@@ -56,22 +56,13 @@ class SeenGround:
             f"high as its nearest edge"
         )
 
-    def too_steep_along(self, path_m: Float, friction: float) -> str | None:
-        """Why a foot cannot hold beside a path (K, 2) in map, None when it can; see HeightField.too_steep_for."""
-        return self.too_steep_about(_places_along(path_m, WALKED_M)[0], friction)
-
     def too_steep_about(self, places_m: Float, friction: float) -> str | None:
-        """The same beside places (N, 2) in map."""
+        """Why a foot cannot hold beside places (N, 2) in map, None when it can; see HeightField.too_steep_for."""
         for x_m, y_m in places_m.tolist():
             beside = self.ground.over(Extent(x_m - WALKED_M, y_m - WALKED_M, x_m + WALKED_M, y_m + WALKED_M))
             if (reason := beside.too_steep_for(friction)) is not None:
                 return reason
         return None
-
-    def provenance(self) -> str:
-        """One line about where it comes from."""
-        file = describe_input(self.run / "ground.npz")
-        return f"the ground is what {self.run} saw (ground.npz, SHA-256 {file.sha256})"
 
 
 def seen_ground(run: Path) -> SeenGround | None:
@@ -81,7 +72,7 @@ def seen_ground(run: Path) -> SeenGround | None:
     seen = read_arrays(run, "ground")
     origin_m, cell_m, height_m = seen["origin_m"], float(seen["cell_m"]), seen["height_m"]
     if max(np.abs(origin_m).max(), np.nanmax(np.abs(height_m), initial=0.0)) > _MOST_M:
-        raise NotARun(run / "ground.npz", "is damaged: it tells of a ground that is nowhere on earth")
+        raise NotARun(run / "ground.npz", "is damaged: its coordinates exceed 1e6 m")
     if not _CELLS_M[0] <= cell_m <= _CELLS_M[1]:
         raise NotARun(run / "ground.npz", f"is damaged: cells of {cell_m:g} m")
     blocked = _obstacles(run, origin_m, cell_m, height_m.shape)
@@ -179,34 +170,32 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
     Raises TooSteep for ground that feet would slip on, TooLarge for a path that spans too much of it, UnknownName for
     a terrain that is neither a name nor a folder, and NotARun for a folder without a ground.
     """
-    terrain = config.simulation.terrain
-    friction = config.simulation.friction
+    terrain, friction = config.simulation.terrain, config.simulation.friction
     if terrain in (*PLANES, *BANDS_M):
-        ground = _drawn(terrain, name, course, seed)
+        ground = grounds.s_course(seed=seed) if (terrain, name) == ("course", "s-curve") else grounds.flat()
+        if terrain in BANDS_M:
+            # The ground of [Tracking]'s line and circle draws the same for both.
+            extent = grounds.COURSES if name in ("line", "circle") else _around(course)
+            ground = grounds.undulating(BANDS_M[terrain], seed=seed, extent=extent)
         too_steep = ground.too_steep_for(friction)
     else:
         seen = _seen(terrain)
         ground = seen.ground.over(_around(course))
-        too_steep = seen.too_steep_along(course.path_m, friction)
+        too_steep = seen.too_steep_about(_places_along(course.path_m, WALKED_M)[0], friction)
     if too_steep is not None:
         raise TooSteep(too_steep)
     return ground
 
 
 def ground_remarks(course: Course, config: Config) -> Remarks:
-    """What is to be said of the ground of a course, whatever the seed. Raises as make_ground does."""
+    """Notes and warnings on the ground of a course, the same for all seeds. Raises as make_ground does."""
     terrain = config.simulation.terrain
     if terrain in (*PLANES, *BANDS_M):
         return Remarks()
     seen = _seen(terrain)
-    beyond = seen.beyond(course.path_m)
-    return Remarks((seen.provenance(),), () if beyond is None else (beyond,))
-
-
-def _drawn(terrain: str, name: str, course: Course, seed: int) -> HeightField:
-    if terrain in BANDS_M:
-        return grounds.undulating(BANDS_M[terrain], seed=seed, extent=_extent(name, course))
-    return grounds.s_course(seed=seed) if terrain == "course" and name == "s-curve" else grounds.flat()
+    beyond, file = seen.beyond(course.path_m), describe_input(seen.run / "ground.npz")
+    notes = (f"the ground is what {seen.run} saw (ground.npz, SHA-256 {file.sha256})",)
+    return Remarks(notes, () if beyond is None else (beyond,))
 
 
 def _seen(terrain: str) -> SeenGround:
@@ -217,11 +206,6 @@ def _seen(terrain: str) -> SeenGround:
     if seen is None:
         raise NotARun(run, f"saw no ground: it has no ground.npz, or none of its cells holds {LEAST_POINTS} points")
     return seen
-
-
-def _extent(name: str, course: Course) -> Extent:
-    """The ground of [Tracking]'s line and circle, which draws the same for both; of another course what it needs."""
-    return grounds.COURSES if name in ("line", "circle") else _around(course)
 
 
 def _around(course: Course) -> Extent:

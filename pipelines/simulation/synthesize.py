@@ -11,43 +11,35 @@ import tomli_w
 from quadlog.config.control import RobotConfig
 from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
 from quadlog.errors import CannotWrite, UnknownName, UsageError
-from quadlog.pipelines.executor.progress import Progress, Silent
+from quadlog.pipelines.executor.progress import Progress
 from quadlog.results.find_runs import refuse_existing
 from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic import recording as synthetic
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
-from quadlog.simulation.synthetic.recording import (
-    PERSON_TAG,
-    ROBOT_TRUTH_TOPIC,
-    START_NS,
-    SynthesizedMessage,
-    SynthesizedRecording,
-)
 from quadlog.simulation.synthetic.registry import SCENARIOS
 from quadlog.simulation.synthetic.writer import WRITERS, write_recording
 from quadlog.storage.atomic_write import whole_file, write_whole
 
-CONFIG_HEADER = (
-    "# What a replay of this synthesized recording has to be told; the anchors' biases are for it to find.\n\n"
-)
+CONFIG_HEADER = "# For the replay of this synthesized recording; the anchors' biases are left for it to estimate.\n\n"
 
 
 def make_recording(
     scenario: str, seed: int, duration_s: float, azimuth_steps: int, body: bool = False
-) -> SynthesizedRecording:
+) -> synthetic.SynthesizedRecording:
     """A scenario by name, with its truth; nothing is computed or written yet. Raises UnknownName.
 
     body: the robot is moved by a simulated quadruped, whose joints are recorded too.
     """
     if scenario not in SCENARIOS:
         raise UnknownName("scenario", scenario, SCENARIOS)
-    made: SynthesizedRecording = importlib.import_module(SCENARIOS[scenario]).synthesize(
+    made: synthetic.SynthesizedRecording = importlib.import_module(SCENARIOS[scenario]).synthesize(
         seed=seed, duration_s=duration_s, azimuth_steps=azimuth_steps
     )
     return made.with_body() if body else made
 
 
 def synthesize(
-    recording: SynthesizedRecording,
+    recording: synthetic.SynthesizedRecording,
     output: Path,
     container: str | None = None,
     config_output: Path | None = None,
@@ -59,37 +51,36 @@ def synthesize(
     container: a key of WRITERS, None for what the output's extension says.
     Raises UsageError, AlreadyExists and CannotWrite.
     """
-    container = _container(output, container)
+    extension = output.suffix.lower().removeprefix(".")
+    container = container or extension
+    if container not in WRITERS:
+        raise UsageError(f"{output}: its extension names no container; use .{', .'.join(WRITERS)} or --format")
+    if extension in WRITERS and extension != container:
+        raise UsageError(f"{output}: --format {container} does not fit the extension .{extension}")
     for path in (output, *([config_output] if config_output else [])):
         refuse_existing(path, force)
         if not path.parent.is_dir():
             raise CannotWrite(path, "its folder does not exist")
     with whole_file(output) as part:
-        counts = write_recording(WRITERS[container](part), _watched(recording, progress or Silent()))
+        counts = write_recording(WRITERS[container](part), _watched(recording, progress or Progress()))
     if config_output is not None:
         write_whole(config_output, recording_config(recording).encode())
     return counts
 
 
-def recording_config(recording: SynthesizedRecording) -> str:
+def recording_config(recording: synthetic.SynthesizedRecording) -> str:
     """The quadlog.toml of a recording: anchors, tags, the lidar's place, the topic of the truth, the walker's model."""
     anchors = [
         Anchor(id=index, x_m=x, y_m=y, z_m=z) for index, (x, y, z) in enumerate(recording.site.anchors_m.tolist())
     ]
+    roles = {tag.id: "person" if tag.id == synthetic.PERSON_TAG else "robot" for tag in recording.tags}
     tags = [
-        Tag(
-            id=tag.id,
-            role="person" if tag.id == PERSON_TAG else "robot",
-            height_m=tag.height_m,
-            x_m=tag.x_m,
-            y_m=tag.y_m,
-        )
-        for tag in recording.tags
+        Tag(id=tag.id, role=roles[tag.id], height_m=tag.height_m, x_m=tag.x_m, y_m=tag.y_m) for tag in recording.tags
     ]
     x, y, z = recording.transform_lidar_to_base[:3, 3].tolist()
     walk = recording.site.robot
     config = Config(
-        topics=Topics(reference=ROBOT_TRUTH_TOPIC),
+        topics=Topics(reference=synthetic.ROBOT_TRUTH_TOPIC),
         uwb=UwbConfig(anchors=anchors, tags=tags),
         lidar=LidarConfig(mount=Mount(x_m=x, y_m=y, z_m=z)),
     )
@@ -98,23 +89,10 @@ def recording_config(recording: SynthesizedRecording) -> str:
     return CONFIG_HEADER + tomli_w.dumps(config.model_dump(exclude_unset=True))
 
 
-def _container(output: Path, container: str | None) -> str:
-    extension = output.suffix.lower().removeprefix(".")
-    if container is None:
-        if extension not in WRITERS:
-            raise UsageError(f"{output}: its extension names no container; use .{', .'.join(WRITERS)} or --format")
-        return extension
-    if container not in WRITERS:
-        raise UnknownName("format", container, WRITERS)
-    if extension in WRITERS and extension != container:
-        raise UsageError(f"{output}: --format {container} does not fit the extension .{extension}")
-    return container
-
-
-def _watched(recording: SynthesizedRecording, progress: Progress) -> Iterator[SynthesizedMessage]:
+def _watched(recording: synthetic.SynthesizedRecording, progress: Progress) -> Iterator[synthetic.SynthesizedMessage]:
     """The recording's messages, with a step of progress for each scan."""
     progress.begin("scans", int(recording.duration_s * 1e9) // recording.lidar.sweep_ns)
     for message in recording.messages():
         if isinstance(message.message, SimulatedScan):
-            progress.advance((message.log_time_ns - START_NS) * 1e-9)
+            progress.advance((message.log_time_ns - synthetic.START_NS) * 1e-9)
         yield message

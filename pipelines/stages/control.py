@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -16,22 +16,9 @@ from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
-from quadlog.pipelines.simulation.walk import (
-    check_rate,
-    disturbance_settings,
-    lookahead_control,
-    robot_model,
-    solver_counts,
-    walker_settings,
-)
-from quadlog.pipelines.stages.plan import (
-    PLANNING,
-    PlanTables,
-    configured_planner,
-    recorded_maps,
-    replan_settings,
-)
+from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.replan import Replanner
@@ -45,7 +32,7 @@ from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
 
-CONTROLLING = (*PLANNING, "pursuit", "robot", "mpc", "wbc", "simulation")
+CONTROLLING = (*planning.PLANNING, "pursuit", "robot", "mpc", "wbc", "simulation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +61,10 @@ def resimulate(
     with journal.clock.stage("control"):
         start = tracks.robot.pose_at(int(maps_ns.min()), config.lidar.pose_gap_s)
         assert start is not None, "a map is only made where there is a pose"
-        replanner = Replanner(configured_planner(config), replan_settings(config, target))
+        replanner = Replanner(planning.configured_planner(config), planning.replan_settings(config, target))
         instants = _counted(_with_what_stands(maps), journal.progress)
         robot = _robot(journal, config, maps, start, seed)
-        resim = walk(instants, target.at, robot, lookahead_control(config), replanner, _settings(config))
+        resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))
         _write_walk(folder, resim)
     if robot.fallen:
         journal.warn("the re-simulated robot fell, and lay from there on")
@@ -89,7 +76,7 @@ def resimulate(
         journal.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
     if not isinstance(robot, WalkingRobot):
         return None
-    journal.counts |= {name: int(count) for name, count in solver_counts(robot).items()}
+    journal.counts |= {name: int(count) for name, count in walks.solver_counts(robot).items()}
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
 
@@ -99,17 +86,12 @@ def _write_walk(folder: Path, resim: Resimulation) -> None:
     write_table(folder / "control.parquet", TABLES["control"], resim.control)
     beside = {"clearance_m": resim.clearance_m, "target_distance_m": resim.target_distance_m}
     write_table(folder / "clearances.parquet", TABLES["clearances"], {"t_ns": resim.control["t_ns"], **beside})
-    write_contacts(folder, resim.contacts)
-    with PlanTables(folder, "resim_plans", "resim_paths") as tables:
+    contacts = zip(*resim.contacts, strict=True) if resim.contacts else [()] * len(Contact._fields)
+    write_table(folder / "contacts.parquet", TABLES["contacts"], dict(zip(Contact._fields, contacts, strict=True)))
+    with planning.plan_tables(folder, "resim_plans", "resim_paths") as add:
         paths = {path.t_ns: path for path in resim.paths}
         for record in resim.plans:
-            tables.add(record, paths.get(record.t_ns))
-
-
-def write_contacts(run: Path, contacts: Sequence[Contact]) -> None:
-    """contacts.parquet, also where there was none."""
-    columns = zip(*contacts, strict=True) if contacts else [()] * len(Contact._fields)
-    write_table(run / "contacts.parquet", TABLES["contacts"], dict(zip(Contact._fields, columns, strict=True)))
+            add(record, paths.get(record.t_ns))
 
 
 def _with_what_stands(run: Path) -> Iterator[MapInstant]:
@@ -120,7 +102,7 @@ def _with_what_stands(run: Path) -> Iterator[MapInstant]:
     """
     whole = read_rosmap(run / "map.yaml")
     everywhere = window_at(whole.origin_m, whole.cell_m, whole.cells.shape)
-    for instant in recorded_maps(run):
+    for instant in planning.recorded_maps(run):
         yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
 
 
@@ -136,15 +118,15 @@ def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[Map
 def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
     """A robot with a body, on the run's own ground where feet can stand on it, else on a plane; or one without."""
     rng = np.random.default_rng([seed, *b"resimulation"])
-    disturbances = disturbance_settings(config.simulation.disturbances)
+    disturbances = walks.disturbance_settings(config.simulation.disturbances)
     if not config.simulation.has_body:
         return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
-    check_rate(config.pursuit.rate_hz)
+    walks.check_rate(config.pursuit.rate_hz)
     ground, why_plane = walkable_ground(maps, config.simulation.friction)
     if why_plane:
         journal.warn(why_plane)
-    model = robot_model(config, ground)
-    return WalkingRobot(model, walker_settings(config, model.robot), start_pose, rng, disturbances)
+    model = walks.robot_model(config, ground)
+    return WalkingRobot(model, walks.walker_settings(config, model.robot), start_pose, rng, disturbances)
 
 
 def _settings(config: Config) -> PursuitSettings:

@@ -23,7 +23,7 @@ from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.log import LogData
-from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scan, Scanner, WholeScan
+from quadlog.pipelines.stages.scans import ROUTE_WORDS, ReducedScan, Scanner, WholeScan
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.results.arrays import ARRAYS, MapsWriter, write_arrays
@@ -39,11 +39,7 @@ MAPPING = (
 )
 
 
-def _folder(folder: Path, _: Any) -> Path:
-    return folder
-
-
-@stage("filter", reads=FILTERING, load=_folder)
+@stage("filter", reads=FILTERING, load=lambda folder, _: folder)
 def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
     with journal.clock.laps("filter"):
@@ -52,7 +48,7 @@ def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, 
 
 
 # One pass over the clouds for both: compact scans are not saved, so changed settings of maps read the clouds again.
-@stage("filter", "map", reads=MAPPING, load=_folder)
+@stage("filter", "map", reads=MAPPING, load=lambda folder, _: folder)
 def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
     shape = config.grid.size_cells, config.grid.size_cells
@@ -92,18 +88,14 @@ def places_of(scans: Sequence[tuple[int, Int]], robot: RobotTrack, max_gap_s: fl
     found = robot.poses_at(np.asarray(instants, dtype=np.int64), max_gap_s)
     places = []
     for (t_ns, slot_ns), begin, end in zip(scans, bounds[:-1], bounds[1:], strict=True):
-        if robot.source == "lidar" and not _is_matched(slot_ns, robot):
-            found[begin:end] = np.nan
+        if robot.source == "lidar":
+            # A scan that gave no pose at its own middle was lost: it shows another place than the map's.
+            middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
+            at = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
+            found[begin:end] = found[begin:end] if at[1] > at[0] else np.nan
         at_slots, skewed = slot_poses(t_ns, slot_ns, found[begin:end])
         places.append(ScanPlace(found[begin], at_slots, skewed if robot.source != "fixed" else Skewed.NO_TIMES))
     return places
-
-
-def _is_matched(slot_ns: Int, robot: RobotTrack) -> bool:
-    """Whether the scan itself gave a pose, at its middle: one that was lost shows another place than the map's."""
-    middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
-    at = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
-    return bool(at[1] > at[0])
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
@@ -121,7 +113,7 @@ AT_ONCE = 64
 
 def _filtered(
     folder: Path, journal: Journal, config: Config, data: LogData, robot: RobotTrack, scanner: Scanner
-) -> Iterator[tuple[Scan, ScanPlace]]:
+) -> Iterator[tuple[ReducedScan, ScanPlace]]:
     """Every scan with its place; writes its row, and at the end the samples, and what is to be known of all."""
     journal.progress.begin("filter", len(data.streams.clouds_ns))
     tally, gap_s = _Tally(), config.lidar.pose_gap_s
@@ -134,7 +126,7 @@ def _filtered(
                 tally.count(journal, scan, place)
                 yield scan, place
                 journal.progress.advance((scan.t_ns - data.first_ns) * 1e-9)
-    write_arrays(folder, "cloud_samples", _samples(scanner.samples.kept(), robot, gap_s))
+    write_arrays(folder, "cloud_samples", _samples(scanner.samples, robot, gap_s))
     journal.lose(data.log.recording.losses)
     for text in data.log.recording.warnings:
         journal.warn(text)
@@ -146,9 +138,9 @@ def _filtered(
 
 UNUSUAL = {
     "scans_without_points": f"fewer than {FEWEST_RETURNS} points on the ground or on obstacles; they are in no map",
-    "scans_without_ground": "no ground is found, as in a 2-D scan; heights are those above base's own floor",
-    "scans_with_steep_ground": "the plane taken for the ground is too steep to be one, probably a wall; what lies "
-    "in it is not in those maps",
+    "scans_without_ground": "no ground is found, as in a 2-D scan; heights are measured from base as configured",
+    "scans_with_steep_ground": "the ground plane is too steep, probably a wall; points "
+    "in it are missing from those maps",
 }
 
 
@@ -160,7 +152,7 @@ class _Tally:
         self._skewed: Counter[Skewed] = Counter()
         self._tilted: Counter[NotLevelled] = Counter()
 
-    def count(self, journal: Journal, scan: Scan, place: ScanPlace) -> None:
+    def count(self, journal: Journal, scan: ReducedScan, place: ScanPlace) -> None:
         """One scan more."""
         journal.count("scans")
         if scan.not_levelled is not None:
@@ -183,10 +175,10 @@ class _Tally:
         for reason, count in self._skewed.items():
             journal.count("scans_not_deskewed", count)
             if reason is not Skewed.NO_TIMES and config.lidar.deskew:
-                journal.warn(f"{count} of {n} scans keep the robot's motion: {reason.value}")
+                journal.warn(f"{count} of {n} scans are not deskewed: {reason.value}")
         for why_not, count in self._tilted.items():
             journal.count("scans_not_levelled", count)
-            journal.warn(f"{count} of {n} scans keep the robot's tilt: {why_not.value}")
+            journal.warn(f"{count} of {n} scans are not levelled: {why_not.value}")
         for name, text in UNUSUAL.items():
             if count := journal.counts.get(name, 0):
                 journal.warn(f"{count} of {n} scans: {text}" + (why if count == n else ""))
@@ -224,7 +216,7 @@ class _Mapper:
         self._whole = AccumulatedMap(config.grid.cell_m)
         self._ground = GroundHeight(config.results.ground_cell_m)
 
-    def add(self, journal: Journal, scan: Scan, place: ScanPlace) -> None:
+    def add(self, journal: Journal, scan: ReducedScan, place: ScanPlace) -> None:
         """One scan more, in time order."""
         if scan.shows_nothing or scan.compact is None:
             return

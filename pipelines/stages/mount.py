@@ -1,4 +1,4 @@
-"""Where the lidar and the IMU sit in base, and clouds whose frame moves in base."""
+"""Where the lidar and the IMU sit in base, clouds whose frame moves in base, and which way is up."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.config.schema import Config, Mount
-from quadlog.geometry import transform_from_quat, transform_from_rpy
+from quadlog.config.schema import Config, Mount, Topics
+from quadlog.geometry import rotation_from_quat, transform_from_quat, transform_from_rpy
+from quadlog.lidar.levelling import UpSeries, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
@@ -56,8 +57,8 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
 class LidarMount(NamedTuple):
     """How clouds come into base: by a fixed transform_lidar_to_base (4, 4), or, where their frame moves, by a mover.
 
-    known: whether configuration or recording tells. from_tf: the lidar's frame and base, if tf gives the transform.
-    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry tells how, instead of tf.
+    known: whether configuration or recording has it. from_tf: the lidar's frame and base, if tf gives the transform.
+    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry gives it, not tf.
     """
 
     transform_lidar_to_base: Float
@@ -134,3 +135,50 @@ def moved_mounts(mounts: Sequence[tuple[str, str]], tree: TransformTree) -> list
         f"the transform from {edge.parent} to {edge.child} changes, but was taken as a fixed mount: at first it did not"
         for edge in dict.fromkeys(changed)
     ]
+
+
+WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
+"""Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
+
+
+def contradicts_gravity(recording: Recording, imu: str) -> str | None:
+    """A warning where an IMU's orientation turns the gravity that it measures off the vertical; None elsewhere."""
+    messages = [each for each in recording.sample(imu, WEIGHED) if isinstance(each, Imu)]
+    oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
+    if not oriented:
+        return None
+    quat_xyzw, measured_mps2 = (np.array(each) for each in zip(*oriented, strict=True))
+    up_mps2 = (rotation_from_quat(quat_xyzw) @ measured_mps2[..., None]).mean(axis=0)[:, 0]
+    weight_mps2 = float(np.linalg.norm(up_mps2))
+    # Without gravity, as from drivers that subtract it, nothing can be said.
+    if not WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
+        return None
+    apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
+    if apart_rad < MOST_APART_RAD:
+        return None
+    return (
+        f"{imu}: its orientation contradicts the gravity that it measures by {np.degrees(apart_rad):.0f} degrees; "
+        "it is not used"
+    )
+
+
+def frozen(imu: ImuSeries) -> bool:
+    """Whether all orientations are alike: drivers without one may send the same all the time."""
+    return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
+
+
+def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: ImuSeries | None) -> UpSeries | None:
+    """Which way is up in base, by the first available of IMU, odometry and moving tf; None where it is unknown.
+
+    imu: as it is mounted. frames: what a look at the transforms showed.
+    """
+    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+        return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames, topics.base_frame))
+    if streams.odometry is not None:
+        return up_in_base(streams.odometry.t_ns, streams.odometry.quat_xyzw)
+    base = frames.base_frame(topics.base_frame)
+    fixed = None if base is None else frames.fixed_frame(base, topics.map_frame)
+    poses = None if base is None or fixed is None else streams.tf.pose_series(base, fixed)
+    if poses is None or not poses.quat_xyzw[:, :2].any():  # planar
+        return None
+    return up_in_base(poses.t_ns, poses.quat_xyzw)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
     first_ns = None
     with (
         journal.clock.stage("plan"),
-        PlanTables(folder, "plans", "paths") as tables,
+        plan_tables(folder, "plans", "paths") as add,
         TableWriter(folder / "astar.parquet", TABLES["astar"]) as astar,
     ):
         for instant in recorded_maps(maps):
@@ -52,7 +52,7 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
                 journal.count("maps_without_target")
                 continue
             plan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
-            tables.add(plan.record, plan.path)
+            add(plan.record, plan.path)
             astar.add_row({"t_ns": instant.t_ns, "expanded": plan.record.astar_expanded})
             journal.progress.advance((instant.t_ns - first_ns) / NS_PER_S)
     if lost := journal.counts.get("maps_without_target", 0):
@@ -61,35 +61,24 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
         )
 
 
-class PlanTables:
-    """A table of replans and one of their paths, written side by side."""
+@contextmanager
+def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[PlanRecord, PlannedPath | None], None]]:
+    """A table of replans and one of their paths; yields a function that adds a replan, and its path if any."""
+    with (
+        TableWriter(run / f"{plans}.parquet", TABLES[plans]) as replans,
+        TableWriter(run / f"{paths}.parquet", TABLES[paths]) as found,
+    ):
 
-    def __init__(self, run: Path, plans: str, paths: str) -> None:
-        self._run, self._names = run, (plans, paths)
-        self._stack = ExitStack()
+        def add(record: PlanRecord, path: PlannedPath | None) -> None:
+            row = {name: getattr(record, name) for name in TABLES[plans].names}
+            costs = {name: np.nan if row[name] is None else float(row[name]) for name in ("cost", "optimal_cost")}
+            replans.add_row(row | costs)
+            if path is not None:
+                (x_m, y_m), (smooth_x_m, smooth_y_m) = path.raw_xy_m.T, path.smooth_xy_m.T
+                columns = {"x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
+                found.append({"t_ns": path.t_ns, "i": np.arange(len(x_m))} | columns)
 
-    def __enter__(self) -> PlanTables:
-        with ExitStack() as stack:
-            self._plans, self._paths = (
-                stack.enter_context(TableWriter(self._run / f"{name}.parquet", TABLES[name])) for name in self._names
-            )
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.__exit__(*error)  # type: ignore[arg-type]
-
-    def add(self, record: PlanRecord, path: PlannedPath | None) -> None:
-        """One replan, and its path where one was found."""
-        names = TABLES[self._names[0]].names
-        row = {name: getattr(record, name) for name in names}
-        costs = {name: np.nan if row[name] is None else float(row[name]) for name in ("cost", "optimal_cost")}
-        self._plans.add_row(row | costs)
-        if path is not None:
-            x_m, y_m = path.raw_xy_m.T
-            smooth_x_m, smooth_y_m = path.smooth_xy_m.T
-            columns = {"x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
-            self._paths.append({"t_ns": path.t_ns, "i": np.arange(len(x_m))} | columns)
+        yield add
 
 
 def recorded_maps(run: Path) -> Iterator[MapInstant]:

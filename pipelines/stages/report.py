@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from quadlog.config.schema import Config
 from quadlog.metrics.planning import ratio_to_astar
@@ -16,14 +15,11 @@ from quadlog.metrics.walking import effort_metrics
 from quadlog.pipelines.evaluation.body import compare_bodies, known_body, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
-from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.log import Facts, Log
-from quadlog.pipelines.replay import Steps
+from quadlog.pipelines.log import Log
+from quadlog.pipelines.replay import StageResults
 from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.simulation.courses import walkable_ground
-from quadlog.pipelines.stages.control import WalkedBody
 from quadlog.pipelines.stages.positions.uwb import with_anchors
-from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import Doing, run_key
 from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
@@ -39,37 +35,18 @@ from quadlog.version import __version__
 CHOSEN = "chosen in the configuration"
 
 
-@dataclass(frozen=True)
 class Finished:
-    """All that is known at the end of a replay.
+    """All that is known at the end of a replay. startup_s: spent on compiling.
 
-    tracks, body: None where no stage gave them. results: keys of what the stages left. startup_s: spent on compiling.
+    tracks, body: None where no stage gave them. results: keys of what the stages left.
     """
 
-    request: ReplayRequest
-    log: Log
-    facts: Facts
-    tracks: Tracks | None
-    body: WalkedBody | None
-    journal: Journal
-    reused: Sequence[str]
-    results: Mapping[str, str]
-    startup_s: float
-
-    @classmethod
-    def of(cls, request: ReplayRequest, log: Log, do: Doing, made: Steps, startup_s: float) -> Self:
+    def __init__(self, request: ReplayRequest, log: Log, do: Doing, made: StageResults, startup_s: float) -> None:
         """With the results of the stages that were done."""
-        return cls(
-            request,
-            log,
-            facts=made.facts.get(),
-            tracks=made.tracks.get() if "position" in do.keys else None,
-            body=made.body.get() if "control" in do.keys else None,
-            journal=do.journal,
-            reused=do.reused,
-            results=do.keys | {"run": run_key(request)},
-            startup_s=startup_s,
-        )
+        self.request, self.log, self.startup_s, self.facts = request, log, startup_s, made.facts.get()
+        self.tracks = made.tracks.get() if "position" in do.keys else None
+        self.body = made.body.get() if "control" in do.keys else None
+        self.journal, self.reused, self.results = do.journal, do.reused, do.keys | {"run": run_key(request)}
 
     @property
     def config(self) -> Config:
@@ -121,8 +98,10 @@ def _metrics(run: Path, done: Finished) -> Metrics:
     """What the saved tables give, and what the robot's body took, which they do not hold."""
     plans = read_table(run, "plans", ["planner", "expanded"]) if has_table(run, "plans") else None
     robot = RobotTag.among(list(done.facts.tags), done.config)
-    wanted = SAMPLED - {*TRAJECTORY_METRICS, *_not_applicable(plans)}
-    samples, errors = read_samples(run, wanted, may_lack=True, robot=robot)
+    incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
+    # Of other planners, fallback_share would be a wrong number.
+    wanted = SAMPLED - {*TRAJECTORY_METRICS, *([] if plans is None or incremental else ["fallback_share"])}
+    samples, errors = read_samples(run, wanted, robot)
     if errors:
         raise errors[0]
     body = done.body
@@ -147,12 +126,6 @@ def _of_bodies(run: Path, done: Finished, effort: Metrics) -> Metrics:
         "resimulated": math.nan if body is None else body.mass_kg,
     }
     return write_bodies(run, bodies, masses_kg, effort["cost_of_transport"].value if effort else math.nan)
-
-
-def _not_applicable(plans: Mapping[str, Any] | None) -> set[str]:
-    """Metrics that the tables would give, but that would be wrong numbers."""
-    incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
-    return set() if plans is None or incremental else {"fallback_share"}
 
 
 def _trajectory_metrics(run: Path, done: Finished) -> Metrics:

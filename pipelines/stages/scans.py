@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from quadlog.config.schema import Config, LidarConfig
+from quadlog.config.schema import Config
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Points
 from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
@@ -30,51 +29,28 @@ from quadlog.recordings.roles import Roles
 if TYPE_CHECKING:
     from quadlog.pipelines.log import LogData
 
-Item = TypeVar("Item")
 
-
-class EvenSample(Generic[Item]):
-    """Keep every 2^k-th item of a stream, where k grows so that at most 2 `wanted` items are held.
-
-    expected: length of the stream, from which k starts; None if unknown.
-    """
-
-    def __init__(self, wanted: int, expected: int | None = None) -> None:
-        self._wanted = wanted
-        self._stride, self._seen = 1, 0
-        while wanted and (expected or 0) > 2 * wanted * self._stride:
-            self._stride *= 2
-        self._held: list[Item] = []
-
-    def offer(self, make: Callable[[], Item]) -> None:
-        """The next item of the stream; `make` is called only when it is kept."""
-        if self._wanted and self._seen % self._stride == 0:
-            if len(self._held) == 2 * self._wanted:
-                self._held = self._held[::2]
-                self._stride *= 2
-            if self._seen % self._stride == 0:
-                self._held.append(make())
-        self._seen += 1
-
-    def kept(self) -> list[Item]:
-        """At most `wanted` items, spread over the stream, the first one among them."""
-        if len(self._held) <= self._wanted:
-            return self._held
-        step = len(self._held) / self._wanted
-        return [self._held[int(index * step)] for index in range(self._wanted)]
+def even_sample(count: int, wanted: int) -> set[int]:
+    """At most `wanted` numbers, spread over those below count: multiples of a power of 2, 0 among them."""
+    stride = 1
+    while wanted and count > 2 * wanted * stride:
+        stride *= 2
+    held = range(0, count, stride)
+    step = max(len(held) / max(wanted, 1), 1)
+    return {held[int(index * step)] for index in range(min(wanted, len(held)))}
 
 
 ROUTE_WORDS = {
-    "rings": "by the beams their points name",
-    "elevations": "by the beams their elevations show",
-    "height_map": "as clouds without beams, on a map of the lowest points",
+    "rings": "by beams, from the points' ring numbers",
+    "elevations": "by beams, from the points' elevations",
+    "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",
 }
 ABOVE_M = 0.1
 """Margin above the highest relevant height within which rays are kept."""
 
 
-class Scan(NamedTuple):
+class ReducedScan(NamedTuple):
     """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,), and what maps take.
 
     level: whether its ground can be one, None where none is found. route: how it was classified. skewed: why its points
@@ -101,50 +77,40 @@ class WholeScan(NamedTuple):
     slot_ns: Int
 
 
-@dataclass(frozen=True, slots=True)
-class ScanSettings:
-    """Settings for reducing scans; compact: None where no maps are made."""
-
-    classifier: RangeImageSettings | PaperSettings
-    compact: CompactSettings | None
-    deskew: bool
-    samples: int
-
-    @classmethod
-    def of_config(cls, config: Config, *, maps: bool) -> Self:
-        """The sections lidar, ground and, for maps, grid, as the algorithms take them."""
-        compact = _compact_settings(config) if maps else None
-        return cls(_classifier_settings(config), compact, config.lidar.deskew, config.results.cloud_samples)
-
-
 class Scanner:
     """Classifies clouds one by one. samples: whole scans for figures, spread over the recording."""
 
     def __init__(self, config: Config, seed: int, data: LogData, *, maps: bool) -> None:
         """maps: whether scans are made compact for maps."""
-        settings = ScanSettings.of_config(config, maps=maps)
-        self.samples: EvenSample[WholeScan] = EvenSample(settings.samples, len(data.streams.clouds_ns))
+        self._sampled = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples)
+        self.samples: list[WholeScan] = []
+        self._taken = 0
         self._mount, self._up = data.mount.transform_lidar_to_base, data.up
-        self._classifier = ScanClassifier(settings.classifier, seed, uses_times=settings.deskew)
-        self._compactor: ScanCompactor | None = None
-        if settings.compact is not None:
-            # Windows are centred on base, compact scans on the lidar.
-            reach_m = settings.compact.reach_m + math.hypot(*self._mount[:2, 3])
-            self._compactor = ScanCompactor(replace(settings.compact, reach_m=reach_m))
+        self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
+        # Windows are centred on base, compact scans on the lidar.
+        beside_m = math.hypot(*self._mount[:2, 3])
+        self._compactor = ScanCompactor(_compact_settings(config, beside_m)) if maps else None
 
-    def classified(self, t_ns: int, cloud: PointCloud) -> Scan:
+    def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
         """The next cloud."""
         started = time.perf_counter()
-        rotations, not_levelled = _upright(t_ns + np.array(_sweep(cloud), np.int64), self._up)
+        ends_ns = (
+            (0, 0) if cloud.times is None or len(cloud.times) == 0 else (cloud.times.first_ns, cloud.times.last_ns)
+        )
+        if max(map(abs, ends_ns)) > MAX_OFFSET_NS:  # implausible
+            ends_ns = 0, 0
+        rotations, not_levelled = _upright(t_ns + np.array(ends_ns, np.int64), self._up)
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
         compact = None if self._compactor is None else self._compactor.compact(found)
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
-        self.samples.offer(lambda: WholeScan(t_ns, found.points(), slot_ns))
+        if self._taken in self._sampled:
+            self.samples.append(WholeScan(t_ns, found.points(), slot_ns))
+        self._taken += 1
         level = None if found.ground is None else found.ground.is_level
-        return Scan(t_ns, row, slot_ns, level, found.route, skewed, not_levelled, found.shows_nothing, compact)
+        return ReducedScan(t_ns, row, slot_ns, level, found.route, skewed, not_levelled, found.shows_nothing, compact)
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
@@ -169,27 +135,21 @@ def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
     return not (by_uwb or lone_pose or others)
 
 
-def track_clouds(data: LogData, config: Config) -> LidarTracker:
-    """The robot's track by the clouds of a log."""
-    tracker = LidarTracker(config.lidar, data.mount.transform_lidar_to_base, data.up)
-    for t_ns, cloud in data.clouds():
-        tracker.take(t_ns, cloud)
-    return tracker
-
-
 class LidarTracker:
-    """Takes clouds one by one."""
+    """The robot's track by the clouds of a log."""
 
-    def __init__(self, lidar: LidarConfig, transform_lidar_to_base: Float, up: UpSeries | None) -> None:
+    def __init__(self, data: LogData, config: Config) -> None:
+        """Reads all clouds."""
         # Points too far for the map still tell where the robot is.
-        settings = LidarOdometrySettings(min_range_m=lidar.min_range_m)
-        self._odometry, self._deskew = LidarOdometry(settings), lidar.deskew
-        self._mount, self._up = transform_lidar_to_base, up
+        settings = LidarOdometrySettings(min_range_m=config.lidar.min_range_m)
+        self._odometry, self._deskew = LidarOdometry(settings), config.lidar.deskew
+        self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._levelled: list[Float] = []
         self._scans = 0
+        for t_ns, cloud in data.clouds():
+            self._take(t_ns, cloud)
 
-    def take(self, t_ns: int, cloud: PointCloud) -> None:
-        """The next cloud."""
+    def _take(self, t_ns: int, cloud: PointCloud) -> None:
         self._scans += 1
         known = len(self._odometry)
         span = sweep_span(cloud.times, len(cloud.xyz_m)) if self._deskew else Skewed.NO_TIMES
@@ -211,26 +171,20 @@ class LidarTracker:
         return replace(matched, rotation=matched.rotation @ np.array(self._levelled).reshape(-1, 3, 3))
 
     def lost_share(self) -> float:
-        """Share of the scans that tell no pose."""
+        """Share of the scans without a pose."""
         return 1 - (self._odometry.track().match != ScanMatch.LOST).sum() / max(self._scans, 1)
 
     def why_lost(self) -> str:
-        """Why scans tell no pose; empty where all do."""
+        """Why scans have no pose; empty where all do."""
         track = self._odometry.track()
-        lost = self._scans - int((track.match != ScanMatch.LOST).sum())
-        if not lost:
-            return ""
-        text = (
-            f"{lost} of {self._scans} scans have fewer than {FEWEST_RETURNS_MATCHED} returns "
-            "or match nothing seen before"
-        )
-        gave_up_ns = self._odometry.gave_up_ns
-        if gave_up_ns is None:
-            return text
-        return f"{text}; the track ends {(gave_up_ns - track.t_ns[0]) * 1e-9:.1f} s after its start, where most do"
+        lost, few = self._scans - int((track.match != ScanMatch.LOST).sum()), f"fewer than {FEWEST_RETURNS_MATCHED}"
+        text = f"{lost} of {self._scans} scans have {few} returns or match nothing seen before" if lost else ""
+        if lost and (gave_up_ns := self._odometry.gave_up_ns) is not None:
+            text += f"; the track ends {(gave_up_ns - track.t_ns[0]) * 1e-9:.1f} s after its start, where most do"
+        return text
 
     def warnings(self) -> list[str]:
-        """How many scans do not tell the whole pose, and why."""
+        """How many scans do not determine the whole pose, and why."""
         match = self._odometry.track().match
         sliding = (match == ScanMatch.DEGENERATE).sum()
         lines = [f"{why}: no pose is given there"] if (why := self.why_lost()) else []
@@ -264,14 +218,15 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
     )
 
 
-def _compact_settings(config: Config) -> CompactSettings:
+def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
+    """beside_m: how far the lidar is from base."""
     grid, robot = config.grid, config.robot
     return CompactSettings(
         min_height_m=grid.min_height_m,
         max_height_m=grid.max_height_m,
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
-        reach_m=reach_of(grid.cell_m, grid.size_cells),
+        reach_m=reach_of(grid.cell_m, grid.size_cells) + beside_m,
         highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
         ground_cell_m=config.results.ground_cell_m,
         counts=grid.min_points > 1,

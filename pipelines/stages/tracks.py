@@ -21,7 +21,7 @@ class RobotTrack:
     """Poses of base in map: t_ns (N,), xy_m (N, 2), yaw_rad (N,); their source, and the name it gives to the frame.
 
     covariance_m2 (N, 2, 2) of the positions and yaw_std_rad (N,), where they are known. z_m (N,) and tilt_rad (N, 2),
-    roll and pitch: NaN where nothing tells them, None where nothing ever does.
+    roll and pitch: NaN at instants without a value, None without a source.
     """
 
     t_ns: Int
@@ -45,7 +45,7 @@ class RobotTrack:
             xx_m2, xy_m2, yy_m2 = (spread[f"cov_{axes}_m2"] for axes in ("xx", "xy", "yy"))
             covariance_m2 = np.stack([np.stack([xx_m2, xy_m2], axis=1), np.stack([xy_m2, yy_m2], axis=1)], axis=1)
             yaw_std_rad = spread["yaw_std_rad"]
-        xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), _first_of(poses["source"])
+        xy_m, source = np.column_stack([poses["x_m"], poses["y_m"]]), "".join(poses["source"][:1])
         tilt_rad = np.column_stack([poses["roll_rad"], poses["pitch_rad"]])
         spreads = covariance_m2, yaw_std_rad
         return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, *spreads, poses["z_m"], tilt_rad)
@@ -78,7 +78,7 @@ class TargetTrack:
     def read(cls, run: Path) -> Self:
         """As `position` has saved it. Raises NotARun."""
         target = read_table(run, "target")
-        return cls(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), _first_of(target["source"]))
+        return cls(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), "".join(target["source"][:1]))
 
     @property
     def has_body(self) -> bool:
@@ -92,11 +92,6 @@ class TargetTrack:
         still = np.zeros(len(self.t_ns))
         xy_m, _, _ = interpolate_poses(t_ns, self.t_ns, self.xy_m, still, TARGET_GAP_S)
         return xy_m
-
-
-def _first_of(sources: np.ndarray) -> str:
-    """The source, which is the same in every row."""
-    return str(sources[0]) if len(sources) else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,13 @@
-"""The papers' tables: one module per table, which draws, measures and says what it did."""
+"""The papers' tables: the name of each, and the module whose `table(fast, seed)` gives it."""
+
+TABLES = {
+    "following-uwb": "quadlog.pipelines.tables.following_uwb",
+    "following-2": "quadlog.pipelines.tables.following_2",
+    "planning-1": "quadlog.pipelines.tables.planning_1",
+    "planning-2": "quadlog.pipelines.tables.planning_2",
+    "planning-ea": "quadlog.pipelines.tables.planning_ea",
+    "tracking-courses": "quadlog.pipelines.tables.tracking_courses",
+    "tracking-5": "quadlog.pipelines.tables.tracking_5",
+    "foot-torque": "quadlog.pipelines.tables.foot_torque",
+    "foot-drift": "quadlog.pipelines.tables.foot_drift",
+}

@@ -1,9 +1,12 @@
-"""Rows of a table as data: of which walks, which column, beside which print; and the tables that they make."""
+"""Tables as data: seeded walks that are measured, and rows that compare their figures with what a paper prints."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,17 +14,63 @@ import pandas as pd
 
 from quadlog.messages import Float
 from quadlog.pipelines.tables.judge import GEOMETRIC_MEAN, MEAN, NEGLIGIBLE, SHARE, Judge, Statistic, beyond
-from quadlog.pipelines.tables.study import Study, select
 from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict
+
+Point = dict[str, Any]
+Figures = Mapping[str, float]
+
+HELD_OUT_SEED = 2000
+"""Seeds that are reported start here; whatever was chosen, was chosen on smaller ones."""
+SEEDS_PER_TABLE = 100
+
+
+def held_out_seeds(count: int, seed: int) -> range:
+    """The walks' seeds of a table's seed; those of two tables' seeds have none in common."""
+    assert count <= SEEDS_PER_TABLE
+    first = HELD_OUT_SEED + SEEDS_PER_TABLE * seed
+    return range(first, first + count)
+
+
+def grid(**factors: Iterable[Any]) -> list[Point]:
+    """Every combination of the factors' values."""
+    return [dict(zip(factors, values, strict=True)) for values in product(*factors.values())]
+
+
+@dataclass(frozen=True)
+class Study:
+    """measure(**point) walks once and returns its figures by name; one that does not apply is absent."""
+
+    measure: Callable[..., Figures]
+    points: Sequence[Point]
+
+    def submit(self, executor: Executor) -> list[Future[Figures]]:
+        """A task for each point."""
+        return [executor.submit(self.measure, **point) for point in self.points]
+
+    def records(self, figures: Iterable[Figures]) -> list[Point]:
+        """Points and figures side by side, plain numbers all; a figure that is not finite is left out."""
+        return [
+            point | {name: float(value) for name, value in found.items() if math.isfinite(value)}
+            for point, found in zip(self.points, figures, strict=True)
+        ]
+
+
+def select(walks: pd.DataFrame, where: Mapping[str, Any]) -> pd.DataFrame:
+    """The walks whose factors have these values; None stands for a factor that is not given."""
+    wanted = pd.Series(True, index=walks.index)
+    for name, value in where.items():
+        wanted &= walks[name].isna() if value is None else walks[name] == value
+    return walks[wanted]
+
 
 Where = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A statistic of a column. where: factors of the walks that count; judge: None where nothing is printed.
+    """A row: a statistic of a column. where: values of factors that select walks; judge: None if nothing is printed.
 
-    note: what every verdict needs to be read; why_not: added where it fails. of: as of PaperRow.
+    note: shown with every verdict; why_not: shown with the verdict "no". of: as of PaperRow.
     """
 
     quantity: str
@@ -57,7 +106,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Ratio(Claim):
-    """A column of some walks, `part`, over that of others, `whole`, in pairs that have the same values of `pair`."""
+    """A column of the walks `part` divided by that of the walks `whole`, paired by equal values of `pair`."""
 
     part: Where = field(default_factory=dict)
     whole: Where = field(default_factory=dict)
@@ -81,7 +130,7 @@ class Ratio(Claim):
 
 @dataclass(frozen=True)
 class Change(Ratio):
-    """The same as differences."""
+    """A column of the walks `part` less that of the walks `whole`, paired likewise."""
 
     statistic: Statistic = MEAN
 
@@ -92,7 +141,7 @@ class Change(Ratio):
 
 
 def order(quantity: str, column: str, where: Where, part: Where, whole: Where, printed: float, of: str) -> Ratio:
-    """A row on which of two is larger, as a printed ratio above 1 says; how much larger, is not judged."""
+    """A row on which of two is larger, as a printed ratio above 1 says; how much larger is not judged."""
     least = 1 + NEGLIGIBLE * (printed - 1)
     return Ratio(
         quantity,
@@ -121,8 +170,8 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Table:
-    """A paper's table as data: where its numbers come from, and what stands beside which print."""
+class StudyTable:
+    """A table of a paper: its text, the study that measures it, and its rows in groups."""
 
     title: str
     caption: str

@@ -1,23 +1,20 @@
-"""following-2: cells that A* and IA* search behind a person [Following, Table 2, Figs 14-18]."""
+"""following-2: cells that A* and IA* search behind a person [Following, Table 2, Figs 14-16]."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from quadlog.geometry import arc_lengths
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float
-from quadlog.pipelines.tables.claims import Claim, Group, Table
-from quadlog.pipelines.tables.judge import EXACT, MEDIAN, SHARE, SIZE, Statistic, beyond
-from quadlog.pipelines.tables.searches import CLAIMED, DENSITIES_PER_M2, PAPER, PRESETS, cells, forest_of, lead
-from quadlog.pipelines.tables.study import HELD_OUT_SEED, Figures, Study, grid
+from quadlog.pipelines.tables.claims import HELD_OUT_SEED, Claim, Figures, Group, Study, StudyTable, grid
+from quadlog.pipelines.tables.judge import EXACT, MEDIAN, SHARE, Statistic, beyond
+from quadlog.pipelines.tables.planning_2 import CLAIMED, DENSITIES_PER_M2, PRESETS, cells, forest_of, lead
 from quadlog.planning.planners.astar import AStar
-from quadlog.simulation.worlds.replanning_walk import WorldWalk
 from quadlog.simulation.worlds.scenes import FOLLOWING_CELLS, SCENES
-from quadlog.simulation.worlds.world import WaypointTrack, World, occupied_centres
+from quadlog.simulation.worlds.world import WaypointTrack, World
 
 # None of these is printed. The site of Figs 14 and 15 has room for a person 4 m ahead.
 AHEAD_M, SPEED_MPS = 4.0, 0.6
@@ -33,8 +30,7 @@ def behind_person(preset: str, place: str, number: int, seed: int) -> Figures:
         world = replace(SCENES[place](), dilation=of.dilation)
     else:
         world = follow_world(float(place), number, of.dilation, seed)
-    walk = lead(world, of)
-    return {**cells(world, walk, of), **distances(world, walk)}
+    return cells(world, lead(world, of), of)
 
 
 def follow_world(density_per_m2: float, number: int, dilation: str, seed: int) -> World:
@@ -77,22 +73,8 @@ def _places(start_m: Float, goal_m: Float, rng: np.random.Generator) -> Float:
     return np.concatenate([start_m + share[:, None] * along_m + aside_m[:, None] * left, goal_m[None]])
 
 
-def distances(world: World, walk: WorldWalk) -> Figures:
-    """From the robot to the person at the replans, and the least to the edge of an obstacle, if there is one."""
-    away_m = [float(np.hypot(*(each.goal_xy_m - each.robot_xy_m))) for each in walk.instants]
-    found = {"away_mean_m": float(np.mean(away_m))}
-    centres_m = occupied_centres(world.occupied, world.window)
-    if len(centres_m):
-        found["clear_m"] = float(cKDTree(centres_m).query(walk.path_xy_m)[0].min()) - world.window.cell_m / 2
-    return found
-
-
 FORESTS = {f"{density:g}": f"{density:g} trees/m²" for density in DENSITIES_PER_M2}
 WHY_NOT = "Round an obstacle a way leads away from its goal, and IA* keeps none of the steps that do."
-DISTANCES = {
-    "away_mean_m": "distance to the person, mean (m)",
-    "clear_m": "least distance to an obstacle, mean over the walks (m)",
-}
 
 
 def ratio_rows(preset: str) -> list[Claim]:
@@ -114,14 +96,12 @@ def ratio_rows(preset: str) -> list[Claim]:
     return [*(row(site, f"{called}: ", EXACT) for site, called in SITES.items()), *forests, *arrived]
 
 
-def table(fast: bool, seed: int) -> Table:
+def table(fast: bool, seed: int) -> StudyTable:
     """Fast takes fewer walks."""
     walks = 6 if fast else 40
     points = grid(preset=PRESETS, place=SITES, number=[0], seed=[seed])
     points += grid(preset=PRESETS, place=FORESTS, number=range(walks), seed=[seed])
-    points += grid(preset=["paper"], place=["0"], number=range(walks), seed=[seed])
-    person = {"0": "Fig. 17, without obstacles"} | {place: f"Fig. 18, {called}" for place, called in FORESTS.items()}
-    return Table(
+    return StudyTable(
         title="Cells that A* and incremental A* search behind a person [Following, Table 2]",
         caption=f"A robot follows a person among obstacles on a map of {FOLLOWING_CELLS} by {FOLLOWING_CELLS} cells of "
         f"0.1 m. The figures of the table are lost; its text says that A* visits more than {CLAIMED:g} times the cells "
@@ -131,24 +111,12 @@ def table(fast: bool, seed: int) -> Table:
         sizes=f"{walks} walks in each forest, seed {seed}.",
         study=Study(behind_person, points),
         groups=[
-            *(
-                Group(
-                    f"Table 2, preset {preset}",
-                    f"{PRESETS[preset].words} {PRESETS[preset].leader} leads, one cell a replan. Either site is one "
-                    "walk: nothing is drawn. Intervals: of medians by order statistics; shares after Wilson.",
-                    ratio_rows(preset),
-                )
-                for preset in PRESETS
-            ),
             Group(
-                "Figs 17 and 18: behind a person",
-                f"As the paper shows outdoors in pictures; preset paper, led by {PAPER.leader}. The person stands "
-                "at last, and there a walk ends. Intervals: Student.",
-                [
-                    Claim(f"{called}: {what}", column, {"preset": "paper", "place": place}, statistic=SIZE)
-                    for place, called in person.items()
-                    for column, what in DISTANCES.items()
-                ],
-            ),
+                f"Table 2, preset {preset}",
+                f"{of.words} {of.leader} leads, one cell a replan. Either site is one walk: nothing is drawn. "
+                "Intervals: of medians by order statistics; shares after Wilson.",
+                ratio_rows(preset),
+            )
+            for preset, of in PRESETS.items()
         ],
     )

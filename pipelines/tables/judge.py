@@ -25,7 +25,7 @@ RESAMPLES = 999
 class Statistic:
     """A number of N independent values, by a function with numpy's axis, and its 95 % interval.
 
-    interval: None where the values cannot tell, as too few of them, or values that are all alike.
+    interval: None where the values are not enough, as too few of them, or values that are all alike.
     is_drawn: False for a single value in which nothing is drawn at random.
     """
 
@@ -136,7 +136,7 @@ class Judge:
     takes_interval: bool = True
 
     def verdict(self, values: Float, statistic: Statistic) -> Verdict:
-        """Undecided where something is drawn and the values cannot tell how it scatters."""
+        """Undecided where something is drawn and the values do not show how it scatters."""
         if self.takes_interval and statistic.is_drawn and statistic.interval(values) is None:
             return Verdict.UNDECIDED
         return self.rule(values, statistic)
@@ -200,7 +200,7 @@ def beyond(
 
 
 def always(why: str = "") -> Judge:
-    """What is said of every run, of values that are 1 where all of it holds: runs can refute it, and never prove it."""
+    """A claim about every run, of values that are 1 where all of it holds: runs can refute it, and never prove it."""
     return Judge(lambda values, _: Verdict.UNDECIDED if (values == 1).all() else Verdict.NO, None, "always", why)
 
 

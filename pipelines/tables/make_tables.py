@@ -14,8 +14,8 @@ from quadlog.errors import UnknownName
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.tables.claims import Table
-from quadlog.pipelines.tables.registry import TABLES
+from quadlog.pipelines.tables import TABLES
+from quadlog.pipelines.tables.claims import StudyTable
 from quadlog.results.page.blocks import write_page
 from quadlog.results.page.papers import papers_page
 from quadlog.results.studies.papers import PAGE, PaperTable, prepare_folder, write_table
@@ -27,7 +27,7 @@ def open_executor(tasks: int) -> Executor:
 
 
 def measure_tables(
-    tables: Mapping[str, Table], fast: bool, seed: int, executor: Executor, progress: Progress
+    tables: Mapping[str, StudyTable], fast: bool, seed: int, executor: Executor, progress: Progress
 ) -> Iterator[tuple[PaperTable, list[dict[str, Any]]]]:
     """Each table with its walks, once these are there; all are handed out at first, so that no core waits for a table.
 

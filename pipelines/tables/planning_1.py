@@ -13,23 +13,14 @@ from quadlog.control.following.pure_pursuit import pure_pursuit
 from quadlog.geometry import arc_lengths
 from quadlog.messages import Float
 from quadlog.metrics.planning import join_turn_rad, path_change_m
-from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Table
+from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Ratio, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import MEAN, SHARE, SIZE, always, beyond, not_comparable, runs, share_of
-from quadlog.pipelines.tables.searches import DENSITIES_PER_M2, PRESETS, forest_of
-from quadlog.pipelines.tables.study import Figures, Study, grid
+from quadlog.pipelines.tables.planning_2 import DENSITIES_PER_M2, PRESETS, forest_of
 from quadlog.planning.protocol import Planner
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
-from quadlog.simulation.worlds.replanning_walk import (
-    MOST_REPLANS,
-    PATIENCE,
-    Outcome,
-    ReplanInstant,
-    WorldWalk,
-    look,
-    walk_world,
-)
+from quadlog.simulation.worlds import replanning_walk as walks
 from quadlog.simulation.worlds.world import SPEED_MPS, World, body_clearance, occupied_centres
 
 # The robot's size is printed [Planning, section 4]. How it follows is not: these are ours, and no figure chose them.
@@ -43,8 +34,8 @@ AT_GOAL_M = 0.1
 def pursue(world: World, planner: Planner) -> Figures:
     """Walk from the world's start, looking at the goal, until there, stuck or out of replans; see walk_world.
 
-    The goal must stand still. Whether it arrived and whether its body touched an obstacle; of one that arrived, length,
-    time and turning of the way really walked.
+    The goal must stand still. Whether it arrived and whether its body touched an obstacle; of one that arrived, length
+    and time of the way really walked.
     """
     replanner = Replanner(planner, ReplanSettings(world.dilation_m, world.dilation, stop_short_m=0.0))
     goal_m = world.goal.at(0)
@@ -53,10 +44,10 @@ def pursue(world: World, planner: Planner) -> Figures:
     path_m: Float = np.empty((0, 2))
     walked: list[Float] = []
     waited = 0
-    while waited <= PATIENCE and len(walked) < MOST_REPLANS:
+    while waited <= walks.PATIENCE and len(walked) < walks.MOST_REPLANS:
         here_m = np.array(pose[:2])
         t_ns = round(1e9 * len(walked) * TICKS_PER_REPLAN * TICK_S)
-        instant = look(world, here_m, t_ns)
+        instant = walks.look(world, here_m, t_ns)
         path = replanner.replan(t_ns, instant.window, instant.occupied, here_m, goal_m).path
         if path is not None:
             path_m = path.smooth_xy_m
@@ -72,7 +63,7 @@ def pursue(world: World, planner: Planner) -> Figures:
     return _figures(np.concatenate(walked), arrived=False)
 
 
-def _follow(pose: tuple[float, float, float], path_m: Float, instant: ReplanInstant, speed_mps: float) -> Float:
+def _follow(pose: tuple[float, float, float], path_m: Float, instant: walks.ReplanInstant, speed_mps: float) -> Float:
     """Ticks along a path (K, 2) until the next replan: pose and clearance, (TICKS_PER_REPLAN + 1, 4), the first now."""
     centres_m = occupied_centres(instant.occupied, instant.window)
     rows = np.empty((TICKS_PER_REPLAN + 1, 4))
@@ -94,11 +85,10 @@ def _figures(rows: Float, arrived: bool) -> dict[str, float]:
     if arrived:
         found["length_m"] = float(arc_lengths(rows[:, :2])[-1])
         found["time_s"] = (len(rows) - 1) * TICK_S
-        found["turning_radpm"] = float(np.abs(np.diff(np.unwrap(rows[:, 2]))).sum()) / found["length_m"]
     return found
 
 
-def coherence(walk: WorldWalk) -> Figures:
+def coherence(walk: walks.WorldWalk) -> Figures:
     """How plans follow one another on a walk cell by cell, means over its replans; one without a path is left out.
 
     change_m: distance of a path from the one before, see path_change_m. start_turn_rad: how much the direction of a
@@ -120,11 +110,8 @@ def through_forest(preset: str, density_per_m2: float, number: int, planner: str
     of = PRESETS[preset]
     name = of.baseline if planner == "A*" else of.ia_star
     world = forest_of(density_per_m2, number, of.dilation, seed)
-    found = {**pursue(world, make_planner(name, of.rules))}
-    walk = walk_world(world, make_planner(name, of.rules))
-    if walk.outcome is Outcome.ARRIVED:
-        found["grid_m"] = float(arc_lengths(walk.path_xy_m)[-1])
-    return found | {**coherence(walk)}
+    walked = pursue(world, make_planner(name, of.rules))
+    return {**walked, **coherence(walks.walk_world(world, make_planner(name, of.rules)))}
 
 
 LENGTH_M = np.array(
@@ -162,8 +149,6 @@ def length_rows(preset: str, density: float) -> list[Claim]:
         ("length: share of walks in which IA* is shorter", "length_m", less, LESS),
         ("time of IA* over that of A*, mean", "time_s", time, MEAN),
         ("time: share of walks in which IA* is slower", "time_s", more, MORE),
-        ("cell by cell, length of IA* over that of A*, mean", "grid_m", None, MEAN),
-        ("cell by cell, share of walks in which IA* is shorter", "grid_m", None, LESS),
     ):
         rows.append(Ratio(f"{which}: {what} (1)", column, where, judge, statistic, of=what, **PAIRED))
     for at, name in enumerate(PLANNERS):
@@ -172,12 +157,11 @@ def length_rows(preset: str, density: float) -> list[Claim]:
             what = f"{column.partition('_')[0]}, mean, {name}"
             judge = not_comparable(float(of_both[at].mean()), why)
             rows.append(Claim(f"{which}: {what} ({unit})", column, mine, judge, SIZE, of=what))
-        rows.append(Claim(f"{which}: turning, {name} (rad/m)", "turning_radpm", mine, statistic=SIZE))
     return rows
 
 
 def collision_rows(preset: str, density: float) -> list[Claim]:
-    """What is said of collisions."""
+    """The claims on collisions."""
     where, which = {"preset": preset, "density_per_m2": density}, f"{preset}, {density:g} trees/m²"
     may = not_comparable(None, "Claimed: it may. One collision would do, so that no share contradicts it.", "may touch")
     clean, touched, less = (
@@ -200,7 +184,7 @@ COHERENCE = {
 
 
 def coherence_rows(preset: str, density: float) -> list[Claim]:
-    """What is said of coherence."""
+    """The claims on coherence."""
     where, which = {"preset": preset, "density_per_m2": density}, f"{preset}, {density:g} trees/m²"
     below = beyond(0.0, above=False, why="Claimed: less than 0.")
     return [Change(f"{which}: {what}", column, where, below, of=what, **PAIRED) for column, what in COHERENCE.items()]
@@ -209,11 +193,11 @@ def coherence_rows(preset: str, density: float) -> list[Claim]:
 SETTINGS = [(preset, density) for preset in PRESETS for density in DENSITIES_PER_M2]
 
 
-def table(fast: bool, seed: int) -> Table:
+def table(fast: bool, seed: int) -> StudyTable:
     """Fast walks as often as the paper and no more."""
     walks = LENGTH_M.shape[1] if fast else 40
     factors = {"preset": PRESETS, "density_per_m2": DENSITIES_PER_M2, "number": range(walks), "planner": PLANNERS}
-    return Table(
+    return StudyTable(
         title="Lengths and times of the ways of A* and IA* [Planning, Table 1]",
         caption="Two robots walk through the same forest to the same goal, one led by A*, one by IA*. The paper prints "
         "ten pairs of walks of a simulated quadruped in a forest of its own. Our trees stand at random, 0.1 or 0.2 to "

@@ -1,11 +1,74 @@
-"""tracking-5: three controllers on the S-curve [Tracking, Table 5]."""
+"""tracking-5: three controllers on the S-curve [Tracking, Table 5]; and the walks of both tables on tracking."""
 
 from __future__ import annotations
 
-from quadlog.pipelines.tables.claims import Claim, Group, Table, order
-from quadlog.pipelines.tables.judge import SIZE, not_comparable
-from quadlog.pipelines.tables.study import Study, grid, held_out_seeds
-from quadlog.pipelines.tables.tracking import CONDITIONS, ERRORS, FIGURES, GROUNDS, fall_row, track
+from dataclasses import asdict
+
+import numpy as np
+
+from quadlog.config.schema import Config
+from quadlog.pipelines.simulate import walk_metrics
+from quadlog.pipelines.simulation.courses import find_course, make_ground
+from quadlog.pipelines.simulation.walk import walk_once
+from quadlog.pipelines.tables.claims import Claim, Figures, Group, Study, StudyTable, Where, grid, held_out_seeds, order
+from quadlog.pipelines.tables.judge import SHARE, SIZE, not_comparable
+from quadlog.simulation.robot.disturbances import DISTURBED
+
+CONDITIONS = {"ideal": False, "disturbed": True}
+"""What the tables call them, and whether `quadlog simulate --disturbed` is meant."""
+GROUNDS = {
+    "ideal": "The pose is known exactly and nothing pushes; the seed draws the ground.",
+    "disturbed": "As `quadlog simulate --disturbed`: a push of 60 N to a side every 2 s, wrong velocities, a noisy and "
+    "late pose, a wrong mass. The seed draws them and the ground.",
+}
+ERRORS = (
+    "η, σ: mean and standard deviation of the distance to the path; beside the place in time: to where a robot without "
+    "delay would be. A walk that falls counts until then, and has no completion time. Intervals: Student and Wilson."
+)
+FIGURES = {
+    "eta_m": "η (m)",
+    "sigma_m": "σ (m)",
+    "eta_time_m": "η beside the place in time (m)",
+    "sigma_time_m": "σ beside the place in time (m)",
+    "completion_time_s": "completion time (s)",
+    "speed_mean_mps": "mean speed forward (m/s)",
+}
+"""What a row calls them, unit last."""
+LOOKAHEAD_M = 2.0
+"""l, or l0 of the fuzzy rules, as printed."""
+
+
+def config_of(terrain: str, steering: str, disturbed: bool) -> Config:
+    """As a file of `quadlog simulate` would have it."""
+    simulation = {"controller": steering.lower(), "terrain": terrain}
+    return Config.model_validate(
+        {
+            "pursuit": {"lookahead_m": LOOKAHEAD_M},
+            "simulation": {**simulation, "disturbances": asdict(DISTURBED) if disturbed else {}},
+        }
+    )
+
+
+def track(course: str, terrain: str, steering: str, condition: str, seed: int) -> Figures:
+    """One walk: its metrics, but for how fast it was simulated, and figures of its look-ahead and velocity."""
+    config = config_of(terrain, steering, CONDITIONS[condition])
+    found = find_course(course, config)
+    simulated = walk_once(found, config, make_ground(course, found, config, seed), seed)
+    control = simulated.walk.control
+    metrics = walk_metrics(simulated)
+    figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
+    return figures | {
+        "lookahead_range_m": float(np.ptp(control["lookahead_m"])),
+        "speed_mean_mps": float(np.mean(control["vx_mps"])),
+        "speed_std_mps": float(np.std(control["vx_mps"])),
+        "yaw_rate_std_radps": float(np.std(control["yaw_rate_radps"])),
+    }
+
+
+def fall_row(which: str, where: Where) -> Claim:
+    """The share of walks that fall."""
+    return Claim(f"{which}: share of walks that fall (1)", "fallen", where, statistic=SHARE)
+
 
 NAMES = ("FpMW", "FpM", "pMW")
 ETA, SIGMA, TIME = (0.2801, 0.2933, 0.5133), (0.1957, 0.1981, 0.3822), (64.0, 68.0, 75.0)
@@ -14,25 +77,19 @@ PRINTED = {"eta_m": ETA, "sigma_m": SIGMA, "eta_time_m": ETA, "sigma_time_m": SI
 CLAIMS = {"eta_m": "η", "sigma_m": "σ", "eta_time_m": "η", "sigma_time_m": "σ", "completion_time_s": "completion time"}
 ELSEWHERE = "The paper walked outdoors, one walk each; its course and pose source are not printed."
 PAUSES = "The lengths of the paper's course and its pauses are not printed; ours is 30.8 m at 0.5 m/s."
-SHARES = (0.3, 1.0)
-"""Of mpc.turning_share, 0.6 by default."""
 
 
 def number_rows(condition: str) -> list[Claim]:
     """Table 5 as printed beside ours."""
     rows: list[Claim] = []
     for at, name in enumerate(NAMES):
-        which, where = f"{condition}, {name}", _where(condition, name)
+        which, where = f"{condition}, {name}", {"condition": condition, "steering": name}
         for column, printed in PRINTED.items():
             judge = not_comparable(printed[at], PAUSES if column == "completion_time_s" else ELSEWHERE)
             quantity = f"{which}: {FIGURES[column]}"
             rows.append(Claim(quantity, column, where, judge, SIZE, of=f"{CLAIMS[column]} of {name}"))
         rows.append(fall_row(which, where))
     return rows
-
-
-def _where(condition: str, steering: str) -> dict[str, object]:
-    return {"condition": condition, "steering": steering, "turning_share": None}
 
 
 def order_rows(condition: str) -> list[Claim]:
@@ -43,31 +100,22 @@ def order_rows(condition: str) -> list[Claim]:
         printed = PRINTED[column][NAMES.index(more)] / PRINTED[column][NAMES.index(less)]
         quantity = f"{condition}: {FIGURES[column].rpartition(' (')[0]}, {more} / {less} (1)"
         of = f"order in {CLAIMS[column]}: {more} after {less}"
-        where = {"condition": condition, "turning_share": None}
-        rows.append(order(quantity, column, where, {"steering": more}, {"steering": less}, printed, of))
+        sides = {"steering": more}, {"steering": less}
+        rows.append(order(quantity, column, {"condition": condition}, *sides, printed, of))
     return rows
 
 
-def share_rows(name: str, share: float) -> list[Claim]:
-    """What a constant of ours decides."""
-    which, where = f"{name}, turning share {share:g}", {"condition": "ideal", "steering": name, "turning_share": share}
-    return [Claim(f"{which}: {FIGURES['eta_m']}", "eta_m", where, statistic=SIZE), fall_row(which, where)]
-
-
-def table(fast: bool, seed: int) -> Table:
-    """Fast walks less often, and with another constant once."""
-    seeds = held_out_seeds(2 if fast else 10, seed)
-    course = {"course": ["s-curve"], "terrain": ["course"]}
-    points = grid(**course, steering=NAMES, condition=CONDITIONS, seed=seeds)
-    names, shares, few = (NAMES[1:2], SHARES[1:], 1) if fast else (NAMES[:2], SHARES, 5)
-    points += grid(**course, steering=names, condition=["ideal"], seed=seeds[:few], turning_share=shares)
-    return Table(
+def table(fast: bool, seed: int) -> StudyTable:
+    """Fast walks less often, and only with disturbances."""
+    seeds, conditions = held_out_seeds(2 if fast else 10, seed), ["disturbed"] if fast else list(CONDITIONS)
+    points = grid(course=["s-curve"], terrain=["course"], steering=NAMES, condition=conditions, seed=seeds)
+    return StudyTable(
         title="Three controllers on an S-curve [Tracking, Table 5]",
         caption="A quadruped follows an S-curve, up 15° and down 20°, by fuzzy pure pursuit with MPC and whole-body "
         "control (FpMW), without whole-body control (FpM), and with a fixed look-ahead instead of the fuzzy one (pMW, "
         "l = 2 m). The paper did it outdoors with a robot of its own, once each. Here it is simulated, on a course of "
         "the same slopes and roughness whose lengths are ours (30.8 m at 0.5 m/s).",
-        sizes=f"{len(seeds)} walks of each controller, ideal and disturbed, seed {seed}: walks drawn from seeds "
+        sizes=f"{len(seeds)} walks of each controller, {' and '.join(conditions)}, seed {seed}: walks drawn from seeds "
         f"{seeds[0]} to {seeds[-1]}.",
         study=Study(track, points),
         groups=[
@@ -81,12 +129,6 @@ def table(fast: bool, seed: int) -> Table:
                 "has to lie above 1, by a tenth of the printed difference at least. Walks are paired by seed. "
                 "Geometric means; intervals: Student, of the logarithms.",
                 [row for condition in CONDITIONS for row in order_rows(condition)],
-            ),
-            Group(
-                "What a constant of ours decides",
-                "Turning share (mpc.turning_share, 0.6 by default): the share of the standing robot's inertia that the "
-                "MPC takes to turn with the trunk, which is not printed. Intervals: Student; shares after Wilson.",
-                [row for name in NAMES[:2] for share in SHARES for row in share_rows(name, share)],
             ),
         ],
     )

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from quadlog.pipelines.tables.claims import Claim, Group, Ratio, Table
+from quadlog.pipelines.tables.claims import Claim, Group, Point, Ratio, Study, StudyTable, held_out_seeds
 from quadlog.pipelines.tables.judge import EXACT, SIZE, beyond, number, rests
-from quadlog.pipelines.tables.study import Point, Study, held_out_seeds
-from quadlog.pipelines.tables.tracking import CONDITIONS, ERRORS, FIGURES, GROUNDS, fall_row, track
+from quadlog.pipelines.tables.tracking_5 import CONDITIONS, ERRORS, FIGURES, GROUNDS, fall_row, track
 
 COURSES = {
     "line, flat": ("line", "flat"),
@@ -37,7 +36,7 @@ def course_rows(condition: str, called: str) -> list[Claim]:
     statistic = SIZE if is_drawn else EXACT
     time = number(CIRCLE_S, 1.0) if course == "circle" else None
     why = f"{CIRCLE_M:.1f} m in {CIRCLE_S:g} s are {CIRCLE_M / CIRCLE_S:.3f} m/s, not the {DESIRED_MPS:g} m/s desired."
-    speed = rests(number(DESIRED_MPS, 0.1), "Claimed: at the desired velocity, at which ours is told to walk.")
+    speed = rests(number(DESIRED_MPS, 0.1), "Claimed: at the desired velocity, which is commanded here.")
     timed = f"{which}: {FIGURES['completion_time_s']}"
     fast = f"{which}: {FIGURES['speed_mean_mps']}"
     return [
@@ -49,7 +48,7 @@ def course_rows(condition: str, called: str) -> list[Claim]:
 
 
 def rougher_row(condition: str, called: str) -> Claim:
-    """What is said of 6 cm against 3 cm on the line."""
+    """The claims on 6 cm against 3 cm on the line."""
     return Ratio(
         f"{condition}, line: {called}, 6 cm / 3 cm (1)",
         SLIGHTLY_MORE[called],
@@ -61,7 +60,7 @@ def rougher_row(condition: str, called: str) -> Claim:
     )
 
 
-def table(fast: bool, seed: int) -> Table:
+def table(fast: bool, seed: int) -> StudyTable:
     """Fast walks each course on fewer seeds; without disturbances flat ground leaves nothing to be drawn."""
     seeds = held_out_seeds(2 if fast else 10, seed)
     points: list[Point] = [
@@ -70,7 +69,7 @@ def table(fast: bool, seed: int) -> Table:
         for condition in CONDITIONS
         for each in (seeds[:1] if (condition, terrain) == ("ideal", "flat") else seeds)
     ]
-    return Table(
+    return StudyTable(
         title="Line and circle on uneven ground [Tracking, Figs 10-24]",
         caption="Fuzzy pure pursuit, MPC and whole-body control (FpMW) take a simulated quadruped along a line from "
         "(0, 0) to (10, 10) m and round a circle of 5 m radius, at 0.6 m/s. The paper shows curves and prints hardly a "

@@ -140,7 +140,7 @@ class MpcConfig(Section):
         gt=0,
         le=1,
         description="share of the standing robot's inertia that turns with the trunk, as feet stay where they stand; "
-        "ours: at 1 fpm falls on the s-curve (quadlog tables tracking-5)",
+        "ours: at 1 fpm falls on the s-curve",
     )
     alpha: float = Field(2e-5, gt=0, le=1e3, description="weight of squared forces in N; ours")
     mu: float = Field(0.6, gt=0, le=10, description="friction that is counted on; below simulation.friction to be safe")

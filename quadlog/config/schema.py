@@ -42,7 +42,8 @@ class Topics(Section):
     imu: str = Field("", description="IMU")
     joints: str = Field("", description="the joints of the robot's legs")
     reference: str = Field(
-        "", description='true pose; empty: a pose topic whose name says so (truth, gt, mocap, vicon, ...); "none": none'
+        "",
+        description='true pose; empty: a pose topic named truth, gt, mocap, vicon, ...; "none": no reference',
     )
     position: str = Field(
         "auto",
@@ -100,7 +101,7 @@ class UwbConfig(Section):
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
         True,
-        description="constant bias of each link, estimated with the track, as far as the ranges speak for one",
+        description="constant bias of each link, estimated with the track, where the ranges show one",
     )
     smooth: bool = Field(
         True,

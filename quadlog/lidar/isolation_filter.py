@@ -58,7 +58,7 @@ class Isolated:
     distance_m (horizontal, from below the lidar) and z_m (in base) with smoothed ranges.
 
     A range is the mean of those of the same surface within the window: a
-    third of the noise, which is what makes slopes between beams tell.
+    third of the noise, so that slopes between beams are significant.
     """
 
     def __init__(self, rows: int, columns: int) -> None:

@@ -70,7 +70,7 @@ _WORST = 0.25
 _APART_S = 1.0
 _CLEAR = 2.5
 """How much worse all offsets farther away than _APART_S must fit. Of a walk that UWB positions to 0.1 m, parts of 5 to
-40 s are then told to 0.3 s or called ambiguous; two different walks come to 1.3 at most."""
+40 s are then aligned to 0.3 s or called ambiguous; two different walks come to 1.3 at most."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -152,7 +152,7 @@ def torque_rows(body: BodySeries) -> list[TorqueRow]:
 
 @dataclass(frozen=True, slots=True)
 class GaitStatistics:
-    """How a body walked over n rows; NaN where nothing tells.
+    """How a body walked over n rows; NaN where it is unknown.
 
     speed_mps: mean. duty_factor: (4,) share of the moving rows in which each foot stands. cost_of_transport: see the
     function. Height and pitch: mean and standard deviation over the moving rows.

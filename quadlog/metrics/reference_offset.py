@@ -56,7 +56,7 @@ _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
-    """offset_s: what to add to the estimate's times to have the reference's; None where it is not told, with why_not.
+    """offset_s: what to add to the estimate's times to have the reference's; None where it is unknown, with why_not.
 
     samples_s: (K,) at t_ns (K,): what each sample says, whose mean is offset_s and whose scatter gives the interval.
     """
@@ -85,7 +85,7 @@ def estimate_time_offset(reference: Trajectory, estimate: Trajectory) -> TimeOff
     The denser of the two is interpolated at the other's times. The motion is of the plane, or of space where both have
     heights. The interval is the sandwich estimate of a least-squares offset: the long-run variance of the residuals'
     products with the velocity, which counts neighbours as dependent (`mean_interval_in_time`), over the square of the
-    measured curvature. Offsets beyond a second are found where the motion tells them without a rival.
+    measured curvature. Offsets beyond a second are found where the motion determines them without a rival.
     """
     if min(len(reference.t_ns), len(estimate.t_ns)) < 2:
         return _unknown("too few poses")
@@ -189,7 +189,7 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     is_long = len(samples_s) >= _FEWEST_SAMPLES and independent_values(samples_s) >= _FEWEST_INDEPENDENT
     interval = mean_interval_in_time(samples_s) if is_long else None
     if interval is None and np.ptp(samples_s) > 2 * _RESOLUTION_S:
-        return _unknown("too short a walk to say how well it is known")
+        return _unknown("the walk is too short for an interval")
     return TimeOffset(offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s)
 
 
@@ -229,7 +229,7 @@ class ReferenceComparison:
     """A trajectory against its reference, N pairs of poses as they are paired without and with the time offset.
 
     given_offset_s: what was added to the estimate's times for the first pairing. truth, estimate: (N,) poses each;
-    corrected_truth, corrected_estimate: (M,), the same where no offset is told.
+    corrected_truth, corrected_estimate: (M,), the same where the offset is unknown.
     """
 
     given_offset_s: float
@@ -284,7 +284,7 @@ class ReferenceComparison:
         rms_m = {name: float(np.sqrt(np.mean(each.values**2))) for name, each in self.samples.items()}
         errors = [f"ATE {rms_m['ate_rmse_m']:.3f} m"]
         if self.offset.offset_s is None or self.offset.interval is None:
-            clock = f"no time offset can be told: {self.offset.why_not}"
+            clock = f"time offset unknown: {self.offset.why_not}"
         else:
             low_s, high_s = self.offset.interval
             clock = f"time offset {self.offset.offset_s:+.3f} s (95 % {low_s:+.3f} to {high_s:+.3f})"

@@ -233,7 +233,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredRun:
-    """A run under the name that tells it from the others, with its metrics in the contract's order."""
+    """A run under the name that distinguishes it, with its metrics in the contract's order."""
 
     path: Path
     label: str

@@ -123,7 +123,7 @@ OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "ara_star", "di
 
 
 def planner_names() -> tuple[str, ...]:
-    """The planners of quadlog, then those of plug-ins; none of these is imported."""
+    """The planners of quadlog, then those of plug-ins; nothing is imported."""
     return (*PLANNERS, *(name for name in plugin_names(GROUP) if name not in PLANNERS))
 
 

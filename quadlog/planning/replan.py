@@ -200,7 +200,7 @@ class Replan:
 
 
 class Replanner:
-    """Replans on one map after another, and tells an incremental planner how the window moved between them."""
+    """Replans on one map after another, and passes to an incremental planner how the window moved between them."""
 
     def __init__(self, planner: Planner, settings: ReplanSettings) -> None:
         self._planner = planner

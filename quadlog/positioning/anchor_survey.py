@@ -225,9 +225,9 @@ MATTERS_M = 0.3
 """A displacement is reported beyond both. Chosen on simulated walks of 30 to 120 s, seeds 8100 to 8119, of correctly
 surveyed anchors with NLOS, biases and slowly varying errors: one of 300 logs raised a false alarm."""
 MIN_LOG_S = 25.0
-"""A shorter walk cannot tell a displacement from errors that last: up to a third of such logs raised false alarms."""
+"""In a shorter walk a displacement looks like errors that last: up to a third of such logs raised false alarms."""
 PLACED_STD_M = 0.25
-"""An anchor whose place the log tells no better, in its worst direction, is not accused."""
+"""An anchor whose position is not known better, in its worst direction, is not accused."""
 AS_LIKELY = 0.8
 """Other anchors with this share of the significance are named as well. Same seeds."""
 
@@ -238,7 +238,7 @@ class SurveyFaults:
 
     swapped: pairs i < j whose ids or places were exchanged. turned: steps k, where what is named anchor i stands at
     the place of anchor i + k, around the list. shifted: anchors at another place. At most one thing is wrong
-    in all this: several entries are alternatives the ranges cannot tell apart, the likeliest first of its kind.
+    in all this: several entries are alternatives the ranges cannot distinguish, the likeliest first of its kind.
     """
 
     swapped: tuple[tuple[int, int], ...] = ()
@@ -251,7 +251,7 @@ def check_survey(
 ) -> SurveyFaults:
     """Test anchors (A, 3) for an exchange of two, a renumbering of all, and one at a wrong place.
 
-    Ranges alone cannot tell a survey that is moved, turned or mirrored as a whole, an exchange that a symmetric layout
+    Ranges alone cannot show a survey that is moved, turned or mirrored as a whole, an exchange that a symmetric layout
     hides, a displacement from a bias of half its size where the tag saw the anchor from one side only, or heights.
     Three anchors contradict each other too rarely to be checked; four show that something is wrong by half a metre,
     but accuse the right one only four times in five. One fault is looked for at a time: set it right, and check again.

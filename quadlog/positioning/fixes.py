@@ -20,7 +20,7 @@ Side = Literal["left", "right"]
 SHARP = 1e-6
 """Smallest over largest eigenvalue of sum u u^T, roughly; below it a fix could slide along a line."""
 SPREAD_OF_RANGE_STD = 0.5
-"""Anchors nearer to one line than this share of a range's std (rms) cannot tell a fix from its mirror image."""
+"""Anchors nearer to one line than this share of a range's std (rms) cannot distinguish a fix from its mirror image."""
 THIN_STD = 10.0
 """Anchors this many range stds or more off their line (rms) do not take a fix for its image. At half of that one in
 a thousand is, at a tenth one in ten (measured with four anchors)."""
@@ -143,15 +143,15 @@ def _linear(seen: _Seen, method: str) -> tuple[Float, Float, Float]:
         last = heard.shape[1] - 1 - np.argmax(heard[:, ::-1], axis=1)
         reference = (heard & (np.arange(heard.shape[1]) == last[:, None])).astype(np.float64)
     offset_m = np.where(heard[:, :, None], _centred(around_m[:, :axes], reference), 0.0)
-    pull_m2 = (np.einsum("ea,ea->e", reference, row_m2)[:, None] - row_m2) / 2
+    pull_m2 = ((reference * row_m2).sum(axis=1, keepdims=True) - row_m2) / 2
     lever = weight[:, :, None] * offset_m
     inverse = _inverted(lever.transpose(0, 2, 1) @ offset_m)
     inverse[~(spread_m2 > SPREAD_OF_RANGE_STD**2 * variance_m2)] = np.nan
     position_m = np.zeros((len(inverse), 3)) + 0.0 * inverse[:, 0, :1]
-    position_m[:, :axes] = np.einsum("eij,eaj,ea->ei", inverse, lever, pull_m2)
+    position_m[:, :axes] = (inverse @ (lever.transpose(0, 2, 1) @ pull_m2[:, :, None]))[:, :, 0]
     # The reference's own noise is in every difference; about the weighted mean these sum to zero.
-    total, shared_m4 = lever.sum(axis=1), np.einsum("ea,ea->e", reference, noise_m4)
-    scatter = np.einsum("eai,ea,eaj->eij", lever, noise_m4, lever)
+    total, shared_m4 = lever.sum(axis=1), (reference * noise_m4).sum(axis=1)
+    scatter = (lever * noise_m4[:, :, None]).transpose(0, 2, 1) @ lever
     scatter += shared_m4[:, None, None] * total[:, :, None] * total[:, None, :]
     return position_m + origin_m, inverse @ scatter @ inverse / 4, spread_m2
 
@@ -241,13 +241,13 @@ def _normal_equations(
     """Sum w u u^T (E, D, D), sum w u r (E, D) and the cost (E,) of places (E, 3), sum r^2 where nothing is beyond."""
     offset_m = place_m[:, None] - anchors_m
     distance_m = np.maximum(np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m)), 1e-9)
-    heard, residual_m = np.isfinite(range_m), np.nan_to_num(range_m) - distance_m
-    size_m, limit_m = np.abs(residual_m), np.where(residual_m > 0, *limits_m)
-    beyond = size_m > limit_m
-    weight = np.where(beyond, limit_m, 1.0) / np.where(beyond, size_m, 1.0) * heard
-    over_m = np.where(beyond, size_m - limit_m, 0.0)
-    cost_m2 = np.einsum("ea,ea->e", heard, residual_m**2 - over_m**2)
-    unit = (offset_m / distance_m[:, :, None])[:, :, :axes]
+    heard = np.isfinite(range_m)
+    residual_m = np.where(heard, range_m - distance_m, 0.0)
+    size_m = np.abs(residual_m)
+    over_m = np.maximum(size_m - np.where(residual_m > 0, *limits_m), 0.0)
+    cost_m2 = np.einsum("ea,ea->e", residual_m - over_m, residual_m + over_m)
+    unit = offset_m[:, :, :axes] / distance_m[:, :, None]
+    weight = heard * (1 - over_m / np.maximum(size_m, 1e-9))
     weighted = (weight[:, :, None] * unit).transpose(0, 2, 1)
     return weighted @ unit, (weighted @ residual_m[:, :, None])[:, :, 0], cost_m2
 
@@ -390,7 +390,7 @@ def heights_are_told(
 ) -> bool:
     """Whether to solve for the heights of a whole log, from its fixes (E, 2) at a height that is about right.
 
-    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). Told where half of the epochs or more would know
+    heard: (E, A) bool, the ranges of each epoch to anchors (A, 3). True where half of the epochs or more would know
     the height to TOLD_STD_M (Cramér-Rao), and half or more could not be mistaken for the minimum downhill from their
     mirror image in the plane of the anchors heard.
     """

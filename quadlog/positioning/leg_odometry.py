@@ -1,7 +1,7 @@
 """Leg odometry: where a body went by its own joints, because a foot that stands does not slip.
 
-Each foot that stands tells the body's motion. Feet are weighted, never switched: by how sure it is that a foot carries
-(its force, or what its joints' torques push with) and by how still it stands under the motion that all feet tell
+Each standing foot measures the body's motion. Feet are weighted, never switched: by how sure it is that a foot carries
+(its force, or what its joints' torques push with) and by how still it stands under the motion that all feet show
 together (the idea of [OCELOT]). A ball-shaped foot rolls over its point of contact, which is taken into account: with a
 radius of 2 cm it would cost 5 % of the way.
 """
@@ -51,7 +51,7 @@ class LegGeometry:
 
 
 class ContactSource(IntEnum):
-    """What tells that a foot carries."""
+    """How stance of a foot is detected."""
 
     FORCE = 0
     TORQUE = 1
@@ -59,7 +59,7 @@ class ContactSource(IntEnum):
 
 
 class AttitudeSource(IntEnum):
-    """What tells how the body is turned."""
+    """Source of the body's attitude."""
 
     IMU = 0
     GYRO = 1
@@ -71,7 +71,7 @@ class LegTrack:
     """Poses of the body: t_ns (N,); position_m (N, 3) from the first one on; rpy_rad (N, 3), z is up.
 
     velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) weights in 0..1 of the feet. attitude:
-    what turned the body; contact_sources (4,) a ContactSource of each foot, the one that told most of the time.
+    what turned the body; contact_sources (4,) a ContactSource of each foot, the one used most of the time.
     unheld_s: the longest time without a foot on the ground, not counting steps longer than MAX_GAP_S; gap_s: the
     longest between two joints' instants. slipping_share: of the time in which feet carry, how much they move against
     the ground.

@@ -130,7 +130,7 @@ def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, rang
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:
     """(A,) share of a tag's ranges whose gap (N,) of receiver to first-path power is above WEAK_FIRST_PATH_DB.
 
-    NaN for links whose radios do not tell.
+    NaN for links whose radios do not report it.
     """
     share = np.full(len(anchor_ids), np.nan)
     if gap_db is None:

@@ -30,8 +30,8 @@ KNOT_S = 0.2
 LONGEST_GAP_S = 2.0
 """After so long without a range a new segment begins."""
 STAMP_STD_S = 0.05
-"""How well the stamps of ranges are known: radios, drivers and references have clocks of their own, of which no range
-tells. Real recordings were 0.08 and 0.11 s off."""
+"""How well the stamps of ranges are known: radios, drivers and references have clocks of their own, unknown to the
+ranges. Real recordings were 0.08 and 0.11 s off."""
 SCALE_STD, DRIFT_STD_RADPS, WALK_STD = 0.05, 0.003, 0.003
 """Of an odometry: its scale, the drift of its yaw, and the random walk of that (rad/sqrt s)."""
 STIFF_SHORT_SHARE, SOFTER, MOST_REPEATS = 0.03, 10.0, 2

@@ -1,4 +1,4 @@
-"""Where a track tells no position: the one rule on how long a position may go without a measurement."""
+"""Where a track has no position: the one rule on how long a position may go without a measurement."""
 
 from __future__ import annotations
 

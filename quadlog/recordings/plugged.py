@@ -72,7 +72,7 @@ def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
         raise plugin.unusable(f"is no MessageDecoder but {type(found).__name__}")
     if found.gives not in _ARRAYS:
         known = ", ".join(each.__name__ for each in _ARRAYS)
-        raise plugin.unusable(f"gives {getattr(found.gives, '__name__', found.gives)}, which is none of {known}")
+        raise plugin.unusable(f"gives {getattr(found.gives, '__name__', found.gives)}, which is not one of {known}")
     return found
 
 

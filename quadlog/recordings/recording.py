@@ -102,7 +102,7 @@ class Recording(ClosedOnExit):
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Log times of the first and the last message, None when no index tells."""
+        """Log times of the first and the last message, None when no index has it."""
         return self.container.span_ns
 
     @property

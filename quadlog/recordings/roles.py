@@ -212,7 +212,7 @@ def is_measured(topic: str) -> bool:
 
 
 def is_target_name(topic: str) -> bool:
-    """Whether a pose topic's name speaks of something to go to rather than of the robot."""
+    """Whether a pose topic's name means something to go to rather than of the robot."""
     return any(word in topic.lower() for word in TARGET_NAMES)
 
 
@@ -221,7 +221,7 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     kinds: dict[str, list[str]] = {}
     for topic, name in free.items():
         if name == RANGE_TYPE and recording.ends_of(topic) is None:
-            unused[topic] = "is a Range whose ends nothing tells; map them in [[uwb.range_topics]] if it is UWB"
+            unused[topic] = "a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
         elif UwbRanges in kinds_of(name):
             kinds.setdefault(last_part(name), []).append(topic)
     return [
@@ -284,7 +284,7 @@ def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Can
 def _in_world(candidate: Candidate, frame: str, placed: bool) -> Candidate:
     """A cloud whose frame is not the robot's: it serves where nothing else does, if the robot has a place in it."""
     if placed:
-        why = f"{candidate.why}, in the frame {frame}, out of which it is moved into base"
+        why = f"{candidate.why}, in the frame {frame}, transformed to base"
         return Candidate(candidate.topics, min(candidate.rank, _WORLD), why)
     flag = set_flag("topics.lidar", candidate.topics)
     why = (
@@ -380,7 +380,7 @@ class Roles:
 
     ambiguous: role -> the choices that could play it equally well, each one topic or several that belong together.
     unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
-    targets: pose topics whose name speaks of something followed. frames: what a look at the transforms shows.
+    targets: pose topics named as something followed. frames: what a look at the transforms shows.
     """
 
     found: Mapping[str, Role]
@@ -428,7 +428,7 @@ class Roles:
 
     @property
     def unused_truths(self) -> dict[str, str]:
-        """Topic -> why it is not the reference, of those whose name speaks of truth, where nothing else is."""
+        """Topic -> why it is not the reference, of those named as ground truth, where nothing else is."""
         return {
             topic: why
             for topic, why in self.unused.items()
@@ -454,7 +454,7 @@ class Roles:
         return str(AmbiguousTopic(role, choices)) if choices else ""
 
     def why_none(self, role: str) -> str:
-        """What to tell a user who needs a role that nobody plays."""
+        """The message for a role that no topic has."""
         looked_fit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
         more = [f"and {len(looked_fit) - MAX_LISTED} more"] if len(looked_fit) > MAX_LISTED else []
         return "; ".join([f"no topic is fit to be the {role}", *looked_fit[:MAX_LISTED], *more])
@@ -464,7 +464,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     """The roles of a recording's topics; what the configuration names is taken, the rest is detected.
 
     Raises UnknownTopic for a configured topic that is not there or of another
-    kind. Ambiguity is data here: it is raised by whoever needs the role.
+    kind. Ambiguity is data here: it is raised where the role is needed.
     """
     usable, unused = _usable(recording)
     found: dict[str, Role] = {}
@@ -655,12 +655,12 @@ def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping
         truth = names_truth(topic)
         if role == "reference" and (words := found_words(recording, name)):
             if truth or names_truth(name):
-                candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, and its name speaks of truth"))
+                candidates.append(Candidate((topic,), _TRUTH - 1, f"{words}, named as ground truth"))
             else:
                 why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
                 candidates.append(Candidate((topic,), 0, why))
         elif role == "reference" and truth and _fits(recording, role, name):
-            candidates.append(Candidate((topic,), _TRUTH, f"{name}, and its name speaks of truth"))
+            candidates.append(Candidate((topic,), _TRUTH, f"{name}, named as ground truth"))
         elif role == "odometry" and kind in kinds_of(name) and not truth and not is_measured(topic):
             why = f"not used: not measured by its name; if it is, {set_flag('topics.odometry', [topic])}"
             candidates.append(Candidate((topic,), 0, why))

@@ -140,7 +140,7 @@ class Pulse:
 
 
 def indexed_pulses(container: Container) -> dict[Channel, Pulse]:
-    """Every channel's pulse from the indexes alone. Raises Damaged where they do not tell.
+    """Every channel's pulse from the indexes alone. Raises Damaged where they are not enough.
 
     Times are put in order as far as files and chunks overlap; so many have to be kept.
     """

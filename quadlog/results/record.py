@@ -203,7 +203,7 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
     with reading(run / "run.json"):
         record = RunRecord.model_validate(content)
     if not (record.finished or unfinished):
-        raise NotARun(run, "is no finished run: it was begun, and its run.json says finished: false")
+        raise NotARun(run, "is an unfinished run (finished: false in run.json)")
     return record
 
 

@@ -22,7 +22,7 @@ class NotPlainYaml(Exception):
 
 
 def parse_yaml(content: bytes) -> Plain:
-    """The one document of a YAML file, scalars as they are written (None for null); whoever reads them converts them.
+    """The one document of a YAML file, scalars as they are written (None for null); the caller converts them.
 
     Raises NotPlainYaml, also for aliases, anchors, merge keys, tags, keys that
     are no text or come twice, deep nesting, and more than a file of a megabyte needs.

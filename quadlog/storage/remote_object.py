@@ -43,7 +43,7 @@ def open_object(url: str) -> RemoteObject:
 
 
 class BucketObject:
-    """An object of S3, or of any other system that fsspec knows. told: what its server said when it was opened."""
+    """An object of S3, or of any other system that fsspec knows. told: its server's answer when it was opened."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -129,12 +129,15 @@ def filesystem(url: str) -> Any:
             return _filesystem(protocol, url.isascii() and " " not in url, _login(protocol, url))
     except StorageFailed as failure:
         if isinstance(failure.__cause__, ImportError):
-            raise StorageUnknown(redacted(url), f"{protocol}:// needs a package more: {failure.reason}") from None
+            remedy = "pip install 'quadlog[s3]'" if protocol in ("s3", "s3a") else failure.reason
+            raise StorageUnknown(redacted(url), f"{protocol}:// needs another package: {remedy}") from None
         if isinstance(failure.__cause__, ValueError):
             raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
         if isinstance(failure.__cause__, TypeError):
             # Its class asks for more than its options.
-            raise StorageUnknown(redacted(url), f"{protocol}:// is none that quadlog reads; {_KNOWN}") from None
+            raise StorageUnknown(
+                redacted(url), f"{protocol}:// is not a protocol that quadlog reads; {_KNOWN}"
+            ) from None
         raise
 
 

@@ -118,7 +118,7 @@ def explained(url: str) -> Iterator[None]:
 
 
 def reason_of(error: BaseException, url: str) -> str:
-    """One phrase for whoever typed the URL: nothing of its secrets in it, no more than a line."""
+    """One phrase for the user: nothing of its secrets in it, no more than a line."""
     status = getattr(error, "status", None)
     names = [cls.__name__ for cls in type(error).__mro__]
     if isinstance(error, PermissionError) or status in (401, 403):

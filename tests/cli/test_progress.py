@@ -6,7 +6,7 @@ import sys
 from rich.console import Console
 
 from quadlog.cli.progress import MAX_LINES, Bars, open_progress
-from quadlog.pipelines.batch.progress import BatchCounts
+from quadlog.pipelines.executor.progress import BatchCounts
 
 
 def terminal(monkeypatch):

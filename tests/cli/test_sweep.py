@@ -57,7 +57,7 @@ def test_a_run_is_what_a_single_replay_gives_and_what_no_key_reaches_is_done_onc
     assert one.equals(other)
     records = [json.loads((place / "run.json").read_text()) for place in (single, shared, swept / ASTAR)]
     assert records[0]["config"] == records[1]["config"]
-    assert {tuple(each["reused"]) for each in records[1:]} == {("position", "filter", "map")}
+    assert [tuple(each["reused"]) for each in records[1:]] == [("position", "filter", "map"), ()]
     assert (swept / ASTAR / "scans.parquet").read_bytes() == (shared / "scans.parquet").read_bytes()
     assert not [*shared.glob("report.html"), *shared.glob("plots/*")]
 
@@ -100,7 +100,7 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced_once_the_new_one_is_co
 
     before = bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR)
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.pipelines.sweep.sweep.shared_stages", stop)  # results are forgotten by then
+        patch.setattr("quadlog.pipelines.sweep.replay_all", stop)  # results are forgotten by then
         assert quadlog(*arguments, "--force").code == 1
     assert bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR) == before
     assert quadlog(*arguments, "--force").code == 3
@@ -116,7 +116,7 @@ def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog
     rows = pq.read_table(tmp_path / "out" / "sweep.parquet").to_pylist()
     assert [row["seed"] for row in rows] == [0, 1, 0, 1]
     assert len({row["eta_m"] for row in rows[:2]}) == 1 < len({row["eta_m"] for row in rows[2:]})
-    assert done.err.count("plan is done for all that share it") == 1
+    assert done.err.count("reused ") == 3
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Means of 2 seeds with 95 % intervals" in page
     _, low, high = over_seeds(np.array([row["eta_m"] for row in rows[2:]]))

@@ -6,9 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.pipelines.tables import following_uwb
+from quadlog.pipelines.tables import TABLES, following_uwb
 from quadlog.pipelines.tables import make_tables as paper_tables
-from quadlog.pipelines.tables.registry import TABLES
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.pipelines.comparison.compare import compare
-from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.comparison.sources import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.report import write_side_by_side
 from quadlog.results.page.blocks import Page, write_page

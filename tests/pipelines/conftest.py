@@ -25,9 +25,8 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.batch import batch
 from quadlog.pipelines.batch.plan import Planned, plan_batch
-from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor.pool import Workers
-from quadlog.pipelines.executor.progress import Silent, send_to
+from quadlog.pipelines.executor.progress import BatchLines, Silent, send_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize

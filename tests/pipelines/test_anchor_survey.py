@@ -55,4 +55,4 @@ def test_alternatives_are_said_to_be_such() -> None:
     assert "anchors 10 and 15" in texts[0]
     assert "turned around by 2" in texts[1]
     assert "0.50 +- 0.10 m" in texts[2]
-    assert "cannot tell which" in texts[3]
+    assert "cannot distinguish" in texts[3]

@@ -21,8 +21,7 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.messages import UwbRanges
 from quadlog.pipelines.executor.progress import Kept
-from quadlog.pipelines.info import describe_recording
-from quadlog.pipelines.init import propose_config
+from quadlog.pipelines.info import describe_recording, propose_config
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.decoders.anchor_places import MOST_ANCHORS, AnchorPlaces

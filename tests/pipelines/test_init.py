@@ -12,7 +12,7 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.errors import AlreadyExists
 from quadlog.geometry import transform_from_rpy
-from quadlog.pipelines.init import mount_of, propose_config, write_new
+from quadlog.pipelines.info import mount_of, propose_config, write_new
 
 
 def test_mount_gives_the_transform_back() -> None:

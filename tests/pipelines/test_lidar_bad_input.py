@@ -299,7 +299,7 @@ def renumbered(number: Callable[[np.ndarray], np.ndarray]) -> Change:
 
 
 RNG = np.random.default_rng(0)
-BY_RINGS, BY_ELEVATIONS = "by the beams their points name", "by the beams their elevations show"
+BY_RINGS, BY_ELEVATIONS = "by beams, from the points' ring numbers", "by beams, from the points' elevations"
 RINGS: dict[str, tuple[Change, str]] = {
     "two beams of one number": (renumbered(lambda ring: np.where(ring == 5, 4, ring)), BY_RINGS),
     "two beams apart of one number": (renumbered(lambda ring: np.where(ring == 12, 2, ring)), BY_ELEVATIONS),

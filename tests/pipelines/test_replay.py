@@ -256,7 +256,7 @@ def test_a_wall_taken_for_the_ground_is_told_and_is_no_ground(tmp_path, follow_r
 def test_no_wall_is_taken_for_the_ground_and_the_scans_say_how_they_were_seen(whole_run):
     record = json.loads((whole_run.run / "run.json").read_text())
     assert "scans_with_steep_ground" not in record["counts"]
-    assert "120 of 120 scans classified by the beams their points name" in record["notes"]
+    assert "120 of 120 scans classified by beams, from the points' ring numbers" in record["notes"]
     assert any(note.startswith("tag 0: velocities by odometry steady its track") for note in record["notes"])
     scans = table(whole_run.run, "scans")
     assert scans["ground_nz"].min() > np.cos(np.radians(5))

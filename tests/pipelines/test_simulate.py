@@ -25,10 +25,10 @@ from quadlog.errors import (
     UnreadableFile,
     UsageError,
 )
+from quadlog.pipelines import simulate as walk_folder
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
-from quadlog.pipelines.simulation import run_folder as walk_folder
 from quadlog.results.arrays import read_arrays
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
@@ -200,7 +200,7 @@ def test_a_walk_stands_until_the_one_that_replaces_it_is_complete(path, tmp_path
     request = _request(path, tmp_path, "simulation.controller=kinematic")
     run = _simulate(request).run
     before = {each: each.read_bytes() for each in run.rglob("*") if each.is_file()}
-    monkeypatch.setattr("quadlog.pipelines.simulation.run_folder.write_run_page", stop)
+    monkeypatch.setattr("quadlog.pipelines.simulate.write_run_page", stop)
     with pytest.raises(KeyboardInterrupt):
         _simulate(replace(request, force=True))
     assert {each: each.read_bytes() for each in run.rglob("*") if each.is_file()} == before

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import json
 import os
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +60,32 @@ def test_what_fails_leaves_nothing(store, run):
     assert not store.has("k")
 
 
-def test_where_another_process_is_faster_its_result_is_as_good(store, run):
+def test_of_two_that_need_a_result_at_a_time_one_makes_it(store, run):
+    made, other = [], run.with_name("other")
+    other.mkdir()
+
+    def slowly(folder: Path) -> None:
+        made.append(folder)
+        time.sleep(0.2)
+        fill("one")(folder)
+
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(lambda each: store.get("k", slowly, each), [run, other]))
+    assert (len(made), results) == (1, [{"state": "one"}] * 2)
+    assert (run / "a.csv").samefile(other / "a.csv")
+    assert [path.name for path in store.folder.iterdir()] == ["k"]
+
+
+def test_without_locks_the_result_of_a_faster_process_is_as_good(store, run, monkeypatch):
+    def flock(*_: Any) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
     def slowly(folder: Path) -> None:
         fill("mine")(folder)
-        Store(run.parent).get("k", fill("theirs"), None)
+        (run.parent / "other").mkdir()
+        Store(run.parent).get("k", fill("theirs"), run.parent / "other")
 
+    monkeypatch.setattr(fcntl, "flock", flock)
     assert store.get("k", slowly, run) == {"state": "mine"}
     assert (run / "a.csv").read_text() == "mine"
     assert (store.folder / "k" / "a.csv").read_text() == "theirs"
@@ -80,7 +104,7 @@ def test_a_result_is_copied_where_links_fail(number, store, run, monkeypatch):
 
 def test_what_no_run_has_is_removed_but_for_what_is_asked_to_stay(store, run):
     for key in ("of-a-run", "of-a-failed-one", "of-nobody"):
-        store.get(key, fill(key), None)
+        store.get(key, fill(key), run)
     (run / "run.json").write_text(json.dumps({"results": {"plan": "of-a-run"}}))
     (run.parent / "other.txt").write_text("no run")
     store.trim({"of-a-failed-one"})

@@ -9,10 +9,10 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import AlreadyExists, InvalidConfigValue
+from quadlog.pipelines import simulate as trot_folder
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.report import rebuild_reports
 from quadlog.pipelines.simulate import SimulatedRun, SimulateRequest, simulate
-from quadlog.pipelines.simulation import run_folder as trot_folder
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
 from quadlog.simulation.robot import trot as trot_walk

@@ -181,7 +181,7 @@ CASES = {
     "ranges no radio can measure": Case(
         lambda: changed(*BAD_RANGES),
         (
-            *("2 ranges that are no numbers are left out", "1 ranges of zero or below are left out"),
+            *("2 ranges that are NaN or infinite are left out", "1 ranges of zero or below are left out"),
             *("2 ranges above uwb.max_range_m are left out", "1 ranges below uwb.min_range_m are left out"),
         ),
         largest_m=0.2,
@@ -202,7 +202,7 @@ CASES = {
     "ranges that are none": Case(
         with_bad_values,
         (
-            *("2 ranges that are no numbers are left out", "2 ranges of zero or below are left out"),
+            *("2 ranges that are NaN or infinite are left out", "2 ranges of zero or below are left out"),
             "1 ranges above uwb.max_range_m",
         ),
         rms_m=0.06,
@@ -328,7 +328,7 @@ def test_a_log_of_negative_ranges_is_not_one_without_ranges(tmp_path, replayed, 
     result = replayed(path, anchor_table())
     assert result.code == 0
     assert "300 ranges of zero or below are left out" in result.err
-    assert "100 ranges that are no numbers are left out" in result.err
+    assert "100 ranges that are NaN or infinite are left out" in result.err
     assert "no UWB ranges" not in result.err
     assert "a longer walk tells more" not in result.err
     info, err = told(path, anchor_table())
@@ -456,7 +456,7 @@ def test_of_many_tags_all_are_located_and_ten_described(tmp_path, replayed, caps
     result = replayed(log, anchor_table())
     assert result.code == 0
     assert set(result.table("fixes")["tag"]) == set(range(30))
-    assert "30 tags are located; what is said of single tags is left out for 20 of them" in result.err
+    assert "30 tags are located; messages about single tags are left out for 20 of them" in result.err
     capsys.readouterr()
     assert run_cli(["info", str(log), "-c", str(tmp_path / "quadlog.toml")]) == 0
     printed = capsys.readouterr().out.splitlines()

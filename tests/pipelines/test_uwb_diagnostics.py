@@ -14,7 +14,6 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.info import describe_recording
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.positioning.dilution import dilution_at
 from quadlog.results.tables import read_table
 
 
@@ -43,7 +42,7 @@ def test_links_and_errors_are_those_of_a_replay(follow: dict[str, Any], whole_ru
 
 
 def test_it_is_plain_json(follow: dict[str, Any]) -> None:
-    found = {name: follow[name] for name in ("uwb", "uwb_tags", "dilution")}
+    found = {name: follow[name] for name in ("uwb", "uwb_tags")}
     assert json.loads(json.dumps(found, allow_nan=False)) == found
 
 
@@ -81,26 +80,15 @@ def test_ellipse_and_hdop_tell_one_story(follow: dict[str, Any]) -> None:
     assert from_axes == pytest.approx(0.1 * robot["hdop_median"], rel=0.02)
 
 
-def test_the_map_is_small_and_holds_what_the_anchors_say(follow: dict[str, Any], fixtures: Path) -> None:
-    dilution = follow["dilution"]
-    hdop = np.array(dilution["hdop"], float)
-    assert hdop.shape[0] <= 8
-    assert 6 <= hdop.shape[1] <= 12
-    anchors = load_config(fixtures / "follow.toml", environ={}).uwb.anchors
-    anchors_m = np.array([(each.x_m, each.y_m, each.z_m) for each in anchors])
-    centre_m = np.array([dilution["origin_x_m"], dilution["origin_y_m"]]) + np.array([2.5, 3.5]) * dilution["cell_m"]
-    assert_allclose(dilution_at(centre_m[None], anchors_m, 0.6), hdop[3, 2])
-
-
 def test_without_anchors_there_is_nothing_of_it(fixtures: Path) -> None:
     info = describe_recording(fixtures / "follow.mcap", Config())
-    assert (info["uwb"], info["uwb_tags"], info["dilution"]) == ([], [], None)
+    assert (info["uwb"], info["uwb_tags"]) == ([], [])
 
 
 def test_what_cannot_be_located_is_said(fixtures: Path) -> None:
     anchors = [{"id": i, "x_m": float(i), "y_m": 0.0, "z_m": 1.0} for i in range(2)]
     info = describe_recording(fixtures / "follow.mcap", Config.model_validate({"uwb": {"anchors": anchors}}))
-    assert (info["uwb"], info["uwb_tags"], info["dilution"]) == ([], [], None)
+    assert (info["uwb"], info["uwb_tags"]) == ([], [])
     assert any("needs three" in line for line in info["warnings"])
 
 

@@ -1,4 +1,4 @@
-"""Whether the configured anchors stand where they are: by the robot's odometry where it tells, else by ranges alone."""
+"""Whether the configured anchors stand where they are: by the robot's odometry if any, else by ranges alone."""
 
 from __future__ import annotations
 
@@ -10,13 +10,21 @@ import numpy as np
 from quadlog.errors import AnchorsNotObserved
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import PoseSeries
-from quadlog.pipelines.survey.inputs import HEIGHT_STD_M, PRIORS
 from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
-from quadlog.positioning.self_survey.batch import HeightPrior
+from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
 from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
 from quadlog.positioning.self_survey.survey import survey_anchors
 
+HEIGHT_STD_M = 0.05
+"""How well heights that are given are known."""
+PRIORS = {
+    "odometry": OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02)),
+    "legs": OdometryPrior(0.05, 0.05, 0.01, (0.03, 0.02)),
+    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
+    "tf": OdometryPrior(0.01, 0.01, 0.003, (0.01, 0.01)),
+}
+"""How well sources of odometry are known."""
 CHECK_RANGES = 1500
 """An even selection of so many ranges shows an anchor that is a metre off, in half a second."""
 
@@ -82,5 +90,5 @@ def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
             f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
         )
     if len(texts) > 1:
-        texts.append("one of these is wrong, the first most likely: the ranges cannot tell which")
+        texts.append("one of these is wrong, the first most likely: the ranges cannot distinguish them")
     return texts

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.stages.tilt import frozen
+from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
@@ -30,7 +30,7 @@ from quadlog.recordings.streams import Streams
 if TYPE_CHECKING:
     from quadlog.pipelines.log import LogData
 
-COURSE_ONLY = "heading is the course walked; 1 degree is 17 cm at 10 m"
+COURSE_ONLY = "heading is the direction of travel"
 UNCERTAIN_HEADING_RAD = np.radians(5.0)
 DISAGREEMENT_STD, DISAGREEMENT_SHARE = 3.0, 0.1
 ASKEW_SHARE = 0.1
@@ -131,8 +131,8 @@ def _causal_heading(
     end_rad = float(std_rad[-1])
     told_by = "the course" if by_tags is None else "the tags"
     journal.note(
-        f"heading from {used[0]}, turned at each instant by what {told_by} had told until then; at the end known to "
-        f"{np.degrees(end_rad):.1f} degrees: an obstacle 10 m away is off by {10 * end_rad:.2f} m"
+        f"heading from {used[0]}, aligned to {told_by} up to each instant; std at the end "
+        f"{np.degrees(end_rad):.1f} degrees: {10 * end_rad:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, end_rad)
     return yaw_rad, std_rad
@@ -164,7 +164,7 @@ def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
         imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known], quat_xyzw=None)
     gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
     if gap_s > SILENT_S:
-        journal.warn(f"imu: silent for {gap_s:.1f} s; what the robot turned meanwhile is not in its yaw rate")
+        journal.warn(f"imu: silent for {gap_s:.1f} s; turns in that time are missing from its yaw")
     return imu if len(imu) else None
 
 
@@ -173,16 +173,16 @@ def _why_course(aligned: Mapping[str, AlignedHeading]) -> str:
         return "no IMU and no odometry"
     names = " and ".join(aligned)
     if any(each.fit is not None for each in aligned.values()):
-        return f"the course has nothing in common with the yaw of {names}"
+        return f"the yaw of {names} does not match the direction of travel"
     return f"the robot never moved for long enough while {names} gave yaw"
 
 
 def _tell_course(journal: Journal, why: str, std_rad: Float) -> None:
     std = float(np.median(std_rad))
     if std < 0.99 * UNKNOWN_YAW_STD_RAD:
-        known = f"known to {np.degrees(std):.1f} degrees, and wrong where it walks sideways or backwards"
+        known = f"known to {np.degrees(std):.1f} degrees, and wrong when the robot walks sideways or backwards"
     else:
-        known = "the robot hardly moves, so nothing is known of it"
+        known = "the robot hardly moves, so it is unknown"
     journal.warn(f"{why}: {COURSE_ONLY}; {known}")
 
 
@@ -193,9 +193,7 @@ def _tell_choice(journal: Journal, best: str, told: Mapping[str, AlignedHeading]
         if role == best:
             continue
         own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))
-        journal.note(
-            f"heading is better told by {best} ({own_deg:.1f} degrees) than by {role} ({other_deg:.1f} degrees)"
-        )
+        journal.note(f"heading from {best} (std {own_deg:.1f} degrees), not from {role} ({other_deg:.1f} degrees)")
         apart = np.abs(wrap_angle(own.yaw_rad - other.yaw_rad))
         contrary = apart > DISAGREEMENT_STD * np.hypot(own.yaw_std_rad, other.yaw_std_rad)
         if np.mean(contrary) > DISAGREEMENT_SHARE:
@@ -212,16 +210,16 @@ def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading) -> None:
         drift = f", its drift of {np.degrees(fit.drift_radps) * 60:.1f} degrees a minute taken out"
     journal.note(
         f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
-        f"an obstacle 10 m away is off by {10 * std:.2f} m"
+        f"{10 * std:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, std)
     if fit.askew_share > ASKEW_SHARE:
         journal.warn(
             f"in {fit.askew_share:.0%} of its motion the robot walks more than 60 degrees off its heading, "
-            f"sideways or backwards; were such steps the most, the heading from {role} is turned wrongly"
+            f"sideways or backwards; if it does so most of the time, the heading from {role} is aligned wrongly"
         )
 
 
 def _warn_if_uncertain(journal: Journal, std_rad: float) -> None:
     if std_rad > UNCERTAIN_HEADING_RAD:
-        journal.warn(f"heading is known to {np.degrees(std_rad):.1f} degrees only; 1 degree is 17 cm at 10 m")
+        journal.warn(f"heading std is {np.degrees(std_rad):.1f} degrees: {10 * std_rad:.2f} m at a distance of 10 m")

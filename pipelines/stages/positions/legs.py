@@ -1,22 +1,26 @@
-"""The robot's track by its legs: their geometry from [robot], and notes on how well they tell it."""
+"""The joints of the logged body: its track by its legs, with warnings, and joints.parquet."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.messages import JointSeries
+from quadlog.pipelines.journal import Journal
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
+from quadlog.positioning.leg_odometry import better_foot_order
+from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.pipelines.journal import Journal
     from quadlog.pipelines.log import LogData
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"
-"""The name of map when legs tell positions: base, upright, where the first joints were read."""
+"""The name of map when positions are from legs: base, upright, where the first joints were read."""
 STEP_S = 0.01
 """Poses are written no more often; joints are read at up to 1 kHz."""
 VELOCITY_STEP_S = 0.04
@@ -55,8 +59,8 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     robot = data.config.robot
     if not robot.model_fields_set & {"model", "preset"}:
         journal.warn(
-            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances are as wrong as "
-            "they are; set robot.preset or robot.model"
+            f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances scale "
+            "with them; set robot.preset or robot.model"
         )
     else:
         journal.note(f"legs: lengths and hips are those of {robot.model!r}")
@@ -67,11 +71,11 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     if ContactSource.HEIGHT in track.contact_sources:
         journal.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
-        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; what the robot moved meanwhile is lost")
+        journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; motion in that time is lost")
     usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
     if usual_s > MAX_GAP_S:
         journal.warn(
-            f"legs: joints come every {usual_s:.1f} s, too seldom to tell a motion; the robot is taken to stand"
+            f"legs: joints come every {usual_s:.1f} s, too seldom to measure motion; the robot is taken to stand"
         )
     elif track.gap_s > MAX_GAP_S:
         taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"
@@ -102,3 +106,37 @@ def rows_apart(track: LegTrack, step_s: float) -> np.ndarray:
         return np.arange(len(track))
     every = max(round(step_s * 1e9 / float(np.median(np.diff(track.t_ns)))), 1)
     return np.unique(np.append(np.arange(0, len(track), every), len(track) - 1))
+
+
+BATCH_ROWS = 16384
+
+
+def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
+    """Writes joints.parquet where the log has joints; warns where its feet seem to be swapped."""
+    joints = data.streams.joints
+    if joints is None:
+        return
+    journal.use("joints")
+    journal.count("joint_states", len(joints))
+    _warn_of_swapped_feet(data, journal, joints)
+    series = joints.position_rad, joints.velocity_radps, joints.torque_nm, joints.foot_force_n
+    with TableWriter(folder / "joints.parquet", TABLES["joints"]) as table:
+        for begin in range(0, len(joints), BATCH_ROWS):
+            rows = slice(begin, begin + BATCH_ROWS)
+            contacts = {} if data.legs is None else dict(zip(CONTACTS, data.legs.contact[rows].T, strict=True))
+            columns: dict[str, object] = {"t_ns": joints.t_ns[rows], **contacts}
+            for names, values in zip((*JOINT_COLUMNS, FOOT_FORCES), series, strict=True):
+                columns |= zip(names, values[rows].T, strict=True)
+            table.append(columns)
+
+
+def _warn_of_swapped_feet(data: LogData, journal: Journal, joints: JointSeries) -> None:
+    better = better_foot_order(joints.position_rad, joints.foot_force_n)
+    used = data.log.recording.joints.used.get(data.log.roles.topic("joints") or "")
+    if better is None or used is None or used.feet is None:
+        return
+    places = ",".join(str(used.feet[foot]) for foot in better)
+    journal.warn(
+        "joints: the foot forces contradict the legs: feet press while their legs lift them; they would fit in the "
+        f"order  --set robot.feet=[{places}]"
+    )

@@ -8,35 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
+from quadlog import geometry
 from quadlog.config.schema import Config
-from quadlog.errors import MissingInput
-from quadlog.geometry import (
-    base_covariance,
-    roll_pitch_from_quat,
-    seconds_since,
-    tag_to_base,
-    wrap_angle,
-    yaw_from_quat,
-)
+from quadlog.errors import MAX_LISTED, MissingInput, set_flag
+from quadlog.geometry import roll_pitch_from_quat, seconds_since, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
+from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.log import LogData
+from quadlog.pipelines.stages.mount import frozen
 from quadlog.pipelines.stages.positions.heading import find_heading
-from quadlog.pipelines.stages.positions.joints import write_joints
-from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs
-from quadlog.pipelines.stages.positions.other_estimates import settled_reference
-from quadlog.pipelines.stages.positions.tag_errors import lever_of
+from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
-from quadlog.pipelines.stages.positions.ways_out import ways_out, why_failed, why_none
-from quadlog.pipelines.stages.scans import track_clouds, wants_lidar_track
-from quadlog.pipelines.stages.tilt import frozen
+from quadlog.pipelines.stages.positions.uwb_tags import lever_of
+from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import several
-from quadlog.recordings.roles import kinds_of
+from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
@@ -49,7 +41,7 @@ LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
 LEAST_TURN_RAD = 1.0
 """A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
-"""The name of map when the lidar tells positions: base, upright, where the first scan was taken."""
+"""The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
 
 LOCATING = (
@@ -66,15 +58,17 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
     """
     journal.progress.begin("position", None)
     with journal.clock.stage("position"):
-        tracker = track_clouds(data, config) if wants_lidar_track(config, data.log.roles, data.log.by_uwb) else None
+        tracker = LidarTracker(data, config) if wants_lidar_track(config, data.log.roles, data.log.by_uwb) else None
         config = with_carried_anchors(config, data.streams.anchor_places)
-        data = with_legs(replace(data, config=config, tracker=tracker))
+        data = replace(data, config=config, tracker=tracker)
+        data = replace(data, legs=track_legs(data))
         uwb = locate_tags(data, journal)
         robot = _robot(data, journal, uwb)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
         _warn_of_jumps(data, journal, robot)
-        other = _other_track(data, journal, uwb, robot.source)
+        others = {"uwb": lambda: _from_lidar(data, journal), "lidar": lambda: _from_uwb(data, journal, uwb)}
+        other = others.get(robot.source, lambda: None)()  # for a comparison of UWB and lidar
         reference = settled_reference(data, journal, robot)
         data = replace(data, streams=replace(data.streams, reference=reference))
         if uwb is not None:
@@ -84,13 +78,9 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
             write_table(folder / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
         write_joints(folder, data, journal)
     journal.lose(data.log.recording.losses)
-    journal.note(f"robot position from {robot.source}, {_target_words(target)}")
+    words = "nothing is followed" if target is None else f"target from {target.source}"
+    journal.note(f"robot position from {robot.source}, {words}")
     return {"frame": robot.frame_id, "reference_frame": "" if reference is None else reference.frame_id}
-
-
-def with_legs(data: LogData) -> LogData:
-    """The data with the body's track by its joints, where these tell one. Raises UnknownName and UnusableRobot."""
-    return replace(data, legs=track_legs(data))
 
 
 def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
@@ -127,6 +117,7 @@ def _warn_of_jumps(data: LogData, journal: Journal, robot: RobotTrack) -> None:
 def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack:
     """The track of the configured source, or of the first of AUTO_ORDER that there is."""
     wanted = data.config.topics.position
+    ends_ns = np.unique(np.array([data.first_ns, data.last_ns], dtype=np.int64))
     sources: dict[str, Callable[[], RobotTrack | None]] = {
         "uwb": lambda: _from_uwb(data, journal, uwb),
         "tf": lambda: _from_tf(data, journal),
@@ -134,7 +125,7 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         "pose": lambda: _from_lone_pose(data, journal),
         "legs": lambda: _from_legs(data, journal),
         "lidar": lambda: _from_lidar(data, journal),
-        "fixed": lambda: _fixed(data),
+        "fixed": lambda: RobotTrack(ends_ns, np.zeros((len(ends_ns), 2)), np.zeros(len(ends_ns)), "fixed"),
     }
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
@@ -170,22 +161,15 @@ def _from_uwb(data: LogData, journal: Journal, uwb: UwbPositions | None) -> Robo
     yaw_rad, yaw_std_rad = find_heading(data, journal, track, x_m, None if uwb.body is None else uwb.body.yaw)
     return RobotTrack(
         track.t_ns,
-        tag_to_base(track.position_m, yaw_rad, x_m, y_m),
+        geometry.tag_to_base(track.position_m, yaw_rad, x_m, y_m),
         yaw_rad,
         "uwb",
-        covariance_m2=base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
+        covariance_m2=geometry.base_covariance(track.covariance_m2, yaw_rad, yaw_std_rad, x_m, y_m),
         yaw_std_rad=yaw_std_rad,
         # base is on the ground, below the tags by the heights that were given for them.
         z_m=track.z_m - np.mean([tag.height_m for tag in tags]) if all(tag.height_solved for tag in tags) else None,
         tilt_rad=_tilt(data.streams, track.t_ns),
     )
-
-
-def _other_track(data: LogData, journal: Journal, uwb: UwbPositions | None, used: str) -> RobotTrack | None:
-    """The track of the lidar where UWB's is used, and the other way round, for a comparison."""
-    if used == "uwb":
-        return _from_lidar(data, journal)
-    return _from_uwb(data, journal, uwb) if used == "lidar" else None
 
 
 def _tilt(streams: Streams, t_ns: Int) -> Float | None:
@@ -211,8 +195,7 @@ def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
 
 
 def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
-    """Raises AmbiguousTopic where a choice of one is needed."""
-    data.log.roles.topic("odometry")
+    data.log.roles.topic("odometry")  # raises AmbiguousTopic where a choice of one is needed
     if data.streams.odometry is not None:
         journal.use("odometry")
     return _from_poses(data.streams.odometry, "odometry", journal)
@@ -282,11 +265,6 @@ def _course(t_ns: Int, xy_m: Float) -> Float:
     return np.arctan2(y_m, x_m)[held] * moving.any()
 
 
-def _fixed(data: LogData) -> RobotTrack:
-    t_ns = np.unique(np.array([data.first_ns, data.last_ns], dtype=np.int64))
-    return RobotTrack(t_ns, np.zeros((len(t_ns), 2)), np.zeros(len(t_ns)), "fixed")
-
-
 def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: RobotTrack) -> TargetTrack | None:
     """What is followed: the person's tag, a pose topic, a fixed point, or the robot itself so much later."""
     topics = data.config.topics
@@ -310,7 +288,9 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
             if robot.source != "fixed":
                 journal.note("the robot stood still: there is no way ahead of it")
             return None
-        return _ahead(robot, topics.ahead_s)
+        # Where the robot itself is so much later; at the end of the recording, where it stops.
+        later_ns = np.minimum(robot.t_ns + round(topics.ahead_s * 1e9), robot.t_ns[-1])
+        return TargetTrack(robot.t_ns, robot.poses_at(later_ns, np.inf)[:, :2], "ahead")
     if data.streams.target is None:
         raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")
     series = data.streams.target
@@ -318,22 +298,16 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
     return TargetTrack(series.t_ns, series.position_m[:, :2], topics.target)
 
 
-def _ahead(robot: RobotTrack, ahead_s: float) -> TargetTrack:
-    """Where the robot itself is ahead_s later; at the end of the recording, where it stops."""
-    later_ns = np.minimum(robot.t_ns + round(ahead_s * 1e9), robot.t_ns[-1])
-    xy_m = robot.poses_at(later_ns, np.inf)[:, :2]
-    return TargetTrack(robot.t_ns, xy_m, "ahead")
-
-
-def _target_words(target: TargetTrack | None) -> str:
-    return "nothing is followed" if target is None else f"target from {target.source}"
+COVARIANCES = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
 
 
 def _write_tracks(folder: Path, robot: RobotTrack, target: TargetTrack | None, reference: PoseSeries | None) -> None:
     x_m, y_m = robot.xy_m.T
     write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
     if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
-        _write_uncertainty(folder, robot.t_ns, robot.covariance_m2, robot.yaw_std_rad)
+        spread = {f"cov_{axes}_m2": robot.covariance_m2[:, *at] for axes, at in COVARIANCES.items()}
+        instants = {"t_ns": robot.t_ns, "yaw_std_rad": robot.yaw_std_rad}
+        write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], instants | spread)
     write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad, robot.z_m, robot.tilt_rad)
     if target is not None:
         columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
@@ -350,14 +324,94 @@ def _pose_columns(track: RobotTrack) -> dict[str, object]:
     return columns | {"roll_rad": tilt_rad[:, 0], "pitch_rad": tilt_rad[:, 1]}
 
 
-def _write_uncertainty(folder: Path, t_ns: Int, covariance_m2: Float, yaw_std_rad: Float) -> None:
-    """pose_uncertainty.parquet: beside poses.parquet row by row, whose columns are fixed."""
-    columns = {"t_ns": t_ns, "yaw_std_rad": yaw_std_rad}
-    for name, row, column in (("cov_xx_m2", 0, 0), ("cov_xy_m2", 0, 1), ("cov_yy_m2", 1, 1)):
-        columns[name] = covariance_m2[:, row, column]
-    write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], columns)
-
-
 def robot_track(data: LogData, journal: Journal) -> RobotTrack:
     """The robot's track from the configured source other than UWB. Raises MissingInput."""
-    return _robot(with_legs(data), journal, None)
+    return _robot(replace(data, legs=track_legs(data)), journal, None)
+
+
+SAME_M = 1e-3
+"""A track whose distance from another one is less in most of its poses is that very track."""
+LONGEST_GAP_S = 1.0
+
+
+def settled_reference(data: LogData, journal: Journal, robot: RobotTrack) -> PoseSeries | None:
+    """The reference unless the robot's track was made of it; says how far other estimates are from the track."""
+    if (reference := data.streams.reference) is not None:
+        journal.use("reference")
+        (topic,) = data.log.roles.topics("reference")
+        if not names_truth(topic) and _is_source(robot, topic, reference):
+            journal.warn(
+                f"no error is given: {topic}, the chosen reference, is what the robot's {robot.source} is made of"
+            )
+            reference = None
+    for topic, poses in data.streams.estimates.items():
+        if robot.source == "fixed" or ("pose" in journal.topics and topic in data.log.roles.topics("pose")):
+            continue
+        if _is_source(robot, topic, poses):
+            journal.note(f"{topic} is not compared: the robot's {robot.source} is made of it")
+        elif (
+            apart := find_frame_offset(poses.position_m[:, :2], robot.poses_at(poses.t_ns, LONGEST_GAP_S)[:, :2])
+        ) is not None:
+            aligned = poses.frame_id != robot.frame_id
+            apart_m = apart.after_m if aligned else apart.before_m
+            how = " once aligned" if aligned else ""
+            journal.note(f"differs from {topic} by {apart_m:.2f} m rms{how} (another estimate, not a reference)")
+    return reference
+
+
+def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:
+    """Whether poses in the track's own frame are by an estimator that tf gets this frame from, or the track itself."""
+    if poses.frame_id != robot.frame_id:
+        return False
+    if robot.source == "tf" and names_estimator(topic):
+        return True
+    apart_m = np.hypot(*(robot.poses_at(poses.t_ns, LONGEST_GAP_S)[:, :2] - poses.position_m[:, :2]).T)
+    known = np.isfinite(apart_m)
+    return bool(known.any() and np.median(apart_m[known]) < SAME_M)
+
+
+def ways_out(data: LogData, journal: Journal) -> str:
+    """The chains of tf and the topics that could give a position, and why lidar and ranges do not, in one line."""
+    chains = [(chain[0].parent, chain[-1].child) for chain in data.streams.tf.chains(None)]
+    flags = [f"{set_flag('topics.map_frame', [root])} {set_flag('topics.base_frame', [end])}" for root, end in chains]
+    taken = (data.config.topics.position, *journal.topics.get("position", ()))
+    flags += [set_flag("topics.position", [each]) for each in position_topics(data.log.recording) if each not in taken]
+    unknown = "uwb" in data.log.roles.found and not data.config.uwb.anchors
+    words = {
+        "what could give it:  ": "  or  ".join(flags[:MAX_LISTED]),
+        "legs: ": why_failed(data, "legs"),
+        "UWB ranges need ": "[[uwb.anchors]], see  quadlog survey" if unknown else "",
+        "lidar: ": "" if data.config.topics.position == "lidar" else _why_no_lidar(data),
+    }
+    return "; ".join(name + text for name, text in words.items() if text) or "see  quadlog info"
+
+
+def why_none(data: LogData, source: str) -> str:
+    """Why a source that was chosen gives no position."""
+    topics, roles = data.config.topics, data.log.roles
+    base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
+    ranges = "no position could be solved from the ranges" if data.streams.ranges else "there are no UWB ranges"
+    reasons = {
+        "uwb": lambda: ranges if data.config.uwb.anchors else "no [[uwb.anchors]] are configured",
+        "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
+        "pose": lambda: f"{len(roles.topics('pose')) or 'no'} topics could be the pose",
+        "legs": lambda: why_failed(data, source) or "no angles of twelve leg joints are known",
+        "lidar": lambda: _why_no_lidar(data),
+        "odometry": lambda: roles.why_none(source),
+    }
+    return reasons.get(source, lambda: "it holds no poses")()
+
+
+def why_failed(data: LogData, source: str) -> str:
+    """Why a source that was tried gives no position, or not all of the time; empty where it was not tried."""
+    if source == "legs" and data.legs is not None:
+        return "no foot stands"
+    return data.tracker.why_lost() if source == "lidar" and data.tracker is not None else ""
+
+
+def _why_no_lidar(data: LogData) -> str:
+    if data.tracker is not None:
+        return why_failed(data, "lidar") or "it took no scan"
+    if "lidar" in data.log.roles.found:
+        return f"its scans were not matched; they are with  {set_flag('topics.position', ['lidar'])}"
+    return data.log.roles.choices("lidar") or data.log.roles.why_none("lidar")

@@ -1,12 +1,12 @@
-"""UWB in a replay: fixes and tracks of every tag, the tables of them, and what is said about anchors and losses."""
+"""UWB in a replay: positions of every tag, their tables, and messages about ranges, tags and anchors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,23 +14,15 @@ from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
 from quadlog.messages import Float, RangeSeries, UwbRanges
 from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.stages.positions.body import solve_body, tell_body, tell_roles, velocity_words
+from quadlog.pipelines.stages.positions import uwb_tags
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
-from quadlog.pipelines.stages.positions.tag_errors import (
-    TagErrors,
-    body_tags_of,
-    dilution_of,
-    errors_of_tags,
-    lever_of,
-    levers_on_robot,
-    roles_of,
-)
+from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, tell_roles, velocity_words
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
-from quadlog.positioning.links import AnchorBias, link_quality, weak_first_path_share
+from quadlog.positioning.links import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.formatting import listed
@@ -44,72 +36,11 @@ if TYPE_CHECKING:
     from quadlog.pipelines.log import LogData
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
-
-
-def write_uwb_tables(folder: Path, data: LogData, uwb: UwbPositions) -> None:
-    """The links of every tag, the geometry's dilution, and the errors of the tags that sit on the robot."""
-    _write_links(folder, data, uwb)
-    robot_tag = None if uwb.robot is None else uwb.robot.tag
-    dilution = dilution_of(uwb.located, robot_tag, data.config, DILUTION_ROWS, DILUTION_COLUMNS)
-    if dilution is not None:
-        write_arrays(folder, "dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
-    errors = errors_of_tags(uwb.located, levers_on_robot(data.config, robot_tag), data.streams.reference)
-    if errors:
-        _write_errors(folder, errors)
-
-
-def _write_links(folder: Path, data: LogData, uwb: UwbPositions) -> None:
-    """A row for every tag and configured anchor, also a silent one."""
-    config, streams = data.config, data.streams
-    assert streams.ranges is not None
-    anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
-    places = {f"{axis}_m": np.array([getattr(each, f"{axis}_m") for each in config.uwb.anchors]) for axis in "xyz"}
-    with TableWriter(folder / "links.parquet", TABLES["links"]) as links:
-        for result in uwb.located.tags:
-            quality = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m)
-            columns = {
-                "tag": result.tag,
-                "anchor": anchor_ids,
-                "n": quality.n,
-                "residual_rms_m": quality.residual_rms_m,
-                "residual_median_m": quality.residual_median_m,
-                "bias_m": quality.bias_m,
-                "bias_std_m": quality.bias_std_m,
-                "bias_applied": quality.bias_applied,
-                "why_not": np.array(quality.why_not),
-                "nlos_share": quality.nlos_share,
-                "weak_first_path_share": weak_first_path_share(
-                    streams.ranges, streams.range_gap_db, result.tag, anchor_ids
-                ),
-            }
-            links.append(places | columns)
-
-
-def _write_errors(run: Path, errors: dict[int, TagErrors]) -> None:
-    with TableWriter(run / "uwb_errors.parquet", TABLES["uwb_errors"]) as table:
-        for tag, of_tag in errors.items():
-            for source, part in (("fixes", of_tag.fixes), ("track", of_tag.track)):
-                error_x_m, error_y_m = part.error_m.T
-                columns = {"error_x_m": error_x_m, "error_y_m": error_y_m, "bound_m": part.bound_m}
-                table.append({"t_ns": part.t_ns, "tag": tag, "source": source} | columns)
-
-
 MOST_DESCRIBED = 10
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
 MOSTLY_LATE = 0.5
 """A link with a larger share of NLOS is warned of."""
-
-
-def tell_located(data: LogData, journal: Journal, located: Located) -> None:
-    """Counts for `run.json`, and a warning for every range and epoch that could not be used."""
-    counts = located.counts
-    journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
-    journal.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
-    for text in located_warnings(located, data.config, data.first_ns):
-        journal.warn(text)
-    for text in _located_notes(located, data.config):
-        journal.note(text)
 
 
 def located_warnings(located: Located, config: Config, first_ns: int) -> list[str]:
@@ -124,15 +55,15 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
     texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
     if len(described) < len(located.tags):
         texts.append(
-            f"{len(located.tags)} tags are located; what is said of single tags is left out for "
-            f"{len(located.tags) - len(described)} of them: see links.parquet and ranges.parquet"
+            f"{len(located.tags)} tags are located; messages for {len(located.tags) - len(described)} of them are "
+            "omitted: see links.parquet and ranges.parquet"
         )
     return texts
 
 
 def _described(located: Located, config: Config) -> list[TagResult]:
-    """The tags of which single lines are said: those with a role first, at most MOST_DESCRIBED."""
-    with_role = set(roles_of(config, [result.tag for result in located.tags]).values())
+    """The tags that have messages of their own: at most MOST_DESCRIBED, those with a role first."""
+    with_role = set(uwb_tags.roles_of(config, [result.tag for result in located.tags]).values())
     return sorted(located.tags, key=lambda result: result.tag not in with_role)[:MOST_DESCRIBED]
 
 
@@ -158,7 +89,11 @@ def _located_notes(located: Located, config: Config) -> list[str]:
         if result.velocity is not None:
             texts.append(f"tag {result.tag}: {velocity_words(result.velocity, 'its track')}")
         if result.bias is not None and result.bias.n.any():
-            texts.append(_bias_words(result.tag, result.bias, config))
+            links = zip(config.uwb.anchors, result.bias.applied_m, result.bias.std_m, strict=True)
+            words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
+            texts.append(
+                f"tag {result.tag}: ranges corrected by each anchor's bias in m: {words}; {result.bias.reason}"
+            )
         if result.shared_m != 0:
             texts.append(
                 f"tag {result.tag}: a bias of {result.shared_m:+.3f} m that all links share is estimated with its track"
@@ -176,10 +111,20 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
         }
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
         texts.append(f"tag {result.tag}: of {len(result.fix_t_ns)} epochs, {words} give no fix")
-    misfit = _misfit_warning(result, config)
-    if misfit is not None:
-        texts.append(misfit)
-    texts += _late_links(result, config)
+    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
+    known_m, std_m = residual_m[np.isfinite(residual_m)], config.uwb.range_std_m
+    if len(known_m) and (median_m := np.median(known_m)) >= MISFIT_STD * std_m:  # they fit no position at all
+        texts.append(
+            f"tag {result.tag}: half of its ranges miss its track by more than {median_m:.2f} m "
+            f"(uwb.range_std_m is {std_m} m); check ids and places in [[uwb.anchors]]"
+        )
+    anchors = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
+    share = link_quality(result.ranges, anchors, result.bias, std_m).nlos_share
+    texts += [
+        f"anchor {anchors[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
+        "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
+        for k in np.flatnonzero(share > MOSTLY_LATE)
+    ]
     n = len(result.restart_ns)
     if n:
         seconds = ", ".join(f"{(t_ns - first_ns) * 1e-9:.1f} s" for t_ns in result.restart_ns[:5].tolist())
@@ -187,42 +132,12 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
     return texts
 
 
-def _misfit_warning(result: TagResult, config: Config) -> str | None:
-    """Ranges that fit no position at all: ids or places of anchors are wrong."""
-    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
-    known = np.isfinite(residual_m)
-    if not known.any() or np.median(residual_m[known]) < MISFIT_STD * config.uwb.range_std_m:
-        return None
-    return (
-        f"tag {result.tag}: half of its ranges miss its track by more than {np.median(residual_m[known]):.2f} m "
-        f"(uwb.range_std_m is {config.uwb.range_std_m} m); check ids and places in [[uwb.anchors]]"
-    )
-
-
-def _late_links(result: TagResult, config: Config) -> list[str]:
-    """Links most of whose ranges count as NLOS."""
-    anchor_ids = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
-    share = link_quality(result.ranges, anchor_ids, result.bias, config.uwb.range_std_m).nlos_share
-    return [
-        f"anchor {anchor_ids[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
-        "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
-        for k in np.flatnonzero(share > MOSTLY_LATE)
-    ]
-
-
-def _bias_words(tag: int, bias: AnchorBias, config: Config) -> str:
-    """By how much ranges are corrected, and what speaks for it."""
-    links = zip(config.uwb.anchors, bias.applied_m, bias.std_m, strict=True)
-    words = ", ".join(f"{anchor.id}: {applied:+.3f} +- {std:.3f}" for anchor, applied, std in links)
-    return f"tag {tag}: ranges corrected by each anchor's bias in m: {words}; {bias.reason}"
-
-
 def _range_warnings(counts: RangeCounts) -> list[str]:
     def words(pairs: tuple[tuple[int, int], ...]) -> str:
         return listed([f"{number} ({count} ranges)" for number, count in pairs])
 
     causes = {
-        "that are no numbers": counts.not_finite,
+        "that are NaN or infinite": counts.not_finite,
         "of zero or below": counts.not_positive,
         "below uwb.min_range_m": counts.too_short,
         "above uwb.max_range_m": counts.too_long,
@@ -251,7 +166,7 @@ class UwbPositions:
 
 
 def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
-    """Every tag of the recording located, those of the robot together; None when UWB is not used, which is said."""
+    """Every tag of the recording located, those of the robot together; None when UWB is not used, with a warning."""
     config, ranges, places = data.config, data.streams.ranges, data.streams.anchor_places
     if not config.uwb.anchors:
         known = f" and its messages place {len(places)} of the {FEWEST_ANCHORS} that a fix needs" if places else ""
@@ -267,9 +182,9 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         return None
     _tell_places(data, journal)
     tags = tags_of(config, ranges)
-    robot, motion = body_tags_of(config, list(tags)), _body_motion(data) if config.uwb.odometry else None
+    robot, motion = uwb_tags.body_tags_of(config, list(tags)), _body_motion(data) if config.uwb.odometry else None
     if len(robot) == 1 and motion is not None:
-        x_m, y_m = lever_of(config, robot[0])
+        x_m, y_m = uwb_tags.lever_of(config, robot[0])
         tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
     if robot and motion is not None and motion.source == "odometry":
         journal.use("odometry")
@@ -279,12 +194,18 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         located, body = solve_body(config, located, robot, anchors, settings, motion)
         tell_body(journal, body)
     tell_roles(config, journal, located)
-    levers_m = {tag: lever_of(config, tag) for tag in robot}
+    levers_m = {tag: uwb_tags.lever_of(config, tag) for tag in robot}
     for text in fault_warnings(check_located(located, anchors, settings, levers_m, data.streams.odometry), anchors):
         journal.warn(text)
-    tell_located(data, journal, located)
+    counts = located.counts
+    journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
+    journal.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
+    for text in located_warnings(located, config, data.first_ns):
+        journal.warn(text)
+    for text in _located_notes(located, config):
+        journal.note(text)
     by_id = {result.tag: result for result in located.tags}
-    roles = roles_of(config, list(tags))
+    roles = uwb_tags.roles_of(config, list(tags))
     journal.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)), body)
 
@@ -308,22 +229,16 @@ def configured_places(config: Config) -> dict[int, Float]:
 SAMPLED_RANGES = 50
 
 
-def carries_anchors(recording: Recording, roles: Roles, config: Config) -> bool:
-    """Whether the first messages of UWB hold positions of anchors that are to be used, none being configured."""
+def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
+    """Whether there are ranges, and anchors of the configuration or of the first messages, to locate anything by."""
     if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
-        return False
+        return ("uwb" in roles.found or "uwb" in roles.ambiguous) and wants_uwb(config)
     places = AnchorPlaces()
     for topic in roles.topics("uwb"):
         for message in recording.sample(topic, SAMPLED_RANGES):
             if isinstance(message, UwbRanges):
                 places.take(message)
     return bool(places.found())
-
-
-def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
-    """Whether there are ranges, and anchors of the configuration or of the messages, to locate anything by."""
-    has_ranges = "uwb" in roles.found or "uwb" in roles.ambiguous
-    return (has_ranges and wants_uwb(config)) or carries_anchors(recording, roles, config)
 
 
 def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> Config:
@@ -390,7 +305,7 @@ def tags_of(config: Config, ranges: RangeSeries) -> dict[int, TagInfo]:
     seen = [int(tag) for tag in np.unique(ranges.tag)]
     table = {tag.id: tag for tag in config.uwb.tags}
     wanted = [tag for tag in seen if tag in table] if table else seen
-    person = roles_of(config, wanted).get("person")
+    person = uwb_tags.roles_of(config, wanted).get("person")
     heights = {tag: config.uwb.person_height_m if tag == person else config.uwb.tag_height_m for tag in wanted}
     heights |= {tag: row.height_m for tag, row in table.items() if row.height_m is not None and tag in heights}
     return {tag: TagInfo(tag, heights[tag]) for tag in wanted}
@@ -398,37 +313,56 @@ def tags_of(config: Config, ranges: RangeSeries) -> dict[int, TagInfo]:
 
 def settings_of(config: Config) -> LocateSettings:
     """The section `uwb` as the algorithms take it."""
-    uwb = config.uwb
-    return LocateSettings(
-        range_std_m=uwb.range_std_m,
-        min_range_m=uwb.min_range_m,
-        max_range_m=uwb.max_range_m,
-        epoch_s=uwb.epoch_s,
-        outlier_m=uwb.outlier_m,
-        acceleration_std_mps2=uwb.acceleration_std_mps2,
-        method=uwb.method,
-        height=uwb.height,
-        mirror=uwb.mirror,
-        calibrate=uwb.calibrate,
-        smooth=uwb.smooth,
-    )
+    return LocateSettings(**{each.name: getattr(config.uwb, each.name) for each in fields(LocateSettings)})
 
 
 def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:
-    """fixes, ranges and innovations, tag after tag; and what tells how good they are."""
+    """fixes, ranges, innovations and links, tag after tag; dilution, and uwb_errors of the tags on the robot."""
+    names = ("fixes", "ranges", "innovations", "links")
+    places = {f"{axis}_m": [getattr(each, f"{axis}_m") for each in data.config.uwb.anchors] for axis in "xyz"}
     with ExitStack() as stack:
-        fixes = stack.enter_context(TableWriter(folder / "fixes.parquet", TABLES["fixes"]))
-        ranges = stack.enter_context(TableWriter(folder / "ranges.parquet", TABLES["ranges"]))
-        innovations = stack.enter_context(TableWriter(folder / "innovations.parquet", TABLES["innovations"]))
+        fixes, ranges, innovations, links = (
+            stack.enter_context(TableWriter(folder / f"{name}.parquet", TABLES[name])) for name in names
+        )
         for result in uwb.located.tags:
+            track, rows = result.track, result.ranges
             fixes.append(_fix_columns(result))
-            innovations.append(
-                {"t_ns": result.track.t_ns, "tag": result.tag, "n_ranges": result.n_ranges, "nis": result.nis}
-            )
-            rows = result.ranges
+            innovations.append({"t_ns": track.t_ns, "tag": result.tag, "n_ranges": result.n_ranges, "nis": result.nis})
             columns = {"t_ns": rows.t_ns, "anchor": rows.anchor, "range_m": rows.range_m}
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})
-    write_uwb_tables(folder, data, uwb)
+            links.append(places | link_columns(result, data.streams, data.config))
+    robot_tag = None if uwb.robot is None else uwb.robot.tag
+    dilution = uwb_tags.dilution_of(uwb.located, robot_tag, data.config, DILUTION_ROWS, DILUTION_COLUMNS)
+    if dilution is not None:
+        write_arrays(folder, "dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
+    if errors := uwb_tags.errors_of_tags(
+        uwb.located, uwb_tags.levers_on_robot(data.config, robot_tag), data.streams.reference
+    ):
+        with TableWriter(folder / "uwb_errors.parquet", TABLES["uwb_errors"]) as table:
+            for tag, of_tag in errors.items():
+                for source, part in of_tag.items():
+                    columns = {"error_x_m": part.error_m[:, 0], "error_y_m": part.error_m[:, 1]}
+                    table.append({"t_ns": part.t_ns, "tag": tag, "source": source, "bound_m": part.bound_m} | columns)
+
+
+def link_columns(result: TagResult, streams: Streams, config: Config) -> dict[str, Any]:
+    """Columns of links.parquet, but for the anchors' places: a row for each configured anchor, also a silent one."""
+    assert streams.ranges is not None
+    anchor = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
+    quality = link_quality(result.ranges, anchor, result.bias, config.uwb.range_std_m)
+    weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor)
+    return {
+        "tag": result.tag,
+        "anchor": anchor,
+        **{name: np.asarray(getattr(quality, name)) for name in LINK_QUALITY},
+        "weak_first_path_share": weak,
+    }
+
+
+LINK_QUALITY = (
+    *("n", "residual_rms_m", "residual_median_m", "bias_m", "bias_std_m"),
+    *("bias_applied", "why_not", "nlos_share"),
+)
 
 
 def _fix_columns(result: TagResult) -> dict[str, object]:

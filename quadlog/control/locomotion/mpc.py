@@ -119,7 +119,7 @@ class Mpc:
         where the friction pyramids' sides face and their normal. The yaw of the
         linear model is the mean over the steps' starts: the measured one, then
         the reference's. ValueError for other shapes and for what is not finite;
-        never an error for numerical trouble, which `status` tells.
+        never an error for numerical trouble, which `status` reports.
         """
         steps = self.settings.horizon
         state, reference, lever_arms_m, ground_to_map = (

@@ -50,7 +50,7 @@ class Robot:
     link_masses_kg: abduction link, thigh, shank, foot, of one leg.
     standing_height_m: the body's origin above level ground.
     hip_centre_m: the middle of the abduction axes in the body, where that is not its origin.
-    measured: (3,) centre of mass and (3, 3) inertia about it, standing, where links do not tell them.
+    measured: (3,) centre of mass and (3, 3) inertia about it, standing, used where links have none.
     """
 
     name: str

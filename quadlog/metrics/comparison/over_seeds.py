@@ -24,7 +24,7 @@ class OverSeeds(NamedTuple):
 def over_seeds(values: Float) -> OverSeeds:
     """Mean and Student's interval of a metric's values (S,) over seeds, NaN where it has none.
 
-    No interval for fewer than two values, nor for equal ones: then the seed changes nothing, and does not tell how
+    No interval for fewer than two values, nor for equal ones: then the seed changes nothing, and does not show how
     sure the value is.
     """
     known = values[np.isfinite(values)]

@@ -103,7 +103,7 @@ def notes(comparison: Comparison) -> list[str]:
         few = f"; fewer than {FEWEST_VALUES} have none" if episodes < FEWEST_VALUES else ""
         how = f"the median over {episodes} episodes, with the exact 95 % interval of a median{few}"
     else:
-        how = "with a 95 % interval of replans that follow one another, which says nothing of other episodes"
+        how = "with a 95 % interval of replans that follow one another, which does not hold for other episodes"
     lines.append(f"The ratio is {what} by {base} / {what} by the planner: {how}.")
     repeats = next(iter(comparison.us.of.values()))
     if repeats.ndim == 2:
@@ -112,7 +112,7 @@ def notes(comparison: Comparison) -> list[str]:
             ratio = comparison.us.ratio(row.planner, base)
             if row.planner != base and ratio is not None and ratio.interval is not None:
                 known.append(f"{row.planner} {times(ratio.value)} ({_bounds(ratio.interval)})")
-        asked = f"Every question was asked {repeats.shape[1]} times, the planners in turns, and its time is the median."
+        asked = f"Every replan was timed {repeats.shape[1]} times, the planners in turns; its time is the median."
         lines.append(f"{asked} Times over those of {base}: {'; '.join(known)}." if known else asked)
     for planner, ratio in comparison.ratios.items():
         if without := int(np.isnan(ratio.of_episodes).sum()):

@@ -6,7 +6,7 @@ octile heuristic f grows by at most 28 a step, so OPEN is a ring of 16 lists
 (f/2 mod 16) threaded through the cells themselves: no heap, no stale entries.
 The list of the smallest f is sorted by g once, when its turn comes. Successors
 with the same f have a larger g than everything in it, so they go on top and it
-stays sorted: ties go to the larger g exactly. A stamp per cell tells this
+stays sorted: ties go to the larger g exactly. A stamp per cell separates this
 search's values from older ones, so nothing is cleared between calls. A border
 of blocked cells around the grid spares the bounds checks.
 

@@ -90,7 +90,7 @@ ODOMETRY_DRIFT = SensorDrift(rate_std_radps=0.003, walk_std=0.003)
 GYRO_DRIFT = SensorDrift(rate_std_radps=0.02, walk_std=0.001)
 """Turn-on biases of consumer gyroscopes are about a degree a second, their noise a few hundredths per root second."""
 CLEARLY_LESS = 0.5
-"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk tells no sign."""
+"""A sign is taken for turned only where the fit then spreads by this much less: a straight walk hides it."""
 REFIT_GROWTH = 1.05
 REFIT_GROUPS = 50
 """A causal offset is fitted again when its groups have grown by 5 %, or by ten seconds of motion."""
@@ -133,8 +133,8 @@ class AlignedHeading:
     """Yaw in map at the track's T instants, in [-pi, pi), and its std, at most UNKNOWN_YAW_STD_RAD.
 
     spread_rad: (T,) median absolute difference of the course from it; infinite where the course did not show how the
-    sensor is turned. fit: the offset, the last one of a causal heading; None where the track never moved while the
-    sensor gave yaw. upside_down: whether the sensor's turns count the other way round.
+    sensor is turned. fit: the offset, of a causal heading the last one; None where the track never moved while the
+    sensor gave yaw, and of a causal heading that was never known. upside_down: whether its turns count the other way.
     """
 
     yaw_rad: Float
@@ -184,6 +184,8 @@ def align_yaw(
             offset[begin:end] = fit.at(t_s[begin:end])
         if fit.told:
             std[begin:end], spread[begin:end] = np.hypot(fit.std_at(t_s[begin:end]), constant_std), fit.spread_rad
+    if causal and not np.isfinite(spread).any():
+        fit = None
     yaw_rad = wrap_angle(interpolate_angle(track.t_ns, sensor.t_ns, sensor.yaw_rad) + offset)
     return AlignedHeading(yaw_rad, _with_silence(std, track.t_ns, sensor.t_ns), spread, fit)
 

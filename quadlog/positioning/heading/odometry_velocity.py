@@ -112,7 +112,7 @@ def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, 
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
-        reason = f"it misses {100 * share:.0f} % of the way, and tells {ratio:.2f} of its length"
+        reason = f"its motion is off by {100 * share:.0f} % of UWB's, its length {ratio:.2f} times UWB's"
         return refused(typical, motion.source, reason)
     usual = np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
     std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)

@@ -24,7 +24,7 @@ ASKEW_RAD = np.radians(60)
 START_SCALE_RAD, START_GROUPS = 0.3, 2000
 LEAST_INFLATION = 1e-9
 CLEAR_STD = 3.0
-"""N groups tell nothing where their mean direction is shorter than this over root N: noise has a course too."""
+"""N groups show nothing where their mean direction is shorter than this over root N: noise has a course too."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,7 +69,7 @@ def _turn(yaw_rad: float) -> Float:
 def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[dict[int, float], bool]:
     """Known anchors (A, 2) that are farther from their surveyed places than the bounds allow, index -> distance in m.
 
-    And whether they all fit the mirror image of the survey (A, 3), which only three of them can tell.
+    And whether they all fit the mirror image of the survey (A, 3), which only three of them can exclude.
     """
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:

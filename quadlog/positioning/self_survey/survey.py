@@ -57,7 +57,7 @@ BLIND_SHARE = 0.8
 class SurveyedAnchor:
     """An anchor by its index: position_m (3,) and its covariance_m2 (3, 3), bias_m and its std, ranges and late ones.
 
-    height_observed: whether the ranges tell its height, rather than the prior. why_not: why its place is not observed,
+    height_observed: whether its height is from ranges, not from the prior. why_not: why its place is not observed,
     "" if it is.
     """
 

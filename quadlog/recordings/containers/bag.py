@@ -174,7 +174,7 @@ def read_chunk_info(header: Fields, data: memoryview) -> tuple[int, int, int, di
 def chunk_of(frame: Frame) -> Frame:
     """The record, which must be a chunk. Raises Damaged."""
     if frame.op != CHUNK:
-        raise Damaged("where the index has a chunk there is none")
+        raise Damaged("the index names a chunk where there is no chunk")
     return frame
 
 

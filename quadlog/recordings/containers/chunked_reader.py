@@ -348,7 +348,7 @@ class ChunkedReader(ClosedOnExit):
             had[channel] += tally[number] + explained[number]
         for channel in said:
             if said[channel] != had[channel]:
-                detail = f"the file says {several(said[channel], 'message')}, {had[channel]} are in it"
+                detail = f"the index counts {several(said[channel], 'message')}, {had[channel]} are in it"
                 missing = max(said[channel] - had[channel], 0)
                 self._miscounts[channel] = Loss("count", detail, channel.topic, missing)
 

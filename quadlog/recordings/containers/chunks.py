@@ -30,7 +30,7 @@ _BLOCK_BYTES, _MARK_BYTES = 1 << 20, 64
 class Piece:
     """A stretch of the file that is read at once: a chunk, or a run of records outside chunks (loose).
 
-    length is 0 where only the chunk itself tells. channel_ids and counts
+    length is 0 where only the chunk itself has it. channel_ids and counts
     (messages for each channel id) are None where the index does not say.
     index_end: offset behind the message index, which follows the chunk; 0 where there is none.
     """

@@ -115,7 +115,7 @@ class Container(Protocol):
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """Log times of the first and the last message, None when there is none or no index tells."""
+        """Log times of the first and the last message, None when there is none or no index has it."""
         ...
 
     def messages(

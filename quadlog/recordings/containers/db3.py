@@ -1,4 +1,4 @@
-"""A ROS 2 bag's SQLite file (.db3), read whole, beside which nothing may be written.
+"""A ROS 2 bag's SQLite file (.db3), read whole; nothing is written beside it.
 
 A database in WAL mode cannot be opened where it lies: SQLite would write a
 `-shm` beside it, and without that it ignores what stands in the `-wal` only.
@@ -335,7 +335,7 @@ class SqliteReader(ClosedOnExit):
         for channel, count in self._by_channel(damaged).items():
             self._report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
         if damaged and not read and topics is None and is_whole:
-            raise NothingReadable(self.path, f"none of {several(damaged.total(), 'row')} can be read")
+            raise NothingReadable(self.path, f"no message of {several(damaged.total(), 'row')} can be read")
         if is_whole and self._places is None:
             self._compare_counts(set(wanted.values()), self._by_channel(read + damaged))
 

@@ -115,7 +115,7 @@ class McapFormat(PieceFormat):
         opcode, length = mcap.FRAME.unpack_from(record)
         # Without an index the walk has found where it ends, whatever the record says.
         if opcode != mcap.CHUNK or (piece.index_end and length != len(record) - mcap.FRAME.size):
-            raise Damaged("where the index has a chunk there is none")
+            raise Damaged("the index names a chunk where there is no chunk")
         content = record[mcap.FRAME.size :]
         if at_most is not None and mcap.chunk_size(content) > at_most:
             return None

@@ -110,7 +110,7 @@ def list_messages(indexes: memoryview) -> Listed:
         begin = position + INDEX_HEAD.size
         position += FRAME.size + length
         if opcode != MESSAGE_INDEX or size % 16 or begin + size > min(position, len(indexes)):
-            raise Damaged("where the index has a message index there is none")
+            raise Damaged("the index names a message index where there is none")
         if number in runs:
             raise Damaged("the message index of a chunk names a channel twice")
         runs[number] = indexes[begin : begin + size]

@@ -51,7 +51,7 @@ class McapScan(Scan):
                 following = self._step(position)
                 overrun = self._next_known(position)
                 if overrun is not None and following > overrun:
-                    raise Damaged("a record reaches into a chunk that the index knows")
+                    raise Damaged("a record overlaps a chunk of the index")
                 position = following
             except Damaged as damage:
                 resume = self._next_known(position)
@@ -125,7 +125,7 @@ class McapScan(Scan):
         if not found or found[0] > self._size:
             raise Damaged(_CUT_OFF if end == by_data else "a chunk's length is damaged")
         if found[0] != end:
-            self._lose_record("damaged", "length of a chunk", "its data tell where it ends", position)
+            self._lose_record("damaged", "length of a chunk", "its end follows from its data", position)
         self._trusted = found[0]
         return found[0]
 

@@ -55,7 +55,7 @@ class PoseField:
         Raises DecodeError for one that is not finite or out of reach, and for one that its flag says was not measured.
         """
         if self.flag and attrgetter(self.flag)(message) == LOST_IF[self.flag.rpartition(".")[2]]:
-            raise DecodeError(topic, f"it says that its body is not tracked ({self.flag})")
+            raise DecodeError(topic, f"the body is not tracked ({self.flag})")
         header, position, orientation = attrgetter(self.header, self.position, self.orientation)(message)
         stamp_ns = nanoseconds(int(header.stamp.sec), int(header.stamp.nanosec))
         position_m, quat_xyzw = place(position, topic), unit_quaternion(orientation, topic)
@@ -101,7 +101,7 @@ def _find(types: Types, type_name: str) -> PoseField | str:
         return PoseField(headers[0], *found[0], _flag(types, type_name, found[0][2].rpartition(".")[0]))
     if found:
         names = ", ".join(name for *_, name in found[:MOST_NAMED])
-        return f"holds {len(found)} poses ({names}), and nothing tells which is the robot's"
+        return f"holds {len(found)} poses ({names}), and it is unknown which is the robot's"
     arrays = [name for name, inner in _arrays(types, type_name) if inner in WHOLE_POSES or any(_poses(types, inner))]
     if arrays:
         return f"holds arrays of poses ({', '.join(arrays[:MOST_NAMED])}); record the pose of one body on its own topic"

@@ -43,7 +43,7 @@ def decode_high_state(message: Any, topic: str, order: JointOrder) -> tuple[Mess
 
 
 def decode_sport_mode_state(message: Any, topic: str) -> tuple[Message, ...]:
-    """unitree_go SportModeState: odometry and IMU. Its velocity is left out: no document tells in which axes it is."""
+    """unitree_go SportModeState: odometry and IMU. Its velocity is left out: its axes are undocumented."""
     t_ns = nanoseconds(int(message.stamp.sec), int(message.stamp.nanosec))
     imu = _imu(message, t_ns)
     return _odometry(message, imu, np.zeros(3), topic), imu

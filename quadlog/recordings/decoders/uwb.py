@@ -152,13 +152,13 @@ class Ends(NamedTuple):
 def ends_of_topic(
     topic: str, mapped: Mapping[str, tuple[int, int]] | None = None, anchor_ids: Collection[int] = ()
 ) -> Ends | None:
-    """Tag and anchor of a topic, or None where nothing tells them.
+    """Tag and anchor of a topic, or None where they are unknown.
 
     mapped (``[[uwb.range_topics]]``) decides. Otherwise two numbers in the name
     (``/uwb/tof/n_3/n_7/distance``) are tag and anchor, in this order unless the
     word before one of them says otherwise (``/uwb/anchor_3/tag_7``) or, without
     such words, only the first is a known anchor; one number in a name that
-    speaks of UWB is the anchor of tag 0, unless it is said to be a tag's.
+    refers to UWB is the anchor of tag 0, unless it is named a tag's.
     """
     if mapped and topic in mapped:
         return Ends(*mapped[topic])

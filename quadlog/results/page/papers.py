@@ -52,7 +52,7 @@ def _overview(tables: Sequence[PaperTable]) -> Table:
     return Table([*columns, Column("quantities", True)], rows, "tables")
 
 
-LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is what is printed or said, and ±10 the edge."
+LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is the printed value or claim, ±10 the edge."
 
 
 def _section(table: PaperTable, pack: Pack) -> blocks.Section:
@@ -76,7 +76,7 @@ def _group(group: RowGroup, name: str) -> Table | blocks.Details:
     rows = [_row(row) for row in (*judged, *others)]
     if judged:
         return Table(columns, rows, name, group.text, folded=len(judged) if others else None, title=group.title)
-    summary = f"{group.title}: {len(rows)} quantities that the paper does not print"
+    summary = f"{group.title}: not printed in the paper ({len(rows)})"
     shown = (0, 2, 3, 5)  # no print, nothing to reproduce
     own = Table([columns[at] for at in shown], [[row[at] for at in shown] for row in rows], name, group.text)
     return blocks.Details(summary, [own])

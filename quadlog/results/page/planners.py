@@ -233,7 +233,7 @@ def question_panel(what: str, values: Mapping[str, Any] | DataFrame, step: str, 
 
 
 def planner_table(comparison: Comparison, number: int) -> Table:
-    """A row for each planner, coloured where an interval tells it from the baseline."""
+    """A row for each planner, coloured where an interval separates it from the baseline."""
     columns = [
         Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
         Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),

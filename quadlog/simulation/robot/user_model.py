@@ -117,7 +117,7 @@ class _Foot:
 def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with the robot of an MJCF or URDF file.
 
-    Legs are told by the beginning of their joints' names, see PREFIXES; joints along a leg by their order.
+    Legs are found by the beginning of their joints' names, see PREFIXES; joints along a leg by their order.
     Raises UnreadableFile, TooLarge, UnusableRobot.
     """
     spec = read_model(path)

@@ -61,7 +61,7 @@ def read_movingai_map(path: Path) -> NDArray[np.bool_]:
 
     `.`, `G` and `S` (swamp) are passable; `@`, `O` (out of bounds), `T` (trees)
     and `W` are blocked. Water can be entered from water only, so it is blocked
-    for whoever starts on land; the Grid-Based Path Planning Competition reads
+    for a start on land; the Grid-Based Path Planning Competition reads
     all seven the same way.
 
     Raises UnreadableFile, naming the line, for anything that is not a map of
@@ -114,7 +114,9 @@ def _read_cells(path: Path, file: BinaryIO, rows: int, cols: int) -> NDArray[np.
         if terrain.max() == _UNKNOWN:
             col = int(terrain.argmax())
             what = ascii(chr(cells[col]))
-            raise UnreadableFile(path, f"{what} in column {col + 1} is none of . G S (free), @ O T W (blocked)", number)
+            raise UnreadableFile(
+                path, f"{what} in column {col + 1} is not one of . G S (free), @ O T W (blocked)", number
+            )
         blocked[row] = terrain == _BLOCKED
     rest = file.read(_MAX_LINE)
     after = rest.lstrip(b"\r\n")

@@ -113,7 +113,7 @@ class RosMap:
     def blocked(self) -> NDArray[np.bool_]:
         """(rows, columns): only what is certainly occupied (100) blocks.
 
-        Unknown cells and values below 100 do not, as in nav2 unless told
+        Unknown cells and values below 100 do not, as in nav2 unless set
         otherwise: its static layer has lethal_cost_threshold 100 and
         trinary_costmap, its planners allow_unknown.
         """

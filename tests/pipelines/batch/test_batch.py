@@ -20,9 +20,8 @@ from quadlog.pipelines import replay as replay_module
 from quadlog.pipelines.batch import batch as batch_module
 from quadlog.pipelines.batch.batch import BatchOutcome, replay_alone, replay_batch
 from quadlog.pipelines.batch.plan import existing_runs, plan_batch, preview_batch
-from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.batch.summary import rebuild_summary
-from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import BatchLines, Kept, Silent
 from quadlog.pipelines.replay import replay as really_replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
 from quadlog.results.tables import COST_NAMES
@@ -38,7 +37,7 @@ def summary_of(output):
 
 
 def actions(batch):
-    return sorted(each.action for each in preview_batch(batch))
+    return sorted(each["action"] for each in preview_batch(batch))
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +247,7 @@ def instead(monkeypatch, raised):
             raise raised[request.run.name]
         return really_replay(request, progress)
 
-    monkeypatch.setattr(batch_module, "replay_anywhere", replay)
+    monkeypatch.setattr(batch_module, "replay", replay)
     return begun
 
 
@@ -293,7 +292,7 @@ def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_pat
     (said,) = [line for line in lines if line.startswith("stopping: disk full")]
     assert said.count("--resume goes on") == 1
     assert set(summary_of(tmp_path / "runs").index) == set(names)
-    monkeypatch.setattr(batch_module, "replay_anywhere", really_replay)
+    monkeypatch.setattr(batch_module, "replay", really_replay)
     again = replay_all(planned(tmp_path / "runs", existing=Existing.RESUME))
     assert [run.failed for run in again.runs] == [True, False, False, False]
 

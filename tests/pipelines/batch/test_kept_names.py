@@ -49,12 +49,6 @@ def test_a_relative_path_is_the_same_recording(tmp_path: Path, monkeypatch: pyte
     assert before[Path("c/rec.mcap")] == "rec.mcap-2"
 
 
-def test_runs_that_cannot_be_theirs_are_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    replayed(tmp_path, [A, Path("/season/walk-2.bag"), Path("/season/recent.bag")])
-    monkeypatch.setattr("quadlog.pipelines.batch.plan.read_record", pytest.fail)
-    assert kept_names([A, Path("/season/walk.bag")], tmp_path) == ["rec", "walk"]
-
-
 @pytest.mark.parametrize("content", ["{", '{"run_format": 2}', json.dumps(RECORD | {"input": 3})])
 def test_a_damaged_run_is_nobodys(tmp_path: Path, content: str) -> None:
     names = replayed(tmp_path, [A, B])

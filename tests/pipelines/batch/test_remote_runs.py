@@ -11,12 +11,12 @@ import pytest
 
 import quadlog
 from quadlog.errors import AlreadyExists, CannotWrite, NothingReadable
-from quadlog.pipelines.batch import remote as remote_runs
+from quadlog.pipelines import replay as remote_runs
 from quadlog.pipelines.batch import summary
-from quadlog.pipelines.batch.remote import replay_anywhere
 from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.replay import replay
+from quadlog.pipelines.replay import replay as replay_anywhere
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import run_key
 from quadlog.results.find_runs import OWN_FILES, runs_here

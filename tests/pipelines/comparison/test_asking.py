@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quadlog.pipelines.comparison.run_planners import ask_everything, repeats_for, scenarios_of
+from quadlog.pipelines.comparison.compare import ask_everything, repeats_for, scenarios_of
 from quadlog.pipelines.comparison.sources import forest_source, movingai_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules

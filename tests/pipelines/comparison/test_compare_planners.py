@@ -12,8 +12,7 @@ import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, ExitCode, RecordingNotFound, UnknownName, UsageError
 from quadlog.pipelines.comparison.compare import compare, failures
-from quadlog.pipelines.comparison.problems import CompareOptions
-from quadlog.pipelines.comparison.sources import open_sources
+from quadlog.pipelines.comparison.sources import CompareOptions, open_sources
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import PLANNERS as ALL_PLANNERS
 from quadlog.planning.rules import Rules

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadlog.mapping.inflation import INFLATIONS
-from quadlog.pipelines.comparison.run_planners import ask_everything, scenarios_of
+from quadlog.pipelines.comparison.compare import ask_everything, scenarios_of
 from quadlog.pipelines.comparison.sources import movingai_source, ros_map_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.registry import OPTIMAL

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from quadlog.config.file import load_config
 from quadlog.errors import MissingInput, NotARun, UnreadableConfig
-from quadlog.pipelines.comparison.run_planners import ask_everything
+from quadlog.pipelines.comparison.compare import ask_everything
 from quadlog.pipelines.comparison.sources import run_source
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.rules import Rules

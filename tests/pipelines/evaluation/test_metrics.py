@@ -107,8 +107,8 @@ def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
     unfinish(broken)
     outcome = measure_runs([run.parent], None, [parse_condition("eta_m>100")])
     assert [each.label for each in outcome.runs] == ["follow"]
-    assert outcome.problems == [f"{broken}: is no finished run: it was begun, and its run.json says finished: false"]
-    assert outcome.failing == [f"{broken}: eta_m > 100: cannot be told, the run cannot be read"]
+    assert outcome.problems == [f"{broken}: is an unfinished run (finished: false in run.json)"]
+    assert outcome.failing == [f"{broken}: eta_m > 100: unknown, the run cannot be read"]
     assert outcome.exit_code is ExitCode.CHECK_FAILED
     assert measure_runs([run.parent], None, []).exit_code is ExitCode.WITH_LOSS
     (run / "run.json").write_text("{")
@@ -122,7 +122,7 @@ def test_conditions_fail_when_they_hold_and_when_nobody_can_tell(lean_run):
     failed = measure(lean_run, "eta_m>0", "eta_m>100", "forward_m<1")
     assert failed.exit_code is ExitCode.CHECK_FAILED
     assert [line.split(": ")[1] for line in failed.failing] == ["eta_m > 0 holds", "forward_m < 1"]
-    assert failed.failing[1].endswith("cannot be told, the run has no forward_m")
+    assert failed.failing[1].endswith("unknown, the run has no forward_m")
 
 
 def test_samples_are_read_where_they_are_asked_for(run):

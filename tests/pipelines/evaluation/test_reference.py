@@ -159,7 +159,7 @@ def test_an_offset_that_cannot_be_told_is_no_flag_to_paste(short_run, tmp_path):
     brief = write_truth(tmp_path / "brief.tum", short_run.run, 1000 * NS)
     for run, truth, words in (
         (steady, ahead, r"; the offset is ambiguous: 3\d{3}\.\d{3} s and 3\d{3}\.\d{3} s fit about as well$"),
-        (short_run.run, brief, "; no offset can be told: too short"),
+        (short_run.run, brief, "; time offset unknown: too short"),
     ):
         with pytest.raises(NoCommonTime, match=words) as told:
             compare_with_reference(run, Reference.read(truth, OnTime()))
@@ -171,7 +171,7 @@ def test_the_pairing_is_told_and_heights_that_count(short_run, truth):
     assert "poses of" in said[0]
     assert "reference 17" in said[0]
     assert "overlap 2." in said[0]
-    assert "no time offset can be told" in said[1]
+    assert "time offset unknown" in said[1]
     assert "m aligned (turned" in said[1]
     assert "heights differ by 0.0" in said[2]
     assert len(compare_with_reference(short_run.run, Reference.read(truth, OnTime(planar=True))).said) == 2

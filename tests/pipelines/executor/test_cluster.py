@@ -14,9 +14,9 @@ import pytest
 
 from quadlog.errors import ClusterUnusable, VersionsDiffer
 from quadlog.pipelines.batch.batch import replay_batch
-from quadlog.pipelines.batch.progress import BatchLines
 from quadlog.pipelines.executor import cluster
 from quadlog.pipelines.executor.cluster import open_cluster
+from quadlog.pipelines.executor.progress import BatchLines
 
 
 def test_a_task_whose_worker_is_killed_is_done_by_another(tasks, scheduler, tmp_path):
@@ -74,7 +74,7 @@ def test_who_cannot_be_used_is_named_in_one_line(scheduler, monkeypatch):
                 pass
             assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ClusterUnusable, match="pip install distributed bokeh"), open_cluster("tcp://h:1"):
+    with pytest.raises(ClusterUnusable, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1"):
         pass
 
 

@@ -3,7 +3,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 
 import pytest
 from numba import njit
@@ -29,39 +28,36 @@ def test_stages_are_timed_without_what_they_compile() -> None:
     assert clock.seconds["plan"] == pytest.approx(whole_s - compiled_s, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("cores", "parent", "given"), [(2, None, ["fpmw", "position", "control"]), (1, None, []), (2, "a batch", [])]
-)
+@pytest.mark.parametrize(("cores", "parent", "helps"), [(2, None, True), (1, None, False), (2, "a batch", False)])
 def test_the_first_compilation_is_said_once_and_a_second_process_helps_on_a_second_core(
-    monkeypatch, cores: int, parent: str | None, given: list[str]
+    monkeypatch, cores: int, parent: str | None, helps: bool
 ) -> None:
-    said, started, left = [], [], iter(["position\n", "control\n"])
-
-    @contextmanager
-    def second(*arguments):
-        started.extend(arguments)
-        yield left
-
+    said, started = [], []
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
-    monkeypatch.setattr(module, "_second_process", second)
+    monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Ended())
     with compilation(("position", "map", "control"), CONFIG, said.append) as before:
         before("map")
         compile_something()
         compile_something()
-        assert started == given
-        before("position")
         before("control")
     assert said == [SAID]
-    assert len(list(left)) == (0 if given else 2)
+    assert started == (["fpmw"] if helps else [])
+
+
+class Ended:
+    """A process that has ended."""
+
+    def wait(self, _: float | None = None) -> None: ...
+    def kill(self) -> None: ...
 
 
 def test_what_has_begun_here_is_not_compiled_elsewhere_and_what_is_compiled_is_not_mentioned(monkeypatch) -> None:
     monkeypatch.setattr(module, "cores", lambda: 2)
-    monkeypatch.setattr(module, "_second_process", pytest.fail)
+    monkeypatch.setattr(module.subprocess, "Popen", pytest.fail)
     said: list[str] = []
-    with compilation(("position", "map"), CONFIG, said.append) as before:
-        before("position")
+    with compilation(("position", "control"), CONFIG, said.append) as before:
+        before("control")
         assert said == []
         compile_something()
     assert said == [SAID]
@@ -70,9 +66,9 @@ def test_what_has_begun_here_is_not_compiled_elsewhere_and_what_is_compiled_is_n
 def test_a_second_process_that_fails_is_not_waited_for(monkeypatch) -> None:
     monkeypatch.setattr(module, "cores", lambda: 2)
     monkeypatch.setattr(module, "sys", type("Own", (), {"executable": "/bin/false"}))
-    with compilation(("position",), CONFIG, [].append) as before:
+    with compilation(("control",), CONFIG, [].append) as before:
         compile_something()
-        before("position")
+        before("control")
 
 
 def test_a_body_that_compiles_is_told_of_once() -> None:
@@ -85,7 +81,6 @@ def test_a_body_that_compiles_is_told_of_once() -> None:
 
 @pytest.mark.parametrize("controller", ["fpmw", "fpm"])
 def test_the_module_itself_compiles_what_is_shared(controller) -> None:
-    command = [sys.executable, "-P", "-m", module.__name__, controller, "position", "control"]
+    command = [sys.executable, "-P", "-m", module.__name__, controller]
     ran = subprocess.run(command, check=False, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
-    assert ran.stdout.split() == ["position", "control"]

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import UnknownName, WorkerDied
-from quadlog.pipelines.executor.pool import THREAD_VARIABLES, LocalPool, open_executor, side_by_side
-from quadlog.pipelines.executor.progress import Kept
+from quadlog.pipelines.executor.pool import THREAD_VARIABLES, LocalPool, open_executor
 
 
 @pytest.mark.parametrize("place", ["processes", pytest.param("cluster", marks=pytest.mark.nightly)])
@@ -117,12 +116,3 @@ def test_workers_end_and_clean_up_when_their_parent_is_killed_amid_a_task(tasks,
         until_its_end.read()
     assert list(folder.iterdir()) == []
     assert not Path(temporary).exists()
-
-
-def test_results_come_in_the_order_of_the_tasks_and_the_first_error_once_all_are_done(tasks):
-    kept = Kept()
-    assert side_by_side(tasks.square_aloud, [3, 1, 2], 2, kept) == [9, 1, 4]
-    with pytest.raises(UnknownName) as caught:
-        side_by_side(tasks.square_aloud, [4, -2, -1, 5], 2, kept)
-    assert caught.value.name == "-2"
-    assert sorted(kept.lines) == [f"{number} squared" for number in range(1, 6)]

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import InvalidConfigValue, QuadlogError
-from quadlog.pipelines.simulation.trot import CURVES, PlannedTrot, plan_trot, planned_peak_m, trot_metrics, trot_once
+from quadlog.pipelines.simulation.walk import CURVES, PlannedTrot, plan_trot, planned_peak_m, trot_metrics, trot_once
 from quadlog.simulation.robot.trot import TrotRobot
 
 EXACT = ("friction_spread=0", "foot_radius_spread=0", "posture_spread_deg=0")

@@ -149,7 +149,7 @@ def test_an_imu_is_turned_and_what_is_left_of_the_error_is_said_and_saved(tmp_pa
         assert 0.15 < np.sqrt(np.mean((error / std) ** 2)) < 2  # measured 0.21
         words = note(walk, "heading from imu, turned by 11")
         assert f"+- {np.degrees(np.median(std)):.1f} degrees" in words
-        assert f"an obstacle 10 m away is off by {10 * np.median(std):.2f} m" in words
+        assert f"{10 * np.median(std):.2f} m at a distance of 10 m" in words
         assert walk.used["imu"] == ("/imu",)
         poses, saved = (pq.read_table(tmp_path / "run" / f"{name}.parquet").to_pandas() for name in TABLES)
         np.testing.assert_array_equal(poses["t_ns"], saved["t_ns"])
@@ -209,13 +209,13 @@ def test_the_better_of_two_sensors_is_taken_and_the_other_named(tmp_path):
         assert walk.used["odometry"] == ("/odom",)
         assert "imu" not in walk.used
         assert np.abs(yaw_error(walk, made)).max() < np.radians(4)
-        assert "better told by odometry" in note(walk, "heading is better told")
+        assert "not from imu" in note(walk, "heading from odometry (std")
         assert any("odometry and imu contradict each other" in each for each in walk.warnings)
 
 
 def test_two_sensors_that_agree_give_no_warning(tmp_path):
     with located(tmp_path, Made(imu_yaw=turned_imu, odometry_yaw=lambda t_s, yaw: yaw + 1.0)) as walk:
-        assert "better told by imu" in note(walk, "heading is better told")
+        assert "not from odometry" in note(walk, "heading from imu (")
         assert not [each for each in walk.warnings if "contradict" in each]
 
 
@@ -225,7 +225,7 @@ def test_a_robot_that_never_moves_has_the_course_for_a_heading_and_is_told(tmp_p
     made = Made(speed_mps=0.0, imu_yaw=(lambda t_s, yaw: 0.01 * t_s) if with_orientation else None)
     made.looks_away = lambda t_s: -2.0 * np.sin(2 * np.pi * t_s / DURATION_S)
     with located(tmp_path, made, f"uwb.smooth={smooth}", "uwb.range_std_m=0.1") as walk:
-        said = [each for each in walk.warnings if "heading is the course walked; 1 degree is 17 cm at 10 m" in each]
+        said = [each for each in walk.warnings if "heading is the direction of travel" in each]
         assert len(said) == 1
         assert "the robot never moved for long enough while imu gave yaw" in said[0]
         assert "imu" not in walk.used
@@ -236,9 +236,11 @@ def test_a_robot_that_never_moves_has_the_course_for_a_heading_and_is_told(tmp_p
 def test_without_another_sensor_the_course_is_the_heading_and_its_std_is_said(tmp_path, smooth):
     made = Made(with_imu=False, speed_mps=1.5)
     with located(tmp_path, made, f"uwb.smooth={smooth}") as walk:
-        said = next(each for each in walk.warnings if "no IMU and no odometry: heading is the course walked" in each)
+        said = next(
+            each for each in walk.warnings if "no IMU and no odometry: heading is the direction of travel" in each
+        )
         std_deg = np.degrees(np.median(walk.robot.yaw_std_rad))
-        assert f"known to {std_deg:.1f} degrees, and wrong where it walks sideways or backwards" in said
+        assert f"known to {std_deg:.1f} degrees, and wrong when the robot walks sideways or backwards" in said
         error = yaw_error(walk, made)[len(walk.robot.t_ns) // 4 :]
         std = walk.robot.yaw_std_rad[len(walk.robot.t_ns) // 4 :]
         assert 0.2 < np.sqrt(np.mean((error / std) ** 2)) < 1.6
@@ -268,7 +270,7 @@ def test_a_causal_heading_comes_with_what_was_known_then(tmp_path):
         assert std[0] == pytest.approx(np.pi / np.sqrt(3))
         assert std[-1] < np.radians(5)
         assert np.abs(yaw_error(walk, made)[-1]) < 3 * std[-1]
-        assert f"known to {np.degrees(std[-1]):.1f} degrees" in note(walk, "heading from imu, turned at each instant")
+        assert f"std at the end {np.degrees(std[-1]):.1f} degrees" in note(walk, "heading from imu, aligned to")
 
 
 def test_a_reference_in_another_frame_is_told(tmp_path):

@@ -17,7 +17,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import WRITERS, recording_config, write_recording
-from quadlog.pipelines.survey.survey import survey_recording
+from quadlog.pipelines.survey import survey_recording
 from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic.recording import (
     IMU_TOPIC,
@@ -74,7 +74,7 @@ def test_joints_and_an_imu_tell_where_the_robot_was_and_nothing_more(tmp_path, w
     # 8 m; the IMU's yaw is known to 0.1 degrees, and drifts by 0.3.
     assert furthest_off_m(outcome.run, walked) < 0.12
     assert not (outcome.run / "scans.parquet").exists()
-    assert "nothing is filtered" in said(outcome)
+    assert "stopped after position" in said(outcome)
     assert "leg lengths of 'tracking' are assumed" in said(outcome)
     joints = read_table(outcome.run, "joints", ["contact_1", "foot_force_1_n"])
     standing, swinging = (
@@ -150,7 +150,7 @@ def test_a_short_gap_is_told_to_be_bridged(tmp_path, messages):
 def test_joints_too_seldom_to_tell_a_motion_are_told(tmp_path, messages):
     joints = [each for each in messages if each.topic == JOINT_TOPIC][::100]
     outcome = replayed(tmp_path, joints, {JOINT_TOPIC}, MODEL)
-    assert "joints come every 0.2 s, too seldom to tell a motion; the robot is taken to stand" in said(outcome)
+    assert "joints come every 0.2 s, too seldom to measure motion; the robot is taken to stand" in said(outcome)
 
 
 def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walked, messages):

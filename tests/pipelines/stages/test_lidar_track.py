@@ -114,7 +114,7 @@ def test_without_a_lidar_a_replay_ends_after_position_and_says_so(tmp_path, walk
     assert outcome.exit_code == 0
     assert [stage["name"] for stage in record["stages"]] == ["ingest", "position", "report"]
     (why,) = [text for text in record["warnings"] if "lidar" in text]
-    assert why == "nothing is filtered, mapped, planned or walked: no topic is fit to be the lidar"
+    assert why == "stopped after position: no topic is fit to be the lidar"
     assert (tmp_path / "run" / "report.html").is_file()
     again = replayed(tmp_path, walk, topics, existing=Existing.RESUME)
     assert len(again.reused) == 6

@@ -14,9 +14,8 @@ from quadlog.lidar.deskew import Skewed
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.maps import deskewed
-from quadlog.pipelines.stages.mount import LidarMount
-from quadlog.pipelines.stages.scans import Scan, Scanner
-from quadlog.pipelines.stages.tilt import up_of_base
+from quadlog.pipelines.stages.mount import LidarMount, up_of_base
+from quadlog.pipelines.stages.scans import ReducedScan, Scanner
 from quadlog.recordings.tf_tree import TransformTree
 
 T_NS = 1_700_000_000_000_000_000
@@ -39,7 +38,7 @@ class Seen:
         data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up)
         self._scanner = Scanner(config, 0, data, maps=True)
 
-    def take(self, cloud: PointCloud, t_ns: int = T_NS) -> Scan:
+    def take(self, cloud: PointCloud, t_ns: int = T_NS) -> ReducedScan:
         return self._scanner.classified(t_ns, cloud)
 
 
@@ -70,7 +69,7 @@ def cloud(roll_deg: float = 0.0, offset_ns: np.ndarray | None = None) -> PointCl
     return PointCloud(T_NS, "lidar", (body * range_m[:, None]).astype(np.float32), ring, offset_ns)
 
 
-def tilt_deg(scan: Scan) -> float:
+def tilt_deg(scan: ReducedScan) -> float:
     return float(np.degrees(np.arccos(scan.row["ground_nz"])))
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.messages import PoseSeries
-from quadlog.pipelines.stages.positions.tag_errors import levers_on_robot, tag_truth
+from quadlog.pipelines.stages.positions.uwb_tags import levers_on_robot, tag_truth
 
 T_NS = 1_700_000_000_000_000_000 + np.arange(5, dtype=np.int64) * 50_000_000
 

@@ -8,10 +8,20 @@ import pandas as pd
 import pytest
 
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Table, order
+from quadlog.pipelines.tables.claims import (
+    SEEDS_PER_TABLE,
+    Change,
+    Claim,
+    Group,
+    Ratio,
+    Study,
+    StudyTable,
+    grid,
+    held_out_seeds,
+    order,
+)
 from quadlog.pipelines.tables.judge import MEAN, SHARE, beyond, number
 from quadlog.pipelines.tables.make_tables import measure_tables
-from quadlog.pipelines.tables.study import SEEDS_PER_TABLE, Study, grid, held_out_seeds
 from quadlog.results.studies.papers import Verdict
 
 WALKS = pd.DataFrame(
@@ -83,7 +93,7 @@ class AtOnce(Executor):
 @pytest.mark.parametrize("executor", [AtOnce(), ThreadPoolExecutor(2)])
 def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     study = Study(walk, grid(who=["a", "bb"], seed=range(3)))
-    table = Table("Title", "Caption.", "Sizes.", study, [Group("G", "T", [Claim("m (m)", "m", {"who": "bb"})])])
+    table = StudyTable("Title", "Caption.", "Sizes.", study, [Group("G", "T", [Claim("m (m)", "m", {"who": "bb"})])])
     ((made, walks),) = measure_tables({"one": table}, True, 5, executor, Silent())
     assert walks[4] == {"who": "bb", "seed": 1, "m": 3.0}
     (row,) = made.rows

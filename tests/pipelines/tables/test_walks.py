@@ -11,11 +11,10 @@ from quadlog.mapping.grid import Window
 from quadlog.mapping.inflation import inflate_square
 from quadlog.pipelines.simulation.walk import disturbance_settings, lookahead_control
 from quadlog.pipelines.tables import foot_torque, planning_1
-from quadlog.pipelines.tables.following_2 import SPEED_MPS, distances, follow_world
-from quadlog.pipelines.tables.planning_2 import CELL_RATIO, PRINTED_RATIO
+from quadlog.pipelines.tables.following_2 import SPEED_MPS, follow_world
+from quadlog.pipelines.tables.planning_2 import CELL_RATIO, PAPER, PRESETS, PRINTED_RATIO, cells, lead
 from quadlog.pipelines.tables.planning_ea import clearance_cells
-from quadlog.pipelines.tables.searches import PAPER, PRESETS, cells, lead
-from quadlog.pipelines.tables.tracking import config_of, track
+from quadlog.pipelines.tables.tracking_5 import config_of, track
 from quadlog.planning.registry import make_planner
 from quadlog.simulation.robot.disturbances import DISTURBED, NONE
 from quadlog.simulation.worlds.world import Rectangle, World, rectangles_in, standing
@@ -34,7 +33,6 @@ def test_a_straight_way_takes_its_length_over_the_speed():
     assert found["arrived"] == found["clean"] == 1.0
     assert found["length_m"] == pytest.approx(5.0 - planning_1.AT_GOAL_M, abs=0.05)
     assert found["time_s"] == pytest.approx(found["length_m"] / world.speed_mps, abs=2 * planning_1.TICK_S)
-    assert found["turning_radpm"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_robot_without_a_way_gives_up():
@@ -48,14 +46,6 @@ def person_at_6_m() -> World:
     occupied = np.zeros((40, 80), dtype=np.bool_)
     occupied[30, 40] = True
     return World(Window(0, 0, 0.1, (40, 80)), occupied, np.array([1.05, 2.05]), standing(6.05, 2.05))
-
-
-def test_a_walk_straight_to_a_standing_person_is_known_in_closed_form():
-    world = person_at_6_m()
-    found = distances(world, lead(world, PAPER))
-    # A replan each cell: 5.0, 4.9 ... 0.1 m away.
-    assert found["away_mean_m"] == pytest.approx(2.55)
-    assert found["clear_m"] == pytest.approx(1.0 - 0.05)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -117,7 +107,6 @@ def test_controllers_are_those_of_simulate():
     for disturbed, settings in ((True, DISTURBED), (False, NONE)):
         found = disturbance_settings(config_of("course", "pMW", disturbed).simulation.disturbances)
         assert asdict(found) == asdict(settings)
-    assert config_of("course", "FpM", False, 0.3).mpc.turning_share == 0.3
 
 
 def test_a_short_walk_has_the_figures_of_its_rows(tmp_path):

@@ -15,7 +15,7 @@ import pytest
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.pipelines.survey.inputs import PRIORS
+from quadlog.pipelines.survey import PRIORS
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
 from quadlog.positioning.self_survey.batch import HeightPrior
 from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem

@@ -134,7 +134,7 @@ def test_what_could_play_a_role_is_listed_with_flags_to_paste(log, topics, setti
 @pytest.mark.parametrize(
     ("topics", "settings", "words"),
     [
-        ("/points cloud", {"lidar": "/pints"}, "the recording has: /points"),
+        ("/points cloud", {"lidar": "/pints"}, "topics of the recording: /points"),
         ("/odom odometry", {"lidar": "/odom"}, "not a point cloud"),
         ("/odom odometry", {"uwb": ["/odom"]}, "/odom"),
         ("/points cloud", {"position": "/points"}, "not a pose"),

@@ -32,7 +32,7 @@ def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tin
     assert tomllib.loads((run.path / "config.toml").read_text())["planner"]["name"] == "astar"
     assert find_runs([tmp_path]) == [run.path]
     assert run.path not in complete_folders(0.0)
-    with pytest.raises(NotARun, match="is no finished run"):
+    with pytest.raises(NotARun, match="is an unfinished run"):
         load_run(run.path)
     with pytest.raises(AlreadyExists):
         check_place(run.path)

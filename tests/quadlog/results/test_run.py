@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import quadlog
 from quadlog.cli.main import run as run_cli
-from quadlog.errors import NotARun, UnknownName
+from quadlog.errors import NotARun, TooLarge, UnknownName
 from quadlog.results.record import RunRecord, read_metrics
+from quadlog.results.run import Run
 from tests.lab.runs import change
 
 
@@ -83,6 +90,31 @@ def test_a_folder_that_is_no_run_is_refused_and_damage_when_it_is_read(
     assert run.table("plans") is not None
     assert run_cli(["report", str(tiny_run)]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+READS: dict[str, Callable[[Run], Any]] = {
+    "poses.parquet": lambda run: pd.DataFrame(run.table("poses")).to_csv(),
+    "maps.npz": lambda run: [(t_ns, *origin_m, cells.tobytes()) for t_ns, origin_m, cells in run.maps or ()],
+    "ground.npz": lambda run: {name: array.tobytes() for name, array in run.arrays("ground").items()},
+}
+
+
+@given(st.sampled_from(sorted(READS)), st.integers(0, 100_000), st.integers(1, 255), st.integers(0, 100_000))
+def test_a_damaged_file_is_refused_or_right(
+    tiny_original: Path, tmp_path_factory: pytest.TempPathFactory, name: str, place: int, flip: int, end: int
+) -> None:
+    folder, record = tmp_path_factory.mktemp("run"), Run(tiny_original).record
+    shutil.copy(tiny_original / name, folder)
+    whole, content = READS[name](Run(folder, record)), bytearray((folder / name).read_bytes())
+    content[place % len(content)] ^= flip
+    for damaged in (content, content[: end % len(content)]):
+        (folder / name).write_bytes(damaged)
+        try:
+            found = READS[name](Run(folder, record))
+        except (NotARun, TooLarge) as error:
+            assert re.search(rf"{name}[^\n]+$", str(error))  # noqa: PT017 - either outcome is right
+        else:
+            assert found == whole
 
 
 def test_values_beyond_all_measure_are_missing_with_a_note(tiny_run: Path) -> None:

@@ -94,7 +94,7 @@ def test_copies_are_whole_and_bounded(bucket: Any, tmp_path: Path, monkeypatch: 
     ("url", "words"),
     [
         ("xyz://a/b", "unknown protocol 'xyz'"),
-        ("github://a/b", "github:// is none that quadlog reads"),
+        ("github://a/b", "github:// is not a protocol that quadlog reads"),
         ("gs://a/b", "gcsfs"),
         ("s3://bucket-that-nobody-made/x", ""),
     ],

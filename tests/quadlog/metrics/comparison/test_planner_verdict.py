@@ -100,7 +100,7 @@ def test_nobody_is_called_the_fastest_where_times_overlap(make_replans: Any) -> 
     us["ia_star"] = us["ia_star"] / 2
     table = repeated(make_replans, us)
     assert said(table)["Time"].startswith("ia_star was fastest")
-    assert "Every question was asked 5 times" in "".join(notes(compare_planners(table)))
+    assert "Every replan was timed 5 times" in "".join(notes(compare_planners(table)))
     us["lpa_star"] = us["lpa_star"] / 2
     assert "Times do not show" in said(repeated(make_replans, us))["Time"]
 

@@ -19,7 +19,7 @@ import pytest
 
 from quadlog.mapping.grid import Window
 from quadlog.pipelines.comparison.compare import compare
-from quadlog.pipelines.comparison.problems import CompareOptions
+from quadlog.pipelines.comparison.sources import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.planning.query import Query
 from quadlog.results.page.planners import question_scene

@@ -1,1 +1,0 @@
-"""A grid of settings, one replay each, with the stages that settings share done once."""
