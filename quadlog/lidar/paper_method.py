@@ -58,38 +58,34 @@ def classify_as_paper(
 
     slot: (N,). The seed alone decides which planes are tried, so that a result does not depend on the scans before.
     """
-    xyz_lidar_m, n = np.asarray(xyz_lidar_m, np.float64), len(xyz_lidar_m)
+    n, (x_m, y_m, z_m) = len(xyz_lidar_m), np.ascontiguousarray(xyz_lidar_m.T, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
-        squared = (xyz_lidar_m**2).sum(axis=1)
+        squared = x_m * x_m + y_m * y_m + z_m * z_m
     # Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number: one left in would spoil both filters.
     valid = (squared > 0) & (squared >= settings.min_range_m**2) & (squared <= settings.max_range_m**2)
-    xyz_m = np.full((n, 3), np.nan)
-    xyz_m[valid] = xyz_lidar_m[valid] @ transform_lidar_to_base[:3, :3].T + transform_lidar_to_base[:3, 3]
+    base_m = np.full((3, n), np.nan)
+    seen = np.stack([x_m[valid], y_m[valid], z_m[valid]])
+    base_m[:, valid] = transform_lidar_to_base[:3, :3] @ seen + transform_lidar_to_base[:3, 3:]
     # Whatever no filter explains must end in the map.
     label = np.full(n, PointClass.OBSTACLE, np.uint8)
-    label[outside_view(xyz_m[:, 0], xyz_m[:, 1], settings.field_of_view_deg)] = PointClass.CROPPED
+    label[outside_view(base_m[0], base_m[1], settings.field_of_view_deg)] = PointClass.CROPPED
     label[~valid] = PointClass.INVALID
     inside = np.flatnonzero(label == PointClass.OBSTACLE)
-    outlier = statistical_outliers(xyz_m[inside], settings.outlier_neighbours, settings.outlier_std_ratio)
+    outlier = statistical_outliers(base_m.T[inside], settings.outlier_neighbours, settings.outlier_std_ratio)
     label[inside[outlier]] = PointClass.OUTLIER
-    inside, ground, height_m = inside[~outlier], None, xyz_m[:, 2]
-    if _is_flat(xyz_lidar_m[inside]):
+    inside, ground, height_m = inside[~outlier], None, base_m[2]
+    sine = z_m[inside] / np.sqrt(squared[inside])
+    if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
         height_m = height_without_ground(height_m.astype(np.float32), float(transform_lidar_to_base[2, 3]))
-    elif (found := fit_ground(xyz_m[inside], settings, seed)) is not None:
+    elif (found := fit_ground(base_m.T[inside], settings, seed)) is not None:
         ground, on_plane = found
         label[inside[on_plane]] = PointClass.GROUND
         # A wall that was taken for the ground would hide every obstacle farther from it than the greatest height.
-        height_m = ground.height_m(xyz_m) if ground.is_level else height_m
+        height_m = ground.height_m(base_m.T) if ground.is_level else height_m
     place_m = lidar_above(ground, transform_lidar_to_base)
-    (dx_m, dy_m), z_m = (xyz_m[:, :2] - place_m[:2]).astype(np.float32).T.copy(), xyz_m[:, 2].astype(np.float32)
-    arrays = dx_m, dy_m, z_m, height_m.astype(np.float32), label, slot, np.arange(n, dtype=np.int32)
-    return ClassifiedScan(*arrays, 0, 0, n, ground, "paper", place_m, slots)
-
-
-def _is_flat(xyz_lidar_m: Float) -> bool:
-    """Whether returns (N, 3) in the lidar's frame lie in one plane through it."""
-    sine = xyz_lidar_m[:, 2] / np.linalg.norm(xyz_lidar_m, axis=1)
-    return len(sine) == 0 or bool(np.ptp(sine) < FLATTEST_CLOUD)
+    dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
+    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m.astype(np.float32), label, slot
+    return ClassifiedScan(*arrays, np.arange(n, dtype=np.int32), 0, 0, n, ground, "paper", place_m, slots)
 
 
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:
@@ -136,11 +132,13 @@ def fit_ground(xyz_m: Float, settings: PaperSettings, seed: int) -> tuple[Ground
         return None
     n_needed = ransac_iterations(settings.ground_confidence, settings.ground_inlier_share)
     normals, d_m = _planes_through(xyz_m, _distinct_triples(n, n_needed, seed))
-    best, n_best = -1, 0
+    best, n_best, across_m = -1, 0, np.ascontiguousarray(xyz_m.T)
     for begin in range(0, len(normals), _PLANES_AT_ONCE):
         rows = slice(begin, begin + _PLANES_AT_ONCE)
-        on_planes = np.abs(normals[rows] @ xyz_m.T + d_m[rows, None]) <= distance_m
-        for tried, n_inliers in enumerate(np.count_nonzero(on_planes, axis=1).tolist(), begin):
+        apart_m = normals[rows] @ across_m
+        apart_m += d_m[rows, None]
+        np.abs(apart_m, out=apart_m)
+        for tried, n_inliers in enumerate(np.count_nonzero(apart_m <= distance_m, axis=1).tolist(), begin):
             if tried < n_needed and n_inliers > n_best:
                 best, n_best = tried, n_inliers
                 n_needed = min(n_needed, ransac_iterations(settings.ground_confidence, n_best / n))
