@@ -209,7 +209,8 @@ def interval_of(samples: Samples) -> Interval | None:
         return None
     match samples.statistic:
         case "std" | "rms":
-            return root_interval(value, found, series)
+            # A deviation is about the mean of the same values, which hides what lasts.
+            return root_interval(value, found, series, 1.0 if samples.statistic == "std" else 0.0)
         case "length of mean":
             # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
             return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
