@@ -67,8 +67,8 @@ fuzz: install  ## damaged and hostile inputs for SECONDS=600, guided by coverage
 	$(PIP) install --quiet --only-binary :all: atheris || true
 	$(BIN)/python -m fuzzing --seconds $(SECONDS) --seed $(SEED) $(TARGETS)
 
-docs: install  ## write the pages of docs/ again that say what the code says
-	$(BIN)/python docs/make.py
+docs: install  ## write the pages of docs/ again that say what the code says, and build all of them as a site, site/index.html
+	$(BIN)/python docs/make.py site
 
 fixture: install  ## make the committed recording again, byte for byte
 	$(BIN)/python fixtures/make.py
@@ -88,4 +88,4 @@ lock: $(VENV)/.pip  ## requirements.lock again: the newest versions that pyproje
 		--group package --no-header --no-annotate --no-emit-index-url --upgrade -o requirements.lock
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build dist *.egg-info
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .fuzz runs build dist site *.egg-info

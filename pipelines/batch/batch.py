@@ -133,13 +133,13 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
 
     refuses: a run that another process finished meanwhile is refused; what a killed worker began of it is continued.
     """
-    told, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), False
+    progress, began_s, full = TaskProgress(number, request.run.name), time.monotonic(), False
     forget_peak_memory()
-    told.begin("open", None)
+    progress.begin("open", None)
     try:
         if refuses and is_finished(request.run) and finished_outcome(request) is None:
             raise errors.RunExists(request.run)
-        outcome = replay(request, told)
+        outcome = replay(request, progress)
     except (errors.AlreadyExists, errors.RunOfAnother) as error:
         outcome = ReplayOutcome.of_failure(request, str(error), refused=True)
     except Exception as error:
@@ -149,7 +149,7 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
         outcome = ReplayOutcome.of_failure(request, _failure_words(error, request.run, peak_memory_mb()))
     if time.monotonic() - began_s > WORTH_COLLECTING_S:
         gc.collect()
-    return outcome, told.warnings, full
+    return outcome, progress.warnings, full
 
 
 def _failure_words(error: Exception, run: Path, peak_mb: float | None) -> str:
@@ -172,7 +172,7 @@ def _peak_words(peak_mb: float | None) -> str:
 
 
 class _Batch:
-    """Recordings on their way through the workers. halted: why no more is started, empty while it goes on."""
+    """The state of a batch while it runs. halted: why no more recordings are started; empty while they are."""
 
     def __init__(self, batch: Sequence[Planned], workers: Workers, progress: BatchLines, repeats: bool) -> None:
         self._batch, self._workers, self._progress, self._repeats = batch, workers, progress, repeats
@@ -203,7 +203,7 @@ class _Batch:
         return tuple(self._outcomes[number] for number in range(len(self._batch)))
 
     def _submit(self, number: int) -> None:
-        """As REFUSE was handled already, RESUME lets a second worker continue what a killed one began."""
+        """Submit a task, or end it when halted. RESUME instead of REFUSE: a second try goes on where a killed one was."""
         if self._halted:
             self._end(number, "")
             return
@@ -220,7 +220,7 @@ class _Batch:
         future.add_done_callback(self._workers.messages.put)
 
     def _go(self) -> None:
-        """Until every task has an outcome. A cluster without workers is waited for, which is said."""
+        """Handle messages until every task has an outcome; wait, with a line, while a cluster has no workers."""
         idle, waiting = True, False
         while self._running:
             if idle and waiting != (self._workers.count() == 0):

@@ -44,7 +44,7 @@ class SeenGround:
 
     def beyond(self, path_m: Float) -> str | None:
         """How much of a path (K, 2) in map lies beyond what was seen, and from where on; None for nothing of it."""
-        places_m, step_m = _places_along(path_m, NEAR_M / 5)
+        places_m, step_m = places_along(path_m, NEAR_M / 5)
         away_m, _ = cKDTree(self.seen_m).query(places_m, distance_upper_bound=NEAR_M)
         beyond = ~np.isfinite(away_m)
         if not beyond.any():
@@ -112,7 +112,7 @@ def walkable_ground(run: Path, friction: float) -> tuple[HeightField, str]:
     return seen.ground, ""
 
 
-def _places_along(path_m: Float, step_m: float) -> tuple[Float, float]:
+def places_along(path_m: Float, step_m: float) -> tuple[Float, float]:
     """(N, 2) middles of equal pieces of a path, about step_m long, and how long they are."""
     arc_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
     pieces = max(math.ceil(arc_m[-1] / step_m), 1)
@@ -181,7 +181,7 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
     else:
         seen = _seen(terrain)
         ground = seen.ground.over(_around(course))
-        too_steep = seen.too_steep_about(_places_along(course.path_m, WALKED_M)[0], friction)
+        too_steep = seen.too_steep_about(places_along(course.path_m, WALKED_M)[0], friction)
     if too_steep is not None:
         raise TooSteep(too_steep)
     return ground

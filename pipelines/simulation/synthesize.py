@@ -52,6 +52,8 @@ def synthesize(
     Raises UsageError, AlreadyExists and CannotWrite.
     """
     extension = output.suffix.lower().removeprefix(".")
+    if container not in (None, *WRITERS):
+        raise UnknownName("format", container, WRITERS)
     container = container or extension
     if container not in WRITERS:
         raise UsageError(f"{output}: its extension names no container; use .{', .'.join(WRITERS)} or --format")

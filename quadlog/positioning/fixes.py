@@ -368,8 +368,10 @@ def solve_on_side(
             along_m = -(off_m * (square_m2 - anchor_m**2)).sum(axis=1) / (2 * (off_m**2).sum(axis=1))
         off_m2 = np.where(heard, square_m2 - (along_m[:, None] - anchor_m) ** 2, 0.0).sum(axis=1) / n
         off_line_m = np.maximum(np.sqrt(np.maximum(off_m2, 0.0)), range_std_m) * (1 if start == "left" else -1)
-        start = centre_m + along_m[:, None] * along + off_line_m[:, None] * across
-    place_m = np.column_stack([start + 0.0 * n[:, None], np.full(len(range_m), float(tag_height_m))])
+        first_m: Float = centre_m + along_m[:, None] * along + off_line_m[:, None] * across
+    else:
+        first_m = start
+    place_m = np.column_stack([first_m + 0.0 * n[:, None], np.full(len(range_m), float(tag_height_m))])
     side = np.sign((place_m[:, :2] - centre_m) @ across)
     position_m, inverse, _ = descend(anchors_m, range_m, place_m, 2)
     across_std_m = range_std_m * np.sqrt(np.einsum("i,eij,j->e", across, inverse, across))

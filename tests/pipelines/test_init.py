@@ -59,7 +59,7 @@ def test_a_real_uwb_log(tmp_path: Path) -> None:
     # The README's example is pasted below what init wrote.
     readme = (Path(__file__).parents[2] / "README.md").read_text()
     path.write_text(text + readme.split("```toml\n")[1].split("```")[0])
-    assert len(load_config(path).uwb.anchors) == 3
+    assert len(load_config(path).uwb.anchors) == 1
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")

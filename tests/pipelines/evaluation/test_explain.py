@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference, compare_with_reference
-from quadlog.results.tables import TABLES, read_table, write_table
+from quadlog.results.tables import read_table
 
 
 def explain(run, name, reference=None):
@@ -40,20 +40,6 @@ def test_the_nearest_obstacle_is_the_worst_and_no_row_is_made_up_for_runs_withou
     measured = measure_runs([older], None, [])
     assert measured.problems == []  # it was made before these were saved
     assert "a run saves no samples of it" in explain_runs("clearance_min_m", measured.runs, None)
-
-
-def test_contacts_stand_behind_the_number_of_collisions(short_run, tmp_path):
-    run = shutil.copytree(short_run.run, tmp_path / "follow")
-    t_ns = read_table(run, "control", ["t_ns"])["t_ns"][[10, 20]]
-    columns = {"t_ns": t_ns, "duration_s": [0.1, 0.5], "x_m": [1.0, 2.0], "y_m": [3.0, 4.0], "clearance_m": -0.02}
-    write_table(run / "contacts.parquet", TABLES["contacts"], columns | {"cause": "why", "collision": [False, True]})
-    lines = explain(run, "collisions").splitlines()
-    head = next(i for i, line in enumerate(lines) if "contacts" in line)
-    assert [line.split()[1:] for line in lines[head + 2 :]] == [
-        ["0.100", "1.00", "3.00", "-0.020", "no", "why"],
-        ["0.500", "2.00", "4.00", "-0.020", "yes", "why"],
-    ]
-    assert not any("contacts" in line for line in explain(run, "eta_m").splitlines())
 
 
 def test_the_worst_is_that_against_the_reference_given(short_run):

@@ -17,10 +17,12 @@ from quadlog.pipelines.simulation.courses import (
     LEAST_POINTS,
     MARGIN_M,
     NEAR_M,
+    WALKED_M,
     SeenGround,
     find_course,
     ground_remarks,
     make_ground,
+    places_along,
     seen_ground,
     walkable_ground,
 )
@@ -206,7 +208,7 @@ def test_only_what_is_steep_beside_the_path_counts(tmp_path, y_m, holds):
     height_m = np.zeros((40, 40))
     height_m[19:22, 19:22] = 1.0  # a block about (2.1, 0.1) m, where the origin is at (-2, -4)
     seen = _seen(_write(tmp_path, height_m, origin_m=(-2.0, -4.0)))
-    reason = seen.too_steep_along(np.array([[0.0, y_m], [4.0, y_m]]), 0.8)
+    reason = seen.too_steep_about(places_along(np.array([[0.0, y_m], [4.0, y_m]]), WALKED_M)[0], 0.8)
     assert (reason is None) == holds
     assert holds or "79 degrees" in str(reason) or "82 degrees" in str(reason)
 
@@ -215,9 +217,10 @@ def test_steepness_and_ground_are_those_of_the_whole_where_the_path_crosses_it(t
     rng = np.random.default_rng(0)
     seen = _seen(_write(tmp_path, rng.uniform(0, 0.1, (20, 20))))
     across = np.array([[-2.0, -2.0], [2.0, -2.0], [2.0, 0.0], [-2.0, 0.0], [-2.0, 2.0], [2.0, 2.0]])
+    places_m, _ = places_along(across, WALKED_M)
     for friction in (0.2, 0.5, 0.6, 0.7, 1.0):
         whole: HeightField = seen.ground
-        assert (seen.too_steep_along(across, friction) is None) == (whole.too_steep_for(friction) is None)
+        assert (seen.too_steep_about(places_m, friction) is None) == (whole.too_steep_for(friction) is None)
 
 
 def _walked(run: Path, y_m: float) -> Path:
@@ -251,9 +254,8 @@ def test_what_looks_like_ground_upon_an_obstacle_of_the_map_is_none(tmp_path):
 
 def test_provenance_names_the_run_and_its_hash(tmp_path):
     run = _write(tmp_path, np.zeros((3, 3)))
-    assert re.fullmatch(
-        rf"the ground is what {re.escape(str(run))} saw .*SHA-256 [0-9a-f]{{64}}\)", _seen(run).provenance()
-    )
+    (note,) = ground_remarks(BEND, _config(f"simulation.terrain={run}")).notes
+    assert re.fullmatch(rf"the ground is what {re.escape(str(run))} saw .*SHA-256 [0-9a-f]{{64}}\)", note)
 
 
 def _with(row: int, value: float) -> np.ndarray:

@@ -12,12 +12,12 @@ from PIL import Image
 from quadlog.errors import CannotWrite
 from quadlog.results import mpl
 from quadlog.results.figures import FIGURES, drawings_of, write_plots
-from quadlog.results.mpl import COLORS, render
+from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
 from quadlog.results.tables import read_table
-from quadlog.results.view import Panel, Raster, Scene, Series, Track
+from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors
 
