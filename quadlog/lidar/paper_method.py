@@ -24,7 +24,7 @@ from quadlog.lidar.classified_scan import (
     outside_view,
 )
 from quadlog.lidar.deskew import Slots
-from quadlog.messages import Float, Int
+from quadlog.messages import Float, Float32, Int
 
 MOST_ITERATIONS = 100_000
 """Of RANSAC, for very small inlier shares."""
@@ -73,18 +73,20 @@ def classify_as_paper(
     inside = np.flatnonzero(label == PointClass.OBSTACLE)
     outlier = statistical_outliers(base_m.T[inside], settings.outlier_neighbours, settings.outlier_std_ratio)
     label[inside[outlier]] = PointClass.OUTLIER
-    inside, ground, height_m = inside[~outlier], None, base_m[2]
+    inside = inside[~outlier]
+    ground: GroundPlane | None = None
+    height_m: Float32 = base_m[2].astype(np.float32)
     sine = z_m[inside] / np.sqrt(squared[inside])
     if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
-        height_m = height_without_ground(height_m.astype(np.float32), float(transform_lidar_to_base[2, 3]))
+        height_m = height_without_ground(height_m, float(transform_lidar_to_base[2, 3]))
     elif (found := fit_ground(base_m.T[inside], settings, seed)) is not None:
         ground, on_plane = found
         label[inside[on_plane]] = PointClass.GROUND
         # A wall that was taken for the ground would hide every obstacle farther from it than the greatest height.
-        height_m = ground.height_m(base_m.T) if ground.is_level else height_m
+        height_m = ground.height_m(base_m.T).astype(np.float32) if ground.is_level else height_m
     place_m = lidar_above(ground, transform_lidar_to_base)
     dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
-    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m.astype(np.float32), label, slot
+    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot
     return ClassifiedScan(*arrays, np.arange(n, dtype=np.int32), 0, 0, n, ground, "paper", place_m, slots)
 
 

@@ -150,7 +150,8 @@ class ScanClassifier:
 
     def _loaded(self, cloud: PointCloud, transforms: Float) -> _Scan:
         """Coordinates and rings are copied from the message's payload into arrays of their own."""
-        n, ring = len(cloud.xyz_m), None
+        n = len(cloud.xyz_m)
+        ring: NDArray[np.uint16] | None = None
         with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no return
             for axis in range(3):
                 np.copyto(self._xyz_m[axis, :n], cloud.xyz_m[:, axis], casting="same_kind")
