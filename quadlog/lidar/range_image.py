@@ -262,8 +262,8 @@ class Image:
     def filled(self) -> Returns:
         """The cells and the other returns, as views."""
         n = self.rows * self.columns + self.n_others
-        arrays = self.dx_m, self.dy_m, self.z_m, self.height_m, self.label, self.slot, self.point
-        return Returns(*(each[:n] for each in arrays))
+        places = self.dx_m[:n], self.dy_m[:n], self.z_m[:n], self.height_m[:n]
+        return Returns(*places, self.label[:n], self.slot[:n], self.point[:n])
 
     def returns(self) -> tuple[Float32, Float32]:
         """Range and z (K,) of all returns."""

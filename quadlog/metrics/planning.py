@@ -92,11 +92,12 @@ class Spending:
                 (parts[0], wholes[0]) if len(parts) == 1 else (np.median(each, 1) for each in (parts, wholes))
             )
         is_one = len(self.episode) > 1 and self.episode[0] == self.episode[-1]
-        summed = parts, wholes
+        over_all: Float = parts
+        under_all: Float = wholes
         if len(self.episode) > 1:
             _, number = np.unique(self.episode, return_inverse=True)
-            summed = np.bincount(number, parts), np.bincount(number, wholes)
-        ratios = np.divide(*summed, out=np.full(len(summed[0]), np.nan), where=summed[1] > 0)
+            over_all, under_all = (np.bincount(number, each).astype(np.float64) for each in (parts, wholes))
+        ratios = np.divide(over_all, under_all, out=np.full(len(under_all), np.nan), where=under_all > 0)
         finite = ratios[np.isfinite(ratios)]
         if not len(finite):
             return None
