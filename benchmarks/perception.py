@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from benchmarks.figures import CONFIG, FIXTURE, QUADLOG, Figure, one_core, run_apart, synthesize
 from benchmarks.reading import decompress
 
@@ -50,24 +52,23 @@ def measure(folder: Path) -> Iterator[Figure]:
 
 def _near_walls() -> Iterator[Figure]:
     """How much of what either method calls ground is ground, on simulated scans of which every point is known."""
-    from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
-    from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
-    from quadlog.metrics.perception import ground_detection
+    from quadlog.lidar.classified_scan import PointClass
+    from quadlog.lidar.paper_method import PaperSettings
+    from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
+    from quadlog.messages import PointCloud
     from quadlog.simulation.synthetic.labelled_scans import labelled_scans
 
+    settings = {"range_image": RangeImageSettings(), "paper": PaperSettings()}
     for place in ("wall_ahead", "corridor"):
         found, called = dict.fromkeys(FACTOR_LIMITS, 0), dict.fromkeys(FACTOR_LIMITS, 0)
         for scan in labelled_scans(place, WALLS_SEED, WALLS_SCANS):
-            cloud, mount = scan.xyz_lidar_m, scan.transform_lidar_to_base
-            made = {
-                "paper": classify_scan_paper(cloud, mount, PaperSettings(field_of_view_deg=180.0), seed=0),
-                "range_image": classify_scan_range_image(cloud, scan.ring, mount, RangeImageSettings()),
-            }
-            for method, classified in made.items():
-                detected = ground_detection(scan.truth, classified.label)
-                found[method] += detected.n_found
-                called[method] += detected.n_called
-        for method in made:
+            cloud = PointCloud(None, "", scan.xyz_lidar_m, scan.ring)
+            for method in found:
+                made = ScanClassifier(settings[method]).classify(cloud, scan.transform_lidar_to_base)
+                ground = made.point[made.label == PointClass.GROUND]
+                found[method] += int(np.count_nonzero(scan.truth[ground] == PointClass.GROUND))
+                called[method] += len(ground)
+        for method in found:
             yield Figure(f"{place}, points called ground that are, {method}", 100 * found[method] / called[method], "%")
 
 

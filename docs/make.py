@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import chdir
 from pathlib import Path
@@ -17,6 +18,7 @@ from messages import troubleshooting_page
 from quadlog.config.file import PRESETS
 from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.intervals import COVERAGE
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -133,7 +135,8 @@ def metrics_page() -> str:
         (_code(name), each.unit, each.meaning, _code(each.formula), each.source, each.counted)
         for name, each in CATALOGUE.items()
     ]
-    return METRICS + "\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
+    coverage = textwrap.fill(f"{COVERAGE} Shorter walks have none for rms and deviations.", 120)
+    return f"{METRICS}\n{coverage}\n\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
 
 
 def _section(name: str, property_schema: dict[str, Any], models: dict[str, Any], brackets: str = "[]") -> str:

@@ -6,7 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import UsageError
 from quadlog.messages import Float
-from quadlog.metrics.metric import Metric, Metrics, saved_metrics
+from quadlog.metrics.summary import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
@@ -319,7 +319,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     metrics = tracking_metrics(TrackedWalk(control["t_ns"], **errors, fallen=fallen), walk.completed_ns)
     if walk.effort is not None:
         ticks = round(simulated.lasted_s / TIMESTEP_S)
-        metrics |= effort_metrics(walk.mass_kg, ticks, **asdict(walk.effort))
+        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)
     metrics["realtime_factor"] = Metric(simulated.lasted_s / simulated.seconds, 1, "")
     return metrics
 

@@ -63,9 +63,8 @@ def compare(
             sample = QuestionSample(step, source.row_zero_on_top, drawn) if number < drawn else None
             repeats = repeats_for(source, len(names))
             columns, us_repeats = ask_everything(source, names, options.rules, progress, repeats, sample=sample)
-            rng = np.random.default_rng([options.seed, number, *b"intervals"])
             table = columns | {"us_repeats": us_repeats}
-            comparison = compare_planners(table, rng, options.baseline, options.counts, incremental)
+            comparison = compare_planners(table, options.baseline, options.counts, incremental)
             outcome.rows.extend(map(asdict, comparison.rows))
             outcome.findings.append(verdict(comparison))
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(columns)])

@@ -17,11 +17,10 @@ from quadlog.metrics.body import (
     GaitStatistics,
     gait,
     ground_speed,
-    same_speed,
     stance_where,
     torque_rows,
 )
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Metric, Metrics
 from quadlog.results.tables import (
     CONTACTS,
     DUTY_FACTORS,
@@ -174,27 +173,21 @@ def write_bodies(
     masses_kg: of each body, NaN where it is not known. resimulated_cost: cost of transport of its whole walk, at the
     rate of the simulation.
     """
-    weights: dict[str, dict[str, Float | None]] = {"all": dict.fromkeys(bodies)}
-    if len(bodies) == 2:
-        shared = same_speed(*bodies.values())
-        weights |= {} if shared is None else {"shared": dict(zip(bodies, shared, strict=True))}
     metrics: Metrics = {}
     with (
         TableWriter(run / "body.parquet", TABLES["body"]) as torques,
         TableWriter(run / "gait.parquet", TABLES["gait"]) as gaits,
     ):
-        for speeds, of_bodies in weights.items():
-            for name, weight in of_bodies.items():
-                head = {"body": name, "speeds": speeds}
-                for row in torque_rows(bodies[name], weight):
-                    torques.add_row(head | row._asdict())
-                walked = gait(bodies[name], masses_kg[name], weight)
-                if speeds == "all" and name == "resimulated":
-                    walked = replace(walked, cost_of_transport=resimulated_cost)
-                gaits.add_row(head | _gait_row(walked))
-                if speeds == "all" and name == "logged" and np.isfinite(walked.cost_of_transport):
-                    n = int(bodies[name].cost_known.sum())
-                    metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, n, "")
+        for name, body in bodies.items():
+            for row in torque_rows(body):
+                torques.add_row({"body": name} | row._asdict())
+            walked = gait(body, masses_kg[name])
+            if name == "resimulated":
+                walked = replace(walked, cost_of_transport=resimulated_cost)
+            gaits.add_row({"body": name} | _gait_row(walked))
+            if name == "logged" and np.isfinite(walked.cost_of_transport):
+                n = int(body.cost_known.sum())
+                metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, n, "")
     return metrics
 
 

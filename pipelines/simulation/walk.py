@@ -20,7 +20,7 @@ from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
 from quadlog.messages import NS_PER_S, Float
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import TrottedWalk, drift_metrics
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot import trot as trotting

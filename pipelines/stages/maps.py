@@ -16,10 +16,9 @@ from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
-from quadlog.mapping.compact import CompactScan
 from quadlog.mapping.grid import window_around
-from quadlog.mapping.lattice import GrowingLattice, Layers, SlidingLattice
-from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
+from quadlog.mapping.memory import LogOddsMemory, Memory, ScanMemory
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int
 from quadlog.pipelines.journal import Journal
@@ -35,7 +34,7 @@ FILTERING = ("lidar", "ground", "results.cloud_samples")
 MAPPING = (
     *FILTERING,
     *(f"grid.{key}" for key in ("cell_m", "size_cells", "min_height_m", "max_height_m", "min_points")),
-    *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "decay_s", "target_radius_m")),
+    *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "target_radius_m")),
     *("robot.preset", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
 )
 
@@ -189,15 +188,17 @@ def _samples(scans: Sequence[WholeScan], robot: RobotTrack, max_gap_s: float) ->
     """The arrays of `cloud_samples.npz`: points in base at their scan's instant, if its place is known."""
     places = places_of([(each.t_ns, each.slot_ns) for each in scans], robot, max_gap_s) if scans else []
     xyz_m = [
-        deskewed(scan.xyz_m, scan.slot, place.pose, place.slot_pose) if np.isfinite(place.pose).all() else scan.xyz_m
-        for scan, place in zip(scans, places, strict=True)
+        deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose)
+        if np.isfinite(place.pose).all()
+        else points.xyz_base_m
+        for (_, points, _), place in zip(scans, places, strict=True)
     ]
     pose_at = np.array([place.pose for place in places], np.float64).reshape(-1, 3)
     return {
         "t_ns": [scan.t_ns for scan in scans],
         "offset": np.cumsum([0, *map(len, xyz_m)], dtype=np.int64),
         "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *xyz_m], dtype=np.float32),
-        "label": np.concatenate([np.empty(0, np.uint8), *(scan.label for scan in scans)], dtype=np.uint8),
+        "label": np.concatenate([np.empty(0, np.uint8), *(scan.points.label for scan in scans)], dtype=np.uint8),
         **dict(zip(("x_m", "y_m", "yaw_rad"), pose_at.T, strict=True)),
         "classes": [each.name.lower() for each in PointClass],
     }
@@ -217,7 +218,7 @@ class _Mapper:
 
     def add(self, journal: Journal, scan: ReducedScan, place: ScanPlace) -> None:
         """One scan more, in time order."""
-        if scan.shows_nothing:
+        if scan.shows_nothing or scan.compact is None:
             return
         if not np.isfinite(place.pose).all():
             journal.count("scans_without_pose")
@@ -225,14 +226,13 @@ class _Mapper:
         at_ns = np.array([scan.t_ns], np.int64)
         target_m = np.full(2, np.nan) if self._target is None else self._target.at(at_ns)[0]
         window = window_around(place.pose[:2], self._grid.cell_m, self._grid.size_cells)
-        compact = CompactScan.from_bytes(scan.compact)
-        placed = self._placer.place(compact, place.slot_pose, target_m, window)
+        placed = self._placer.place(scan.compact, place.slot_pose, target_m, window)
         self._maps.append(scan.t_ns, window.origin_m, self._memory.add(scan.t_ns, window, placed))
         # An obstacle lower than the robot blocks, even if rays pass above it.
         self._whole.add(window, placed, self._height_mm)
         # A wall taken for the ground says nothing about the height of the floor.
-        if compact.level:
-            self._ground.add(compact, place.slot_pose)
+        if scan.level:
+            self._ground.add(scan.compact, place.slot_pose)
 
     def write(self, folder: Path, journal: Journal, gap_s: float) -> None:
         """The map of the whole run and its ground; and what is in no map."""
@@ -253,13 +253,8 @@ class _Mapper:
 
 def make_memory(config: Config) -> Memory:
     """The memory of the section grid."""
-    grid = config.grid
-
-    def lattice(layers: dict) -> Layers:
-        return SlidingLattice(layers) if grid.extent == "window" else GrowingLattice(grid.cell_m, layers)
-
+    grid, layers = config.grid, LogOddsMemory.LAYERS
     if grid.memory == "scan":
         return ScanMemory()
-    if grid.memory == "decay":
-        return DecayMemory(lattice(DecayMemory.LAYERS), grid.decay_s)
-    return LogOddsMemory(lattice(LogOddsMemory.LAYERS), grid.clear_s)
+    lattice = SlidingLattice if grid.extent == "window" else GrowingLattice
+    return LogOddsMemory(lattice(grid.cell_m, layers), grid.clear_s)

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.config.schema import Config
-from quadlog.metrics.metric import Metric, Metrics, saved_metrics
 from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
-from quadlog.metrics.summary import metrics_of
+from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics
 from quadlog.pipelines.evaluation.body import compare_bodies, known_body, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
@@ -106,7 +105,7 @@ def _metrics(run: Path, done: Finished) -> Metrics:
     if errors:
         raise errors[0]
     body = done.body
-    effort = {} if body is None else effort_metrics(body.mass_kg, body.ticks, **asdict(body.effort))
+    effort = {} if body is None else effort_metrics(body.mass_kg, body.ticks, body.effort)
     metrics = metrics_of(samples) | _trajectory_metrics(run, done) | _of_bodies(run, done, effort)
     if plans is not None:
         metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])

@@ -8,17 +8,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
-from quadlog.lidar.classified_scan import FEWEST_RETURNS, ClassifiedReturns, PointClass
-from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_slots, sweep_span
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Points
+from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
-from quadlog.lidar.range_image_method import RangeImageSettings
-from quadlog.lidar.ransac_plane import is_level
-from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor, reach_of
+from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
+from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
@@ -57,8 +54,8 @@ class ReducedScan(NamedTuple):
     """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,), and what maps take.
 
     level: whether its ground can be one, None where none is found. route: how it was classified. skewed: why its points
-    have no times; not_levelled: why it keeps the robot's tilt; None where they have, and it does not. compact: a
-    CompactScan, whose arrays are used again for the next one, as bytes; empty where no maps are made.
+    have no times; not_levelled: why it keeps the robot's tilt; None where they have, and it does not. compact: None
+    where no maps are made.
     """
 
     t_ns: int
@@ -68,21 +65,15 @@ class ReducedScan(NamedTuple):
     route: str
     skewed: Skewed | None
     not_levelled: NotLevelled | None
-    compact: bytes
-
-    @property
-    def shows_nothing(self) -> bool:
-        """Whether the scan has too few returns to be used in a map: an empty scan does not show free space."""
-        return self.row["n_ground"] + self.row["n_obstacle"] < FEWEST_RETURNS
+    shows_nothing: bool
+    compact: CompactScan | None
 
 
 class WholeScan(NamedTuple):
-    """All valid points of a scan kept for figures: xyz_m (N, 3) in base, label and time slot (N,)."""
+    """All valid points of a scan kept for figures, and the middles of its time slots (K,)."""
 
     t_ns: int
-    xyz_m: NDArray[np.float32]
-    label: NDArray[np.uint8]
-    slot: NDArray[np.uint8]
+    points: Points
     slot_ns: Int
 
 
@@ -111,15 +102,15 @@ class Scanner:
         rotations, not_levelled = _upright(t_ns + np.array(ends_ns, np.int64), self._up)
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
-        returns = self._classifier.classify(cloud, transforms)
-        compact = b"" if self._compactor is None else self._compactor.compact(returns, t_ns).to_bytes()
-        row = _row(t_ns, returns) | {"ms": (time.perf_counter() - started) * 1e3}
+        found = self._classifier.classify(cloud, transforms)
+        compact = None if self._compactor is None else self._compactor.compact(found)
+        row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
+        slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
         if self._taken in self._sampled:
-            self.samples.append(_whole(t_ns, cloud, returns))
+            self.samples.append(WholeScan(t_ns, found.points(), slot_ns))
         self._taken += 1
-        level = None if returns.ground is None else is_level(returns.ground)
-        slots = returns.slots
-        return ReducedScan(t_ns, row, t_ns + slots.middle_ns, level, returns.route, slots.skewed, not_levelled, compact)
+        level = None if found.ground is None else found.ground.is_level
+        return ReducedScan(t_ns, row, slot_ns, level, found.route, skewed, not_levelled, found.shows_nothing, compact)
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
@@ -230,14 +221,11 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
 def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
     """beside_m: how far the lidar is from base."""
     grid, robot = config.grid, config.robot
-    blocking = ObstacleSettings(
+    return CompactSettings(
         min_height_m=grid.min_height_m,
         max_height_m=grid.max_height_m,
         body_length_m=robot.length_m,
         body_width_m=robot.width_m,
-    )
-    return CompactSettings(
-        blocking,
         reach_m=reach_of(grid.cell_m, grid.size_cells) + beside_m,
         highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
         ground_cell_m=config.results.ground_cell_m,
@@ -245,19 +233,19 @@ def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
     )
 
 
-def _row(t_ns: int, returns: ClassifiedReturns) -> dict[str, float]:
+def _sweep(cloud: PointCloud) -> tuple[int, int]:
+    """Times of the first and last point relative to the stamp; 0 if they are implausible."""
+    if cloud.times is None or len(cloud.times) == 0:
+        return 0, 0
+    first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
+    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
+
+
+def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
     """The columns of scans.parquet, but for its time."""
-    counts = {name: getattr(returns, name) for name in ("n_raw", "n_valid", "n_outlier", "n_ground", "n_obstacle")}
-    ground = returns.ground
-    normal = [np.nan] * 3 if ground is None else ground.normal.tolist()
+    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.label))}
+    counts |= {f"n_{kind.name.lower()}": scan.count(kind) for kind in PointClass if kind > PointClass.CROPPED}
+    normal = [np.nan] * 3 if scan.ground is None else scan.ground.normal.tolist()
     plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))
-    d_m = np.nan if ground is None else ground.d_m
-    return {"t_ns": t_ns, **counts, **plane, "ground_d_m": d_m, "ground_found": ground is not None}
-
-
-def _whole(t_ns: int, cloud: PointCloud, returns: ClassifiedReturns) -> WholeScan:
-    points, slot = returns.points(), np.zeros(returns.n_raw, np.uint8)
-    if returns.slots.skewed is None:
-        sweep_slots(cloud.times, slot)
-    valid = points.label != PointClass.INVALID
-    return WholeScan(t_ns, points.xyz_base_m[valid], points.label[valid], slot[valid], t_ns + returns.slots.middle_ns)
+    d_m = np.nan if scan.ground is None else scan.ground.d_m
+    return {"t_ns": t_ns, **counts, **plane, "ground_d_m": d_m, "ground_found": scan.ground is not None}

@@ -43,7 +43,10 @@ PRESETS: dict[str, dict[str, Any]] = {
 """What the papers did, where quadlog's own default may differ."""
 
 
-RETIRED = {"results.frames": "the pictures of the simulated robot are gone; the player shows the walk"}
+RETIRED = {
+    "results.frames": "the pictures of the simulated robot are gone; the player shows the walk",
+    "grid.decay_s": "a memory that decays is gone; log_odds clears what is seen through, after grid.clear_s",
+}
 """Keys of earlier versions, which are ignored with a note, and why they went."""
 
 

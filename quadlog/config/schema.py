@@ -228,10 +228,8 @@ class Grid(Section):
         description="obstacle points that make a cell occupied; 1 lets single false points stop it, and is what scans "
         "without ground, as of 2-D scanners, get",
     )
-    memory: Literal["log_odds", "decay", "scan"] = Field(
-        "log_odds",
-        description="log_odds: a cell stays until it is seen through; decay: for decay_s; scan: this scan only "
-        "[Following]",
+    memory: Literal["log_odds", "scan"] = Field(
+        "log_odds", description="log_odds: a cell stays until it is seen through; scan: this scan only [Following]"
     )
     extent: Literal["window", "run"] = Field(
         "window", description="what the sliding window leaves behind is forgotten, or kept for the whole run"
@@ -239,7 +237,6 @@ class Grid(Section):
     clear_s: float = Field(
         0.4, gt=0, le=60, description="log_odds: a cell that is seen through for so long becomes free"
     )
-    decay_s: float = Field(1.0, gt=0, le=3600, description="decay: a cell stays so long after it was last hit")
     dilation_m: float = Field(0.3, ge=0, le=10, description="obstacles grow by this for planning [Planning, 3 cells]")
     dilation: Literal["euclidean", "square", "body"] = Field(
         "euclidean",

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import cached, inner, kernel
-from quadlog.lidar.classified_scan import PointClass, in_field_of_view
+from quadlog.lidar.classified_scan import PointClass
 from quadlog.lidar.ground_columns import ColumnWalk
 from quadlog.lidar.isolation_filter import Isolated, supported
 from quadlog.lidar.range_image import Image
-from quadlog.messages import Float, Float32, Int
+from quadlog.messages import Float, Float32
 
 Marks = NDArray[np.int8]
 
@@ -170,46 +170,26 @@ def profile_height(
 
 # Largest height of ground points: found by the column walk, not found by it, and at the foot of a wall.
 _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np.float32(0.01), np.float32(-0.3)
-_INVALID, _CROPPED, _OUTLIER = (np.uint8(each) for each in (PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER))
-_GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
+_INVALID, _, _OUTLIER, _GROUND, _OBSTACLE = (np.uint8(each) for each in PointClass)
 
 
-def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile: GroundProfile, counts: Int) -> None:
-    """Fill the image's label and height_m, and add the points of each class to counts (5,)."""
+def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile: GroundProfile) -> None:
+    """Fill the image's label and height_m."""
     table = profile.height_m.reshape(-1), profile.first, profile.second, profile.across
     marks = isolated.good, walked.ground, walked.wall
-    _label_cells(
-        *marks, isolated.distance_m, isolated.z_m, image.range_m[0], *table, image.height_m, image.label, counts
-    )
+    _label_cells(*marks, isolated.distance_m, isolated.z_m, image.range_m[0], *table, image.height_m, image.label)
     if image.n_others:
         others = image.n_others, image.other_range_m, image.other_cell, image.range_m
-        _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label, counts)
+        _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label)
 
 
-def crop_to_view(image: Image, lidar_xy_m: Float, field_of_view_deg: float, counts: Int) -> None:
-    """Label CROPPED the points outside a fan about base's x axis, and correct counts. [Following]"""
-    n = image.rows * image.columns + image.n_others
-    x_m, y_m = image.dx_m[:n] + np.float32(lidar_xy_m[0]), image.dy_m[:n] + np.float32(lidar_xy_m[1])
-    label = image.label[:n]
-    label[~in_field_of_view(x_m, y_m, field_of_view_deg) & (label != _INVALID)] = _CROPPED
-    recount(label, counts)
-
-
-def recount(label: NDArray[np.uint8], counts: Int) -> None:
-    """Set counts (5,) to the number of labels of each class, but for INVALID: empty cells are no points."""
-    counts[1:] = np.bincount(label, minlength=len(counts))[1:]
-
-
-def label_supported(image: Image, isolated: Isolated, counts: Int) -> None:
-    """Label every return an obstacle where neighbours support it, else an outlier, and add them to counts (5,)."""
-    cells = image.rows * image.columns
-    seen = image.range_m[0] > 0
+def label_supported(image: Image, isolated: Isolated) -> None:
+    """Label every return an obstacle where neighbours support it, else an outlier."""
+    cells, seen = image.rows * image.columns, image.range_m[0] > 0
     image.label[:cells] = np.where(seen, np.where(isolated.good.reshape(-1) != 0, _OBSTACLE, _OUTLIER), _INVALID)
     if image.n_others:
         others = image.n_others, image.other_range_m, image.other_cell
         _judge_others(*others, image.range_m, image.columns, image.label)
-    label = image.label[: cells + image.n_others]
-    counts[_OUTLIER:] += np.bincount(label, minlength=len(counts))[_OUTLIER:]
 
 
 @kernel
@@ -228,12 +208,11 @@ def _judge_others(
 def _label_cells(
     good: Marks, ground: Marks, wall: Marks, distance_m: Float32, z_m: Float32, range_m: Float32,
     heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32], across: Float32, height_m: Float32,
-    label: NDArray[np.uint8], counts: Int,
+    label: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """The nearest return of every cell: INVALID where there is none, OUTLIER where it is not supported."""
     rows, columns = good.shape
     none = np.float32(0)
-    n_ground, n_obstacle, n_outlier = 0, 0, 0
     for row in range(rows):
         begin = row * columns
         distance, z, is_good, is_ground, is_wall = distance_m[row], z_m[row], good[row], ground[row], wall[row]
@@ -248,20 +227,13 @@ def _label_cells(
             surface = _GROUND if (abs(above) <= near) | sunken else _OBSTACLE
             alone = _OUTLIER if ranges_m[c] > none else _INVALID
             classes[c] = surface if is_good[c] != 0 else alone
-        for c in range(columns):
-            n_ground += classes[c] == _GROUND
-            n_obstacle += classes[c] == _OBSTACLE
-            n_outlier += classes[c] == _OUTLIER
-    counts[_GROUND] += n_ground
-    counts[_OBSTACLE] += n_obstacle
-    counts[_OUTLIER] += n_outlier
 
 
 @kernel
 def _label_others(
     n_others: int, other_range_m: Float32, other_cell: NDArray[np.int32], range_m: Float32, dx_m: Float32,
     dy_m: Float32, z_m: Float32, heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32],
-    across: Float32, height_m: Float32, label: NDArray[np.uint8], counts: Int,
+    across: Float32, height_m: Float32, label: NDArray[np.uint8],
 ) -> None:  # fmt: skip
     """Returns that share a cell with a nearer one, or belong to no row: those have no neighbours to be judged by."""
     columns, cells = len(across), range_m.shape[1]
@@ -274,4 +246,3 @@ def _label_others(
         label[i] = _GROUND if abs(height_m[i]) <= _LEVEL_M else _OBSTACLE
         if cell >= 0 and not supported(range_m, columns, 2, cell // columns, c, other_range_m[other]):
             label[i] = _OUTLIER
-        counts[label[i]] += 1

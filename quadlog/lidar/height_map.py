@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.lidar.ground_labels import recount
-from quadlog.lidar.range_image import Image
+from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Float32, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
@@ -30,24 +29,20 @@ _LEVELLING_M2 = 0.2
 _GROUND_M = 0.06
 
 
-def grow_ground(image: Image, floor_m: float, counts: Int) -> Float:
-    """Fill height_m of an image in which `label_supported` labelled outliers, and label the ground.
+def grow_ground(returns: Returns, floor_m: float) -> Float:
+    """Fill height_m of returns of which `label_supported` labelled outliers, and label the ground.
 
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.
     """
-    n = image.rows * image.columns + image.n_others
-    places = image.dx_m[:n], image.dy_m[:n], image.z_m[:n], image.label[:n]
+    places, label = (returns.dx_m, returns.dy_m, returns.z_m, returns.label), returns.label
     size = 2 * HALF_CELLS
     lowest, cells, known = np.full((size, size), -1), np.zeros((size, size, 5)), np.zeros((size, size), np.bool_)
     walled = np.zeros((size, size), np.bool_)
     _grow(*places, floor_m, _outwards(), lowest, cells, known, walled)
     plane = _plane(cells[known], floor_m)
-    height_m = image.height_m[:n]
-    _measure(*places, cells, known, plane, height_m)
-    label = image.label[:n]
-    label[(label == PointClass.OBSTACLE) & (np.abs(height_m) <= _GROUND_M)] = PointClass.GROUND
-    recount(label, counts)
+    _measure(*places, cells, known, plane, returns.height_m)
+    label[(label == PointClass.OBSTACLE) & (np.abs(returns.height_m) <= _GROUND_M)] = PointClass.GROUND
     return plane
 
 

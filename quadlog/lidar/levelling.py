@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
 
@@ -63,45 +64,32 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
 
     Where one of them is unknown, all are the identity and the reason is returned: half a levelled scan would be torn.
     """
-    rotations = []
-    for t_ns in t_ns_wanted.tolist():
-        up = _up_at(t_ns, series)
-        if isinstance(up, NotLevelled):
-            return np.tile(np.eye(3), (len(t_ns_wanted), 1, 1)), up
-        rotations.append(_rotation(*up))
-    return np.array(rotations).reshape(-1, 3, 3), None
-
-
-def _up_at(t_ns: int, series: UpSeries) -> tuple[float, float, float] | NotLevelled:
-    """In plain floats: for the two instants of a scan, arrays take ten times as long."""
-    if len(series) == 0:
-        return NotLevelled.STALE
-    after = min(int(series.t_ns.searchsorted(t_ns, "left")), len(series) - 1)
-    before = max(int(series.t_ns.searchsorted(t_ns, "right")) - 1, 0)
-    since_ns, until_ns = abs(t_ns - int(series.t_ns[before])), abs(int(series.t_ns[after]) - t_ns)
-    if max(since_ns, until_ns) > MAX_AGE_NS:
-        return NotLevelled.STALE
-    share = since_ns / max(since_ns + until_ns, 1)
-    ends = zip(series.up[before].tolist(), series.up[after].tolist(), strict=True)
-    x, y, z = ((1 - share) * first + share * last for first, last in ends)
-    # Opposite directions have no mean, and are steep.
-    length = max(math.sqrt(x * x + y * y + z * z), 1e-9)
-    return (x / length, y / length, z / length) if z / length >= math.cos(MAX_TILT_RAD) else NotLevelled.STEEP
+    up, is_stale = _up_at(t_ns_wanted, series)
+    unknown = NotLevelled.STALE if is_stale.any() else NotLevelled.STEEP if np.isnan(up).any() else None
+    if unknown is not None:
+        return np.tile(np.eye(3), (len(t_ns_wanted), 1, 1)), unknown
+    return np.array([_rotation(*each) for each in up.tolist()]).reshape(-1, 3, 3), None
 
 
 def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:
     """Roll and pitch (W, 2) of base at instants (W,); NaN where level_rotations would not level a scan."""
+    return tilt_of(_up_at(t_ns_wanted, series)[0])
+
+
+def _up_at(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NDArray[np.bool_]]:
+    """Directions (W, 3), NaN where unknown, and (W,) whether that is for want of an orientation in time."""
     if len(series) == 0:
-        return np.full((len(t_ns_wanted), 2), np.nan)
+        return np.full((len(t_ns_wanted), 3), np.nan), np.ones(len(t_ns_wanted), np.bool_)
     after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, "left"), len(series) - 1)
     before = np.maximum(np.searchsorted(series.t_ns, t_ns_wanted, "right") - 1, 0)
     since_ns, until_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
     share = (since_ns / np.maximum(since_ns + until_ns, 1))[:, None]
     up = (1 - share) * series.up[before] + share * series.up[after]
+    # Opposite directions have no mean, and are steep.
     up /= np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
-    tilt_rad = tilt_of(up)
-    tilt_rad[(np.maximum(since_ns, until_ns) > MAX_AGE_NS) | (up[:, 2] < math.cos(MAX_TILT_RAD))] = np.nan
-    return tilt_rad
+    is_stale = np.maximum(since_ns, until_ns) > MAX_AGE_NS
+    up[is_stale | (up[:, 2] < math.cos(MAX_TILT_RAD))] = np.nan
+    return up, is_stale
 
 
 def tilt_of(up: Float) -> Float:

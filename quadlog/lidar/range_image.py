@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from quadlog.compiled import inner, kernel
 from quadlog.messages import Float, Float32, Int
 
+XyzM = tuple[Float32, Float32, Float32]
+
 
 class Polar(NamedTuple):
     """range_m: (N,) from the lidar, 0 for no return. sine: (N,) of the elevation; turn: (N,) azimuth, [0, 1)."""
@@ -21,7 +23,7 @@ class Polar(NamedTuple):
     turn: Float32
 
 
-def to_polar(xyz_m: tuple[Float32, Float32, Float32], ranges_m: tuple[float, float]) -> Polar:
+def to_polar(xyz_m: XyzM, ranges_m: tuple[float, float]) -> Polar:
     """Points x, y, z (N,) by direction; only ranges from the least to the most of ranges_m are returns."""
     x_m, y_m, z_m = xyz_m
     with np.errstate(all="ignore"):
@@ -76,11 +78,27 @@ class Beams:
         return len(self.descending)
 
 
-def beams_by_ring(polar: Polar, ring: NDArray[np.uint16] | None, upright: bool) -> Beams | None:
-    """Beams by the driver's ring numbers, in any order; None where these do not match the elevations."""
-    if ring is None or ring.shape != polar.range_m.shape:
+def beams_by_number(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beams | None:
+    """Beams by their numbers (N,), in any order; None where these do not match the elevations."""
+    found = _statistics(polar, beam)
+    used = np.flatnonzero(found.points)
+    if len(used) == 0:
         return None
-    return _sorted_beams(polar, ring.astype(np.uint16, copy=False), upright)
+    n = found.points[used]
+    mean = found.first[used] + found.total[used] / n
+    scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
+    order = np.argsort(mean if upright else -mean, kind="stable")
+    gaps = np.sort(np.abs(np.diff(mean[order])))
+    gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
+    if scatter > _LARGEST_SCATTER * gap:
+        return None
+    descending = mean[order] < 0 if upright else mean[order] > 0
+    columns = _columns(found.arcs[used])
+    first_cell = np.full(MOST_BEAMS + 1, -1, dtype=np.int32)
+    first_cell[used[order]] = np.arange(len(used)) * columns
+    sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
+    sine[used] = mean
+    return Beams(first_cell, False, descending, columns, sine, max(gap * _STRANGE, _FLAT_SCATTER))
 
 
 def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
@@ -98,7 +116,7 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
     number = np.full(ELEVATION_BINS + 1, NO_BEAM, dtype=np.uint16)
     for beam, (low, high) in enumerate(zip(first[real], last[real], strict=True)):
         number[low:high] = beam
-    beams = _sorted_beams(polar, number[bins], upright)
+    beams = beams_by_number(polar, number[bins], upright)
     if beams is None:
         return None
     number = np.minimum(number, len(beams.first_cell) - 1)
@@ -122,7 +140,7 @@ def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, NDArray[np.ui
 
 
 def phase_and_strangers(
-    xyz_m: tuple[Float32, Float32, Float32], key: NDArray[np.uint16], beams: Beams, ranges_m: tuple[float, float]
+    xyz_m: XyzM, key: NDArray[np.uint16], beams: Beams, ranges_m: tuple[float, float]
 ) -> tuple[float, float]:
     """Where in a step the points lie, from some of them, and the share of these that do not lie on their beams.
 
@@ -162,28 +180,6 @@ def _sample(
         number = min(number, last_key)
         strange = first_cell[number] < 0 or (not by_elevation and not abs(sine - sines[number]) <= limits[2])
         found[3] += 1.0 if strange else 0.0
-
-
-def _sorted_beams(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beams | None:
-    found = _statistics(polar, beam)
-    used = np.flatnonzero(found.points)
-    if len(used) == 0:
-        return None
-    n = found.points[used]
-    mean = found.first[used] + found.total[used] / n
-    scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
-    order = np.argsort(mean if upright else -mean, kind="stable")
-    gaps = np.sort(np.abs(np.diff(mean[order])))
-    gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
-    if scatter > _LARGEST_SCATTER * gap:
-        return None
-    descending = mean[order] < 0 if upright else mean[order] > 0
-    columns = _columns(found.arcs[used])
-    first_cell = np.full(MOST_BEAMS + 1, -1, dtype=np.int32)
-    first_cell[used[order]] = np.arange(len(used)) * columns
-    sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
-    sine[used] = mean
-    return Beams(first_cell, False, descending, columns, sine, max(gap * _STRANGE, _FLAT_SCATTER))
 
 
 def _columns(arcs: Int) -> int:
@@ -226,24 +222,36 @@ _SCRATCH_ROWS = 5
 _HALF_BINS = np.float32(ELEVATION_BINS / 2)
 
 
+class Returns(NamedTuple):
+    """What an image holds, (M,) each; see there. point: number of the point in its message."""
+
+    dx_m: Float32
+    dy_m: Float32
+    z_m: Float32
+    height_m: Float32
+    label: NDArray[np.uint8]
+    slot: NDArray[np.uint8]
+    point: NDArray[np.int32]
+
+
 class Image:
     """Cells (rows * columns,) of the nearest return of each beam and step, and behind them the other returns.
 
     The arrays dx_m, dy_m (from below the lidar, along base's axes), z_m (in base), height_m (above the ground), label
-    (of PointClass) and slot (of time) hold rows * columns cells, row by row, and then n_others returns that share a
-    cell with a nearer one or belong to no row; there is room for `room` of these.
+    (of PointClass), slot (of time) and point hold rows * columns cells, row by row, and then n_others returns that
+    share a cell with a nearer one or belong to no row; there is room for `room` of these.
     range_m: (2, rows * columns) of the nearest return of a cell and of the next one, 0 where there is none.
     other_range_m, other_cell: (room,) of those; the cell is -1 - column for returns that belong to no row.
     """
 
     def __init__(self, rows: int, columns: int, room: int) -> None:
-        self.rows, self.columns, self.room = rows, columns, room
+        self.rows, self.columns, self.room, self.n_others = rows, columns, room, 0
         cells = rows * columns
         self.range_m = np.zeros((2, cells), np.float32)
         self.dx_m, self.dy_m, self.z_m, self.height_m = np.zeros((4, cells + room), np.float32)
         self.label, self.slot = np.zeros((2, cells + room), np.uint8)
+        self.point = np.zeros(cells + room, np.int32)
         self.other_range_m, self.other_cell = np.zeros(room, np.float32), np.zeros(room, np.int32)
-        self.n_others = self.n_valid = self.n_without_row = 0
         self._scratch, self._column = np.zeros((_SCRATCH_ROWS, BLOCK), np.float32), np.zeros((2, BLOCK), np.int32)
 
     @property
@@ -251,34 +259,40 @@ class Image:
         """How many layers of range_m hold anything."""
         return 2 if self.n_others else 1
 
+    def filled(self) -> Returns:
+        """The cells and the other returns, as views."""
+        n = self.rows * self.columns + self.n_others
+        places = self.dx_m[:n], self.dy_m[:n], self.z_m[:n], self.height_m[:n]
+        return Returns(*places, self.label[:n], self.slot[:n], self.point[:n])
+
+    def returns(self) -> tuple[Float32, Float32]:
+        """Range and z (K,) of all returns."""
+        range_m = np.concatenate([self.range_m[0], self.other_range_m[: self.n_others]])
+        return range_m[range_m > 0], self.z_m[: len(range_m)][range_m > 0]
+
     def lay(
         self,
-        xyz_m: tuple[Float32, Float32, Float32],
+        xyz_m: XyzM,
         key: NDArray[np.uint16],
         slot: NDArray[np.uint8],
         beams: Beams,
-        turning: Float32,
+        transforms: Float,
         ranges_m: tuple[float, float],
         phase: float,
-        point: NDArray[np.int32] | None = None,
     ) -> None:
         """Lay the points x, y, z (N,) of the lidar's frame into the image.
 
-        key: (N,) beam numbers, unused with beams by elevation. turning: (2, 3, 4) float32 from the lidar's frame
-        to base made upright, without base's x and y of the lidar, and what that changes per time slot. ranges_m: the
-        least and the most that count. phase: where within a step the points lie. point: (rows * columns + room,),
-        gets the number of the point in every cell and of every other return.
+        key: (N,) beam numbers, ignored by beams that are found by elevation. transforms: (2, 4, 4) from the lidar's
+        frame to base made upright, of which base's x and y of the lidar are left out, and their change per time slot.
+        ranges_m: the least and the most that count. phase: where within a step the points lie.
         """
-        n = len(xyz_m[0])
-        keeps = point is not None
-        numbers = point if point is not None else np.zeros(1, np.int32)
         limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
-        found = _lay(
-            n, *xyz_m, key, slot, beams.first_cell, beams.by_elevation, self.columns, turning.reshape(-1), limits,
+        turning = transforms[:, :3].astype(np.float32).reshape(-1)
+        self.n_others = _lay(
+            len(slot), *xyz_m, key, slot, beams.first_cell, beams.by_elevation, self.columns, turning, limits,
             self._scratch, self._column, self.range_m[0], self.range_m[1], self.dx_m, self.dy_m, self.z_m, self.slot,
-            self.other_range_m, self.other_cell, numbers, keeps,
+            self.point, self.other_range_m, self.other_cell,
         )  # fmt: skip
-        self.n_valid, self.n_others, self.n_without_row = found
 
 
 @kernel
@@ -286,10 +300,10 @@ def _lay(
     n: int, x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], slot: NDArray[np.uint8],
     first_cell: NDArray[np.int32], by_elevation: bool, columns: int, turning: Float32, limits: Float32,
     scratch: Float32, whole: NDArray[np.int32], range_m: Float32, next_range_m: Float32, cell_dx_m: Float32,
-    cell_dy_m: Float32, cell_z_m: Float32, cell_slot: NDArray[np.uint8], other_range_m: Float32,
-    other_cell: NDArray[np.int32], point: NDArray[np.int32], keeps_points: bool,
-) -> tuple[int, int, int]:  # fmt: skip
-    """How many returns are valid, how many have no cell of their own, and how many belong to no row.
+    cell_dy_m: Float32, cell_z_m: Float32, cell_slot: NDArray[np.uint8], point: NDArray[np.int32],
+    other_range_m: Float32, other_cell: NDArray[np.int32],
+) -> int:  # fmt: skip
+    """How many returns have no cell of their own.
 
     Block by block: first without branches and in 32 bits, so that it becomes vector instructions, what can be said of
     every point; then the scattered writes.
@@ -298,7 +312,7 @@ def _lay(
     range_m[:] = nothing
     r_m, column, bins = scratch[0], whole[0], whole[1]
     x_out, y_out, z_out, part = scratch[1], scratch[2], scratch[3], scratch[4]
-    n_valid, n_others, n_without = 0, 0, 0
+    n_others = 0
     for begin in range(0, n, BLOCK):
         size = min(BLOCK, n - begin)
         # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
@@ -315,7 +329,6 @@ def _lay(
             r = r_m[j]
             if r == nothing:
                 continue
-            n_valid += 1
             row_begins = first_cell[np.uint32(min(bins[j], last_key))]
             cell = np.int64(row_begins) + column[j]
             at = k = np.uint32(cell)
@@ -323,26 +336,23 @@ def _lay(
                 at, other = np.uint32(cells + n_others), np.uint32(n_others)
                 other_range_m[other], other_cell[other] = r, cell if row_begins >= 0 else -1 - column[j]
                 n_others += 1
-                n_without += row_begins < 0
                 if row_begins >= 0 and r < range_m[k]:
                     # The nearer return takes the cell.
                     other_range_m[other], cell_slot[at] = range_m[k], cell_slot[k]
                     cell_dx_m[at], cell_dy_m[at], cell_z_m[at] = cell_dx_m[k], cell_dy_m[k], cell_z_m[k]
-                    if keeps_points:
-                        point[at] = point[k]
+                    point[at] = point[k]
                     at = k
             if at < cells:
                 range_m[at] = r
             cell_dx_m[at], cell_dy_m[at], cell_z_m[at], cell_slot[at] = x_out[j], y_out[j], z_out[j], slots[j]
-            if keeps_points:
-                point[at] = begin + j
+            point[at] = begin + j
     if n_others > 0:
         next_range_m[:] = nothing
     for i in range(n_others):
         if other_cell[i] >= 0:
             k = np.uint32(other_cell[i])
             next_range_m[k] = max(next_range_m[k], other_range_m[i])
-    return n_valid, n_others, n_without
+    return n_others
 
 
 @inner

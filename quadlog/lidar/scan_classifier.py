@@ -1,120 +1,262 @@
-"""Classify the returns of one scan after the other, without the robot's pose."""
+"""Classify the scans of one lidar: spinning ones as range images, others on a map of lowest points, or as the paper."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.lidar.classified_scan import ClassifiedReturns, ClassifiedScan, PointClass
-from quadlog.lidar.deskew import Slots, sweep_slots
-from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
-from quadlog.lidar.range_image_method import ImageClasses, RangeImageClassifier, RangeImageSettings, XyzM
-from quadlog.lidar.ransac_plane import GroundPlane, is_level
+from quadlog.lidar.classified_scan import (
+    FLATTEST_CLOUD,
+    MOUNT_KNOWN_M,
+    ClassifiedScan,
+    GroundPlane,
+    PointClass,
+    Route,
+    height_without_ground,
+    lidar_above,
+    outside_view,
+)
+from quadlog.lidar.deskew import sweep_slots
+from quadlog.lidar.ground_columns import ColumnWalk
+from quadlog.lidar.ground_labels import GroundProfile, label_returns, label_supported, level_plane
+from quadlog.lidar.height_map import grow_ground
+from quadlog.lidar.isolation_filter import Isolated
+from quadlog.lidar.paper_method import PaperSettings, classify_as_paper
+from quadlog.lidar.range_image import (
+    Beams,
+    Image,
+    XyzM,
+    beams_by_bins,
+    beams_by_elevation,
+    beams_by_number,
+    phase_and_strangers,
+    to_polar,
+)
 from quadlog.messages import Float, PointCloud
+
+FEWEST_BEAMS = 3
+"""With fewer beams, slopes between beams cannot separate ground from walls: everything is an obstacle."""
+MOST_TILT_COSINE = 0.7
+"""A lidar tilted by more than 45 degrees has no columns that lead outwards over the ground."""
+NEAR_FLOOR_M = 5.0
+SCANS_BETWEEN_LOOKS = 50
+"""The beams are searched for again at least this often."""
+# So many more points, as a share of the scan's, without a cell or a beam of their own than when the beams were found
+# mean that the sensor or its driver has changed.
+_CHANGED_SHARE = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class RangeImageSettings:
+    """Parameters of range images and lowest points, as the sections `lidar` and `ground` explain them."""
+
+    min_range_m: float = 0.3
+    max_range_m: float = 30.0
+    field_of_view_deg: float = 360.0
+    ground_min_points: int = 100
+
+
+class _Scan(NamedTuple):
+    """A message as it is laid into an image: places in the lidar's frame, ring or None, time slot of each point (N,).
+
+    transforms: (2, 4, 4) to base made upright, and its change per slot.
+    """
+
+    xyz_m: XyzM
+    ring: NDArray[np.uint16] | None
+    slot: NDArray[np.uint8]
+    transforms: Float
+
+
+class _Space:
+    """Work arrays for images of one shape."""
+
+    def __init__(self, beams: Beams, room: int) -> None:
+        self.shape = beams.rows, beams.columns
+        self.image, self.isolated = Image(*self.shape, room), Isolated(*self.shape)
+        self.walk, self.profile = ColumnWalk(*self.shape), GroundProfile(*self.shape)
+
+
+@dataclass(slots=True)
+class _Known:
+    """The sensor's beams, and what was seen in the scan in which they were found.
+
+    sensor: whether it stands upright, and has rings. strangers, others: shares of its points off their beams, and
+    without a cell of their own.
+    """
+
+    beams: Beams
+    route: Route
+    sensor: tuple[bool, bool]
+    n_points: int
+    strangers: float
+    others: float
+    scans_left: int = SCANS_BETWEEN_LOOKS
 
 
 class ScanClassifier:
     """Classifies the scans of one lidar, one after the other, in arrays that are kept from scan to scan.
 
-    uses_times: whether the points' own times count; without them all of a scan is in one time slot.
+    The beams are found in the first scan and looked for again when a scan contradicts them, and every
+    SCANS_BETWEEN_LOOKS scans. uses_times: whether the points' own times count; without them all of a scan is in one
+    time slot.
     """
 
     def __init__(self, settings: RangeImageSettings | PaperSettings, seed: int = 0, *, uses_times: bool = True) -> None:
-        self._uses_times = uses_times
-        self._paper, self._seed = settings if isinstance(settings, PaperSettings) else None, seed
-        self._images = RangeImageClassifier(settings) if isinstance(settings, RangeImageSettings) else None
+        self._settings, self._seed, self._uses_times = settings, seed, uses_times
+        self._ranges_m = float(settings.min_range_m), float(settings.max_range_m)
+        self._known: _Known | None = None
+        self._space: _Space | None = None
         self._xyz_m, self._ring = np.zeros((3, 0), np.float32), np.zeros(0, np.uint16)
         self._slot = np.zeros(0, np.uint8)
 
-    def classify(self, cloud: PointCloud, transform_lidar_to_level: Float) -> ClassifiedReturns:
-        """The classified returns of a cloud; they are overwritten by the next one.
+    def classify(self, cloud: PointCloud, transform_lidar_to_level: Float) -> ClassifiedScan:
+        """The classified returns of a cloud, any values accepted; they are overwritten by the next one.
 
         transform_lidar_to_level: (4, 4) to base made upright, or (2, 4, 4) at the first and the last point's time.
+        Ring numbers that contradict the elevations are ignored. The whole scan is classified and then cropped to the
+        field of view: points outside it help to judge those inside.
         """
-        transforms = transform_lidar_to_level.reshape(-1, 4, 4)
-        slots = self._load(cloud)
-        n = len(cloud.xyz_m)
-        if self._images is None:
-            return self._by_paper(cloud, transforms.mean(axis=0), slots)
-        ring = self._ring[:n] if cloud.ring is not None and len(cloud.ring) == n else None
-        x_m, y_m, z_m = self._xyz_m
-        xyz_m = x_m[:n], y_m[:n], z_m[:n]
-        last = max(len(slots.middle_ns) - 1, 1)
-        moving = np.empty((2, 4, 4))
-        moving[0], moving[1] = transforms[0], (transforms[-1] - transforms[0]) / last
-        # Heights are measured, and the plane lies, about where the lidar is on average.
-        moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
-        found = self._images.classify(xyz_m, ring, self._slot[:n], moving)
-        return _as_returns(found, xyz_m, moving[0], slots)
-
-    def _load(self, cloud: PointCloud) -> Slots:
-        """Copy coordinates, rings and times from the message's payload."""
-        n = len(cloud.xyz_m)
+        transforms, settings, n = transform_lidar_to_level.reshape(-1, 4, 4), self._settings, len(cloud.xyz_m)
         if n > len(self._slot):
             room = n + n // 8
             self._xyz_m, self._ring = np.zeros((3, room), np.float32), np.zeros(room, np.uint16)
             self._slot = np.zeros(room, np.uint8)
+        slots = sweep_slots(cloud.times if self._uses_times else None, self._slot[:n])
+        if isinstance(settings, PaperSettings):
+            mean = transforms.mean(axis=0)
+            return classify_as_paper(cloud.xyz_m, self._slot[:n], slots, mean, settings, self._seed)
+        moving = np.empty((2, 4, 4))
+        moving[0], moving[1] = transforms[0], (transforms[-1] - transforms[0]) / max(len(slots.middle_ns) - 1, 1)
+        # Heights are measured, and the plane lies, about where the lidar is on average.
+        moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
+        scan, transform = self._loaded(cloud, moving), moving[0]
+        laid = self._lay_beams(scan) if abs(float(transform[2, 2])) >= MOST_TILT_COSINE else None
+        space, beams, route = laid or self._lay_bins(scan)
+        plane = _label_bins(space, transform) if route == "height_map" else _label_beams(space, beams, transform)
+        image, found = space.image, space.image.filled()
+        if settings.field_of_view_deg < 360:
+            x_m, y_m = found.dx_m + np.float32(transform[0, 3]), found.dy_m + np.float32(transform[1, 3])
+            outside = outside_view(x_m, y_m, settings.field_of_view_deg)
+            found.label[outside & (found.label != PointClass.INVALID)] = PointClass.CROPPED
+        enough = np.count_nonzero(found.label == PointClass.GROUND) >= settings.ground_min_points
+        ground = _as_ground(plane) if enough else None
+        return ClassifiedScan(
+            *found, image.rows, image.columns, n, ground, route, lidar_above(ground, transform), slots
+        )
+
+    def _loaded(self, cloud: PointCloud, transforms: Float) -> _Scan:
+        """Coordinates and rings are copied from the message's payload into arrays of their own."""
+        n = len(cloud.xyz_m)
+        ring: NDArray[np.uint16] | None = None
         with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no return
             for axis in range(3):
                 np.copyto(self._xyz_m[axis, :n], cloud.xyz_m[:, axis], casting="same_kind")
         if cloud.ring is not None and len(cloud.ring) == n:
             self._ring[:n] = cloud.ring
-        return sweep_slots(cloud.times if self._uses_times else None, self._slot[:n])
+            ring = self._ring[:n]
+        x_m, y_m, z_m = self._xyz_m
+        return _Scan((x_m[:n], y_m[:n], z_m[:n]), ring, self._slot[:n], transforms)
 
-    def _by_paper(self, cloud: PointCloud, transform: Float, slots: Slots) -> ClassifiedReturns:
-        assert self._paper is not None
-        points = classify_scan_paper(cloud.xyz_m, transform, self._paper, self._seed)
-        place_m = _above_ground(transform, points.ground)
-        return ClassifiedReturns.of_points(points, place_m, self._slot[: len(points.label)], slots)
+    def _lay_beams(self, scan: _Scan) -> tuple[_Space, Beams, Route] | None:
+        """The scan in an image of its beams; None where it shows none."""
+        known, n, upright = self._known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
+        sensor = upright, scan.ring is not None
+        if known is not None and known.sensor == sensor and abs(n - known.n_points) <= known.n_points // 4:
+            known.scans_left -= 1
+            if known.scans_left >= 0:
+                space, strangers, others = self._lay_on(known.beams, scan)
+                if strangers <= known.strangers + _CHANGED_SHARE and others <= known.others + _CHANGED_SHARE:
+                    return space, known.beams, known.route
+        self._known = None
+        polar = to_polar(scan.xyz_m, self._ranges_m)
+        route: Route = "rings"
+        beams = None if scan.ring is None else beams_by_number(polar, scan.ring, upright)
+        if beams is None:
+            route, beams = "elevations", beams_by_elevation(polar, upright)
+        if beams is None:
+            return None
+        space, strangers, others = self._lay_on(beams, scan)
+        self._known = _Known(beams, route, sensor, n, strangers, others)
+        return space, beams, route
+
+    def _lay_on(self, beams: Beams, scan: _Scan) -> tuple[_Space, float, float]:
+        """The image, and the shares of points off their beams and without a cell of their own."""
+        key = np.zeros(0, np.uint16) if scan.ring is None else scan.ring
+        phase, strangers = phase_and_strangers(scan.xyz_m, key, beams, self._ranges_m)
+        space, n = self._space, len(scan.slot)
+        if space is None or space.shape != (beams.rows, beams.columns) or space.image.room < n:
+            space = self._space = _Space(beams, n + n // 8)
+        space.image.lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
+        return space, strangers, space.image.n_others / max(n, 1)
+
+    def _lay_bins(self, scan: _Scan) -> tuple[_Space, Beams, Route]:
+        """The scan in an image by directions along base's axes from the lidar's place."""
+        turn = scan.transforms[0, :3, :3].astype(np.float32)
+        with np.errstate(all="ignore"):
+            x_m, y_m, z_m = (row[0] * scan.xyz_m[0] + row[1] * scan.xyz_m[1] + row[2] * scan.xyz_m[2] for row in turn)
+        polar = to_polar((x_m, y_m, z_m), self._ranges_m)
+        beams, key = beams_by_bins(polar.range_m, polar.sine)
+        unturned = np.zeros((2, 4, 4))
+        unturned[0] = np.eye(4)
+        unturned[0, 2, 3] = scan.transforms[0, 2, 3]
+        space = _Space(beams, len(key))
+        space.image.lay((x_m, y_m, z_m), key, scan.slot, beams, unturned, self._ranges_m, 0.0)
+        return space, beams, "height_map"
 
 
-def _as_returns(found: ImageClasses, xyz_m: XyzM, transform: Float, slots: Slots) -> ClassifiedReturns:
-    image = found.image
-    n = image.rows * image.columns + image.n_others
-    return ClassifiedReturns(
-        dx_m=image.dx_m[:n],
-        dy_m=image.dy_m[:n],
-        z_m=image.z_m[:n],
-        height_m=image.height_m[:n],
-        label=image.label[:n],
-        slot=image.slot[:n],
-        rows=image.rows,
-        columns=image.columns,
-        counts=found.counts,
-        ground=found.ground,
-        route=found.route,
-        lidar_base_m=_above_ground(transform, found.ground),
-        slots=slots,
-        points=lambda: _points(found, len(xyz_m[0]), transform),
-    )
+def _label_beams(space: _Space, beams: Beams, transform: Float) -> Float:
+    """Label an image of beams, and the plane (3,) z = a x + b y + c through the ground, in base."""
+    image, isolated, lidar_z_m = space.image, space.isolated, float(transform[2, 3])
+    isolated.isolate(image, lidar_z_m)
+    if beams.rows < FEWEST_BEAMS:
+        return _all_obstacles(space, lidar_z_m)
+    floor_m = 0.0 if lidar_z_m > MOUNT_KNOWN_M else _floor_below(isolated, beams.descending, lidar_z_m)
+    smoothed = isolated.distance_m, isolated.z_m
+    space.walk.walk(isolated.good, *smoothed, image.range_m[0], beams.descending, floor_m)
+    plane = level_plane(space.walk.ground, image.dx_m, image.dy_m, image.z_m, transform[:2, 3])
+    space.profile.fit(space.walk.ground, *smoothed, floor_m, plane, transform)
+    label_returns(image, isolated, space.walk, space.profile)
+    return plane
 
 
-def _above_ground(transform: Float, ground: GroundPlane | None) -> Float:
-    """The lidar (3,): x and y in base, and its height above the ground, of the plane where there is one."""
-    x_m, y_m, z_m = transform[:3, 3].tolist()
-    if is_level(ground):
-        assert ground is not None
-        nx, ny, nz = ground.normal.tolist()
-        z_m = (nx * x_m + ny * y_m + nz * z_m + ground.d_m) / nz
-    return np.array([x_m, y_m, z_m])
+def _label_bins(space: _Space, transform: Float) -> Float:
+    """The same of an image of bins, on a map of lowest points."""
+    lidar_z_m = float(transform[2, 3])
+    space.isolated.isolate(space.image, lidar_z_m)
+    range_m, z_m = space.image.returns()
+    sine = (z_m - np.float32(lidar_z_m)) / range_m
+    if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
+        return _all_obstacles(space, lidar_z_m)
+    floor_m = 0.0
+    if lidar_z_m <= MOUNT_KNOWN_M:
+        # The lowest twentieth of the near points is taken for the floor.
+        near_z_m = z_m[range_m < NEAR_FLOOR_M]
+        floor_m = float(np.quantile(near_z_m, 0.05)) if len(near_z_m) else lidar_z_m
+    label_supported(space.image, space.isolated)
+    a, b, c = grow_ground(space.image.filled(), floor_m)
+    return np.array([a, b, c - a * transform[0, 3] - b * transform[1, 3]])
 
 
-def _points(found: ImageClasses, n_points: int, transform: Float) -> ClassifiedScan:
-    """Every point of the message with its class."""
-    image, point = found.image, found.point_numbers()
-    here = np.flatnonzero(np.concatenate([image.range_m[0] > 0, np.ones(image.n_others, np.bool_)]))
-    xyz_m = np.full((3, n_points), np.nan, np.float32)
-    heights_m, labels = np.full(n_points, np.nan, np.float32), np.zeros(n_points, np.uint8)
-    at = point[here]
-    lidar_x_m, lidar_y_m = transform[:2, 3].astype(np.float32)
-    xyz_m[0, at], xyz_m[1, at], xyz_m[2, at] = (
-        image.dx_m[here] + lidar_x_m,
-        image.dy_m[here] + lidar_y_m,
-        image.z_m[here],
-    )
-    heights_m[at], labels[at] = image.height_m[here], image.label[here]
-    ground = found.ground
-    if ground is not None:
-        inliers: NDArray[np.bool_] = labels == PointClass.GROUND
-        ground = GroundPlane(ground.normal, ground.d_m, inliers)
-    return ClassifiedScan(xyz_m.T, labels, ground, heights_m, found.route)
+def _all_obstacles(space: _Space, lidar_z_m: float) -> Float:
+    """Whatever neighbours support, at its height above base's floor."""
+    label_supported(space.image, space.isolated)
+    space.image.height_m[:] = height_without_ground(space.image.z_m, lidar_z_m)
+    return np.zeros(3)
+
+
+def _floor_below(isolated: Isolated, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
+    """Median height of the lowest beam with enough returns."""
+    for row in np.flatnonzero(descending):
+        seen = isolated.z_m[row][isolated.good[row] != 0]
+        if len(seen) >= isolated.good.shape[1] // 20:
+            return float(np.median(seen))
+    return lidar_z_m
+
+
+def _as_ground(plane: Float) -> GroundPlane:
+    size = float(np.sqrt(plane[0] ** 2 + plane[1] ** 2 + 1.0))
+    return GroundPlane(np.array([-plane[0], -plane[1], 1.0]) / size, -float(plane[2]) / size)

@@ -106,7 +106,7 @@ class GroundHeight:
         if n > len(self._cells):
             self._cells = np.zeros((2 * n, 2), np.int64)
         cells, bounds = self._cells, self._bounds
-        _cells_of_ground(scan.ground, scan.ground_slot, slot_pose_base_in_map, scan.unit_m, self._cell_m, cells, bounds)
+        _cells_of_ground(scan.ground, slot_pose_base_in_map, scan.unit_m, self._cell_m, cells, bounds)
         col0, row0, col1, row1 = (int(bound) for bound in bounds)
         window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
         if not self._lattice.cover(window):
@@ -114,7 +114,7 @@ class GroundHeight:
             return
         sums, row, col = self._lattice.whole("sum_m", window)
         counts, _, _ = self._lattice.whole("count", window)
-        _add(scan.ground, scan.ground_count, cells, col0 - col, row0 - row, sums, counts)
+        _add(scan.ground, cells, col0 - col, row0 - row, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
@@ -130,14 +130,13 @@ class GroundHeight:
 
 @kernel
 def _cells_of_ground(
-    ground: NDArray[np.int16], slot: NDArray[np.uint8], poses: Float, unit_m: float, cell_m: float, cells: Int,
-    bounds: Int,
-) -> None:  # fmt: skip
+    ground: NDArray[np.void], poses: Float, unit_m: float, cell_m: float, cells: Int, bounds: Int
+) -> None:
     """The lattice's cells (col, row) of the ground's means, and their bounds."""
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
     moved = slot_transforms(poses, unit_m)
     for i in range(len(ground)):
-        at, x, y = slot[i], ground[i, 0] + 0.5, ground[i, 1] + 0.5
+        at, x, y = ground[i]["slot"], ground[i]["x"] + 0.5, ground[i]["y"] + 0.5
         col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)
         row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / cell_m)
         cells[i, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
@@ -147,11 +146,8 @@ def _cells_of_ground(
 
 
 @kernel
-def _add(
-    ground: NDArray[np.int16], points: NDArray[np.uint16], cells: Int, col0: int, row0: int, sum_m: Float,
-    count: NDArray[np.int32],
-) -> None:  # fmt: skip
+def _add(ground: NDArray[np.void], cells: Int, col0: int, row0: int, sum_m: Float, count: NDArray[np.int32]) -> None:
     for i in range(len(ground)):
         row, col = cells[i, 1] - row0, cells[i, 0] - col0
-        sum_m[row, col] += points[i] * (ground[i, 2] * 0.001)
-        count[row, col] += points[i]
+        sum_m[row, col] += ground[i]["count"] * (ground[i]["z_mm"] * 0.001)
+        count[row, col] += ground[i]["count"]

@@ -7,22 +7,20 @@ slot in which it was measured, so that one rigid transform per slot puts it wher
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import ClassifiedReturns, PointClass
-from quadlog.lidar.ransac_plane import is_level
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.mapping.ray_tracing import RayGatherer, Rays
-from quadlog.messages import Float, Float32, Int
+from quadlog.messages import Float, Float32
 
-Int16 = NDArray[np.int16]
-UInt16 = NDArray[np.uint16]
 UInt8 = NDArray[np.uint8]
+Table = NDArray[np.int32]
+OBSTACLE = np.dtype([("x", "i2"), ("y", "i2"), ("height_mm", "i2"), ("count", "u1"), ("slot", "u1")])
+GROUND = np.dtype([("x", "i2"), ("y", "i2"), ("z_mm", "i2"), ("count", "u2"), ("slot", "u1")], align=True)
 
 THIN_M = 0.025
 """Edge of the cells of base in which obstacle points count as one: a quarter of a map's usual cell."""
@@ -32,7 +30,6 @@ _SAME_TIME_SLOTS = 2
 _UNITS = 32000
 # How far the lidar lies from the middle of the window: its mount, half a cell, and what it moves while it sweeps.
 _LIDAR_OFF_M = 1.0
-_HEADER = struct.Struct("<qd4d??BxHIII6x")
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
 
 
@@ -42,11 +39,13 @@ def reach_of(cell_m: float, size_cells: int) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class ObstacleSettings:
-    """Which points of a classified scan block the robot.
+class CompactSettings:
+    """Parameters of compact scans.
 
-    min_height_m, max_height_m: above the ground; lower and higher points do not block.
-    body_length_m, body_width_m, body_margin_m: points in this box about base's origin are the robot.
+    min_height_m, max_height_m: above the ground; lower and higher points do not block. body_length_m, body_width_m,
+    body_margin_m: points in this box about base's origin are the robot. reach_m: what lies farther from the lidar is in
+    no window. highest_m: how high above the ground rays still matter. ground_cell_m: edge of the cells over which
+    ground returns are averaged. counts: whether it matters how many points hit a cell.
     """
 
     min_height_m: float = 0.05
@@ -54,18 +53,6 @@ class ObstacleSettings:
     body_length_m: float = 0.62
     body_width_m: float = 0.26
     body_margin_m: float = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class CompactSettings:
-    """Parameters of compact scans.
-
-    blocking: what counts as an obstacle. reach_m: what lies farther from the lidar is in no window. highest_m: how
-    high above the ground rays still matter. ground_cell_m: edge of the cells over which ground returns are averaged.
-    counts: whether it matters how many points hit a cell.
-    """
-
-    blocking: ObstacleSettings
     reach_m: float = 15.2
     highest_m: float = 1.6
     ground_cell_m: float = 0.2
@@ -74,67 +61,19 @@ class CompactSettings:
 
 @dataclass(frozen=True, slots=True)
 class CompactScan:
-    """One scan, ready to be placed in map; x and y are in units of unit_m, rounded down, and heights in mm.
+    """One scan, ready to be placed in map; x and y are in units of unit_m, rounded down.
 
-    slot_ns: (K,) absolute instants of the middles of the time slots. lidar_base_m: (3,) x, y in base and height above
-    the ground. obstacle: (N, 3) x, y and height above the ground of the highest of obstacle_count (N,) points that were
-    next to each other. ground: (G, 3) x, y and z, the mean of ground_count (G,) points of a cell.
-    level: whether the ground may be added to the run's ground. shows_nothing: whether maps must not use the scan.
+    lidar_base_m: (3,) x, y in base and height above the ground. obstacle: (N,) of OBSTACLE, the height above the ground
+    of the highest of `count` points that were next to each other. ground: (G,) of GROUND, means of `count` points of a
+    cell.
     """
 
-    t_ns: int
-    slot_ns: Int
     unit_m: float
     reach_m: float
     lidar_base_m: Float
-    level: bool
-    shows_nothing: bool
-    obstacle: Int16
-    obstacle_count: UInt8
-    obstacle_slot: UInt8
+    obstacle: NDArray[np.void]
     rays: Rays
-    ground: Int16
-    ground_count: UInt16
-    ground_slot: UInt8
-
-    def to_bytes(self) -> bytes:
-        """A fixed header and the arrays, one after the other; `from_bytes` reads it."""
-        rays = self.rays
-        flags = self.level, self.shows_nothing, len(self.slot_ns), len(rays.count)
-        sizes = len(self.obstacle), len(rays.reach), len(self.ground)
-        header = _HEADER.pack(self.t_ns, self.unit_m, self.reach_m, *self.lidar_base_m, *flags, *sizes)
-        # Wide numbers first, so that views of them are aligned.
-        arrays = (
-            self.slot_ns, self.obstacle, rays.reach, rays.slope, self.ground, self.ground_count, self.obstacle_count,
-            self.obstacle_slot, rays.count, rays.slot, self.ground_slot,
-        )  # fmt: skip
-        return b"".join([header, *(np.ascontiguousarray(each).data for each in arrays)])
-
-    @classmethod
-    def from_bytes(cls, data: bytes | memoryview) -> Self:
-        """The scan that `to_bytes` wrote. Its arrays are views of data."""
-        t_ns, unit_m, reach_m, *place_m, level, nothing, slots, sectors, n, n_rays, g = _HEADER.unpack_from(data)
-        at = _HEADER.size
-
-        def take(dtype: type, *shape: int) -> NDArray:
-            nonlocal at
-            array: NDArray = np.frombuffer(data, dtype, math.prod(shape), at).reshape(shape)
-            at += array.nbytes
-            return array if array.flags.aligned else _fixed(array.copy())
-
-        slot_ns, obstacle = take(np.int64, slots), take(np.int16, n, 3)
-        reach, slope = take(np.uint16, n_rays), take(np.int16, n_rays)
-        ground, ground_count = take(np.int16, g, 3), take(np.uint16, g)
-        obstacle_count, obstacle_slot = take(np.uint8, n), take(np.uint8, n)
-        rays = Rays(take(np.uint8, sectors), take(np.uint8, sectors), reach, slope)
-        head = t_ns, slot_ns, unit_m, reach_m, np.array(place_m), level, nothing
-        return cls(*head, obstacle, obstacle_count, obstacle_slot, rays, ground, ground_count, take(np.uint8, g))
-
-
-def _fixed(array: NDArray) -> NDArray:
-    """The array, read-only, so that kernels are compiled for one kind of array."""
-    array.flags.writeable = False
-    return array
+    ground: NDArray[np.void]
 
 
 class ScanCompactor:
@@ -142,59 +81,44 @@ class ScanCompactor:
 
     def __init__(self, settings: CompactSettings) -> None:
         self._settings, self._gatherer = settings, RayGatherer()
-        blocking = settings.blocking
-        half_m = np.array([blocking.body_length_m, blocking.body_width_m]) / 2 + blocking.body_margin_m
-        self._half_body_m = half_m
+        self._half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
         self._unit_m = max(2 * settings.reach_m / _UNITS, 1e-3)
         # Cells are counted by 15 bits along each axis.
         self._least_cell_m = 2.2 * settings.reach_m / _UNITS
-        self._thin_table: NDArray[np.int32] = np.zeros((2, 1 << 13), np.int32)
-        self._ground_table: NDArray[np.int32] = np.zeros((2, 1 << 12), np.int32)
+        self._thin_table: Table = np.zeros((2, 1 << 13), np.int32)
+        self._ground_table: Table = np.zeros((2, 1 << 12), np.int32)
         self._grow(0, 1)
-
-    def compact(self, returns: ClassifiedReturns, t_ns: int) -> CompactScan:
-        """The compact form of a scan with the stamp t_ns; overwritten by the next one."""
-        n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
-        if n > len(self._obstacle) or width > len(self._key):
-            self._grow(n + n // 8, width)
-        settings, blocking = self._settings, self._settings.blocking
-        place = returns.lidar_base_m
-        limits = np.array(
-            [*place, *self._half_body_m, blocking.min_height_m, blocking.max_height_m, settings.reach_m,
-             1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
-             1 / self._unit_m], np.float32
-        )  # fmt: skip
-        arrays = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
-        obstacles = self._obstacle, self._obstacle_count, self._obstacle_slot
-        n_obstacles = _keep_obstacles(
-            n, width, *arrays, limits, settings.counts, self._key, self._column, self._thin_table, *obstacles
-        )
-        ground = self._ground, self._ground_count, self._ground_slot
-        arrays = returns.dx_m, returns.dy_m, returns.z_m, returns.label, returns.slot
-        n_ground = _average_ground(n, *arrays, limits, self._ground_table, self._sums, *ground)
-        rays = self._gatherer.gather(returns, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m)
-        return CompactScan(
-            t_ns=t_ns,
-            slot_ns=t_ns + returns.slots.middle_ns,
-            unit_m=self._unit_m,
-            reach_m=settings.reach_m,
-            lidar_base_m=place,
-            level=is_level(returns.ground),
-            shows_nothing=returns.shows_nothing,
-            obstacle=_fixed(self._obstacle[:n_obstacles]),
-            obstacle_count=_fixed(self._obstacle_count[:n_obstacles]),
-            obstacle_slot=_fixed(self._obstacle_slot[:n_obstacles]),
-            rays=Rays(*(_fixed(each[:]) for each in (rays.count, rays.slot, rays.reach, rays.slope))),
-            ground=_fixed(self._ground[:n_ground]),
-            ground_count=_fixed(self._ground_count[:n_ground]),
-            ground_slot=_fixed(self._ground_slot[:n_ground]),
-        )
 
     def _grow(self, room: int, width: int) -> None:
         self._key, self._column = np.zeros(width, np.int32), np.zeros(width + 1, np.int32)
-        self._obstacle, self._ground = np.zeros((2, room, 3), np.int16)
-        self._obstacle_count, self._obstacle_slot, self._ground_slot = np.zeros((3, room), np.uint8)
-        self._ground_count, self._sums = np.zeros(room, np.uint16), np.zeros((room, 4), np.float32)
+        self._obstacle, self._ground = np.zeros(room, OBSTACLE), np.zeros(room, GROUND)
+        self._sums = np.zeros((room, 4), np.float32)
+
+    def compact(self, scan: ClassifiedScan) -> CompactScan:
+        """The compact form of a scan."""
+        n, width = len(scan.label), scan.columns or max(len(scan.label), 1)
+        if n > len(self._obstacle) or width > len(self._key):
+            self._grow(n + n // 8, width)
+        settings = self._settings
+        limits = np.array(
+            [*scan.lidar_base_m, *self._half_body_m, settings.min_height_m, settings.max_height_m, settings.reach_m,
+             1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
+             1 / self._unit_m], np.float32
+        )  # fmt: skip
+        n_obstacles = _keep_obstacles(
+            n, width, scan.dx_m, scan.dy_m, scan.height_m, scan.label, scan.slot, limits, settings.counts,
+            self._key, self._column, self._thin_table, self._obstacle,
+        )  # fmt: skip
+        arrays = scan.dx_m, scan.dy_m, scan.z_m, scan.label, scan.slot
+        n_ground = _average_ground(n, *arrays, limits, self._ground_table, self._sums, self._ground)
+        return CompactScan(
+            unit_m=self._unit_m,
+            reach_m=settings.reach_m,
+            lidar_base_m=scan.lidar_base_m,
+            obstacle=self._obstacle[:n_obstacles].copy(),
+            rays=self._gatherer.gather(scan, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m),
+            ground=self._ground[:n_ground].copy(),
+        )
 
 
 @inner
@@ -217,8 +141,7 @@ _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 @kernel
 def _keep_obstacles(
     n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
-    counts: bool, key: NDArray[np.int32], column: NDArray[np.int32], table: NDArray[np.int32], obstacle: Int16,
-    count: UInt8, obstacle_slot: UInt8,
+    counts: bool, key: NDArray[np.int32], column: NDArray[np.int32], table: Table, obstacle: NDArray[np.void],
 ) -> int:  # fmt: skip
     """One of the points that block in each cell of THIN_M, with the greatest height of them.
 
@@ -243,16 +166,17 @@ def _keep_obstacles(
             c = column[j]
             cell, millimetres = key[c], np.int16(min(heights[c] * np.float32(1000), _HIGHEST_MM))
             at = np.uint32((cell ^ (cell >> np.int32(15)) * np.int32(73)) & mask)
-            item = np.uint32(table[0, at])
-            if table[1, at] == cell and abs(np.int64(obstacle_slot[item]) - slots[c]) <= _SAME_TIME_SLOTS:
-                obstacle[item, 2] = max(obstacle[item, 2], millimetres)
-                count[item] += count[item] < MOST_COUNT
-                continue
-            item = np.uint32(kept)
+            if table[1, at] == cell:
+                same = obstacle[np.uint32(table[0, at])]
+                if abs(np.int64(same["slot"]) - slots[c]) <= _SAME_TIME_SLOTS:
+                    same["height_mm"] = max(same["height_mm"], millimetres)
+                    same["count"] += same["count"] < MOST_COUNT
+                    continue
             table[0, at], table[1, at] = kept, cell
-            obstacle[item, 0] = np.int16(np.floor((dxs[c] + x0) * per_unit))
-            obstacle[item, 1] = np.int16(np.floor((dys[c] + y0) * per_unit))
-            obstacle[item, 2], count[item], obstacle_slot[item] = millimetres, 1, slots[c]
+            item = obstacle[np.uint32(kept)]
+            item["x"] = np.int16(np.floor((dxs[c] + x0) * per_unit))
+            item["y"] = np.int16(np.floor((dys[c] + y0) * per_unit))
+            item["height_mm"], item["count"], item["slot"] = millimetres, 1, slots[c]
             kept += 1
     return kept
 
@@ -278,7 +202,7 @@ def _thin_cells(
 @kernel
 def _average_ground(
     n: int, dx_m: Float32, dy_m: Float32, z_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
-    table: NDArray[np.int32], sums: Float32, ground: Int16, count: UInt16, ground_slot: UInt8,
+    table: Table, sums: Float32, ground: NDArray[np.void],
 ) -> int:  # fmt: skip
     """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: (room, 4) x, y, z and count."""
     kept, mask = 0, np.int32(table.shape[1] - 1)
@@ -302,7 +226,7 @@ def _average_ground(
                 item = kept
                 table[0, at], table[1, at] = item, cell
                 sums[item, 0], sums[item, 1], sums[item, 2], sums[item, 3] = 0, 0, 0, 0
-                ground_slot[item] = slot[i]
+                ground[item]["slot"] = slot[i]
                 kept += 1
         sums[item, 0] += x
         sums[item, 1] += y
@@ -310,9 +234,9 @@ def _average_ground(
         sums[item, 3] += np.float32(1)
     per_unit, most = limits[_PER_UNIT], np.float32(32767)
     for item in range(kept):
-        share = np.float32(1) / sums[item, 3]
-        ground[item, 0] = np.int16(np.floor(sums[item, 0] * share * per_unit))
-        ground[item, 1] = np.int16(np.floor(sums[item, 1] * share * per_unit))
-        ground[item, 2] = np.int16(np.rint(min(max(sums[item, 2] * share * np.float32(1000), -most), most)))
-        count[item] = np.uint16(sums[item, 3])
+        share, mean = np.float32(1) / sums[item, 3], ground[item]
+        mean["x"] = np.int16(np.floor(sums[item, 0] * share * per_unit))
+        mean["y"] = np.int16(np.floor(sums[item, 1] * share * per_unit))
+        mean["z_mm"] = np.int16(np.rint(min(max(sums[item, 2] * share * np.float32(1000), -most), most)))
+        mean["count"] = np.uint16(sums[item, 3])
     return kept

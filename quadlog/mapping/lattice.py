@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
@@ -15,52 +13,10 @@ BLOCK_CELLS = 128
 MOST_CELLS = 4096 * 4096
 
 
-class Layers(ABC):
-    """Named arrays over one window of the lattice, zero where nothing was written."""
+class GrowingLattice:
+    """Named arrays over one window of the lattice, zero where nothing was added; layers: the dtype of each.
 
-    @abstractmethod
-    def cover(self, window: Window) -> bool:
-        """Make room for a window; False, and nothing changes, where there is none."""
-
-    @abstractmethod
-    def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
-        """The whole layer, and the row and column at which a window that is covered begins in it.
-
-        Compiled loops over a part of a two-dimensional array become no vector instructions; over its rows they do.
-        """
-
-    def view(self, name: str, window: Window) -> NDArray:
-        """The layer within a window that is covered; writing to it changes the layer."""
-        layer, row, col = self.whole(name, window)
-        return layer[row : row + window.shape[0], col : col + window.shape[1]]
-
-
-class SlidingLattice(Layers):
-    """Layers as large as the window: what it leaves behind is forgotten."""
-
-    def __init__(self, layers: dict[str, DTypeLike]) -> None:
-        self._dtypes = layers
-        self._held: Window | None = None
-        self._layers: dict[str, NDArray] = {}
-
-    def cover(self, window: Window) -> bool:
-        """Slide to a window; there is always room for one."""
-        if window != self._held:
-            before, self._held = self._held, window
-            for name, dtype in self._dtypes.items():
-                empty = np.zeros(window.shape, dtype=dtype)
-                self._layers[name] = empty if before is None else crop(self._layers[name], before, window)
-        return True
-
-    def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
-        """The layer, which begins with the window slid to last."""
-        return self._layers[name], 0, 0
-
-
-class GrowingLattice(Layers):
-    """Layers of equal shape, each an array over the same window of the lattice, zero where nothing was added.
-
-    layers: the dtype of each layer by its name.
+    covered: what was covered so far, None before the first window.
     """
 
     def __init__(self, cell_m: float, layers: dict[str, DTypeLike], most_cells: int = MOST_CELLS) -> None:
@@ -76,22 +32,35 @@ class GrowingLattice(Layers):
             return False
         self.covered = covered
         if _union(self._held, covered) != self._held:
-            self._grow(_in_blocks(covered))
+            self._move(_in_blocks(covered))
         return True
 
     def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
-        """The whole layer, and the row and column at which a window that is covered begins in it."""
+        """The whole layer, and the row and column at which a window that is covered begins in it.
+
+        Compiled loops over a part of a two-dimensional array become no vector instructions; over its rows they do.
+        """
         dcol, drow = self._held.shift_to(window)
         return self._layers[name], drow, dcol
 
-    def _grow(self, wanted: Window) -> None:
-        held, self._held = self._held, wanted
-        for name, layer in self._layers.items():
-            grown = np.zeros(wanted.shape, dtype=layer.dtype)
-            if layer.size:
-                dcol, drow = wanted.shift_to(held)
-                grown[drow : drow + held.shape[0], dcol : dcol + held.shape[1]] = layer
-            self._layers[name] = grown
+    def view(self, name: str, window: Window) -> NDArray:
+        """The layer within a window that is covered; writing to it changes the layer."""
+        layer, row, col = self.whole(name, window)
+        return layer[row : row + window.shape[0], col : col + window.shape[1]]
+
+    def _move(self, window: Window) -> None:
+        held, self._held = self._held, window
+        self._layers = {name: crop(layer, held, window) for name, layer in self._layers.items()}
+
+
+class SlidingLattice(GrowingLattice):
+    """Layers as large as the window: what it leaves behind is forgotten."""
+
+    def cover(self, window: Window) -> bool:
+        """Slide to a window; there is always room for one."""
+        if window != self._held:
+            self._move(window)
+        return True
 
 
 def _union(one: Window, other: Window) -> Window:

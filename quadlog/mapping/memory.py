@@ -1,4 +1,4 @@
-"""Memory of maps between scans: none, decay after a fixed time, or log odds cleared by rays that pass through."""
+"""Memory of maps between scans: none, or log odds cleared by rays that pass through."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
 from quadlog.mapping.grid import Grid, Window
-from quadlog.mapping.lattice import Layers
+from quadlog.mapping.lattice import GrowingLattice
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 
 Int16 = NDArray[np.int16]
@@ -44,27 +44,6 @@ class ScanMemory:
         return placed.top_mm > NO_TOP
 
 
-class DecayMemory:
-    """A cell stays occupied for decay_s after it was last hit, even if rays have passed through it since."""
-
-    LAYERS: ClassVar = {"hit_ns": np.int64}
-
-    def __init__(self, layers: Layers, decay_s: float) -> None:
-        self._layers, self._decay_ns = layers, round(decay_s * 1e9)
-        self.skipped = 0
-
-    def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
-        """The cells hit within the last decay_s."""
-        hit = placed.top_mm > NO_TOP
-        if not self._layers.cover(window):
-            self.skipped += 1
-            return hit
-        hit_ns = self._layers.view("hit_ns", window)
-        hit_ns[hit] = t_ns
-        occupied: Grid = (hit_ns != 0) & (t_ns - hit_ns <= self._decay_ns)
-        return occupied
-
-
 class LogOddsMemory:
     """A cell stays occupied until rays have crossed it below the top of what stood there for long enough.
 
@@ -79,7 +58,7 @@ class LogOddsMemory:
 
     LAYERS: ClassVar = dict.fromkeys(("low_ms", "low_mm", "high_ms", "high_mm"), np.int16)
 
-    def __init__(self, layers: Layers, clear_s: float) -> None:
+    def __init__(self, layers: GrowingLattice, clear_s: float) -> None:
         self._layers, self._clear_ms = layers, np.int16(min(max(round(clear_s * 1e3), 1), _LONGEST_MS))
         self._last_ns: int | None = None
         self.skipped = 0

@@ -54,9 +54,8 @@ class ScanPlacer:
         place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, self._target_radius_m**2], np.float64)
         min_points = self._min_points if len(scan.ground) else 1
         _raise_tops(
-            scan.obstacle, scan.obstacle_count, scan.obstacle_slot, slot_pose_base_in_map, scan.unit_m, place,
-            min_points, self._count, self._placed.top_mm,
-        )  # fmt: skip
+            scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, min_points, self._count, self._placed.top_mm
+        )
         where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
         self._rays.place(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)
         return self._placed
@@ -64,8 +63,8 @@ class ScanPlacer:
 
 @kernel
 def _raise_tops(
-    obstacle: NDArray[np.int16], points: NDArray[np.uint8], slot: NDArray[np.uint8], poses: Float, unit_m: float,
-    place: Float, min_points: int, count: NDArray[np.int32], top_mm: NDArray[np.int16],
+    obstacle: NDArray[np.void], poses: Float, unit_m: float, place: Float, min_points: int, count: NDArray[np.int32],
+    top_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
     radius.
@@ -78,7 +77,7 @@ def _raise_tops(
     moved = slot_transforms(poses, unit_m)
     per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
     for i in range(len(obstacle)):
-        at, x, y = slot[i], obstacle[i, 0] + 0.5, obstacle[i, 1] + 0.5
+        at, x, y = obstacle[i]["slot"], obstacle[i]["x"] + 0.5, obstacle[i]["y"] + 0.5
         map_x_m = moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y
         map_y_m = moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y
         dx, dy = map_x_m - place[3], map_y_m - place[4]
@@ -87,9 +86,9 @@ def _raise_tops(
         inside = col >= 0.0 and col < cols and row >= 0.0 and row < rows
         if inside and not dx * dx + dy * dy <= place[5]:
             at_row, at_col = np.uint32(row), np.uint32(col)
-            top_mm[at_row, at_col] = max(top_mm[at_row, at_col], obstacle[i, 2])
+            top_mm[at_row, at_col] = max(top_mm[at_row, at_col], obstacle[i]["height_mm"])
             if counts:
-                count[at_row, at_col] += points[i]
+                count[at_row, at_col] += obstacle[i]["count"]
     if counts:
         for r in range(rows):
             for c in range(cols):

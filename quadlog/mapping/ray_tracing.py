@@ -8,13 +8,13 @@ sight is left out, however far off it is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import ClassifiedReturns, PointClass
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 
@@ -34,19 +34,20 @@ _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
 _INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
 
 
-@dataclass(frozen=True, slots=True)
-class Rays:
+SECTOR = np.dtype([("count", "u1"), ("slot", "u1")])
+RAY = np.dtype([("reach", "u2"), ("slope", "i2")])
+
+
+class Rays(NamedTuple):
     """The rays of one scan by sector, in units of unit_m and SLOPE_UNIT.
 
-    count, slot: (S,) rays and time slot of each sector; sector s looks along (s + 1/2) / S turns in base. reach, slope:
-    (R,) horizontal length and rise per length, sector by sector, each reaching farther and passing higher than the one
+    sector: (S,) of SECTOR, number of rays and time slot; sector s looks along (s + 1/2) / S turns in base. ray: (R,) of
+    RAY, horizontal length and rise per length, sector by sector, each reaching farther and passing higher than the one
     before.
     """
 
-    count: NDArray[np.uint8]
-    slot: NDArray[np.uint8]
-    reach: NDArray[np.uint16]
-    slope: NDArray[np.int16]
+    sector: NDArray[np.void]
+    ray: NDArray[np.void]
 
 
 class RayGatherer:
@@ -54,39 +55,37 @@ class RayGatherer:
 
     def __init__(self) -> None:
         self._reach_m, self._slope = np.zeros((2, MOST_SECTORS * BINS + 1), np.float32)
-        self._row = np.zeros((2, 0), np.float32)
-        self._place, self._bin_slot = np.zeros(0, np.int32), np.zeros(MOST_SECTORS * BINS + 1, np.uint8)
-        self._count, self._slot = np.zeros((2, MOST_SECTORS), np.uint8)
-        self._reach, self._slopes = np.zeros(MOST_SECTORS * BINS, np.uint16), np.zeros(MOST_SECTORS * BINS, np.int16)
+        self._row, self._place = np.zeros((2, 0), np.float32), np.zeros(0, np.int32)
+        self._bin_slot = np.zeros(MOST_SECTORS * BINS + 1, np.uint8)
+        self._sector, self._ray = np.zeros(MOST_SECTORS, SECTOR), np.zeros(MOST_SECTORS * BINS, RAY)
 
-    def gather(
-        self, returns: ClassifiedReturns, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float
-    ) -> Rays:
-        """The rays of a scan that end on the ground or on an obstacle, but not on the robot; overwritten by the next.
+    def gather(self, scan: ClassifiedScan, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float) -> Rays:
+        """The rays of a scan that end on the ground or on an obstacle, but not on the robot.
 
         half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
         off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest
         and flattest of them, so that a cell is called crossed only where all agree.
         """
-        n, width = len(returns.label), returns.columns or max(len(returns.label), 1)
+        n, width = len(scan.label), scan.columns or max(len(scan.label), 1)
         if len(self._place) < width:
             self._row, self._place = np.zeros((2, width), np.float32), np.zeros(width, np.int32)
-        sectors, together = _sectors(returns)
-        limits = np.array([*returns.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
-        work = self._row[0], self._row[1], self._place, self._reach_m, self._slope, self._bin_slot
-        arrays = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
-        kept = self._count[:sectors], self._slot[:sectors], self._reach, self._slopes
-        n_rays = _gather(n, width, *arrays, limits, sectors, together, *work, *kept)
-        return Rays(self._count[:sectors], self._slot[:sectors], self._reach[:n_rays], self._slopes[:n_rays])
+        sectors, together = _sectors(scan)
+        limits = np.array([*scan.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
+        n_rays = _gather(
+            n, width, scan.dx_m, scan.dy_m, scan.height_m, scan.label, scan.slot, limits, sectors, together,
+            self._row[0], self._row[1], self._place, self._reach_m, self._slope, self._bin_slot, self._sector,
+            self._ray,
+        )  # fmt: skip
+        return Rays(self._sector[:sectors].copy(), self._ray[:n_rays].copy())
 
 
-def _sectors(returns: ClassifiedReturns) -> tuple[int, int]:
+def _sectors(scan: ClassifiedScan) -> tuple[int, int]:
     """How many sectors, and how many neighbouring columns may count as one ray."""
-    if returns.route in ("rings", "elevations"):
+    if scan.route in ("rings", "elevations"):
         # One and a half of these in each sector at least: wherever the columns lie, none is empty.
-        together = 2 if returns.columns >= 3 * MOST_SECTORS else 1
-        return min(max(returns.columns // together * 2 // 3, 1), MOST_SECTORS), together
-    n_ended = returns.n_ground + returns.n_obstacle
+        together = 2 if scan.columns >= 3 * MOST_SECTORS else 1
+        return min(max(scan.columns // together * 2 // 3, 1), MOST_SECTORS), together
+    n_ended = scan.count(PointClass.GROUND) + scan.count(PointClass.OBSTACLE)
     return min(max(n_ended // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS), 1
 
 
@@ -95,9 +94,9 @@ def _gather(
     n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8],
     slot: NDArray[np.uint8], limits: Float32, sectors: int, together: int, length_m: Float32, rise: Float32,
     place: NDArray[np.int32], reach_m: Float32, slope: Float32, bin_slot: NDArray[np.uint8],
-    count: NDArray[np.uint8], sector_slot: NDArray[np.uint8], reach: NDArray[np.uint16], slopes: NDArray[np.int16],
+    sector: NDArray[np.void], ray: NDArray[np.void],
 ) -> int:  # fmt: skip
-    """Fill count, sector_slot, reach and slopes, as in Rays; returns how many rays there are.
+    """Fill sector and ray, as in Rays; returns how many rays there are.
 
     width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
     and the greatest reach and height.
@@ -132,11 +131,11 @@ def _gather(
                 continue
             if farthest > most_m or lidar_m + slope[k] * farthest > highest_m:
                 break
-            reach[n_rays] = np.uint16(min(far * per_unit, np.float32(65535)))
-            slopes[n_rays] = np.int16(max(slope[k], np.float32(-1.99)) * np.float32(1 / SLOPE_UNIT))
-            sector_slot[s] = bin_slot[k]
+            ray[n_rays]["reach"] = np.uint16(min(far * per_unit, np.float32(65535)))
+            ray[n_rays]["slope"] = np.int16(max(slope[k], np.float32(-1.99)) * np.float32(1 / SLOPE_UNIT))
+            sector[s]["slot"] = bin_slot[k]
             farthest, found, n_rays = far, found + 1, n_rays + 1
-        count[s] = found
+        sector[s]["count"] = found
     return n_rays
 
 
@@ -212,22 +211,21 @@ class RayPlacer:
         if self._profile_mm.shape[1] != steps or len(self._dx) != cols:
             self._profile_mm = np.zeros((MOST_SECTORS + 1, steps), np.int16)
             self._dx, self._cells = np.zeros(cols, np.float32), np.zeros((2, cols), np.int32)
-        if self._outward.shape[1] != len(rays.count):
-            middle_rad = (np.arange(len(rays.count)) + 0.5) * (2 * np.pi / len(rays.count))
+        if self._outward.shape[1] != len(rays.sector):
+            middle_rad = (np.arange(len(rays.sector)) + 0.5) * (2 * np.pi / len(rays.sector))
             self._outward = np.stack([np.cos(middle_rad), np.sin(middle_rad)])
         corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
         _place(
-            rays.count, rays.slot, rays.reach, rays.slope, unit_m, lidar_base_m, slot_pose_base_in_map, corner,
-            self._outward, self._sector, self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
+            rays.sector, rays.ray, unit_m, lidar_base_m, slot_pose_base_in_map, corner, self._outward, self._sector,
+            self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
         )  # fmt: skip
 
 
 @kernel
 def _place(
-    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
-    unit_m: float, lidar_base_m: Float, poses: Float, corner: Float, outward: Float, sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16], dx: Float32, step: NDArray[np.int32], direction: NDArray[np.int32],
-    lowest_mm: NDArray[np.int16],
+    sectors: NDArray[np.void], rays: NDArray[np.void], unit_m: float, lidar_base_m: Float, poses: Float,
+    corner: Float, outward: Float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16], dx: Float32,
+    step: NDArray[np.int32], direction: NDArray[np.int32], lowest_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """corner: the window's first column and row on the lattice, and the edge of a cell."""
     n, cell_m = len(poses), corner[2]
@@ -246,16 +244,15 @@ def _place(
     for k in range(n):
         moved_m[0, k] -= start_x_m
         moved_m[1, k] -= start_y_m
-    _draw_profiles(count, slot, reach, slope, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
+    _draw_profiles(sectors, rays, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
     col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
     _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
 
 
 @inner
 def _draw_profiles(
-    count: NDArray[np.uint8], slot: NDArray[np.uint8], reach: NDArray[np.uint16], slope: NDArray[np.int16],
-    unit_m: float, lidar_m: float, moved: Float, outward: Float, cell_m: float, sector: NDArray[np.int32],
-    profile_mm: NDArray[np.int16],
+    sectors: NDArray[np.void], rays: NDArray[np.void], unit_m: float, lidar_m: float, moved: Float, outward: Float,
+    cell_m: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
     the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
@@ -263,21 +260,21 @@ def _draw_profiles(
     moved: (5, K) x, y in metres by which the lidar was elsewhere at each time slot, its yaw in turns, and the cosine
     and sine of that. outward: (2, sectors) directions of the sectors in base.
     """
-    sectors, steps = len(count), profile_mm.shape[1]
+    n, steps = len(sectors), profile_mm.shape[1]
     for d in range(_DIRECTIONS):
-        sector[d] = sectors
+        sector[d] = n
     for k in range(steps):
-        profile_mm[sectors, k] = NO_RAY
+        profile_mm[n, k] = NO_RAY
     ray, step_m = np.int64(0), 0.5 * cell_m
-    for s in range(sectors):
-        if count[s] == 0:
+    for s in range(n):
+        if sectors[s]["count"] == 0:
             continue
-        at, after = slot[s], slot[s + 1 if s + 1 < sectors else 0]
-        first = moved[2, at] + s / sectors
+        at, after = sectors[s]["slot"], sectors[s + 1 if s + 1 < n else 0]["slot"]
+        first = moved[2, at] + s / n
         # The next sector was perhaps measured later, when the robot had turned; a wide gap is the scan's seam.
-        wide = moved[2, after] - moved[2, at] + 1.0 / sectors
+        wide = moved[2, after] - moved[2, at] + 1.0 / n
         wide -= math.floor(wide)
-        wide = wide if wide < 2.0 / sectors else 1.0 / sectors
+        wide = wide if wide < 2.0 / n else 1.0 / n
         begin, end = math.ceil(first * _DIRECTIONS - 0.5), math.ceil((first + wide) * _DIRECTIONS - 0.5)
         for d in range(np.int64(begin), np.int64(end)):
             sector[d & (_DIRECTIONS - 1)] = s
@@ -285,10 +282,10 @@ def _draw_profiles(
         y = moved[4, at] * outward[0, s] + moved[3, at] * outward[1, s]
         shift_m = x * moved[0, at] + y * moved[1, at]
         done, heights = np.int64(0), profile_mm[s]
-        for _ in range(count[s]):
-            until_m = np.int64(reach[ray]) * unit_m + shift_m - _SHORT_CELLS * cell_m
+        for _ in range(sectors[s]["count"]):
+            until_m = np.int64(rays[ray]["reach"]) * unit_m + shift_m - _SHORT_CELLS * cell_m
             until = min(max(np.int64(math.floor(until_m / step_m)), done), steps - 1)
-            climb = slope[ray] * SLOPE_UNIT
+            climb = rays[ray]["slope"] * SLOPE_UNIT
             first_mm = np.float32(1000.0 * (lidar_m + climb * (0.5 * step_m - shift_m)))
             _draw_line(heights, done, until, first_mm, np.float32(1000.0 * climb * step_m))
             done, ray = until, ray + 1

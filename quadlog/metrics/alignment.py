@@ -20,15 +20,15 @@ def align_rigidly(estimate: Trajectory, reference: Trajectory) -> Trajectory | N
     M poses each, in pairs [Umeyama]. None for poses on one line, about which any turn fits as well.
     """
     mean_m, true_mean_m = estimate.position_m.mean(axis=0), reference.position_m.mean(axis=0)
-    u, singular, vh = np.linalg.svd((reference.position_m - true_mean_m).T @ (estimate.position_m - mean_m))
+    centred_m, wanted_m = estimate.position_m - mean_m, reference.position_m - true_mean_m
+    singular = np.linalg.svd(wanted_m.T @ centred_m, compute_uv=False)
     if singular[1] <= _RANK * singular[0]:
         return None
-    mirrored = np.diag([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vh))])
     from scipy.spatial.transform import Rotation  # slow to import
 
-    turn = Rotation.from_matrix(u @ mirrored @ vh)
-    position_m = turn.apply(estimate.position_m - mean_m) + true_mean_m
-    return Trajectory(estimate.t_ns, position_m, (turn * Rotation.from_quat(estimate.quat_xyzw)).as_quat())
+    turn = Rotation.from_matrix(centred_rotation(centred_m, wanted_m))
+    quat_xyzw = (turn * Rotation.from_quat(estimate.quat_xyzw)).as_quat()
+    return Trajectory(estimate.t_ns, turn.apply(centred_m) + true_mean_m, quat_xyzw)
 
 
 def project_to_plane(trajectory: Trajectory) -> Trajectory:
@@ -226,11 +226,9 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
         return None
     mean_m, reference_mean_m = position_m.mean(axis=0), reference_m.mean(axis=0)
     centred, wanted = position_m - mean_m, reference_m - reference_mean_m
-    # In the plane the singular value decomposition comes down to one angle.
-    turn = np.arctan2(np.sum(centred[:, 0] * wanted[:, 1] - centred[:, 1] * wanted[:, 0]), np.sum(centred * wanted))
-    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    rotation = centred_rotation(centred, wanted)
     return FrameOffset(
-        turn_rad=float(turn),
+        turn_rad=float(np.arctan2(rotation[1, 0], rotation[0, 0])),
         shift_m=reference_mean_m - rotation @ mean_m,
         mean_shift_m=reference_mean_m - mean_m,
         spread_m=_rms(centred),

@@ -1,4 +1,4 @@
-"""What a body's joints and feet did on a walk, and on two walks at the same speed.
+"""What a body's joints and feet did on a walk.
 
 Legs are FL, FR, RL, RR, each with hip, thigh and calf; an instant is a row, and each row counts once.
 """
@@ -26,13 +26,9 @@ SPEED_OVER_S = 1.0
 """A speed is the distance between the places before and after an instant, so far apart: sway is not speed."""
 LEAST_OVER_S = 0.25
 MOVING_MPS = 0.1
-SPEED_BIN_MPS = 0.1
-SHARED_S = 1.0
-"""Two walks share a speed where both were walked so long in its bin."""
 SHORTEST_PHASE_S = 0.05
 """What is shorter is no stance and no swing, but noise of its estimate."""
 LONGEST_STRIDE_S = 2.0
-MAX_SPEED_MPS = 100.0
 MAX_GAP_S = 0.1
 """Strides over a longer gap between rows are not counted."""
 
@@ -140,20 +136,17 @@ class TorqueRow(NamedTuple):
     n_unknown: int
 
 
-def torque_rows(body: BodySeries, weight: Float | None = None) -> list[TorqueRow]:
-    """Every joint in every phase of its own leg that has a torque; weight (N,): of each row, 0 leaves it out."""
+def torque_rows(body: BodySeries) -> list[TorqueRow]:
+    """Every joint in every phase of its own leg that has a torque."""
     rows = []
-    counts = np.ones(len(body.t_ns)) if weight is None else weight
     for joint, name in enumerate(JOINTS):
         torque_nm, stance = body.torque_nm[:, joint].astype(np.float64), body.stance[:, joint // 3]
         known = np.isfinite(torque_nm)
-        for phase, within in zip(PHASES, (stance == 1, stance == 0, np.ones(len(stance), bool)), strict=True):
-            inside = within & (counts > 0)
-            used = inside & known
-            if used.any():
-                rms_nm = np.sqrt(np.average(torque_nm[used] ** 2, weights=counts[used]))
-                peak_nm, n = np.abs(torque_nm[used]).max(), int(used.sum())
-                rows.append(TorqueRow(name, phase, float(rms_nm), float(peak_nm), n, int(inside.sum()) - n))
+        for phase, inside in zip(PHASES, (stance == 1, stance == 0, np.ones(len(stance), bool)), strict=True):
+            used = torque_nm[inside & known]
+            if len(used):
+                rms_nm, peak_nm = float(np.sqrt(np.mean(used**2))), float(np.abs(used).max())
+                rows.append(TorqueRow(name, phase, rms_nm, peak_nm, len(used), int(inside.sum()) - len(used)))
     return rows
 
 
@@ -176,79 +169,39 @@ class GaitStatistics:
     pitch_std_rad: float
 
 
-def gait(body: BodySeries, mass_kg: float, weight: Float | None = None) -> GaitStatistics:
-    """Over all rows, or those that weight (N,) counts."""
-    counts = np.ones(len(body.t_ns)) if weight is None else weight
-    moving = np.where(body.moves, counts, 0.0)
-    found = strides(body)
-    height, pitch = _mean_and_std(body.height_m, moving), _mean_and_std(body.pitch_rad, moving)
+def gait(body: BodySeries, mass_kg: float) -> GaitStatistics:
+    """Over all rows."""
+    height_m, pitch_rad = (_known(each[body.moves]) for each in (body.height_m, body.pitch_rad))
     return GaitStatistics(
-        n=int((moving > 0).sum()),
-        speed_mps=_mean(body.speed_mps, moving),
-        stride_frequency_hz=_mean(found.frequency_hz, counts[found.row]),
-        duty_factor=np.array([_mean(stance, moving) for stance in body.stance.T]),
-        cost_of_transport=cost_of_transport(body, mass_kg, counts),
-        height_mean_m=height[0],
-        height_std_m=height[1],
-        pitch_mean_rad=pitch[0],
-        pitch_std_rad=pitch[1],
+        n=int(body.moves.sum()),
+        speed_mps=_mean(body.speed_mps[body.moves]),
+        stride_frequency_hz=_mean(strides(body).frequency_hz),
+        duty_factor=np.array([_mean(_known(stance[body.moves])) for stance in body.stance.T]),
+        cost_of_transport=cost_of_transport(body, mass_kg),
+        height_mean_m=_mean(height_m),
+        height_std_m=float(np.std(height_m)) if len(height_m) else float("nan"),
+        pitch_mean_rad=_mean(pitch_rad),
+        pitch_std_rad=float(np.std(pitch_rad)) if len(pitch_rad) else float("nan"),
     )
 
 
-def cost_of_transport(body: BodySeries, mass_kg: float, weight: Float | None = None) -> float:
+def cost_of_transport(body: BodySeries, mass_kg: float) -> float:
     """Mean power over weight and mean speed, of rows with both known; speeds below MOVING_MPS count as 0.
 
     mass_kg: NaN where it is not known; the result is NaN then, and for a body that does not move.
     """
-    counts = np.ones(len(body.t_ns)) if weight is None else weight
     known = body.cost_known
-    way = float((counts * np.where(body.moves, body.speed_mps, 0.0))[known].sum())
-    energy = float((counts * body.power_w)[known].sum())
-    return energy / (mass_kg * GRAVITY_MPS2 * way) if way > 0 else float("nan")
+    way = float(np.where(body.moves, body.speed_mps, 0.0)[known].sum())
+    return float(body.power_w[known].sum()) / (mass_kg * GRAVITY_MPS2 * way) if way > 0 else float("nan")
 
 
-def _mean(values: Float, weight: Float) -> float:
-    used = np.isfinite(values) & (weight > 0)
-    return float(np.average(values[used], weights=weight[used])) if used.any() else float("nan")
+def _known(values: Float) -> Float:
+    known: Float = values[np.isfinite(values)]
+    return known
 
 
-def _mean_and_std(values: Float, weight: Float) -> tuple[float, float]:
-    mean = _mean(values, weight)
-    return mean, float(np.sqrt(_mean((values - mean) ** 2, weight)))
-
-
-def same_speed(one: BodySeries, other: BodySeries) -> tuple[Float, Float] | None:
-    """Weights (N,) and (M,) of the rows of two walks with which both have the same distribution over speeds.
-
-    Speeds in bins of SPEED_BIN_MPS; a bin counts as much as the shorter of its two times, and not at all where that is
-    below SHARED_S. None where no speed is shared.
-    """
-    bins = [_bins(each) for each in (one, other)]
-    most = max(int(each.max(initial=-1)) for each in bins) + 1
-    rows = [np.bincount(each[each >= 0], minlength=most).astype(np.float64) for each in bins]
-    shared_s = np.minimum(*(count * _step_s(each) for count, each in zip(rows, (one, other), strict=True)))
-    shared_s[shared_s < SHARED_S] = 0.0
-    if not shared_s.any():
-        return None
-    one_s, other_s = (shared_s / np.maximum(count, 1.0) for count in rows)
-    return np.where(bins[0] >= 0, one_s[bins[0]], 0.0), np.where(bins[1] >= 0, other_s[bins[1]], 0.0)
-
-
-def _bins(body: BodySeries) -> Int:
-    """(N,) the bin of each row's speed, -1 where the body does not move, or faster than any robot.
-
-    That of the mean over whole stretches of SPEED_OVER_S: speed sways within a stride, and rows chosen by it would
-    be those of some phases of the gait. Bins are centred on multiples of their width, where wanted speeds are.
-    """
-    known = np.isfinite(body.speed_mps) & (body.speed_mps < MAX_SPEED_MPS)
-    _, stretch = np.unique(body.t_ns // round(SPEED_OVER_S * 1e9), return_inverse=True)
-    summed_mps = np.bincount(stretch, np.where(known, body.speed_mps, 0.0))
-    mean_mps = (summed_mps / np.maximum(np.bincount(stretch, known), 1.0))[stretch]
-    return np.where(known & (mean_mps >= MOVING_MPS), np.rint(mean_mps / SPEED_BIN_MPS), -1.0).astype(np.int64)
-
-
-def _step_s(body: BodySeries) -> float:
-    return float(np.median(np.diff(body.t_ns))) * 1e-9 if len(body.t_ns) > 1 else 0.0
+def _mean(values: Float) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
 def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:

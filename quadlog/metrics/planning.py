@@ -12,17 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.geometry import arc_lengths
 from quadlog.messages import Float, Int
-from quadlog.metrics.comparison.planner_lead import Spending
-from quadlog.metrics.intervals import Interval, median_interval
-from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.intervals import Interval, corrected_confidence, median_interval, ratio_interval_in_time
+from quadlog.metrics.summary import Metric, Metrics, Samples, finite_samples
 from quadlog.planning.protocol import Bool
 
 COUNTS = ("expanded", "generated", "touched")
@@ -62,14 +60,64 @@ class PlannerRow:
     turn_rad_total: float | None
 
 
+class Ratio(NamedTuple):
+    """What a planner spent over what another did: the median over episodes, (E,) of each, and its interval."""
+
+    value: float
+    of_episodes: Float
+    interval: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class Spending:
+    """What planners spent on the R replans that all of them solved: cells or microseconds, (R,) or K times (R, K) each.
+
+    episode (R,): sorted.
+    """
+
+    of: Mapping[str, NDArray[Any]]
+    episode: NDArray[np.int64]
+
+    def ratio(self, over: str, under: str, confidence: float = 0.95) -> Ratio | None:
+        """None where one of them is not known, or `under` spent nothing in any episode; such episodes are left out.
+
+        The interval is of episodes that are independent, of the repeats of a single question, or within one episode of
+        replans that follow one another; None where there are too few.
+        """
+        if not len(self.episode) or not {over, under} <= self.of.keys():
+            return None
+        parts, wholes = (np.asarray(self.of[name], dtype=np.float64) for name in (over, under))
+        if parts.ndim == 2:
+            parts, wholes = (
+                (parts[0], wholes[0]) if len(parts) == 1 else (np.median(each, 1) for each in (parts, wholes))
+            )
+        is_one = len(self.episode) > 1 and self.episode[0] == self.episode[-1]
+        over_all: Float = parts
+        under_all: Float = wholes
+        if len(self.episode) > 1:
+            _, number = np.unique(self.episode, return_inverse=True)
+            over_all, under_all = (np.bincount(number, each).astype(np.float64) for each in (parts, wholes))
+        ratios = np.divide(over_all, under_all, out=np.full(len(under_all), np.nan), where=under_all > 0)
+        finite = ratios[np.isfinite(ratios)]
+        if not len(finite):
+            return None
+        interval = ratio_interval_in_time(parts, wholes, confidence) if is_one else median_interval(finite, confidence)
+        return Ratio(float(np.median(finite)), ratios, interval)
+
+    def beats_all(self, best: str) -> bool:
+        """Whether every other planner is shown to spend more, with an interval that allows for the choice."""
+        others = [name for name in self.of if name != best]
+        found = [self.ratio(name, best, corrected_confidence(len(others))) for name in others]
+        return all(each is not None and each.interval is not None and each.interval[0] > 1 for each in found)
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """The rows of one source, in the order in which its planners came, and what they rest on.
 
     counted: which of COUNTS is a cell in the ratio. baseline: what the ratio compares with, perhaps no row at all.
     paired_replans: those that all planners solved; paired_episodes: those E that have any.
-    episode_ratios: per planner (E,), in order of episodes. NaN where the planner spent no cell: such an episode has no
-    finite ratio, and is left out of the median and the interval, which can only make the planner look worse.
+    ratios: of the baseline over each planner that has one, see `Spending.ratio`.
     cells, us: what each spent on the paired replans, in cells and in microseconds.
     """
 
@@ -79,7 +127,7 @@ class Comparison:
     counted: str
     paired_replans: int
     paired_episodes: int
-    episode_ratios: Mapping[str, Float]
+    ratios: Mapping[str, Ratio]
     cells: Spending
     us: Spending
 
@@ -98,47 +146,29 @@ class _Aligned:
         """(R,), sorted."""
         return self.columns["episode"][0]
 
-    @property
-    def is_first(self) -> Bool:
-        """(R,) whether a replan is the first of its episode."""
-        return np.concatenate([[True], self.episode[1:] != self.episode[:-1]])
+    def spending(self, column: str) -> Spending:
+        """Of a column, on the paired replans."""
+        of = {name: each[self.paired] for name, each in zip(self.planners, self.columns[column], strict=True)}
+        return Spending(of, self.episode[self.paired])
 
 
 def compare_planners(
-    table: Table,
-    rng: np.random.Generator,
-    baseline: str = "astar",
-    counted: str = "expanded",
-    incremental: Collection[str] = (),
+    table: Table, baseline: str = "astar", counted: str = "expanded", incremental: Collection[str] = ()
 ) -> Comparison:
     """Compare the planners of one source, from the columns of its replans.parquet, (N,) each.
 
     A column us_repeats (N, K) has the microseconds of each time that a question was asked, else `us` stands for it.
-    rng: for the intervals; every planner resamples the same episodes, whatever the others are.
     incremental: the planners that build on the plan before; only they have a fallback_share.
     Raises ValueError for a table without rows, of several sources, or whose planners have not the same replans.
     """
     assert counted in COUNTS, counted
     replans = _align(table)
-    seed = int(rng.integers(2**63))
-    cells, us = (_spending(replans, name, seed) for name in (counted, "us_repeats" if "us_repeats" in table else "us"))
-    ratios, intervals = {}, {}
-    if baseline in replans.planners:
-        for name in replans.planners:
-            ratios[name] = cells.ratios(baseline, name)
-            intervals[name] = _interval(cells, baseline, name, ratios[name])
-    rows = tuple(
-        _row(replans, at, ratios.get(name), intervals.get(name), name in incremental)
-        for at, name in enumerate(replans.planners)
-    )
-    episodes = len(np.unique(replans.episode[replans.paired]))
-    paired = int(replans.paired.sum())
+    cells, us = (replans.spending(name) for name in (counted, "us_repeats" if "us_repeats" in table else "us"))
+    found = {name: cells.ratio(baseline, name) for name in replans.planners}
+    ratios = {name: ratio for name, ratio in found.items() if ratio is not None}
+    rows = tuple(_row(replans, at, found[name], name in incremental) for at, name in enumerate(replans.planners))
+    episodes, paired = len(np.unique(replans.episode[replans.paired])), int(replans.paired.sum())
     return Comparison(replans.source, rows, baseline, counted, paired, episodes, ratios, cells, us)
-
-
-def _spending(replans: _Aligned, column: str, seed: int) -> Spending:
-    of = {name: each[replans.paired] for name, each in zip(replans.planners, replans.columns[column], strict=True)}
-    return Spending(of, replans.episode[replans.paired], seed)
 
 
 def _align(table: Table) -> _Aligned:
@@ -155,35 +185,27 @@ def _align(table: Table) -> _Aligned:
     for name, line in zip(names, lines, strict=True):
         if not np.array_equal(np.stack([episode[line], replan[line]]), asked):
             raise ValueError(f"{name} has not the same replans as {names[0]}")
-    index = np.stack(lines)
-    columns = {name: np.asarray(column)[index] for name, column in table.items()}
+    columns = {name: np.asarray(column)[np.stack(lines)] for name, column in table.items()}
     return _Aligned(sources[0], names, columns, columns["found"].astype(bool).all(axis=0))
 
 
-def _interval(cells: Spending, baseline: str, name: str, ratios: Float) -> Interval | None:
-    """Over episodes, however few; a single one cannot be resampled, and blocks of its replans stand in."""
-    if len(ratios) == 1:
-        return cells.ratio_interval(baseline, name)
-    return median_interval(ratios[np.isfinite(ratios)], np.random.default_rng(cells.seed))
-
-
-def _row(replans: _Aligned, at: int, ratios: Float | None, interval: Interval | None, incremental: bool) -> PlannerRow:
+def _row(replans: _Aligned, at: int, ratio: Ratio | None, incremental: bool) -> PlannerRow:
     mine = {name: column[at] for name, column in replans.columns.items()}
     paired = {name: column[replans.paired] for name, column in mine.items()}
     totals = {f"{name}_total": int(mine[name].sum()) for name in COUNTS}
-    finite = ratios[np.isfinite(ratios)] if ratios is not None else np.empty(0)
-    low, high = interval or (None, None)
-    later = mine["from_scratch"][~replans.is_first]
+    low, high = (None if ratio is None else ratio.interval) or (None, None)
+    is_first = np.concatenate([[True], np.diff(replans.episode) != 0])
+    later = mine["from_scratch"][~is_first]
     excess = _excess(paired["cost"], paired["optimal_cost"])
     return PlannerRow(
         source=replans.source,
         planner=replans.planners[at],
-        episodes=int(replans.is_first.sum()),
+        episodes=int(is_first.sum()),
         replans=len(replans.episode),
         success_rate=float(np.mean(mine["found"])),
         **totals,
         expanded_mean=totals["expanded_total"] / len(replans.episode),
-        ratio_expanded=_some(np.median, finite),
+        ratio_expanded=None if ratio is None else ratio.value,
         ratio_low=low,
         ratio_high=high,
         suboptimality_mean=_some(np.mean, excess),
@@ -233,7 +255,8 @@ def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
     if not np.any(expanded):
         return {}
     ratio = float(np.sum(astar_expanded)) / int(np.sum(expanded))
-    return {"ratio_to_astar": Metric(ratio, len(expanded), "")}
+    interval = ratio_interval_in_time(np.asarray(astar_expanded, np.float64), np.asarray(expanded, np.float64))
+    return {"ratio_to_astar": Metric(ratio, len(expanded), "", interval)}
 
 
 def search_samples(replans: Replans) -> dict[str, Samples]:

@@ -11,15 +11,51 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import Float, Int
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE, ValueKind
-from quadlog.metrics.intervals import Interval, mean_interval_in_time, student_interval, wilson_interval
-from quadlog.metrics.metric import Metric, Metrics
+from quadlog.metrics.intervals import (
+    Interval,
+    mean_interval_in_time,
+    root_interval,
+    student_interval,
+    wilson_interval,
+)
 
 ELLIPSE_95_OF_AXIS = 1.249
 """How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
 
+SHORTEST_S = 11.5
+"""Of a walk of 12 s, whose first and last samples may be missing."""
+
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One number of metrics.json: a value, the number of samples it is made of, its unit ("" for counts and shares).
+
+    interval: 95 %, of the value; None where the samples are too few for one, or there are none. worst: the worst
+    sample and its instant, None for metrics without samples in time.
+    """
+
+    value: float
+    n: int
+    unit: str
+    interval: Interval | None = None
+    worst: tuple[float, int] | None = None
+
+
+Metrics = dict[str, Metric]
+
+
+def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
+    """The content of metrics.json: value, n and unit by name; low and high of an interval; worst and worst_t_ns."""
+    return {
+        name: {"value": each.value, "n": each.n, "unit": each.unit}
+        | ({} if each.interval is None else {"low": each.interval[0], "high": each.interval[1]})
+        | ({} if each.worst is None else {"worst": each.worst[0], "worst_t_ns": each.worst[1]})
+        for name, each in metrics.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +96,7 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
     return {
-        name: Metric(value_of(of), of.count, CATALOGUE[name].unit, _interval(of), _worst(name, of))
+        name: Metric(value_of(of), of.count, CATALOGUE[name].unit, interval_of(of), _worst(name, of))
         for name, of in known.items()
     }
 
@@ -110,7 +146,7 @@ def summarise(samples: Samples) -> SampleSummary | None:
         std=float(np.std(x, ddof=1)) if len(x) > 1 else None,
         p50=p50,
         p95=p95,
-        interval=_interval(samples),
+        interval=interval_of(samples),
     )
 
 
@@ -137,51 +173,52 @@ def value_of(samples: Samples) -> float:
             return float(np.hypot(*samples.vectors.mean(axis=0)))
 
 
-def _interval(samples: Samples) -> Interval | None:
-    """Of the value, from the interval of the mean that it is a function of; an extreme is none."""
-    x, weights = samples.values, samples.weights
+def effects(samples: Samples) -> Float | None:
+    """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
+
+    To first order (the delta method); None of extremes, and of a value of 0 that only grows.
+    """
+    x, value = samples.values, value_of(samples)
     match samples.statistic:
         case "mean":
-            return _possible(mean_interval_in_time(x), x)
-        case "length of mean":
-            return _length_interval(mean_interval_in_time(x))
-        case "std":
-            return _root(mean_interval_in_time((x - np.mean(x)) ** 2))
-        case "rms" if weights is not None:
-            # The ratio of two sums moves with a sample as this moves, to first order.
-            inner = float(np.sum(x**2 * weights)) / float(weights.sum())
-            return _root(mean_interval_in_time(inner + weights * (x**2 - inner) / np.mean(weights)))
-        case "rms":
-            return _root(mean_interval_in_time(x**2))
+            return x
         case "sum":
-            of_mean = _possible(mean_interval_in_time(x), x)
-            return None if of_mean is None else (of_mean[0] * len(x), of_mean[1] * len(x))
+            return x * len(x)
+        case "length of mean":
+            assert samples.vectors is not None
+            along: Float = samples.vectors @ samples.vectors.mean(axis=0)
+            return along / value if value > 0 else None
+        case "std" | "rms":
+            squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
+            weights = np.ones(len(x)) if samples.weights is None else samples.weights / np.mean(samples.weights)
+            inner = float(np.mean(weights * squares))
+            return value + weights * (squares - inner) / (2 * value) if value > 0 else None
         case "min" | "max":
             return None
 
 
-def _possible(of_mean: Interval | None, x: Float) -> Interval | None:
-    """The interval without what no mean can be: below 0 of samples that never are, above 1 of a share's."""
-    if of_mean is None or x.min() < 0:
-        return of_mean
-    is_share = bool(np.isin(x, (0.0, 1.0)).all())
-    return max(of_mean[0], 0.0), min(of_mean[1], 1.0) if is_share else of_mean[1]
+def interval_of(samples: Samples) -> Interval | None:
+    """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
-
-def _length_interval(along: Interval | None) -> Interval | None:
-    """The interval of a mean's length from that along the mean: from 0 where zero lies in the mean's 95 % ellipse.
-
-    The direction follows the noise, so along it alone a mean without bias would exclude 0 in 15 % of the logs.
+    None of extremes, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
     """
-    if along is None:
+    series, x, value = effects(samples), samples.values, value_of(samples)
+    found = None if series is None else mean_interval_in_time(series)
+    is_root = samples.statistic in ("std", "rms")
+    if series is None or found is None or (is_root and samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S):
         return None
-    length, half = (along[1] + along[0]) / 2, (along[1] - along[0]) / 2
-    return (along[0] if length > ELLIPSE_95_OF_AXIS * half else 0.0, along[1])
-
-
-def _root(of_square: Interval | None) -> Interval | None:
-    """The square's interval as its root's; a square is not negative."""
-    return None if of_square is None else (math.sqrt(max(of_square[0], 0.0)), math.sqrt(max(of_square[1], 0.0)))
+    match samples.statistic:
+        case "std" | "rms":
+            # A deviation is about the mean of the same values, which hides what lasts.
+            return root_interval(value, found, series, 1.0 if samples.statistic == "std" else 0.0)
+        case "length of mean":
+            # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
+            return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
+        case _:
+            # Nothing below 0 of samples that never are, nothing above 1 of a share.
+            is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
+            low = max(found[0], 0.0) if x.min() >= 0 else found[0]
+            return low, min(found[1], 1.0) if is_share else found[1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.metric import Metric, Metrics
-from quadlog.metrics.summary import Samples, Statistic, finite_samples, metrics_of
+from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples, metrics_of
 from quadlog.planning.protocol import Bool
 
 
@@ -73,32 +72,23 @@ class Effort:
     height_rms_m: float
 
 
-def effort_metrics(
-    mass_kg: float,
-    ticks: int,
-    energy_j: float,
-    distance_m: float,
-    torque_max_nm: float,
-    saturation_share: float,
-    pitch_rms_rad: float,
-    height_rms_m: float,
-) -> Metrics:
+def effort_metrics(mass_kg: float, ticks: int, effort: Effort) -> Metrics:
     """pitch_rms_rad, height_rms_m, torque_max_nm, torque_saturation_share and cost_of_transport; none without ticks.
 
-    Over all ticks of the simulation: pitch and height against what the controller wanted, which follows the ground;
-    saturation_share of all joints at all ticks; energy_j is the sum of |torque x joint speed|, so that braking costs as
-    much as driving, and is given per weight and distance_m walked.
+    Over all ticks of the simulation, torques of all joints. The energy is the sum of |torque x joint speed|, so that
+    braking costs as much as driving, and is given per weight and distance walked.
     """
     if ticks == 0:
         return {}
     metrics = {
-        "pitch_rms_rad": Metric(pitch_rms_rad, ticks, "rad"),
-        "height_rms_m": Metric(height_rms_m, ticks, "m"),
-        "torque_max_nm": Metric(torque_max_nm, ticks * JOINTS, "N·m"),
-        "torque_saturation_share": Metric(saturation_share, ticks * JOINTS, ""),
+        "pitch_rms_rad": Metric(effort.pitch_rms_rad, ticks, "rad"),
+        "height_rms_m": Metric(effort.height_rms_m, ticks, "m"),
+        "torque_max_nm": Metric(effort.torque_max_nm, ticks * JOINTS, "N·m"),
+        "torque_saturation_share": Metric(effort.saturation_share, ticks * JOINTS, ""),
     }
-    if distance_m > 0:
-        metrics["cost_of_transport"] = Metric(energy_j / (mass_kg * GRAVITY_MPS2 * distance_m), ticks, "")
+    if effort.distance_m > 0:
+        cost = effort.energy_j / (mass_kg * GRAVITY_MPS2 * effort.distance_m)
+        metrics["cost_of_transport"] = Metric(cost, ticks, "")
     return metrics
 
 

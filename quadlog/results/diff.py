@@ -21,7 +21,7 @@ from quadlog.results.view import Moment
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_KEYS = ("t_ns", "tag", "anchor", "i", "body", "speeds", "joint", "phase")
+_KEYS = ("t_ns", "tag", "anchor", "i", "body", "joint", "phase")
 """Columns that identify a row, where a result has them."""
 COLUMNS = ("stage", "result", "column", "rows", "t_ns", "a", "b", "apart", "largest")
 MADE = "made"

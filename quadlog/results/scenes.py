@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quadlog.metrics.catalogue import THEMES
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results import view
 from quadlog.results.run import Run
 from quadlog.results.text import sig, value_text
@@ -264,9 +264,9 @@ def _moments(run: Run) -> list[view.Moment]:
         contacts = [view.Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
-    for theme, labels in THEMES.items():
-        for name, label in labels.items():
-            metric = run.metrics.get(name)
+    for theme, names in THEMES.items():
+        for name in names:
+            metric, label = run.metrics.get(name), CATALOGUE[name].label
             if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
                 continue
             seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])

@@ -81,11 +81,9 @@ TABLES: dict[str, pa.Schema] = {
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
-    "body": table_schema(
-        "body:text speeds:text joint:text phase:text torque_rms_nm torque_peak_nm n:int n_unknown:int"
-    ),
+    "body": table_schema("body:text joint:text phase:text torque_rms_nm torque_peak_nm n:int n_unknown:int"),
     "gait": table_schema(
-        f"body:text speeds:text n:int speed_mps stride_frequency_hz {' '.join(DUTY_FACTORS)} cost_of_transport "
+        f"body:text n:int speed_mps stride_frequency_hz {' '.join(DUTY_FACTORS)} cost_of_transport "
         "height_mean_m height_std_m pitch_mean_rad pitch_std_rad"
     ),
     "summary": table_schema(

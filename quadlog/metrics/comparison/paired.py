@@ -9,7 +9,7 @@ import numpy as np
 
 from quadlog.messages import Float
 from quadlog.metrics.intervals import Interval, corrected_confidence, mean_interval_in_time
-from quadlog.metrics.summary import Samples, value_of
+from quadlog.metrics.summary import Samples, effects, value_of
 
 _EVENTS = frozenset({"stride_frequency_hz", "logged_stride_frequency_hz"})
 """Each run has these at instants of its own: what falls together by chance is no sample of the difference."""
@@ -81,29 +81,6 @@ def _paired(a: Samples, b: Samples) -> _Pair | None:
 
 
 def _difference_in_time(pair: _Pair) -> Float | None:
-    """A series (N,) whose mean is the difference; None of counts and extremes, which are no means."""
-    of_a, of_b = _effects(pair.a), _effects(pair.b)
-    return None if of_a is None or of_b is None else of_b - of_a
-
-
-def _effects(samples: Samples) -> Float | None:
-    """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
-
-    To first order; None of statistics that are no function of means, and of sums: all metrics that are sums are counts.
-    """
-    x, value = samples.values, value_of(samples)
-    match samples.statistic:
-        case "mean":
-            return x
-        case "length of mean":
-            assert samples.vectors is not None
-            # Along the direction of the mean of these rows.
-            along: Float = samples.vectors @ samples.vectors.mean(axis=0)
-            return along / value if value > 0 else None
-        case "std" | "rms":
-            squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
-            weights = np.ones(len(x)) if samples.weights is None else samples.weights / np.mean(samples.weights)
-            inner = float(np.mean(weights * squares))
-            return value + weights * (squares - inner) / (2 * value) if value > 0 else None
-        case "sum" | "min" | "max":
-            return None
+    """A series (N,) whose mean is the difference; None of counts and extremes: all metrics that are sums are counts."""
+    of_a, of_b = effects(pair.a), effects(pair.b)
+    return None if of_a is None or of_b is None or pair.a.statistic == "sum" else of_b - of_a

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.comparison.planner_verdict import verdict_lines
-from quadlog.metrics.intervals import FEWEST_VALUES, Interval
+from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
@@ -161,9 +161,8 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
     spreads = {}
     for number, row in enumerate(comparison.rows):
         if row.ratio_expanded is not None and row.planner != comparison.baseline:
-            interval = None if _too_few(comparison) else _interval(row)
-            ratios = comparison.episode_ratios[row.planner]
-            spreads[row.planner] = Spread(row.ratio_expanded, interval, ratios, look(number)["color"])
+            ratios = comparison.ratios[row.planner].of_episodes
+            spreads[row.planner] = Spread(row.ratio_expanded, _interval(row), ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
     what = f"times fewer {_what(comparison)} than {comparison.baseline}"
     log = all(spread.value > 0 for spread in spreads.values())
@@ -245,18 +244,14 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     rows, states = [], _judged(comparison)
     for row in comparison.rows:
         total = getattr(row, f"{comparison.counted}_total")
-        us = comparison.us.median_interval(row.planner) if comparison.paired_replans else None
         cells = [Cell(sig(of), of) for of in (row.ratio_expanded, row.us_median)]
         cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
         cells += [Cell(count(total), total)]
         cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
         cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row.planner])
-        cells[1] = cells[1]._replace(below=ends_text(us))
         cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
         rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
-    note = "Below a number: its 95 % interval. Those of the verdict are wider, since it names the best of several."
-    if _too_few(comparison):
-        note = f"{note} Of fewer than {FEWEST_VALUES} episodes: below a ratio the range of their ratios."
+    note = "Below a ratio: its 95 % interval. Those of the verdict are wider, since it names the best of several."
     return Table(columns, rows, f"planners-{number}", note, sortable=True)
 
 
@@ -265,16 +260,10 @@ def _interval(row: PlannerRow) -> Interval | None:
     return None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
 
 
-def _too_few(comparison: Comparison) -> bool:
-    """Whether the episodes, if there are several, are too few for 95 %."""
-    return 1 < comparison.paired_episodes < FEWEST_VALUES
-
-
 def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
     found: dict[str, State] = {}
     for row in comparison.rows:
-        is_known = row.planner != comparison.baseline and not _too_few(comparison)
-        low, high = (is_known and _interval(row)) or (1.0, 1.0)
+        low, high = (row.planner != comparison.baseline and _interval(row)) or (1.0, 1.0)
         found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
     return found

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.metrics.intervals import COVERAGE
 from quadlog.results.figures import FIGURES, drawings_of
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Table
@@ -124,8 +125,9 @@ def metric_table(run: Run) -> Table:
         below = f"{meaning}. Expected {bound.words}." if bound is not None else f"{meaning}."
         row = Cell(label_of(name), below=below, state=cells[0].state), Cell(name, code=True), *cells
         rows.append([*row, Cell(known.get(name, ""))])
-    columns = [Column("metric"), Column("name", wide=True), Column("value", True), Column("95 % interval", True),
-               Column("samples", True, True), Column("theme", wide=True)]  # fmt: skip
+    columns = [Column("metric"), Column("name", wide=True), Column("value", True),
+               Column("95 % interval", True, help=COVERAGE), Column("samples", True, True),
+               Column("theme", wide=True)]  # fmt: skip
     note = ("95 % interval of the value, corrected for autocorrelation; empty if the walk is too short for one. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
     return Table(columns, rows, "all-metrics", note, "Search, as in torque", sortable=True, folded=None)
@@ -162,7 +164,7 @@ _SHOWN = {
          "clearance_m": "clearance (m)", "cause": "cause", "collision": "collision"},
         "Contacts of the simulated body. A cell that first appears inside the body is no collision."),
     "gait": (
-        {"body": "body", "speeds": "speeds", "speed_mps": "speed (m/s)", "stride_frequency_hz": "strides (Hz)",
+        {"body": "body", "speed_mps": "speed (m/s)", "stride_frequency_hz": "strides (Hz)",
          **_LEGS, "cost_of_transport": "cost of transport", "height_mean_m": "height (m)"},
         "The logged and the simulated body."),
 }  # fmt: skip
@@ -179,9 +181,7 @@ def _tables(run: Run, *names: str) -> Iterator[Table]:
 def _torques(run: Run) -> Iterator[Table]:
     body = run.table("body")
     if body is not None:
-        wide = body[body["phase"] != "all"].pivot_table(
-            "torque_rms_nm", "joint", ["speeds", "body", "phase"], sort=False
-        )
+        wide = body[body["phase"] != "all"].pivot_table("torque_rms_nm", "joint", ["body", "phase"], sort=False)
         wide.columns = [", ".join(head) for head in wide.columns]
         names = {"joint": "torque, rms (N·m)", **{head: head for head in wide.columns}}
         yield frame_table(wide.reset_index(), names, "torques-of-bodies")

@@ -2,29 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
-import importlib.util
 from dataclasses import dataclass
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from quadlog.messages import Float, Int
-
-
-def import_open3d() -> ModuleType:
-    """The open3d module. The Linux x86-64 wheel is linked against libusb, which the libusb-package wheel carries."""
-    if importlib.util.find_spec("libusb_package") is not None:
-        import libusb_package
-
-        # Global, so that the dynamic linker finds its symbols when it resolves open3d's own libraries.
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    import open3d
-
-    return open3d
-
+from quadlog.open3d import import_open3d
 
 _EDGE_M = 200.0
 """A terrain reaches this far from map's origin: farther than any lidar sees."""

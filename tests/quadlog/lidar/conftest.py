@@ -2,11 +2,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+
+from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
+from quadlog.lidar.scan_classifier import ScanClassifier
+from quadlog.messages import PointCloud
 
 
 @pytest.fixture(scope="session")
@@ -59,16 +64,30 @@ def xyz_of(cloud) -> np.ndarray:
     return np.stack([table["x"], table["y"], table["z"]], axis=-1)
 
 
+class Labelled(NamedTuple):
+    """A scan classified by itself: of every point (N,) of the message, NaN and INVALID where it is no return."""
+
+    xyz_base_m: np.ndarray
+    label: np.ndarray
+    height_m: np.ndarray
+    ground: GroundPlane | None
+    route: str
+
+
 @pytest.fixture(scope="session")
-def sweep():
-    """Every beam at every step, `phase` steps off the x axis: a function that makes x, y, z and the rings."""
+def classify():
+    """A function that classifies points (N, 3) of the lidar's frame by a classifier of their own."""
 
-    def make(columns: int, phase: float, elevations_deg: list[float], range_m: float = 5.0):
-        turn = 2 * np.pi * (np.arange(columns) + phase) / columns
-        azimuth, elevation = np.meshgrid(turn, np.deg2rad(elevations_deg), indexing="ij")
-        flat = np.cos(elevation)
-        xyz = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
-        ring = np.tile(np.arange(len(elevations_deg), dtype=np.uint16), columns)
-        return tuple(np.ascontiguousarray((range_m * xyz).T, dtype=np.float32)), ring
+    def made(xyz_m, ring, transform, settings, seed: int = 0, classifier: ScanClassifier | None = None) -> Labelled:
+        cloud = PointCloud(None, "", np.asarray(xyz_m), ring)
+        return labelled((classifier or ScanClassifier(settings, seed)).classify(cloud, transform), len(xyz_m))
 
-    return make
+    return made
+
+
+def labelled(scan: ClassifiedScan, n: int) -> Labelled:
+    """The scan in the order of its message."""
+    points, numbers = scan.points(), np.sort(scan.point[scan.label != PointClass.INVALID])
+    xyz_m, label, height_m = np.full((n, 3), np.nan, np.float32), np.zeros(n, np.uint8), np.full(n, np.nan, np.float32)
+    xyz_m[numbers], label[numbers], height_m[numbers] = points.xyz_base_m, points.label, points.height_m
+    return Labelled(xyz_m, label, height_m, scan.ground, scan.route)

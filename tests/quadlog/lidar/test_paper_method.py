@@ -7,27 +7,112 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial import cKDTree
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.paper_method import PaperSettings, classify_scan_paper
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.paper_method import PaperSettings, fit_ground, ransac_iterations, statistical_outliers
+from quadlog.open3d import import_open3d
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
 ALL_ROUND = PaperSettings(field_of_view_deg=360.0)
 NO_RETURN = [np.nan, np.inf, 0.0, 1e30, -3e38]
 
 
-def counts(scan: ClassifiedScan) -> list[int]:
+def counts(scan) -> list[int]:
     """Invalid, cropped, outliers, ground and obstacles."""
     return np.bincount(scan.label, minlength=len(PointClass)).tolist()
 
 
-def test_room_is_split_into_floor_and_walls(ring_scan) -> None:
-    xyz_m, kinds = ring_scan
-    scan = classify_scan_paper(xyz_m.astype(np.float32), LEVEL, ALL_ROUND, seed=0)
+def returns(scan: np.ndarray) -> np.ndarray:
+    """The points of a raw scan that are returns at all, as float64."""
+    scan = scan.astype(np.float64)
+    return scan[np.isfinite(scan).all(axis=1) & (np.abs(scan).sum(axis=1) > 0)]
 
+
+def assert_scipys_outliers(xyz_m: np.ndarray, neighbours: int = 20, std_ratio: float = 2.0) -> None:
+    """To the last point; rounding decides about none."""
+    distances_m, _ = cKDTree(xyz_m).query(xyz_m, neighbours + 1)
+    mean_m = distances_m[:, 1:].mean(axis=1)
+    limit_m = mean_m.mean() + std_ratio * mean_m.std(ddof=1)
+    found = statistical_outliers(xyz_m, neighbours, std_ratio)
+    assert found.any()
+    assert (np.abs(mean_m - limit_m) > 1e-9 * limit_m).all()
+    assert (found == (mean_m > limit_m)).all()
+
+
+@pytest.mark.parametrize(("neighbours", "std_ratio"), [(20, 2.0), (5, 1.0), (1, 0.5)])
+def test_outliers_are_those_of_the_definition(ring_scan, neighbours: int, std_ratio: float) -> None:
+    assert_scipys_outliers(ring_scan[0], neighbours, std_ratio)
+
+
+def test_outliers_of_real_scans_are_those_of_the_definition(real_scans) -> None:
+    for scans in real_scans.values():
+        assert_scipys_outliers(returns(scans[0]))
+
+
+@pytest.mark.parametrize("n_points", [0, 1, 20])
+def test_too_few_points_have_no_outliers(n_points: int) -> None:
+    assert not statistical_outliers(np.random.default_rng(0).normal(0, 1, (n_points, 3)), 20, 2.0).any()
+
+
+@pytest.mark.parametrize(
+    ("confidence", "inlier_share", "iterations"),
+    [(0.99, 0.3, 169), (0.99, 0.5, 35), (0.999, 0.9, 6), (0.5, 0.999999, 1), (0.99, 1.0, 1), (0.99, 1e-200, 100_000)],
+)
+def test_iterations_by_the_formula(confidence: float, inlier_share: float, iterations: int) -> None:
+    assert ransac_iterations(confidence, inlier_share) == iterations
+
+
+@given(st.integers(0, 2**32), st.floats(-40, 40), st.floats(-40, 40), st.floats(-2, 2), st.floats(0.35, 0.9))
+def test_planted_plane_is_found(
+    seed: int, roll_deg: float, pitch_deg: float, height_m: float, inlier_share: float
+) -> None:
+    random = np.random.default_rng(seed)
+    normal = np.array([np.tan(np.deg2rad(pitch_deg)), np.tan(np.deg2rad(roll_deg)), 1.0])
+    normal /= np.linalg.norm(normal)
+    n_plane = int(1000 * inlier_share)
+    xy_m = random.uniform(-10, 10, (n_plane, 2))
+    z_m = (height_m - xy_m @ normal[:2]) / normal[2] + random.normal(0, 0.01, n_plane)
+    cloud = np.concatenate([np.column_stack([xy_m, z_m]), random.uniform(-10, 10, (1000 - n_plane, 3))])
+
+    found = fit_ground(cloud, replace(ALL_ROUND, ground_confidence=0.999999), seed=1)
+
+    assert found is not None
+    plane, on_plane = found
+    assert plane.normal[2] > 0
+    assert np.rad2deg(np.arccos(min(plane.normal @ normal, 1.0))) < 0.5
+    assert -plane.d_m == pytest.approx(height_m, abs=0.03)
+    assert on_plane[:n_plane].mean() > 0.99
+    assert (np.abs(cloud @ plane.normal + plane.d_m) <= 0.1).tolist() == on_plane.tolist()
+
+
+def test_the_plane_is_open3ds(ring_scan) -> None:
+    xyz_m, _ = ring_scan
+    open3d = import_open3d()
+    open3d.utility.random.seed(0)
+    theirs, inliers = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz_m)).segment_plane(0.1, 3, 1000)
+    found = fit_ground(xyz_m, ALL_ROUND, seed=0)
+    assert found is not None
+    assert np.abs(found[0].normal) @ np.abs(theirs[:3]) == pytest.approx(1.0, abs=1e-4)
+    both = np.isin(np.arange(len(xyz_m)), inliers)
+    assert (found[1] & both).sum() / (found[1] | both).sum() > 0.97
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [np.empty((0, 3)), np.ones((500, 3)), np.outer(np.linspace(0, 9, 500), [1.0, 2.0, 3.0]),
+     np.random.default_rng(0).normal(0, 1, (99, 3)), np.random.default_rng(0).uniform(-500, 500, (1000, 3))],
+    ids=["empty", "one place", "one line", "fewer than min_points", "scattered"],
+)  # fmt: skip
+def test_degenerate_clouds_have_no_plane(cloud: np.ndarray) -> None:
+    assert fit_ground(cloud, ALL_ROUND, seed=0) is None
+
+
+def test_room_is_split_into_floor_and_walls(classify, ring_scan) -> None:
+    xyz_m, kinds = ring_scan
+    scan = classify(xyz_m.astype(np.float32), None, LEVEL, ALL_ROUND)
     assert scan.route == "paper"
-    assert len(scan.label) == len(xyz_m)
     assert counts(scan)[:2] == [0, 0]
     assert scan.ground is not None
     assert scan.ground.normal == pytest.approx([0, 0, 1], abs=0.01)
@@ -36,36 +121,24 @@ def test_room_is_split_into_floor_and_walls(ring_scan) -> None:
     high = kinds["wall"] & (xyz_m[:, 2] > -0.3)
     assert (scan.label[high] == PointClass.OBSTACLE).mean() > 0.95
     assert (scan.label[kinds["false"]] == PointClass.OUTLIER).mean() > 0.1
-    height_m = np.abs(scan.xyz_base_m @ scan.ground.normal + scan.ground.d_m)
-    assert height_m[scan.label == PointClass.GROUND].max() <= 0.1
-    assert height_m[scan.label == PointClass.OBSTACLE].min() > 0.1
-    assert scan.ground.inliers.tolist() == (scan.label == PointClass.GROUND).tolist()
+    assert np.abs(scan.height_m[scan.label == PointClass.GROUND]).max() <= 0.101
+    again = classify(xyz_m.astype(np.float32), None, LEVEL, ALL_ROUND)
+    assert again.label.tobytes() == scan.label.tobytes()
 
 
-def test_only_the_front_is_kept_by_default(ring_scan) -> None:
-    scan = classify_scan_paper(ring_scan[0].astype(np.float32), LEVEL, PaperSettings(), seed=0)
+def test_only_the_front_is_kept_by_default(classify, ring_scan) -> None:
+    scan = classify(ring_scan[0].astype(np.float32), None, LEVEL, PaperSettings())
     kept = scan.label > PointClass.CROPPED
     assert (scan.xyz_base_m[kept, 0] >= -1e-12).all()
     assert (scan.xyz_base_m[~kept, 0] <= 1e-12).all()
     assert 0 < kept.sum() < len(kept)
 
 
-def test_result_depends_on_scan_and_seed_alone(ring_scan) -> None:
-    xyz_m = ring_scan[0].astype(np.float32)
-    first = classify_scan_paper(xyz_m, LEVEL, ALL_ROUND, seed=4)
-    classify_scan_paper(xyz_m[::2], LEVEL, ALL_ROUND, seed=9)
-    again = classify_scan_paper(xyz_m, LEVEL, ALL_ROUND, seed=4)
-    assert first.label.tobytes() == again.label.tobytes()
-    assert first.ground is not None and again.ground is not None  # noqa: PT018
-    assert first.ground.normal.tobytes() == again.ground.normal.tobytes()
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, 1e30])
-def test_bad_points_change_nothing_about_the_good_ones(ring_scan, bad: float) -> None:
+def test_bad_points_change_nothing_about_the_good_ones(classify, ring_scan, bad: float) -> None:
     xyz_m = ring_scan[0].astype(np.float32)
     spoilt = np.concatenate([np.full((len(xyz_m) * 2 // 3, 3), bad, dtype=np.float32), xyz_m])
-    clean = classify_scan_paper(xyz_m, LEVEL, ALL_ROUND, seed=0)
-    scan = classify_scan_paper(spoilt, LEVEL, ALL_ROUND, seed=0)
+    clean, scan = (classify(each, None, LEVEL, ALL_ROUND) for each in (xyz_m, spoilt))
     assert scan.label[-len(xyz_m) :].tolist() == clean.label.tolist()
     assert counts(scan)[1:] == counts(clean)[1:]
 
@@ -75,34 +148,22 @@ def test_bad_points_change_nothing_about_the_good_ones(ring_scan, bad: float) ->
     | st.builds(np.full, st.tuples(st.integers(0, 500), st.just(3)), st.sampled_from(NO_RETURN), st.just(np.float32)),
     st.integers(0, 2**32),
 )
-def test_any_cloud_is_classified(cloud: np.ndarray, seed: int) -> None:
-    settings_small = replace(ALL_ROUND, ground_min_points=3, outlier_neighbours=2)
-    scan = classify_scan_paper(cloud, LEVEL, settings_small, seed)
-    assert len(scan.label) == len(cloud)
+def test_any_cloud_is_classified(classify, cloud: np.ndarray, seed: int) -> None:
+    scan = classify(cloud, None, LEVEL, replace(ALL_ROUND, ground_min_points=3, outlier_neighbours=2), seed)
     assert np.isnan(scan.xyz_base_m).any(axis=1).sum() == counts(scan)[PointClass.INVALID]
     assert scan.ground is None or counts(scan)[PointClass.GROUND] >= 3
 
 
-def test_real_scans_have_ground_and_obstacles(real_scans) -> None:
-    assert set(real_scans) == {"vlp16", "helios16p"}
-    for scans in real_scans.values():
-        for cloud in scans:
-            scan = classify_scan_paper(cloud, np.eye(4), ALL_ROUND, seed=0)
-            assert len(scan.label) - counts(scan)[PointClass.INVALID] > 3000
-            assert scan.ground is not None
-            assert counts(scan)[PointClass.OBSTACLE] > 500
-
-
-def test_without_a_plane_heights_are_those_of_base() -> None:
-    scan = classify_scan_paper(np.array([[3.0, 0, 0.2], [np.nan, 0, 0]], np.float32), LEVEL, ALL_ROUND, seed=0)
+def test_without_a_plane_heights_are_those_of_base(classify) -> None:
+    scan = classify(np.array([[3.0, 0, 0.2], [np.nan, 0, 0]], np.float32), None, LEVEL, ALL_ROUND)
     assert scan.height_m == pytest.approx([0.7, np.nan], nan_ok=True)
 
 
 @pytest.mark.parametrize(("mount", "height_m"), [(LEVEL, 0.5), (np.eye(4), 0.1)])
-def test_the_plane_of_a_2d_scan_is_no_ground(mount: np.ndarray, height_m: float) -> None:
+def test_the_plane_of_a_2d_scan_is_no_ground(classify, mount: np.ndarray, height_m: float) -> None:
     turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
-    scan = classify_scan_paper(xyz_m, mount, ALL_ROUND, seed=0)
+    scan = classify(xyz_m, None, mount, ALL_ROUND)
     assert scan.ground is None
     *none, outliers, ground, obstacles = counts(scan)
     assert (none, outliers + obstacles, ground) == ([0, 0], 720, 0)

@@ -3,10 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.classified_scan import ClassifiedReturns, ClassifiedScan, PointClass
+from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
-from quadlog.lidar.ransac_plane import GroundPlane, height_above_ground
-from quadlog.mapping.compact import CompactScan, CompactSettings, ObstacleSettings, ScanCompactor
+from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
 from quadlog.mapping.grid import Window
 from quadlog.mapping.placing import PlacedScan, ScanPlacer
 
@@ -22,19 +21,19 @@ def compacted():
         ground: GroundPlane | None = None,
         lidar_m=(0.0, 0.0, 0.5),
         slot=None,
-        middle_ns=(0,),
         **settings,
     ) -> CompactScan:
         xyz_m = np.asarray(xyz_m, dtype=np.float64).reshape(-1, 3)
         labels = np.broadcast_to(np.asarray(label, np.uint8), len(xyz_m)).copy()
-        heights_m = height_above_ground(xyz_m, ground) if height_m is None else np.asarray(height_m)
-        scan = ClassifiedScan(xyz_m.astype(np.float32), labels, ground, heights_m.astype(np.float32), "paper")
+        if height_m is None:
+            height_m = xyz_m[:, 2] if ground is None or not ground.is_level else ground.height_m(xyz_m)
         slot = np.zeros(len(xyz_m), np.uint8) if slot is None else np.asarray(slot, np.uint8)
-        slots = Slots(np.array(middle_ns, dtype=np.int64), None)
-        returns = ClassifiedReturns.of_points(scan, np.array(lidar_m), slot, slots)
-        chosen = CompactSettings(ObstacleSettings(), **settings)
-        compact = ScanCompactor(chosen).compact(returns, 10**18)
-        return CompactScan.from_bytes(compact.to_bytes())
+        place_m, numbers = np.array(lidar_m), np.arange(len(xyz_m), dtype=np.int32)
+        x_m, y_m, z_m = np.float32(xyz_m - [*place_m[:2], 0]).T.copy()
+        arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
+        slots = Slots(np.zeros(1, np.int64), None)
+        scan = ClassifiedScan(*arrays, 0, 0, len(xyz_m), ground, "paper", place_m, slots)
+        return ScanCompactor(CompactSettings(**settings)).compact(scan)
 
     return make
 
@@ -51,7 +50,7 @@ def placed():
         min_points: int = 1,
         radius_m: float = 0.5,
     ) -> PlacedScan:
-        poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (len(compact.slot_ns), 3)).copy()
+        poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (32, 3)).copy()
         return ScanPlacer(min_points, radius_m).place(compact, poses, target_xy_m, window)
 
     return make

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import binned_statistic_2d
 
-from quadlog.geometry import apply_transform, transform_from_rpy
 from quadlog.lidar.classified_scan import PointClass
 from quadlog.mapping.accumulated_map import FREE, OCCUPIED, AccumulatedMap, GroundHeight
 from quadlog.mapping.grid import Window, window_around
@@ -35,16 +34,6 @@ def test_a_cell_is_occupied_by_its_share_of_hits() -> None:
         for _ in range(passes):
             add(whole, window, nothing, grid(window, (4, 0)))
         assert whole.to_cells()[0][0, 4] == expected
-
-
-def test_a_cell_counts_once_per_map_and_as_a_hit_first() -> None:
-    window = Window(0, 0, 1.0, (3, 9))
-    whole = AccumulatedMap(1.0)
-    assert whole.to_cells() is None
-    seen = np.ones(window.shape, dtype=np.bool_)
-    add(whole, window, grid(window, (8, 0), (8, 1), (8, 2)), seen)
-    assert whole._lattice.view("passes", window).tolist() == [[1] * 8 + [0]] * 3
-    assert whole.to_cells()[0].tolist() == [[FREE] * 8 + [OCCUPIED]] * 3
 
 
 def test_sliding_windows_agree_with_one_fixed_array() -> None:
@@ -113,22 +102,6 @@ def test_mean_heights_agree_with_scipy(add_ground_height) -> None:
     assert terrain.height_m[terrain.count == count] == pytest.approx(
         mean_m[terrain.count == count], abs=1e-3, nan_ok=True
     )
-
-
-def test_points_are_placed_in_map_by_the_pose(add_ground_height) -> None:
-    ground = GroundHeight(0.5)
-    add_ground_height(ground, np.array([[2.2, 1.3]]), np.array([0.25]), (10.0, -4.0, 0.7))
-    terrain = ground.to_map()
-    x_m, y_m, _ = apply_transform(transform_from_rpy(np.array([10, -4, 0]), 0, 0, 0.7), np.array([[2.2, 1.3, 0]]))[0]
-    assert terrain is not None
-    assert terrain.origin_m == pytest.approx(np.floor(np.array([x_m, y_m]) / 0.5) * 0.5)
-    assert terrain.height_m.tolist() == [[0.25]]
-
-
-def test_a_map_without_ground_is_none(add_ground_height) -> None:
-    ground = GroundHeight(0.2)
-    add_ground_height(ground, np.empty((0, 2)), np.empty(0))
-    assert ground.to_map() is None
 
 
 def test_a_scan_beyond_the_limit_is_skipped_and_counted(add_ground_height) -> None:

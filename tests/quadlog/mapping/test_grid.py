@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.mapping.grid import Window, crop, window_around, window_at
+from quadlog.mapping.grid import Window, crop, window_around
 
 cells_m = st.sampled_from([0.05, 0.1, 0.25, 1.0])
 places = st.integers(-(10**6), 10**6)
@@ -30,20 +30,6 @@ def test_a_point_lies_within_half_a_cell_of_its_cells_centre(x_m: float, y_m: fl
     assert window.shape == (size, size)
 
 
-@given(metres, metres, metres, metres, cells_m)
-def test_shift_moves_cells_between_windows(x0: float, y0: float, x1: float, y1: float, cell_m: float) -> None:
-    before, after = (window_around(np.array(xy), cell_m, 200) for xy in ((x0, y0), (x1, y1)))
-    shift = before.shift_to(after)
-    point = np.array([x0 / 2, y1 / 3])
-    assert (before.cell_of(point) - np.array(shift)).tolist() == after.cell_of(point).tolist()
-    assert after.origin_m - before.origin_m == pytest.approx(np.array(shift) * cell_m, abs=1e-9)
-
-
-def test_windows_with_other_cells_share_no_lattice() -> None:
-    with pytest.raises(ValueError, match="lattice"):
-        Window(0, 0, 0.1, (3, 3)).shift_to(Window(0, 0, 0.2, (3, 3)))
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(bad: float) -> None:
     with pytest.raises(ValueError, match="not finite"):
@@ -65,8 +51,3 @@ def test_crop_holds_the_cells_that_both_windows_have(col0, row0, rows, cols):
             r, c = row + row0 - 2, col + col0 + 3
             inside = 0 <= r < 6 and 0 <= c < 8
             assert cropped[row, col] == (grid[r, c] if inside else False)
-
-
-def test_a_window_is_found_again_from_its_corner():
-    window = Window(-123, 45, 0.1, (20, 30))
-    assert window_at(window.origin_m, 0.1, (20, 30)) == window

@@ -38,12 +38,6 @@ def test_a_radius_in_metres_reaches_the_cells_it_names() -> None:
     assert grown[4].tolist() == grown[:, 4].tolist() == [False, True, True, True, True, True, True, True, False]
 
 
-def test_a_radius_larger_than_the_grid_fills_it() -> None:
-    occupied = np.zeros((5, 4), dtype=np.bool_)
-    occupied[0, 0] = True
-    assert inflate(occupied, 1e12).all()
-
-
 @pytest.mark.parametrize("radius", [-1.0, float("nan")])
 def test_negative_radius_is_refused(radius: float) -> None:
     with pytest.raises(ValueError, match="inflation radius"):

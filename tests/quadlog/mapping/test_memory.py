@@ -5,7 +5,7 @@ import pytest
 
 from quadlog.mapping.grid import Window
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
-from quadlog.mapping.memory import DecayMemory, LogOddsMemory, Memory, ScanMemory
+from quadlog.mapping.memory import LogOddsMemory, ScanMemory
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY
 
@@ -29,7 +29,7 @@ SEEN_THROUGH = rays(0.0)
 
 
 def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
-    return LogOddsMemory(SlidingLattice(LogOddsMemory.LAYERS), clear_s)
+    return LogOddsMemory(SlidingLattice(0.1, LogOddsMemory.LAYERS), clear_s)
 
 
 def test_without_memory_a_map_is_its_scan() -> None:
@@ -84,26 +84,9 @@ def test_rays_in_the_plane_in_which_something_was_hit_contradict_it() -> None:
     assert not kept
 
 
-def test_a_gap_between_scans_contradicts_nothing() -> None:
-    memory = log_odds()
-    for k in range(5):
-        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
-    assert memory.add(100 * STEP_NS, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
-
-
-def test_decay_clears_cells_after_its_time_regardless_of_rays() -> None:
-    memory = DecayMemory(SlidingLattice(DecayMemory.LAYERS), 1.0)
-    memory.add(10**18, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
-    assert memory.add(10**18 + 10**9, WINDOW, PlacedScan(tops(), SEEN_THROUGH))[5, 5]
-    assert not memory.add(10**18 + 10**9 + 1, WINDOW, PlacedScan(tops(), UNSEEN)).any()
-
-
-@pytest.mark.parametrize(
-    ("lattice", "comes_back"), [(SlidingLattice, False), (lambda layers: GrowingLattice(0.1, layers), True)]
-)
-@pytest.mark.parametrize("kind", [LogOddsMemory, DecayMemory])
-def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(kind, lattice, comes_back: bool) -> None:
-    memory: Memory = kind(lattice(kind.LAYERS), 100.0)
+@pytest.mark.parametrize(("lattice", "comes_back"), [(SlidingLattice, False), (GrowingLattice, True)])
+def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(lattice, comes_back: bool) -> None:
+    memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 100.0)
     near, beside, away = WINDOW, Window(3, -2, 0.1, (10, 12)), Window(50, 0, 0.1, (10, 12))
     memory.add(10**9, near, PlacedScan(tops((5, 5)), UNSEEN))
     assert np.argwhere(memory.add(2 * 10**9, beside, PlacedScan(tops(), UNSEEN))).tolist() == [[7, 2]]
@@ -135,14 +118,3 @@ def test_a_crate_outlasts_the_person_who_stepped_over_it(passes: int) -> None:
         add(tops((5, 5), top_m=1.4), UNSEEN)
     assert all(add(tops(), rays(0.7)) for _ in range(50))
     assert not all(add(tops(), rays(0.15)) for _ in range(5)), "what is taken away is forgotten as before"
-
-
-def test_rays_above_an_obstacle_limit_its_height() -> None:
-    """Of a person who stood where a crate is left, the crate remains."""
-    memory = log_odds()
-    for k in range(5):
-        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5), top_m=1.4), UNSEEN))
-    for k in range(5, 10):
-        memory.add(k * STEP_NS, WINDOW, PlacedScan(tops((5, 5), top_m=0.2), rays(0.5)))
-    for k in range(10, 30):
-        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.6)))[5, 5]

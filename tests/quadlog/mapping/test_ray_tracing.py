@@ -69,9 +69,9 @@ def test_every_cell_in_sight_is_crossed(lowest_rays, size_cells: int, yaw_rad: f
 @pytest.mark.parametrize("columns", [1875, 1800, 900, 360, 300])
 def test_every_cell_in_sight_of_a_sweep_is_crossed(sweep_returns, placed, columns: int) -> None:
     """Also of beams that are tilted, and of a robot that turns while it looks round."""
-    compact = sweep_returns(columns, tilt_rad=0.05)
+    compact, middle_ns = sweep_returns(columns, tilt_rad=0.05)
     window = window_around(np.zeros(2), 0.1, 400)
-    t_s = (compact.slot_ns - compact.t_ns) * 1e-9
+    t_s = middle_ns * 1e-9
     for turn_radps in (0.0, 1.0):
         poses = np.column_stack([0.5 * t_s, np.zeros(len(t_s)), turn_radps * t_s])
         lowest_mm = placed(compact, poses, window).lowest_ray_mm
@@ -86,11 +86,10 @@ def test_every_cell_in_sight_of_a_sweep_is_crossed(sweep_returns, placed, column
 
 @pytest.fixture(scope="module")
 def sweep_returns(compacted):
-    """A compact scan of a sweep in which 16 beams all end 20 m away."""
+    """A function that makes a compact scan of a sweep in which 16 beams all end 20 m away, and its time slots."""
     from quadlog.geometry import transform_from_rpy
-    from quadlog.lidar.range_image_method import RangeImageSettings
-    from quadlog.lidar.scan_classifier import ScanClassifier
-    from quadlog.mapping.compact import CompactSettings, ObstacleSettings, ScanCompactor
+    from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
+    from quadlog.mapping.compact import CompactSettings, ScanCompactor
     from quadlog.messages import PointCloud
 
     def make(columns: int, tilt_rad: float):
@@ -105,17 +104,10 @@ def sweep_returns(compacted):
         mount = transform_from_rpy(np.array([0.0, 0.0, 1.2]), tilt_rad, 0.0, 0.0)
         returns = ScanClassifier(RangeImageSettings()).classify(cloud, mount)
         assert returns.route == "rings"
-        reach = CompactSettings(ObstacleSettings(), reach_m=29.0, highest_m=5.0)
-        return ScanCompactor(reach).compact(returns, 10**18)
+        reach = CompactSettings(reach_m=29.0, highest_m=5.0)
+        return ScanCompactor(reach).compact(returns), returns.slots.middle_ns
 
     return make
-
-
-def test_the_lower_of_two_rays_counts_until_it_ends(lowest_rays) -> None:
-    end_m = np.concatenate([fan(2.0), fan(8.0)])
-    lowest_mm = lowest_rays(np.zeros(2), end_m, np.zeros(8000))
-    assert at(lowest_mm, 1.55, 0.0) == pytest.approx(1e3 * SENSOR_M * (1 - 1.55 / 2), abs=20)
-    assert at(lowest_mm, 3.05, 0.0) == pytest.approx(1e3 * SENSOR_M * (1 - 3.05 / 8), abs=20)
 
 
 def test_what_stands_behind_an_obstacle_is_not_seen(lowest_rays) -> None:
@@ -168,18 +160,3 @@ def test_invalid_ray_ends_cross_no_cells(compacted, placed, bad: float) -> None:
     for end_m, height_m in [(ends_m, np.zeros(4)), ([[5.0, 0.0, 0.0]], [np.nan]), (np.empty((0, 3)), [])]:
         compact = compacted(end_m, PointClass.GROUND, height_m)
         assert (placed(compact, np.zeros(3), WINDOW).lowest_ray_mm == NO_RAY).all()
-
-
-@pytest.mark.parametrize("times", [2, 10])
-def test_rays_without_a_return_change_nothing_about_the_others(lowest_rays, times: int) -> None:
-    """Some drivers send them as NaN, others leave them out."""
-    end_m = fan(5.0, 1500)
-    sparse_m, sparse_height_m = np.full((1500 * times, 2), np.nan), np.full(1500 * times, np.nan)
-    sparse_m[::times], sparse_height_m[::times] = end_m, 0.0
-    expected = lowest_rays(np.zeros(2), end_m, np.zeros(1500))
-    assert np.array_equal(lowest_rays(np.zeros(2), sparse_m, sparse_height_m), expected)
-
-
-def test_a_sensor_far_outside_the_window_crosses_nothing_in_it(lowest_rays) -> None:
-    window = Window(500, 500, 0.1, (20, 20))
-    assert (lowest_rays(np.zeros(2), fan(100.0), np.zeros(4000), window) == NO_RAY).all()

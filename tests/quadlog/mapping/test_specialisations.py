@@ -9,14 +9,12 @@ _SCANS = """
 import sys
 import numpy as np
 from numba.core.registry import CPUDispatcher
-from quadlog.lidar.range_image_method import RangeImageSettings
-from quadlog.lidar.scan_classifier import ScanClassifier
+from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.mapping.accumulated_map import AccumulatedMap
-from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
+from quadlog.mapping.compact import CompactSettings, ScanCompactor
 from quadlog.mapping.accumulated_map import GroundHeight
 from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.compact import ObstacleSettings
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
@@ -35,20 +33,19 @@ clouds = [
 ]
 for view_deg in (360.0, 180.0):
     classifier = ScanClassifier(RangeImageSettings(field_of_view_deg=view_deg))
-    for lattice in (SlidingLattice, lambda layers: GrowingLattice(0.1, layers)):
-        memory = LogOddsMemory(lattice(LogOddsMemory.LAYERS), 0.4)
+    for lattice in (SlidingLattice, GrowingLattice):
+        memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 0.4)
         whole, ground = AccumulatedMap(0.1), GroundHeight(0.2)
-        compactor, placer = ScanCompactor(CompactSettings(ObstacleSettings())), ScanPlacer(2, 0.5)
+        compactor, placer = ScanCompactor(CompactSettings()), ScanPlacer(2, 0.5)
         for k, cloud in enumerate(clouds):
             returns = classifier.classify(cloud, scan.transform_lidar_to_base)
             returns.points()
-            compact = compactor.compact(returns, k)
-            for each in (compact, CompactScan.from_bytes(compact.to_bytes())):
-                poses, window = np.zeros((len(each.slot_ns), 3)), window_around(np.zeros(2), 0.1, 200)
-                placed = placer.place(each, poses, np.zeros(2), window)
-                memory.add(k, window, placed)
-                whole.add(window, placed, 400)
-                ground.add(each, poses)
+            compact, window = compactor.compact(returns), window_around(np.zeros(2), 0.1, 200)
+            poses = np.zeros((len(returns.slots.middle_ns), 3))
+            placed = placer.place(compact, poses, np.zeros(2), window)
+            memory.add(k, window, placed)
+            whole.add(window, placed, 400)
+            ground.add(compact, poses)
 seen = {}
 for name, module in list(sys.modules.items()):
     if name.startswith(("quadlog.lidar", "quadlog.mapping")):

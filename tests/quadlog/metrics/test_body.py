@@ -13,7 +13,6 @@ from quadlog.metrics.body import (
     body_samples,
     gait,
     ground_speed,
-    same_speed,
     stance_where,
     torque_rows,
 )
@@ -63,16 +62,6 @@ def test_strides_over_a_gap_and_of_a_body_that_rests_are_none():
     assert (rests.n, np.isnan(rests.stride_frequency_hz), np.isnan(rests.duty_factor).all()) == (0, True, True)
 
 
-def test_single_rows_of_noise_are_no_strides():
-    body = trotting(0.5, 0.6, 0.002)
-    weight, rng = body.stance.copy(), np.random.default_rng(3)
-    flipped = rng.random(weight.shape) < 0.03
-    noisy = replace(body, stance=stance_where(body.t_ns, np.where(flipped, 1 - weight, weight), 0.5))
-    assert gait(noisy, 10.0).stride_frequency_hz == pytest.approx(2.0, rel=0.02)
-    # What is left of the flipped rows: a touch-down found about a row early or late.
-    assert (noisy.stance != body.stance).mean() < 0.01
-
-
 @given(seed=st.integers(0, 1000), share=st.floats(0.0, 0.4))
 def test_torques_of_each_joint_and_phase_are_those_of_numpy(seed, share):
     rng = np.random.default_rng(seed)
@@ -117,29 +106,3 @@ def test_speed_is_that_over_a_second_and_unknown_beside_gaps():
     t_s = (t_ns - START_NS) * 1e-9
     # The last place before the gap is at 7.99 s, the first after it at 10.01 s.
     np.testing.assert_array_equal(unknown, (t_s > 7.49) & (t_s < 10.51))
-
-
-def test_two_walks_are_compared_over_the_speeds_that_both_have():
-    rng = np.random.default_rng(1)
-    one = replace(walk(8000), speed_mps=np.repeat(rng.uniform(0.0, 0.8, 40), 200))
-    other = replace(walk(2000, step_s=0.02), speed_mps=np.repeat(rng.uniform(0.4, 1.2, 40), 50))
-    weights = same_speed(one, other)
-    assert weights is not None
-    edges = np.arange(0.05, 1.3, 0.1)
-    shares = [
-        np.histogram(body.speed_mps, edges, weights=weight)[0] / weight.sum()
-        for body, weight in zip((one, other), weights, strict=True)
-    ]
-    np.testing.assert_allclose(*shares)
-    assert gait(one, 1.0, weights[0]).speed_mps == pytest.approx(gait(other, 1.0, weights[1]).speed_mps, abs=0.03)
-    assert 0.349 < one.speed_mps[weights[0] > 0].min() < one.speed_mps.max()
-    assert same_speed(one, replace(other, speed_mps=other.speed_mps + 1.0)) is None
-
-
-def test_a_speed_that_sways_with_the_gait_chooses_no_phase_of_it():
-    body = trotting(0.44, 0.6, 0.005)
-    phase = (body.t_ns - START_NS) * 1e-9 / 0.44
-    sways = replace(body, speed_mps=0.65 + 0.04 * np.sin(2 * np.pi * phase))
-    weights = same_speed(sways, replace(body, speed_mps=np.full(len(phase), 0.7)))
-    assert weights is not None
-    assert gait(sways, 10.0, weights[0]).duty_factor == pytest.approx(np.full(4, 0.6), abs=0.05)

@@ -46,16 +46,6 @@ def test_equal_to_evo(seed, counts, start_ns):
     assert ours["rpe_rmse_m"].value == pytest.approx(rpe.get_statistic(evo_metrics.StatisticsType.rmse), abs=1e-9)
 
 
-def test_association_takes_the_earlier_of_equals_and_none_too_far():
-    t_ns = np.array([0, 20, 40, 60]) * 1_000_000
-    other_ns = np.array([-30, 9, 30, 71]) * 1_000_000
-    assert [each.tolist() for each in associate(t_ns, other_ns, 0.01)] == [[0, 1], [1, 2]]
-    assert [each.tolist() for each in associate(t_ns, other_ns[:3], 0.01)] == [[0, 1], [1, 2]]
-    empty = np.empty(0, dtype=np.int64)
-    assert [len(each) for each in associate(t_ns, empty, 0.01)] == [0, 0]
-    assert [len(each) for each in associate(empty, empty, 0.01)] == [0, 0]
-
-
 @pytest.mark.parametrize("offset_s", [-0.37, 0.004, 2.5])
 @pytest.mark.parametrize("counts", [(300, 100), (100, 300), (200, 200)])
 def test_an_offset_is_added_as_evo_adds_it(counts, offset_s):
@@ -69,14 +59,6 @@ def test_an_offset_is_added_as_evo_adds_it(counts, offset_s):
     np.testing.assert_allclose(estimate.position_m[ours[1]], theirs[1].positions_xyz)
 
 
-def test_trajectories_without_common_time_have_no_metrics():
-    rng = np.random.default_rng(0)
-    early, late = trajectory(rng, np.arange(5) * 10**8), trajectory(rng, np.arange(5) * 10**8 + 10**12)
-    assert compare_trajectories(early, late) is None
-    one = compare_trajectories(early, trajectory(rng, np.array([10**8])))
-    assert set(one.samples) == {"ate_rmse_m"}
-
-
 def test_uwb_by_hand():
     t_ns = np.arange(3)
     samples = fix_error_samples(t_ns, np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]]))
@@ -86,13 +68,6 @@ def test_uwb_by_hand():
     assert metrics["uwb_residual_m"].value == pytest.approx(np.sqrt((3 * 0.01 + 0.04) / 4))
     assert metrics["uwb_residual_m"].n == 4
     assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
-
-
-@pytest.mark.parametrize("count", [0, 2])
-def test_without_a_truth_there_are_no_errors(count):
-    samples = fix_error_samples(np.arange(count), np.full((count, 2), np.nan))
-    assert metrics_of(samples) == {}
-    assert [summarise(each) for each in samples.values()] == [None, None]
 
 
 def test_the_samples_of_a_bias_average_to_it():

@@ -43,15 +43,6 @@ def test_the_ratio_is_that_of_the_totals():
     assert ratio_to_astar(np.zeros(5, dtype=int), np.full(5, 631)) == {}
 
 
-def test_nothing_from_nothing():
-    empty = replans(**dict.fromkeys(Replans.__slots__, np.empty(0)))
-    assert metrics_of(search_samples(empty)) == {}
-    failed = replans(found=np.zeros(5, dtype=bool), optimal_cost=np.full(5, np.nan), expanded=np.zeros(5))
-    metrics = metrics_of(search_samples(failed))
-    assert metrics["success_rate"].value == 0.0
-    assert "suboptimality_mean" not in metrics
-
-
 numbers = st.integers(-100, 100).map(lambda tenths: tenths / 10)
 paths = st.lists(st.tuples(numbers, numbers), min_size=2, max_size=8, unique=True).map(np.array)
 

@@ -54,12 +54,6 @@ def test_what_does_not_apply_is_absent():
     assert "sigma_m" not in single
 
 
-def test_ticks_without_a_plan_do_not_count():
-    error_m = np.array([np.nan, 0.2, 0.4, np.nan])
-    metrics = tracking_metrics(walk(4, error_m=error_m))
-    assert (metrics["eta_m"].value, metrics["eta_m"].n) == (pytest.approx(0.3), 2)
-
-
 def test_completion_and_falls():
     metrics = tracking_metrics(walk(3, fallen=np.array([False, True, True])), completed_ns=1_500_000_000)
     assert metrics["completion_time_s"].value == 1.5
@@ -76,10 +70,3 @@ def test_a_collision_is_counted_once_while_it_lasts():
     assert metrics["clearance_min_m"].value == -0.2
     assert (metrics["collisions"].value, metrics["collisions"].n) == (3, 7)
     assert (metrics["following_distance_mean_m"].value, metrics["following_distance_mean_m"].n) == (1.5, 2)
-
-
-def test_no_obstacle_at_all_is_no_collision_and_no_distance():
-    metrics = clearances([np.inf, np.inf])
-    assert metrics["collisions"].value == 0
-    assert "clearance_min_m" not in metrics
-    assert "collisions" not in clearances([np.nan, np.nan])

@@ -8,15 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy import stats
 
+from quadlog.metrics.intervals import corrected_confidence, fewest_values, median_interval
 from quadlog.metrics.planning import Comparison, PlannerRow, compare_planners
 from quadlog.results.studies.planners import PLANNERS
 
 NAN = float("nan")
 
 
-def compare(table: dict[str, Any], seed: int = 0, **options: Any) -> Comparison:
-    return compare_planners(table, np.random.default_rng(seed), **options)
+def compare(table: dict[str, Any], **options: Any) -> Comparison:
+    return compare_planners(table, **options)
 
 
 def row_of(comparison: Comparison, planner: str) -> PlannerRow:
@@ -47,9 +49,9 @@ def test_by_hand(make_replans: Any) -> None:
     assert (row.expanded_total, row.generated_total, row.touched_total) == (1110, 2220, 8880)
     assert row.expanded_mean == 1110 / 8
     # Paired: (100 + 80 + 40) / (100 + 10 + 10), and 360 / 90.
-    assert_allclose(comparison.episode_ratios["ia_star"], [220 / 120, 4.0])
+    assert_allclose(comparison.ratios["ia_star"].of_episodes, [220 / 120, 4.0])
     assert row.ratio_expanded == pytest.approx((220 / 120 + 4) / 2)
-    assert (row.ratio_low, row.ratio_high) == pytest.approx((220 / 120, 4.0))
+    assert (row.ratio_low, row.ratio_high) == (None, None), "two episodes are too few"
     # Of five paths with an optimum above zero one is 10 % too dear.
     assert row.suboptimality_mean == pytest.approx(0.1 / 5)
     assert row.suboptimality_p95 == pytest.approx(0.08)
@@ -58,7 +60,7 @@ def test_by_hand(make_replans: Any) -> None:
     assert row.us_p95 == pytest.approx(np.percentile([9, 1, 2, 8, 3, 4, 5], 95))
     assert (row.length_m_total, row.turn_rad_total) == (28, 5)
     astar = row_of(comparison, "astar")
-    assert (astar.ratio_expanded, astar.ratio_low, astar.ratio_high) == (1, 1, 1)
+    assert (astar.ratio_expanded, astar.ratio_low, astar.ratio_high) == (1, None, None)
     assert (astar.success_rate, astar.length_m_total, astar.fallback_share) == (1, 7, None)
 
 
@@ -72,18 +74,9 @@ def test_what_is_counted_can_be_chosen(make_replans: Any, counted: str) -> None:
 def test_an_episode_without_a_cell_has_no_ratio_and_is_left_out(make_replans: Any) -> None:
     table = make_replans({"astar": [[8], [6], [0], [9]], "lpa_star": [[4], [0], [0], [3]]})
     comparison = compare(table)
-    assert_allclose(comparison.episode_ratios["lpa_star"], [2, NAN, NAN, 3])
+    assert_allclose(comparison.ratios["lpa_star"].of_episodes, [2, NAN, NAN, 3])
     row = row_of(comparison, "lpa_star")
-    assert (row.ratio_expanded, row.ratio_low, row.ratio_high) == (2.5, 2, 3)
-
-
-def test_episodes_that_nobody_solved_together_have_no_ratio(make_replans: Any) -> None:
-    yes, no = True, False
-    found = {"astar": [[yes, no], [no, yes], [yes, yes]], "ia_star": [[no, yes], [yes, yes], [yes, yes]]}
-    table = make_replans({"astar": [[8, 8], [6, 6], [4, 4]], "ia_star": [[4, 4], [3, 3], [1, 1]]}, found=found)
-    comparison = compare(table)
-    assert (comparison.paired_replans, comparison.paired_episodes) == (3, 2)
-    assert_allclose(comparison.episode_ratios["ia_star"], [2, 4])
+    assert (row.ratio_expanded, row.ratio_low, row.ratio_high) == (2.5, None, None)
 
 
 def test_nothing_solved_together_gives_no_paired_figure(make_replans: Any) -> None:
@@ -98,12 +91,6 @@ def test_nothing_solved_together_gives_no_paired_figure(make_replans: Any) -> No
         assert row.success_rate == 0.5
 
 
-def test_without_the_baseline_there_is_no_ratio(make_replans: Any) -> None:
-    comparison = compare(make_replans({"ia_star": [[4], [5]]}))
-    assert comparison.episode_ratios == {}
-    assert (comparison.rows[0].ratio_expanded, comparison.rows[0].us_median) == (None, 10)
-
-
 def test_costs_summed_in_another_order_are_optimal(make_replans: Any) -> None:
     steps = [1, 2**0.5] * 7
     dear, cheap = sum(steps), sum(sorted(steps))
@@ -112,7 +99,7 @@ def test_costs_summed_in_another_order_are_optimal(make_replans: Any) -> None:
     assert compare(table).rows[0].suboptimality_mean == 0
 
 
-def test_one_episode_is_resampled_in_blocks(make_replans: Any) -> None:
+def test_replans_of_one_episode_are_a_series_in_time(make_replans: Any) -> None:
     draw = np.random.default_rng(0)
     cells = {"astar": draw.integers(90, 110, (1, 200)), "ia_star": draw.integers(15, 25, (1, 200))}
     row = row_of(compare(make_replans(cells)), "ia_star")
@@ -122,17 +109,6 @@ def test_one_episode_is_resampled_in_blocks(make_replans: Any) -> None:
     few = row_of(compare(make_replans({name: each[:, :19] for name, each in cells.items()})), "ia_star")
     assert few.ratio_expanded is not None
     assert (few.ratio_low, few.ratio_high) == (None, None)
-
-
-@pytest.mark.parametrize("shape", [(30, 2), (1, 60)])
-def test_every_planner_is_resampled_alike(make_replans: Any, shape: tuple[int, int]) -> None:
-    """One that spends twice the cells has half the ratio, and half the interval to the last digit."""
-    draw = np.random.default_rng(0)
-    cells = draw.integers(5, 50, shape)
-    comparison = compare(
-        make_replans({"astar": draw.integers(50, 500, shape), "ia_star": cells, "dijkstra": 2 * cells})
-    )
-    assert_allclose(_ratio_of(row_of(comparison, "dijkstra")), _ratio_of(row_of(comparison, "ia_star")) / 2, rtol=1e-12)
 
 
 def test_rows_that_do_not_match_are_refused(make_replans: Any) -> None:
@@ -171,7 +147,7 @@ def test_invariants(make_replans: Any, cells: list[np.ndarray], factor: int, shu
     table = make_replans(named, found=found)
     plain = compare(table)
     # The baseline compared with itself is 1, always.
-    own = plain.episode_ratios["astar"]
+    own = plain.ratios["astar"].of_episodes if plain.ratios else np.empty(0)
     assert np.all(own[np.isfinite(own)] == 1)
     baseline = row_of(plain, "astar")
     assert {baseline.ratio_expanded, baseline.ratio_low, baseline.ratio_high} <= {1.0, None}
@@ -188,8 +164,25 @@ def test_invariants(make_replans: Any, cells: list[np.ndarray], factor: int, shu
     for row, larger in zip(plain.rows, scaled.rows, strict=True):
         assert larger.expanded_total == factor * row.expanded_total
         assert_allclose(_ratio_of(larger), _ratio_of(row), rtol=1e-12)
-        if row.ratio_low is not None and plain.paired_episodes > 1:
+        if row.ratio_low is not None:
             assert row.ratio_low <= row.ratio_expanded <= row.ratio_high  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(("n", "ranks"), [(5, None), (6, (1, 6)), (20, (6, 15)), (41, (14, 28))])
+def test_the_interval_of_a_median_is_that_of_the_sign_test(n: int, ranks: tuple[int, int] | None) -> None:
+    """Ranks as in tables of the binomial law, P(Binomial(n, 1/2) < k) <= 0.025."""
+    found = median_interval(np.random.default_rng(0).permutation(np.arange(1.0, n + 1)))
+    assert found == ranks
+    if ranks is not None:
+        assert stats.binom.cdf(ranks[0] - 1, n, 0.5) <= 0.025 < stats.binom.cdf(ranks[0], n, 0.5)
+
+
+def test_the_fewest_values_that_have_an_interval() -> None:
+    for comparisons in range(1, 30):
+        confidence = corrected_confidence(comparisons)
+        n = fewest_values(confidence)
+        assert median_interval(np.arange(float(n)), confidence) == (0, n - 1)
+        assert median_interval(np.arange(float(n - 1)), confidence) is None
 
 
 def _ratio_of(row: PlannerRow) -> np.ndarray:

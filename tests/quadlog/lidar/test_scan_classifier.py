@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image_method import RangeImageSettings, classify_scan_range_image
-from quadlog.lidar.scan_classifier import ScanClassifier
-from quadlog.messages import PointCloud
+from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.simulation.synthetic.labelled_scans import is_true_obstacle, labelled_scans
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
@@ -27,16 +25,19 @@ def scans():
     return {name: list(labelled_scans(name, HELD_OUT_SEED, 2)) for name in PLACES}
 
 
-def classified(scan, ring=None, transform=None, xyz_m=None):
-    return classify_scan_range_image(
-        scan.xyz_lidar_m if xyz_m is None else xyz_m,
-        scan.ring if ring is None else ring,
-        scan.transform_lidar_to_base if transform is None else transform,
-        ALL_ROUND,
-    )
+@pytest.fixture(scope="module")
+def classified(classify):
+    """A function that classifies a labelled scan by itself, as it is or with other rings, mount or places."""
+
+    def made(scan, ring=None, transform=None, xyz_m=None, classifier=None):
+        mount = scan.transform_lidar_to_base if transform is None else transform
+        points = scan.xyz_lidar_m if xyz_m is None else xyz_m
+        return classify(points, scan.ring if ring is None else ring, mount, ALL_ROUND, classifier=classifier)
+
+    return made
 
 
-def counts(scan: ClassifiedScan) -> list[int]:
+def counts(scan) -> list[int]:
     """Invalid, cropped, outliers, ground and obstacles."""
     return np.bincount(scan.label, minlength=len(PointClass)).tolist()
 
@@ -53,7 +54,7 @@ def cells_of(xyz_m: np.ndarray) -> set[tuple[int, int]]:
     ("flat", 0.98, 0.98), ("undulating", 0.98, 0.98), ("ramp_15", 0.97, 0.97), ("ramp_20", 0.97, 0.97),
     ("slope_15", 0.97, 0.97), ("corridor", 0.92, 0.94), ("wall_ahead", 0.96, 0.98), ("forest", 0.96, 0.97),
 ])  # fmt: skip
-def test_ground_of_held_out_scans(scans, name: str, precision: float, recall: float) -> None:
+def test_ground_of_held_out_scans(classified, scans, name: str, precision: float, recall: float) -> None:
     for scan in scans[name]:
         found = classified(scan)
         assert found.route == "rings"
@@ -67,7 +68,7 @@ def test_ground_of_held_out_scans(scans, name: str, precision: float, recall: fl
 
 
 @pytest.mark.parametrize("min_range_m", [0.05, 0.35])
-def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(min_range_m: float) -> None:
+def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(classify, min_range_m: float) -> None:
     """Their range is 0, and so is near that of dust; see the filter's NEAR_M."""
     mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
     xyz_m, ring, _ = room_scan(mount)
@@ -77,56 +78,39 @@ def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(min_range_m
     # The rays beside the dust return nothing, as under an open sky.
     beside = np.unique(np.concatenate([dust + 16 * step for step in range(-4, 5) if step])) % len(ring)
     xyz_m[np.setdiff1d(beside, dust)] = 0.0
-    found = classify_scan_range_image(xyz_m, ring, mount, RangeImageSettings(min_range_m=min_range_m))
+    found = classify(xyz_m, ring, mount, RangeImageSettings(min_range_m=min_range_m))
     assert (found.label[dust] == PointClass.OUTLIER).sum() >= 180
 
 
 @pytest.mark.parametrize("changes", ["sensor", "numbers", "steps", "rings go", "upside down"])
-def test_a_sensor_that_changes_is_noticed(scans, changes: str) -> None:
+def test_a_sensor_that_changes_is_noticed(classified, scans, changes: str) -> None:
     """What was found out about the beams of earlier scans is not used for others."""
     before, after = scans["wall_ahead"][0], scans["corridor"][0]
     classifier = ScanClassifier(ALL_ROUND)
     for _ in range(3):
-        classifier.classify(cloud_of(before), before.transform_lidar_to_base)
-    cloud, transform = cloud_of(after), after.transform_lidar_to_base
-    column, steps = np.arange(len(after.ring)) // 16, len(after.ring) // 16
+        classified(before, classifier=classifier)
+    xyz_m, ring, transform = after.xyz_lidar_m, after.ring, after.transform_lidar_to_base
     match changes:
         case "sensor":
-            kept = after.ring % 2 == 0
-            cloud = cloud_of(after, kept, after.ring // 2)
+            xyz_m, ring = xyz_m[ring % 2 == 0], ring[ring % 2 == 0] // 2
         case "numbers":
-            cloud = cloud_of(after, ring=np.random.default_rng(0).permutation(16)[after.ring].astype(np.uint16))
+            ring = np.random.default_rng(0).permutation(16)[ring].astype(np.uint16)
         case "steps":
-            cloud = cloud_of(after, column % 2 == 0)
+            kept = np.arange(len(ring)) // 16 % 2 == 0
+            xyz_m, ring = xyz_m[kept], ring[kept]
         case "rings go":
-            cloud = PointCloud(None, "", after.xyz_lidar_m)
+            ring = ring[:-1]
         case "upside down":
             turn = transform_from_rpy(np.zeros(3), np.pi, 0.0, 0.0)
-            cloud = PointCloud(None, "", (after.xyz_lidar_m @ turn[:3, :3]).astype(np.float32), after.ring)
-            transform = transform @ turn
-    assert steps > 1
-    found = classifier.classify(cloud, transform).points()
-    alone = ScanClassifier(ALL_ROUND).classify(cloud, transform).points()
+            xyz_m, transform = (xyz_m @ turn[:3, :3]).astype(np.float32), transform @ turn
+    found = classified(after, ring, transform, xyz_m, classifier)
+    alone = classified(after, ring, transform, xyz_m)
     assert found.route == alone.route
     assert found.label.tobytes() == alone.label.tobytes()
 
 
-def test_scans_of_one_sensor_are_classified_as_each_alone(scans) -> None:
-    classifier = ScanClassifier(ALL_ROUND)
-    for name in PLACES:
-        for scan in scans[name]:
-            returns = classifier.classify(cloud_of(scan), scan.transform_lidar_to_base)
-            made, alone = returns.points(), classified(scan)
-            assert (made.label == alone.label).mean() > 0.999
-            assert returns.counts.tolist() == np.bincount(made.label, minlength=5).tolist()
-
-
-def cloud_of(scan, kept=slice(None), ring=None) -> PointCloud:
-    return PointCloud(None, "", scan.xyz_lidar_m[kept], (scan.ring if ring is None else ring)[kept])
-
-
 @pytest.mark.parametrize("name", PLACES)
-def test_outliers_of_held_out_scans(scans, name: str) -> None:
+def test_outliers_of_held_out_scans(classified, scans, name: str) -> None:
     false, found, good, lost = 0, 0, 0, 0
     for scan in scans[name]:
         result = classified(scan)
@@ -139,7 +123,7 @@ def test_outliers_of_held_out_scans(scans, name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "recall"), [("flat", 0.95), ("corridor", 0.99), ("wall_ahead", 0.99)])
-def test_obstacle_cells_of_held_out_scans(scans, name: str, recall: float) -> None:
+def test_obstacle_cells_of_held_out_scans(classified, scans, name: str, recall: float) -> None:
     for scan in scans[name]:
         result = classified(scan)
         near = np.abs(result.xyz_base_m[:, :2]).max(axis=1) < 10
@@ -150,7 +134,7 @@ def test_obstacle_cells_of_held_out_scans(scans, name: str, recall: float) -> No
         assert len(found - truth) <= 20
 
 
-def test_heights_are_those_above_the_ground_below(scans) -> None:
+def test_heights_are_those_above_the_ground_below(classified, scans) -> None:
     for name in ("flat", "ramp_20", "undulating"):
         for scan in scans[name]:
             result = classified(scan)
@@ -160,7 +144,7 @@ def test_heights_are_those_above_the_ground_below(scans) -> None:
 
 
 @pytest.mark.parametrize("how", ["shuffled numbers", "gaps", "reversed", "shuffled points"])
-def test_ring_numbers_may_come_in_any_order(scans, how: str) -> None:
+def test_ring_numbers_may_come_in_any_order(classified, scans, how: str) -> None:
     scan = scans["wall_ahead"][0]
     expected = classified(scan)
     names = np.arange(16)
@@ -184,7 +168,7 @@ def test_ring_numbers_may_come_in_any_order(scans, how: str) -> None:
 
 
 @pytest.mark.parametrize("ring", ["none", "random", "short", "column"])
-def test_wrong_ring_numbers_are_ignored(scans, ring: str) -> None:
+def test_wrong_ring_numbers_are_ignored(classified, classify, scans, ring: str) -> None:
     scan = scans["wall_ahead"][0]
     n = len(scan.ring)
     wrong = {
@@ -193,22 +177,13 @@ def test_wrong_ring_numbers_are_ignored(scans, ring: str) -> None:
         "short": scan.ring[:-1],
         "column": (np.arange(n) // 16).astype(np.uint16),
     }[ring]
-    result = classify_scan_range_image(scan.xyz_lidar_m, wrong, scan.transform_lidar_to_base, ALL_ROUND)
+    result = classify(scan.xyz_lidar_m, wrong, scan.transform_lidar_to_base, ALL_ROUND)
     assert result.route == "elevations"
     assert result.label.tolist() == classified(scan).label.tolist()
 
 
-def test_missing_rings_leave_the_rest_as_it_was(scans) -> None:
-    scan = scans["flat"][0]
-    kept = ~np.isin(scan.ring, [0, 4, 9])
-    result = classified(scan, ring=scan.ring[kept], xyz_m=scan.xyz_lidar_m[kept])
-    ground, truth = result.label == PointClass.GROUND, scan.truth[kept] == PointClass.GROUND
-    assert share(truth, ground) > 0.97
-    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.97
-
-
 @pytest.mark.parametrize(("roll_deg", "yaw_deg"), [(180, 0), (0, 90), (0, 200), (180, -40)])
-def test_a_lidar_may_be_mounted_any_way_round(scans, roll_deg: float, yaw_deg: float) -> None:
+def test_a_lidar_may_be_mounted_any_way_round(classified, scans, roll_deg: float, yaw_deg: float) -> None:
     scan = scans["flat"][0]
     upright = scan.transform_lidar_to_base
     turn = transform_from_rpy(np.zeros(3), *np.deg2rad([roll_deg, 0.0, yaw_deg]))
@@ -220,10 +195,10 @@ def test_a_lidar_may_be_mounted_any_way_round(scans, roll_deg: float, yaw_deg: f
 
 
 @pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(10, 0), (0, 15), (-12, 8), (180, 0)])
-def test_a_tilted_lidar_finds_floor_and_walls(roll_deg: float, pitch_deg: float) -> None:
+def test_a_tilted_lidar_finds_floor_and_walls(classify, roll_deg: float, pitch_deg: float) -> None:
     mount = transform_from_rpy(np.array([0.1, 0.0, 0.5]), *np.deg2rad([roll_deg, pitch_deg, 0.0]))
     xyz_m, ring, floor = room_scan(mount)
-    result = classify_scan_range_image(xyz_m, ring, mount, ALL_ROUND)
+    result = classify(xyz_m, ring, mount, ALL_ROUND)
     ground = result.label == PointClass.GROUND
     assert result.route == "rings"
     assert share(floor, ground) > 0.95
@@ -252,62 +227,15 @@ def room_scan(mount: np.ndarray, wall_m: float = 6.0, n_azimuth: int = 900, half
 
 
 @pytest.mark.parametrize("half_view_deg", [15, 35])
-def test_an_unknown_mount_finds_the_floor_below_it(half_view_deg: float) -> None:
+def test_an_unknown_mount_finds_the_floor_below_it(classify, half_view_deg: float) -> None:
     mount = transform_from_rpy(np.array([0.0, 0.0, 0.9]), 0.0, 0.0, 0.0)
     xyz_m, ring, floor = room_scan(mount, half_view_deg=half_view_deg)
-    result = classify_scan_range_image(xyz_m, ring, np.eye(4), ALL_ROUND)
+    result = classify(xyz_m, ring, np.eye(4), ALL_ROUND)
     ground = result.label == PointClass.GROUND
     assert share(floor, ground) > 0.95
     assert share(ground, floor) > 0.95
     assert result.ground is not None
     assert result.ground.d_m == pytest.approx(0.9, abs=0.02)
-
-
-@pytest.mark.parametrize("turns", [2, 3])
-def test_several_turns_in_one_message(scans, turns: int) -> None:
-    scan = scans["corridor"][0]
-    noise = np.random.default_rng(0).normal(1.0, 0.002, (turns, len(scan.ring), 1))
-    xyz_m = (scan.xyz_lidar_m * noise).reshape(-1, 3).astype(np.float32)
-    result = classified(scan, ring=np.tile(scan.ring, turns), xyz_m=xyz_m)
-    ground, truth = result.label == PointClass.GROUND, np.tile(scan.truth, turns) == PointClass.GROUND
-    assert share(truth, ground) > 0.85
-    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.9
-
-
-def test_second_returns_are_classified_as_well(scans) -> None:
-    # Every tenth ray also meets something half way, as through a fence; the nearer return comes last.
-    scan = scans["wall_ahead"][0]
-    near = (scan.xyz_lidar_m[::10] * np.float32(0.5)).astype(np.float32)
-    result = classified(
-        scan, ring=np.concatenate([scan.ring, scan.ring[::10]]), xyz_m=np.concatenate([scan.xyz_lidar_m, near])
-    )
-    first = result.label[: len(scan.ring)]
-    assert (result.label == PointClass.INVALID).sum() == (classified(scan).label == PointClass.INVALID).sum() + (
-        np.linalg.norm(near, axis=1) < ALL_ROUND.min_range_m
-    ).sum()
-    assert (first == classified(scan).label)[::10].mean() > 0.85
-    assert (first == classified(scan).label).mean() > 0.95
-
-
-def test_part_of_a_turn_from_any_start(scans) -> None:
-    scan = scans["flat"][0]
-    half = slice(len(scan.ring) // 3, len(scan.ring) * 2 // 3)
-    result = classified(scan, ring=scan.ring[half], xyz_m=scan.xyz_lidar_m[half])
-    expected = classified(scan).label[half]
-    assert (result.label == expected)[200:-200].mean() > 0.99
-
-
-def test_a_cloud_moved_out_of_the_lidars_frame_has_no_beams(scans) -> None:
-    scan = scans["flat"][0]
-    moved = np.array([0.3, 0.2, 0.1])
-    back = transform_from_rpy(-moved, 0.0, 0.0, 0.0)
-    result = classify_scan_range_image(
-        (scan.xyz_lidar_m + moved).astype(np.float32), None, scan.transform_lidar_to_base @ back, ALL_ROUND
-    )
-    assert result.route == "height_map"
-    ground, truth = result.label == PointClass.GROUND, scan.truth == PointClass.GROUND
-    assert share(truth, ground) > 0.95
-    assert share(ground, truth & (result.label > PointClass.CROPPED)) > 0.9
 
 
 def circle(range_m: np.ndarray) -> np.ndarray:
@@ -318,36 +246,27 @@ def circle(range_m: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("mount", "height_m"), [(LEVEL, 0.5), (np.eye(4), 0.1)], ids=["known", "unknown mount"])
 @pytest.mark.parametrize("ring", [None, np.zeros(720, dtype=np.uint16)], ids=["no rings", "rings"])
-def test_a_flat_scan_is_all_obstacles(ring: np.ndarray | None, mount: np.ndarray, height_m: float) -> None:
+def test_a_flat_scan_is_all_obstacles(classify, ring: np.ndarray | None, mount: np.ndarray, height_m: float) -> None:
     """Not all of it lies on the floor, whatever the mount is."""
-    result = classify_scan_range_image(circle(np.full(720, 4.0)), ring, mount, ALL_ROUND)
+    result = classify(circle(np.full(720, 4.0)), ring, mount, ALL_ROUND)
     assert counts(result) == [0, 0, 0, 0, 720]
     assert result.ground is None
     assert result.height_m == pytest.approx(height_m)
 
 
-@pytest.mark.parametrize("ring", [None, np.zeros(720, dtype=np.uint16)], ids=["no rings", "rings"])
-def test_outliers_of_a_flat_scan_are_found(ring: np.ndarray | None) -> None:
-    range_m = np.full(720, 4.0)
-    range_m[::40] = 2.5
-    result = classify_scan_range_image(circle(range_m), ring, LEVEL, ALL_ROUND)
-    assert np.flatnonzero(result.label == PointClass.OUTLIER).tolist() == list(range(0, 720, 40))
-    assert counts(result)[PointClass.OBSTACLE] == 720 - 18
-
-
-def test_a_wall_alone_is_no_ground() -> None:
+def test_a_wall_alone_is_no_ground(classify) -> None:
     # No floor in view: whatever is seen rises, from the first beam on.
     y, z = np.meshgrid(np.linspace(-2, 2, 200), np.linspace(0.1, 0.9, 16))
     xyz_m = np.stack([np.full(y.size, 1.2), y.ravel(), z.ravel() - 0.5], axis=1)
     elevation = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
     ring = np.round(np.rad2deg(elevation) / 2 + 20).astype(np.uint16)
-    result = classify_scan_range_image(xyz_m.astype(np.float32), ring, LEVEL, ALL_ROUND)
+    result = classify(xyz_m.astype(np.float32), ring, LEVEL, ALL_ROUND)
     assert counts(result)[PointClass.GROUND] < 0.02 * len(ring)
 
 
-def test_only_a_field_of_view_is_kept(scans) -> None:
+def test_only_a_field_of_view_is_kept(classified, classify, scans) -> None:
     scan = scans["flat"][0]
-    front = classify_scan_range_image(
+    front = classify(
         scan.xyz_lidar_m, scan.ring, scan.transform_lidar_to_base, RangeImageSettings(field_of_view_deg=180.0)
     )
     whole = classified(scan)
@@ -358,7 +277,7 @@ def test_only_a_field_of_view_is_kept(scans) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0, 1e30])
-def test_bad_points_change_nothing_about_the_good_ones(scans, bad: float) -> None:
+def test_bad_points_change_nothing_about_the_good_ones(classified, scans, bad: float) -> None:
     scan = scans["wall_ahead"][0]
     spoilt = np.repeat(scan.xyz_lidar_m, 2, axis=0)
     spoilt[::2] = bad
@@ -375,7 +294,9 @@ def test_bad_points_change_nothing_about_the_good_ones(scans, bad: float) -> Non
     st.floats(-np.pi, np.pi),
     st.floats(-np.pi, np.pi),
 )
-def test_any_cloud_is_classified(cloud: np.ndarray, ring: str, seed: int, roll_rad: float, pitch_rad: float) -> None:
+def test_any_cloud_is_classified(
+    classify, cloud: np.ndarray, ring: str, seed: int, roll_rad: float, pitch_rad: float
+) -> None:
     n = len(cloud)
     numbers = {
         "none": None,
@@ -385,7 +306,7 @@ def test_any_cloud_is_classified(cloud: np.ndarray, ring: str, seed: int, roll_r
         "random": np.random.default_rng(seed).integers(0, 40, n).astype(np.uint16),
     }[ring]
     mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), roll_rad, pitch_rad, 0.0)
-    scan = classify_scan_range_image(cloud, numbers, mount, ALL_ROUND)
+    scan = classify(cloud, numbers, mount, ALL_ROUND)
     assert len(scan.label) == n
     assert counts(scan)[PointClass.CROPPED] == 0
     with np.errstate(over="ignore", invalid="ignore"):
@@ -394,14 +315,14 @@ def test_any_cloud_is_classified(cloud: np.ndarray, ring: str, seed: int, roll_r
     valid = (range_m >= 0.3) & (range_m <= 30)
     assert ((scan.label != PointClass.INVALID) == valid)[clear].all()
     assert (np.isfinite(scan.height_m) == (scan.label != PointClass.INVALID)).all()
-    again = classify_scan_range_image(cloud, numbers, mount, ALL_ROUND)
+    again = classify(cloud, numbers, mount, ALL_ROUND)
     assert again.label.tobytes() == scan.label.tobytes()
 
 
-def test_real_scans_are_split_by_their_rings_and_without_them(real_scans) -> None:
+def test_real_scans_are_split_by_their_rings_and_without_them(classify, real_scans) -> None:
     for scans_of in real_scans.values():
         for cloud in scans_of:
-            scan = classify_scan_range_image(cloud, None, np.eye(4), ALL_ROUND)
+            scan = classify(cloud, None, np.eye(4), ALL_ROUND)
             assert scan.route == "elevations"
             _, _, outliers, ground, obstacles = counts(scan)
             assert ground > 1000
@@ -425,11 +346,9 @@ def scattered(slope: float, box_height_m: float, seed: int = 0) -> tuple[np.ndar
 
 @pytest.mark.parametrize("slope", [0.0, 0.15, np.tan(np.deg2rad(20))])
 @pytest.mark.parametrize("box_height_m", [0.3, 0.8])
-def test_a_floor_and_what_stands_on_it(slope: float, box_height_m: float) -> None:
+def test_a_floor_and_what_stands_on_it(classify, slope: float, box_height_m: float) -> None:
     xyz_base_m, box = scattered(slope, box_height_m)
-    result = classify_scan_range_image(
-        (xyz_base_m - MOUNT[:3, 3]).astype(np.float32), None, MOUNT, RangeImageSettings()
-    )
+    result = classify((xyz_base_m - MOUNT[:3, 3]).astype(np.float32), None, MOUNT, RangeImageSettings())
     assert result.route == "height_map"
     looked_at = result.label > PointClass.OUTLIER
     assert (result.label[looked_at & ~box] == PointClass.GROUND).mean() > 0.95
