@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import DTypeLike
 from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
@@ -56,7 +57,7 @@ class LogOddsMemory:
     one falls to that of the rays that pass above it while it is hit.
     """
 
-    LAYERS: ClassVar = dict.fromkeys(("low_ms", "low_mm", "high_ms", "high_mm"), np.int16)
+    LAYERS: ClassVar[dict[str, DTypeLike]] = dict.fromkeys(("low_ms", "low_mm", "high_ms", "high_mm"), np.int16)
 
     def __init__(self, layers: GrowingLattice, clear_s: float) -> None:
         self._layers, self._clear_ms = layers, np.int16(min(max(round(clear_s * 1e3), 1), _LONGEST_MS))
