@@ -125,17 +125,19 @@ def test_another_configuration_starts_at_the_stage_it_concerns(sets, count, walk
 
 
 def test_another_recording_is_known_by_its_content(tmp_path):
-    """A copy elsewhere is the same; one of the same name and size starts anew; the run of another one is refused."""
+    """The run of another one is refused; a copy elsewhere is the same; other content of the same size starts anew."""
     recording, content = tmp_path / "follow.mcap", RECORDING.read_bytes()
     replay(ask(tmp_path / "run", until="position"), Silent())
     again = replace(ask(tmp_path / "run", until="position"), recording=recording)
-    recording.write_bytes(content)
-    assert replay(again, Silent()).exit_code == 0
     middle = len(content) // 2
-    recording.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
-    assert reusable_stages(again) == ()
+    changed = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    recording.write_bytes(changed)
     with pytest.raises(RunOfAnother, match="--force replaces it"):
         replay(again, Silent())
+    recording.write_bytes(content)
+    assert replay(again, Silent()).exit_code == 0
+    recording.write_bytes(changed)
+    assert reusable_stages(again) == ()
 
 
 def test_the_store_can_be_deleted_and_its_results_are_read_only(fresh, tmp_path):
