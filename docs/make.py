@@ -114,7 +114,9 @@ def build_site(site: Path) -> int:
                 return code
         for name in ("runs", "planners"):
             shutil.copytree(name, f"site/samples/{name}", ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
-    return build_main(["-W", "--keep-going", "-q", "-d", f"{ROOT / 'build' / 'doctrees'}", f"{HERE}", f"{site}"])
+    return build_main(
+        ["-W", "--keep-going", "-q", "-j", "auto", "-d", f"{ROOT / 'build' / 'doctrees'}", f"{HERE}", f"{site}"]
+    )
 
 
 def configuration_page() -> str:

@@ -203,7 +203,7 @@ class _Batch:
         return tuple(self._outcomes[number] for number in range(len(self._batch)))
 
     def _submit(self, number: int) -> None:
-        """Submit a task, or end it when halted. RESUME, not REFUSE: a second try goes on where a killed one was."""
+        """Submit a task, or end it when halted. RESUME for REFUSE: a second try goes on where a killed one was."""
         if self._halted:
             self._end(number, "")
             return

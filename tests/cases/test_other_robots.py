@@ -207,7 +207,7 @@ def standing(log: Log, room: Room) -> None:
 def joints(*names: str, zeros: bool = False) -> Callable[[Log, Room], None]:
     def make(log: Log, room: Room) -> None:
         for t_s in instants_s(8.0, 50):
-            log.joints(ns(t_s), list(names), zeros)
+            log.joints(ns(t_s), list(names), efforts_nm=np.zeros(len(names)) if zeros else None)
 
     return make
 

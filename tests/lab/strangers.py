@@ -7,9 +7,14 @@ from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from quadlog.recordings.decoders.ros_messages import BUNDLED
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
+for _driver in ("uwb_driver", "unitree_go"):
+    for _path in sorted((BUNDLED / _driver / "msg").glob("*.msg")):
+        STORE.register(get_types_from_msg(_path.read_text(), f"{_driver}/msg/{_path.stem}"))
 START_NS = 1_700_000_000_000_000_000
 SPEED_MPS = 0.4
 
@@ -19,6 +24,20 @@ Array = np.ndarray
 def message(name: str, *values: Any) -> Any:
     """A ROS 2 message from its fields in order."""
     return STORE.types[name](*values)
+
+
+def zeros(name: str) -> Any:
+    """A message of zeros."""
+    return STORE.types[name](*(_zeros(int(kind), what) for _, (kind, what) in STORE.fielddefs[name][1]))
+
+
+def _zeros(kind: int, what: Any) -> Any:
+    if kind == 1:
+        return 0.0 if what[0].startswith("float") else 0
+    if kind == 2:
+        return zeros(what)
+    (inner, of), count = what
+    return np.zeros(count, of[0]) if int(inner) == 1 else [_zeros(int(inner), of) for _ in range(count)]
 
 
 def header(t_ns: int, frame: str) -> Any:
@@ -86,19 +105,22 @@ class Log:
         values = (header(t_ns, "imu"), turned, nothing, rates, nothing, pulls, nothing)
         self.add("/imu", t_ns, message("sensor_msgs/msg/Imu", *values))
 
-    def joints(self, t_ns: int, names: list[str], zeros: bool = False) -> None:
-        """Angles alone; zeros: with zeros for velocities and efforts, as of a driver that measures none."""
-        others = np.zeros(len(names) if zeros else 0)
-        angles = np.full(len(names), 0.1)
-        self.add(
-            "/joint_states",
-            t_ns,
-            message("sensor_msgs/msg/JointState", header(t_ns, ""), names, angles, others, others),
-        )
+    def range(self, t_ns: int, topic: str, range_m: float) -> None:
+        """A sensor_msgs/Range, whose topic names tag and anchor."""
+        self.add(topic, t_ns, message("sensor_msgs/msg/Range", header(t_ns, ""), 0, 0.0, 0.0, 0.0, range_m))
 
-    def write(self, path: Path) -> Path:
+    def joints(
+        self, t_ns: int, names: list[str], angles_rad: Array | None = None, efforts_nm: Array | None = None
+    ) -> None:
+        """Angles alone unless efforts are given."""
+        angles_rad = np.full(len(names), 0.1) if angles_rad is None else angles_rad
+        efforts_nm = np.zeros(0) if efforts_nm is None else efforts_nm
+        values = (names, angles_rad, np.zeros(len(efforts_nm)), efforts_nm)
+        self.add("/joint_states", t_ns, message("sensor_msgs/msg/JointState", header(t_ns, ""), *values))
+
+    def write(self, path: Path, storage: StoragePlugin = StoragePlugin.MCAP) -> Path:
         """The recording as a folder of ROS 2."""
-        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        with Writer(path, version=9, storage_plugin=storage) as writer:
             connections: dict[str, Any] = {}
             for t_ns, topic, content in sorted(self.messages, key=lambda row: row[0]):
                 if topic not in connections:

@@ -1,8 +1,11 @@
+"""`info` and `init`: what is in a recording, by all of it or a sample, what is wrong with it, what to configure."""
+
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+import tomllib
+from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -11,248 +14,180 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
-from rosbags.typesys import Stores, get_typestore
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
-from quadlog.cli.main import run
+from quadlog.cli.main import run as run_cli
+from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
+from quadlog.geometry import transform_from_rpy
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.info import describe_recording
+from quadlog.pipelines.info import describe_recording, mount_of, propose_config
 from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
-from quadlog.recordings.roles import why_not_read
+from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import to_path
+from tests.lab.strangers import START_NS, STORE, Log, header, message
+from tests.pipelines.conftest import FIXTURES
 
-T0 = 1_700_000_000 * 10**9
 TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()
 TAGFRAME += bytes(12 + 16 + 24)
-
-
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-MAKE: dict[str, Callable[..., Any]] = STORE.types
+POINT, NOWHERE = "geometry_msgs/msg/PointStamped", (1.0, 2.0, 0.0)
+DATASETS = Path(os.environ.get("QUADLOG_DATASETS", "/nowhere"))
+with_datasets = pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
 Row = tuple[str, str, bytes, int]
 """Topic, type, payload and log time of a message."""
 
 
-def encoded(message: Any) -> bytes:
-    return bytes(STORE.serialize_cdr(message, message.__msgtype__))
+def rows_of(log: Log) -> Iterator[Row]:
+    for t_ns, topic, content in log.messages:
+        yield topic, content.__msgtype__, bytes(STORE.serialize_cdr(content, content.__msgtype__)), t_ns
 
 
-def header(stamp_ns: int, frame_id: str = "map") -> Any:
-    return MAKE["std_msgs/msg/Header"](
-        MAKE["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9), frame_id
-    )
-
-
-def pose(stamp_ns: int) -> bytes:
-    place = MAKE["geometry_msgs/msg/Pose"](
-        MAKE["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), MAKE["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    )
-    return encoded(MAKE["geometry_msgs/msg/PoseStamped"](header(stamp_ns), place))
-
-
-def still(stamp_ns: int) -> bytes:
-    """A static transform."""
-    turn, shift = (
-        MAKE["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-        MAKE["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.4),
-    )
-    inner = MAKE["geometry_msgs/msg/Transform"](shift, turn)
-    transform = MAKE["geometry_msgs/msg/TransformStamped"](header(stamp_ns, "base"), "lidar", inner)
-    return encoded(MAKE["tf2_msgs/msg/TFMessage"]([transform]))
-
-
-def write(path: Path, rows: Iterable[Row], definitions: Mapping[str, bytes] = {}, **settings: Any) -> Path:
-    """An MCAP of the rows; without definitions but those given."""
+def write(path: Path, rows: Iterable[Row], defined: Iterable[str] = (), **settings: Any) -> Path:
+    """An MCAP of the rows; without definitions but those of some types."""
+    texts = {name: STORE.generate_msgdef(name, ros_version=2)[0].encode() for name in defined}
     with path.open("wb") as file:
         writer, channels = Writer(file, **settings), {}
         writer.start()
         for topic, name, payload, t_ns in rows:
             if (topic, name) not in channels:
-                schema = writer.register_schema(name, "ros2msg", definitions.get(name, b""))
+                schema = writer.register_schema(name, "ros2msg", texts.get(name, b""))
                 channels[topic, name] = writer.register_channel(topic, "cdr", schema)
             writer.add_message(channels[topic, name], t_ns, payload, t_ns)
         writer.finish()
     return path
 
 
-POINT, POSE, TF = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def test_the_whole_object(tmp_path):
     """Odometry on simulation time, header-less LinkTrack frames without definition, one of them cut short."""
-    point = encoded(MAKE[POINT](header(47 * 10**9), MAKE["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)))
-    rows: list[Row] = []
+    log, frames = Log(), []
     for i in range(12):
-        t_ns = T0 + i * 10**8
-        frame = TAGFRAME[:-30] if i == 6 else TAGFRAME
-        rows += [("/point", POINT, point, t_ns), ("/uwb", "nlink_parser/msg/LinktrackTagframe0", frame, t_ns)]
-    text = STORE.generate_msgdef(POINT, ros_version=2)[0].encode()
-    return write(tmp_path / "walk.mcap", rows, {POINT: text})
-
-
-def test_the_whole_object(recording: Path) -> None:
-    info = describe_recording(recording, Config())
+        t_ns = START_NS + i * 10**8
+        log.add(
+            "/point", t_ns, message(POINT, header(47 * 10**9, ""), message("geometry_msgs/msg/Point", 1.0, 2.0, 3.0))
+        )
+        frames.append(("/uwb", "nlink_parser/msg/LinktrackTagframe0", TAGFRAME[: -30 if i == 6 else None], t_ns))
+    info = describe_recording(write(tmp_path / "walk.mcap", [*rows_of(log), *frames], [POINT]), Config())
     assert json.loads(json.dumps(info, allow_nan=False)) == info
-    assert (info["messages"], info["start_ns"], info["end_ns"]) == (24, T0, T0 + 11 * 10**8)
+    assert (info["messages"], info["start_ns"], info["end_ns"]) == (24, START_NS, START_NS + 11 * 10**8)
     point, uwb = info["topics"]
-    assert point["name"] == "/point"
-    assert point["hz_min"] == pytest.approx(10)
-    assert point["clock_offset_s"] == pytest.approx(47 - T0 * 1e-9 - 0.55)
+    assert (point["name"], point["hz_min"]) == ("/point", pytest.approx(10))
+    assert point["clock_offset_s"] == pytest.approx(47 - START_NS * 1e-9 - 0.55)
     assert (uwb["role"], uwb["messages"], uwb["clock_offset_s"]) == ("uwb", 12, None)
     assert [(each["cause"], each["topic"], each["count"]) for each in info["losses"]] == [("decode", "/uwb", 1)]
     assert [(each["tag"], each["anchor"], each["n"]) for each in info["links"]] == [(5, 0, 11), (5, 2, 11)]
     assert any("1 topic lie" in line and "--stamp log" not in line for line in info["warnings"])
 
 
-def test_jumping_clocks_are_a_warning_and_no_error(tmp_path: Path) -> None:
-    """Where a replay would stop; but a static transform may be of any age."""
-    rows: list[Row] = []
+def test_clocks_that_jump_or_stand_at_zero_are_warnings_but_not_of_static_transforms(tmp_path):
+    log = Log()
     for i in range(1200):
-        t_ns = T0 + i * 10**7
-        rows.append(("/pose", POSE, pose(t_ns + (172_800 * 10**9 if i >= 1100 else 0)), t_ns))
-        if i in (0, 1199):
-            rows.append(("/tf_static", TF, still((1 + i * 10**6) * 10**9), t_ns))
-    info = describe_recording(write(tmp_path / "walk.mcap", rows), Config())
-    (jump,) = [line for line in info["warnings"] if "jump" in line]
-    assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
+        t_ns = START_NS + i * 10**7
+        log.pose(t_ns + (172_800 * 10**9 if i >= 1100 else 0), NOWHERE, "/pose")
+        log.pose(0, NOWHERE, "/mocap")
+        log.tf((1 + i * 10**6) * 10**9, "base", "lidar", NOWHERE, topic="/tf_static")
+        log.messages[-3:] = [(t_ns, *row[1:]) for row in log.messages[-3:]]
+    info = describe_recording(write(tmp_path / "walk.mcap", rows_of(log)), Config())
     assert info["losses"] == []
-
-
-def write_poses(path: Path, stamp_ns: int, *others: tuple[str, str]) -> Path:
-    """Twelve poses of a reference and of static tf, all at one time, and a message of each other (topic, type)."""
-    rows = [("/mocap", POSE, pose(stamp_ns), 10**8), ("/tf_static", TF, still(stamp_ns), 10**8)] * 12
-    return write(path, [*rows, *((topic, name, b"", 10**8) for topic, name in others)])
-
-
-@pytest.mark.parametrize(("stamp_ns", "warned"), [(0, True), (1, False)])
-def test_stamps_of_zero_are_a_warning_but_for_static_transforms(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], stamp_ns: int, warned: bool
-) -> None:
-    path = str(write_poses(tmp_path / "walk.mcap", stamp_ns))
-    assert run(["info", path]) == 0
-    line = "warning: /mocap: 12 messages have the stamp 0; their log time is used\n"
-    assert capsys.readouterr().err == (line if warned else "")
+    jump, zero = sorted(line for line in info["warnings"] if "jump" in line or "stamp 0" in line)[::-1]
+    assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
+    assert zero == "/mocap: 1200 messages have the stamp 0; their log time is used"
 
 
 @pytest.mark.parametrize("command", [["info"], ["replay", "--until", "position", "-o"]])
 @pytest.mark.parametrize(
     ("others", "lost"),
     [
-        ([("/tf_static", "nav_msgs/msg/Odometry")], "/tf_static: cannot be decoded: the topic carries several types"),
-        ([("/x", "std_msgs/msg/String"), ("/x", "nav_msgs/msg/Odometry")], "/x: cannot be decoded: the topic carries"),
-        ([("/x", "std_msgs/msg/String"), ("/x", "std_msgs/msg/Bool")], None),
+        ([("/tf_static", "nav_msgs/msg/Odometry")], True),
+        ([("/x", "std_msgs/msg/String"), ("/x", "nav_msgs/msg/Odometry")], True),
+        ([("/x", "std_msgs/msg/String"), ("/x", "std_msgs/msg/Bool")], False),
     ],
 )
-def test_a_topic_of_several_types_is_a_loss_whatever_its_role(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str], others: list, lost: str | None
-) -> None:
-    path = str(write_poses(tmp_path / "walk.mcap", 1, *others))
+def test_a_topic_of_several_types_is_a_loss_if_one_is_read(tmp_path, capsys, command, others, lost):
+    log = Log()
+    for _ in range(12):
+        log.pose(1, NOWHERE, "/mocap")
+        log.tf(1, "base", "lidar", NOWHERE, topic="/tf_static")
+    path = write(tmp_path / "walk.mcap", [*rows_of(log), *((topic, name, b"", 10**8) for topic, name in others)])
     runs = [str(tmp_path / "runs")] if "-o" in command else []
-    code = run([*command, *runs, path])
-    err = capsys.readouterr().err
-    assert code == (3 if lost else 0), err
-    assert ("lost: " in err) == bool(lost)
-    assert (lost or "") in err
+    assert run_cli([*command, *runs, str(path)]) == (3 if lost else 0)
+    assert ("lost: " in (err := capsys.readouterr().err)) == ("carries several types" in err) == lost
 
 
-def recordings_of_datasets() -> list[Path]:
-    folder = os.environ.get("QUADLOG_DATASETS")
-    return [] if not folder else [p for p in sorted(Path(folder).rglob("*")) if p.suffix in (".mcap", ".bag", ".db3")]
-
-
-@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
-def test_no_real_file_makes_it_fail_in_an_unknown_way() -> None:
-    """Large files are left to the tests of their own; here every odd one must be described or refused in words."""
+@with_datasets
+def test_real_files_are_described_or_refused_and_their_topics_have_a_role_or_a_reason():
+    """Large files are left to tests of their own; every odd one is described or refused by name."""
     seen = 0
-    for path in recordings_of_datasets():
-        if path.stat().st_size > 3_000_000:
-            continue
-        try:
-            json.dumps(describe_recording(path, Config()), allow_nan=False)
-            seen += 1
-        except QuadlogError as error:
-            assert path.name in str(error)  # noqa: PT017
+    for path in (path for path in sorted(DATASETS.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")):
+        if path.stat().st_size < 3_000_000:
+            try:
+                json.dumps(describe_recording(path, Config()), allow_nan=False)
+                seen += 1
+            except QuadlogError as error:
+                assert path.name in str(error)  # noqa: PT017
     assert seen > 100
+    several = "edge_cases/lidar_fields/several_pointcloud2_types.bag"
+    for name in ("odometry/jackal_odom_imu.bag", several, "uwb_tiers/rosbag2_2022_09_07-17_25_41"):
+        info = describe_recording(DATASETS / name, Config())
+        assert [each["name"] for each in info["topics"] if not each["role"] and not each["why"]] == []
 
 
-@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
-def test_packets_are_named() -> None:
-    path = Path(os.environ["QUADLOG_DATASETS"]) / "edge_cases" / "lidar_fields" / "packets_only.db3"
-    (topic,) = describe_recording(path, Config())["topics"]
-    assert topic["name"] == "/robosense_packets"
-    assert "driver packets" in topic["why"]
+COUNT = EXCERPT.messages + 100
 
 
 @pytest.fixture(scope="module")
-def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """More messages than are read unasked: a pose every 10 ms in chunks of about 50."""
-    times_ns = [T0 + i * 10**7 for i in range(EXCERPT.messages + 100)]
+def many(tmp_path_factory):
+    """More messages than are read by default: a pose every 10 ms in chunks of about 50."""
+    log = Log()
+    log.pose(START_NS, NOWHERE, "/pose")
+    (row,) = rows_of(log)
+    stamp = np.frombuffer(row[2], np.uint8).copy()
+    rows = []
+    for t_ns in range(START_NS, START_NS + COUNT * 10**7, 10**7):
+        stamp[4:12] = np.frombuffer(np.array([t_ns // 10**9, t_ns % 10**9], "<u4").tobytes(), np.uint8)
+        rows.append((*row[:2], stamp.tobytes(), t_ns))
     path = tmp_path_factory.mktemp("many") / "walk.mcap"
-    rows = (("/pose", POSE, pose(t_ns), t_ns) for t_ns in times_ns)
     return write(path, rows, chunk_size=5000, compression=CompressionType.NONE)
 
 
-def test_a_large_recording_is_sampled_and_its_counts_are_whole(many: Path) -> None:
+def test_a_large_recording_is_sampled_and_its_counts_are_whole(many, web):
     info, full = describe_recording(many, Config()), describe_recording(many, Config(), full=True)
     assert (info["sampled"], full["sampled"]) == (True, False)
-    assert info["messages"] == full["messages"] == full["messages_read"] == EXCERPT.messages + 100
+    assert info["messages"] == full["messages"] == full["messages_read"] == COUNT
     assert 0 < info["messages_read"] < EXCERPT.messages / 10
-    of_sample = ("sampled", "messages_read")
-    assert {k: v for k, v in info.items() if k not in of_sample} == {
-        k: v for k, v in full.items() if k not in of_sample
-    }
+    assert info | {"sampled": False, "messages_read": COUNT} == full
+    size = (web.folder / many.name).write_bytes(many.read_bytes())
+    assert describe_recording(to_path(f"{web.url}/{many.name}"), Config())["messages"] == COUNT
+    assert web.sent_bytes < 0.9 * size  # of a remote one, index and sample
 
 
-def test_a_damaged_chunk_outside_the_sample_is_found_by_full(many: Path, tmp_path: Path) -> None:
-    path = tmp_path / "damaged.mcap"
-    data = bytearray(many.read_bytes())
-    data[7000] ^= 0xFF  # in the second of some hundred chunks
-    path.write_bytes(data)
-    assert describe_recording(path, Config())["losses"] == []
-    (loss,) = describe_recording(path, Config(), full=True)["losses"]
-    assert (loss["cause"], "1 chunk with" in loss["detail"]) == ("crc", True)
+def test_damage_is_found_in_the_sample_or_by_full_and_makes_info_read_on_where_nothing_is_left(many, tmp_path):
+    path, data = tmp_path / "damaged.mcap", bytearray(many.read_bytes())
 
+    def damaged(*offsets: int) -> dict[str, Any]:
+        for offset in offsets:
+            data[offset] ^= 0xFF
+        path.write_bytes(data)
+        return describe_recording(path, Config())
 
-def test_damage_inside_the_sample_is_told_and_all_of_it_makes_info_read_on(many: Path, tmp_path: Path) -> None:
+    assert damaged(7000)["losses"] == []  # in the second of some hundred chunks
+    assert [loss["cause"] for loss in describe_recording(path, Config(), full=True)["losses"]] == ["crc"]
     with open_recording(many) as recording:
         part = recording.excerpt(EXCERPT)
-        assert part is not None
         offsets = [many.read_bytes().index(bytes(raw.payload)) for raw, _ in part.everything()]
-    path = tmp_path / "damaged.mcap"
-    data = bytearray(many.read_bytes())
-    data[offsets[-1]] ^= 0xFF
-    path.write_bytes(data)
-    info = describe_recording(path, Config())
+    info = damaged(7000, offsets[-1])
     assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (True, ["crc"])
-    for offset in offsets[:-1]:
-        data[offset] ^= 0xFF
-    path.write_bytes(data)
-    info = describe_recording(path, Config())
+    info = damaged(*offsets[:-1])
     assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (False, ["crc"])
     assert any("no message of the sample can be read" in line for line in info["warnings"])
-
-
-def test_without_message_indexes_all_is_read_and_said(many: Path, tmp_path: Path) -> None:
-    with many.open("rb") as source:
-        rows = (("/pose", POSE, message.data, message.log_time) for *_, message in make_reader(source).iter_messages())
-        path = write(tmp_path / "bare.mcap", rows, index_types=IndexType.ALL & ~IndexType.MESSAGE)
-    steps = Steps()
-    info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
-    assert (info["sampled"], info["messages_read"]) == (False, EXCERPT.messages + 100)
-    (warning,) = [line for line in info["warnings"] if "index" in line]
-    assert "list 0 of" in warning
-    assert "all of the recording was read" in warning
-    assert (steps.total, steps.done) == (100, 100)
 
 
 class Steps(Silent):
     """How far a progress bar would have come."""
 
-    def __init__(self) -> None:
-        self.total: int | None = None
-        self.done = 0
+    total, done = None, 0
 
     def begin(self, stage: str, total: int | None) -> None:
         self.total = total
@@ -261,34 +196,86 @@ class Steps(Silent):
         self.done += 1
 
 
-def test_of_a_remote_recording_the_index_and_the_sample_are_fetched(many: Path, web: Any) -> None:
-    size = (web.folder / many.name).write_bytes(many.read_bytes())
-    info = describe_recording(to_path(f"{web.url}/{many.name}"), Config())
-    assert (info["sampled"], info["messages"]) == (True, EXCERPT.messages + 100)
-    assert web.sent_bytes < 0.9 * size
+def test_without_message_indexes_all_is_read_and_said(many, tmp_path):
+    with many.open("rb") as source:
+        rows = ((c.topic, s.name, m.data, m.log_time) for s, c, m in make_reader(source).iter_messages())
+        path = write(tmp_path / "bare.mcap", rows, index_types=IndexType.ALL & ~IndexType.MESSAGE)
+    steps = Steps()
+    info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
+    assert (info["sampled"], info["messages_read"]) == (False, COUNT)
+    assert any("list 0 of" in line and "all of the recording was read" in line for line in info["warnings"])
+    assert (steps.total, steps.done) == (100, 100)
 
 
-@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
-@pytest.mark.parametrize(
-    "name",
-    [
-        "odometry/jackal_odom_imu.bag",
-        "edge_cases/lidar_fields/several_pointcloud2_types.bag",
-        "uwb_tiers/rosbag2_2022_09_07-17_25_41",
-    ],
-)
-def test_every_topic_of_a_real_recording_has_a_role_or_a_reason(name: str) -> None:
-    info = describe_recording(Path(os.environ["QUADLOG_DATASETS"]) / name, Config())
-    assert [each["name"] for each in info["topics"] if not each["role"] and not each["why"]] == []
+@pytest.fixture(scope="module")
+def follow():
+    return describe_recording(FIXTURES / "follow.mcap", load_config(FIXTURES / "follow.toml", environ={}))
 
 
-@pytest.mark.parametrize(
-    ("type_name", "why"),
-    [
-        ("sensor_msgs/msg/CompressedImage", "not used: quadlog reads no camera images"),
-        ("unitree_hg/msg/LowState", "not used: quadlog has no decoder for LowState"),
-        ("my_msgs/msg/Gripper", "not used: quadlog has no decoder for Gripper"),
-    ],
-)
-def test_a_type_that_is_not_read_is_told_in_plain_words(type_name: str, why: str) -> None:
-    assert why_not_read(type_name) == why
+def test_links_and_errors_are_those_of_a_replay(follow, whole_run):
+    """Of the person's tag, and of the robot's fixes: its track is steadied by odometry in a replay alone."""
+    links = read_table(whole_run.run, "links")
+    rows, person = [row for row in follow["uwb"] if row["tag"] == 1], links["tag"] == 1
+    assert [(row["tag"], row["anchor"]) for row in follow["uwb"]] == [(t, a) for t in (0, 1) for a in range(4)]
+    same = {"residual_m": "residual_rms_m", "nlos_share": "nlos_share"}
+    same |= {name: name for name in ("bias_m", "bias_std_m", "bias_applied", "n")}
+    for info, saved in same.items():
+        assert_allclose([float(row[info]) for row in rows], links[saved][person].astype(float), err_msg=info)
+    errors, of_fixes = read_table(whole_run.run, "uwb_errors"), follow["uwb_tags"][0]["fix_error"]
+    fixes = errors["source"] == "fixes"
+    error_m = np.column_stack([errors["error_x_m"][fixes], errors["error_y_m"][fixes]])
+    length_m = np.hypot(*error_m.T)
+    assert of_fixes["n"] == len(error_m)
+    assert_allclose([of_fixes["bias_x_m"], of_fixes["bias_y_m"]], error_m.mean(axis=0))
+    assert of_fixes["rmse_m"] == pytest.approx(np.sqrt(np.mean(length_m**2)))
+    assert of_fixes["share_in_ellipse"] == pytest.approx(np.mean(length_m <= errors["bound_m"][fixes]))
+    # Twelve seconds among walls: positions without one of the links agree much better with the biases.
+    assert all((row["bias_applied"], row["why_not"]) == (True, "") for row in follow["uwb"])
+
+
+def test_only_the_robots_tag_is_compared_with_the_robots_truth_and_its_ellipse_is_its_hdop(follow):
+    """For a fix with covariance C, trace(C) is (HDOP std)^2; the 95 % semi-axes are sqrt(5.991) times its roots."""
+    assert json.loads(json.dumps(follow, allow_nan=False)) == follow
+    robot, person = follow["uwb_tags"]
+    assert [(tag["role"], tag["height_m"]) for tag in (robot, person)] == [("robot", 0.6), ("person", 1.3)]
+    assert (person["reference"], person["fix_error"], person["track_error"]) == (None, None, None)
+    assert robot["reference"] == "/truth/robot/pose"
+    assert robot["track_error"]["rmse_m"] < robot["fix_error"]["rmse_m"]
+    assert robot["fixes"] + robot["too_few_ranges"] + robot["degenerate"] == robot["epochs"] == 600
+    from_axes = np.hypot(robot["ellipse_major_median_m"], robot["ellipse_minor_median_m"]) / np.sqrt(5.991)
+    assert from_axes == pytest.approx(0.1 * robot["hdop_median"], rel=0.02)
+    bare = describe_recording(FIXTURES / "follow.mcap", Config())
+    assert (bare["uwb"], bare["uwb_tags"]) == ([], [])
+
+
+def test_a_mount_gives_its_transform_back():
+    mount = mount_of(transform_from_rpy(np.array([0.2, -0.1, 0.45]), 0.02, -0.3, 1.5))
+    assert (mount["x_m"], mount["y_m"], mount["z_m"]) == (0.2, -0.1, 0.45)
+    back = Rotation.from_euler("ZYX", [mount["yaw_deg"], mount["pitch_deg"], mount["roll_deg"]], degrees=True)
+    assert (back * Rotation.from_euler("ZYX", [1.5, -0.3, 0.02]).inv()).magnitude() < 2e-5
+    Config.model_validate({"lidar": {"mount": mount}})
+
+
+@with_datasets
+def test_what_init_proposes_for_real_logs_can_be_filled_in(tmp_path):
+    """With its comments lifted it has every radio of the log; of sections only those that the log can use."""
+    text = propose_config(DATASETS / "uwb_lias" / "lias_fast.mcap").text
+    (tmp_path / "quadlog.toml").write_text(text)
+    topics = load_config(tmp_path / "quadlog.toml").topics
+    assert (topics.uwb, topics.reference) == (["/nlink_linktrack_tagframe0"], "/mocap/trolley/pose")
+    head, skeleton = text.split("# The radios")
+    keys = ("# [[", "# id", "# x_m", "# y_m", "# z_m", "# role", "# height_m")
+    filled = skeleton.replace("_m = \n", "_m = 1.0\n").splitlines()
+    lifted = "\n".join([head, *(line[2:] for line in filled if line.startswith(keys))])
+    uwb = Config.model_validate(tomllib.loads(lifted)).uwb
+    assert [anchor.id for anchor in uwb.anchors] == list(range(8))
+    tags = [(tag.id, tag.role, tag.height_m) for tag in uwb.tags]
+    assert tags == [(0, "robot", 0.6), (1, "person", 1.3), (2, "none", 0.6)]
+    text = propose_config(DATASETS / "uwb_tiers" / "rosbag2_2022_09_07-17_25_41").text
+    assert "# several could be it: /turtle01/odom  or  /turtle03/odom" in text
+    assert "odometry" not in tomllib.loads(text)["topics"]
+    odometry_only = DATASETS / "odometry" / "jackal_odom_imu.bag"
+    text = propose_config(odometry_only).text
+    assert set(tomllib.loads(text)) == {"topics", "results"}
+    assert text.splitlines()[-1].startswith("# This log cannot use [uwb] [lidar]")
+    assert set(tomllib.loads(propose_config(odometry_only, everything=True).text)) == set(Config.model_fields)

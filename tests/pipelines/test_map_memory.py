@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -19,6 +15,7 @@ from quadlog.simulation.sensors.trajectory import Walk
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, START_NS, TF_STATIC_TOPIC
 from quadlog.simulation.synthetic.writer import McapRecording, write_recording
+from tests.lab.clouds import from_obstacle
 
 RECORDING = synthesize(seed=0, duration_s=4.5, azimuth_steps=450)
 SITE = RECORDING.site
@@ -32,31 +29,16 @@ Cells = set[tuple[int, int]]
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recordings") / "follow.mcap"
-    wanted = (TF_STATIC_TOPIC, IMU_TOPIC, ROBOT_TRUTH_TOPIC, LIDAR_TOPIC)
-    write_recording(McapRecording(path), (each for each in RECORDING.messages() if each.topic in wanted))
-    return path
-
-
-@pytest.fixture(scope="module")
-def maps_of(recorded, tmp_path_factory) -> Callable[..., dict[int, Cells]]:
+def maps(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Cells]:
     """Occupied cells of the lattice at every map's time. The target has no body: people block as all else does."""
-    known: dict[tuple[str, ...], dict[int, Cells]] = {}
-
-    def go(*settings: str, **options: float) -> dict[int, Cells]:
-        key = (*settings, str(options))
-        if key not in known:
-            sources = [f"topics.position={ROBOT_TRUTH_TOPIC}", "topics.target=ahead"]
-            config = load_config(None, [*sources, *settings], {})
-            run = tmp_path_factory.mktemp("runs") / "run"
-            chosen = replace(ReplayOptions(until="map"), **options)
-            request = ReplayRequest(recorded, run, config, chosen, plots=False)
-            assert replay(request, Silent()).exit_code == 0
-            known[key] = {each.t_ns: on_lattice(each) for each in load_maps(run)}
-        return known[key]
-
-    return go
+    folder = tmp_path_factory.mktemp("memory")
+    wanted = (TF_STATIC_TOPIC, IMU_TOPIC, ROBOT_TRUTH_TOPIC, LIDAR_TOPIC)
+    messages = (each for each in RECORDING.messages() if each.topic in wanted)
+    write_recording(McapRecording(folder / "follow.mcap"), messages)
+    config = load_config(None, [f"topics.position={ROBOT_TRUTH_TOPIC}", "topics.target=ahead"], {})
+    request = ReplayRequest(folder / "follow.mcap", folder / "run", config, ReplayOptions(until="map"), plots=False)
+    assert replay(request, Silent()).exit_code == 0
+    return {each.t_ns: on_lattice(each) for each in load_maps(folder / "run")}
 
 
 def on_lattice(each) -> Cells:
@@ -103,14 +85,11 @@ def hidden(cells: np.ndarray, t_s: float) -> np.ndarray:
     return np.min(left_m, axis=0) > 0.3
 
 
-@pytest.fixture(scope="module")
-def from_what_stands(from_obstacle) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda places_m: np.min([from_obstacle(each, places_m) for each in SITE.obstacles], axis=0)
+def from_what_stands(places_m: np.ndarray) -> np.ndarray:
+    return np.min([from_obstacle(each, places_m) for each in SITE.obstacles], axis=0)
 
 
-def left_for_good(
-    person: Walk, t_ns: list[int], after_s: float, clearance: Callable
-) -> list[tuple[int, tuple[int, int]]]:
+def left_for_good(person: Walk, t_ns: list[int], after_s: float) -> list[tuple[int, tuple[int, int]]]:
     """Every time and cell that the person was in, left at least after_s ago, and that was in sight ever since."""
     fine_s = np.arange(0, seconds(t_ns[-1]), 0.02)
     way_m = person.at(fine_s).position_m
@@ -119,7 +98,7 @@ def left_for_good(
     cells = np.column_stack([cols.ravel(), rows.ravel()]).astype(int)
     xy_m = centres(cells)
     away_m = np.linalg.norm(xy_m[:, None] - way_m, axis=2)
-    clear = clearance(xy_m) > 0.3
+    clear = from_what_stands(xy_m) > 0.3
     for other in (SITE.person, SITE.passer_by):
         if other is not person:
             clear &= np.linalg.norm(xy_m[:, None] - other.at(fine_s).position_m, axis=2).min(axis=1) > 1.0
@@ -137,11 +116,10 @@ def left_for_good(
     return found
 
 
-def test_who_walked_away_leaves_nothing_behind_for_half_a_second(maps_of, from_what_stands):
+def test_who_walked_away_leaves_nothing_behind_for_half_a_second(maps):
     """Wherever the lidar can see that it is free; a person who is still there is in the map."""
-    maps = maps_of("grid.memory=log_odds")
     times = sorted(maps)
-    left = [each for who in (SITE.person, SITE.passer_by) for each in left_for_good(who, times, 0.5, from_what_stands)]
+    left = [each for who in (SITE.person, SITE.passer_by) for each in left_for_good(who, times, 0.5)]
     assert len(left) > 2000
     assert [(t_ns, cell) for t_ns, cell in left if cell in maps[t_ns]] == []
     for t_ns in times:
@@ -160,9 +138,8 @@ def hidden_since(cells: np.ndarray, t_ns: list[int]) -> np.ndarray:
     return since_s
 
 
-def test_what_is_hidden_for_two_seconds_stays(maps_of, from_what_stands):
+def test_what_is_hidden_for_two_seconds_stays(maps):
     """Behind a person, a tree or a box; what the window has left behind is another matter."""
-    maps = maps_of("grid.memory=log_odds")
     times = sorted(maps)
     cells = np.array(sorted(set.union(*maps.values())))
     cells = cells[from_what_stands(centres(cells)) < 0.1]
@@ -180,30 +157,3 @@ def test_what_is_hidden_for_two_seconds_stays(maps_of, from_what_stands):
         lost = stayed[~occupied[index, stayed]]
         assert cells[lost].tolist() == [], f"gone at {seconds(times[index]):.2f} s"
     assert checked > 500
-
-
-def test_without_memory_a_map_is_that_of_its_scan_alone(maps_of):
-    """Whatever came before: a replay that starts later has the same maps."""
-    whole = maps_of("grid.memory=scan")
-    later = maps_of("grid.memory=scan", start_s=2.0, duration_s=1.0)
-    # The last scans' points are measured after the last pose.
-    times = sorted(later)[:-2]
-    assert len(times) >= 7
-    assert all(later[t_ns] == whole[t_ns] for t_ns in times)
-    remembered = maps_of("grid.memory=log_odds")
-    assert all(whole[t_ns] <= remembered[t_ns] for t_ns in whole)
-    assert sum(map(len, whole.values())) < 0.8 * sum(map(len, remembered.values()))
-
-
-@pytest.mark.parametrize("decay_s", [0.5, 1.0])
-def test_decay_forgets_what_was_not_hit_for_its_time(maps_of, decay_s):
-    """The union of the scans not older than that, as far as the window reaches; hidden or seen through alike."""
-    scans, maps = maps_of("grid.memory=scan"), maps_of("grid.memory=decay", f"grid.decay_s={decay_s}")
-    assert sorted(scans) == sorted(maps)
-    for t_ns, found in maps.items():
-        recent = [hit for then_ns, hit in scans.items() if 0 <= t_ns - then_ns <= round(decay_s * 1e9)]
-        robot_cell = np.floor(SITE.robot.at(np.array([seconds(t_ns) - 0.05])).position_m[0] / CELL_M).astype(int)
-        low = (robot_cell - round(HALF_WINDOW_M / CELL_M)).tolist()
-        size = round(2 * HALF_WINDOW_M / CELL_M)
-        held = {(col, row) for col, row in set.union(*recent) if 0 <= col - low[0] < size and 0 <= row - low[1] < size}
-        assert found == held

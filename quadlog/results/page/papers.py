@@ -62,8 +62,8 @@ def _section(table: PaperTable, pack: Pack) -> blocks.Section:
     shown: list[Any] = [blocks.Text(words)]
     shown += [_group(group, f"{table.name}-{number}") for number, group in enumerate(table.groups)]
     if (panel := table_panel(table)) is not None:
-        pack.add(table.name, [panel])
-        shown.append(blocks.Drawn(table.name, "Beside the printed numbers", LEGEND))
+        pack.add(f"{table.name}-picture", [panel])
+        shown.append(blocks.Drawn(f"{table.name}-picture", "Beside the printed numbers", LEGEND))
     return blocks.Section(table.name, shown, f"{table.title}. {table.caption}".replace("`", ""))
 
 

@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.errors import ExitCode, NotARun, QuadlogError, UnknownRunFormat
+from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.conditions import parse_condition
-from quadlog.pipelines.evaluation.metrics import measure_runs
-from quadlog.pipelines.evaluation.reference import OnTime, Reference
-from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
+from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
+from quadlog.pipelines.evaluation.reference import OnTime, Reference, compare_with_reference
+from quadlog.pipelines.evaluation.samples import SAMPLED
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.record import read_metrics
+from quadlog.results.tables import read_table
 from tests.lab.runs import unfinish
 
 READ = ("run.json", "config.toml", "metrics.json", "reference.tum", "trajectory.tum")
@@ -58,31 +59,10 @@ def test_what_the_tables_give_again_is_what_the_replay_said(lean_run):
         assert each.unit == CATALOGUE[name].unit
 
 
-def test_samples_lie_within_the_run_in_time(lean_run):
-    samples, problems = read_samples(lean_run, SAMPLED & set(read_metrics(lean_run)))
-    assert problems == []
-    for each in samples.values():
-        assert len(each.t_ns) == len(each.values) > 10
-        assert (np.diff(each.t_ns) >= 0).all()
-
-
-def test_without_metrics_json_a_run_has_no_metrics(run):
-    (run / "metrics.json").unlink()
-    with pytest.raises(NotARun, match=r"has no metrics\.json"):
-        measure(run)
-
-
-def test_what_the_reference_does_not_give_is_not_taken_from_another(run, tmp_path):
-    lone = tmp_path / "lone.tum"
-    lone.write_text((run / "reference.tum").read_text().splitlines()[30] + "\n")
-    found = measure_runs([run], Reference.read(lone, OnTime()), []).runs[0].metrics
-    assert (found["ate_rmse_m"].n, "rpe_rmse_m" in found, "uwb_residual_m" in found) == (1, False, True)
-
-
 @pytest.mark.parametrize(
-    ("table", "metric"), [("control", "eta_m"), ("fixes", "uwb_residual_m"), ("plans", "expanded_total")]
+    ("table", "metric", "damage"),
+    [("control", "eta_m", b""), ("fixes", "uwb_residual_m", b""), ("plans", "expanded_total", b"PAR1 no table PAR1")],
 )
-@pytest.mark.parametrize("damage", [b"", b"PAR1 no table PAR1"])
 def test_where_a_table_is_damaged_the_saved_values_remain(run, table, metric, damage):
     (run / f"{table}.parquet").write_bytes(damage)
     outcome = measure(run)
@@ -92,13 +72,6 @@ def test_where_a_table_is_damaged_the_saved_values_remain(run, table, metric, da
     found = outcome.runs[0].metrics
     assert (found[metric].value, found[metric].summary) == (read_metrics(run)[metric]["value"], None)
     assert found["ate_rmse_m"].summary is not None
-
-
-def test_a_run_of_another_format_is_refused(run):
-    record = json.loads((run / "run.json").read_text())
-    (run / "run.json").write_text(json.dumps(record | {"run_format": 7}))
-    with pytest.raises(UnknownRunFormat, match="format 7"):
-        measure(run)
 
 
 def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
@@ -124,19 +97,6 @@ def test_conditions_fail_when_they_hold_and_when_nobody_can_tell(lean_run):
     assert failed.failing[1].endswith("unknown, the run has no forward_m")
 
 
-def test_samples_are_read_where_they_are_asked_for(run):
-    other = shutil.copytree(run, run.with_name("other"))
-    metrics = json.loads((other / "metrics.json").read_text())
-    metrics["eta_m"]["value"] += 0.5
-    del metrics["uwb_rmse_m"]
-    (other / "metrics.json").write_text(json.dumps(metrics))
-    outcome = measure_runs([run.parent], None, [])
-    first, second = (each.metrics for each in outcome.runs)
-    assert first["eta_m"].summary is None, "samples are not read when they are not shown"
-    assert (outcome.differing, second["eta_m"].value) == ([], pytest.approx(first["eta_m"].value + 0.5))
-    assert measure_runs([run.parent], None, [], in_detail=True).runs[0].metrics["eta_m"].summary is not None
-
-
 def test_runs_of_different_settings_are_not_averaged(run):
     other = shutil.copytree(run, run.with_name("other"))
     record = json.loads((other / "run.json").read_text())
@@ -148,6 +108,28 @@ def test_runs_of_different_settings_are_not_averaged(run):
     (other / "run.json").write_text(json.dumps(record))
     outcome = measure_runs([run.parent], None, [])
     assert [line.partition(":")[0] for line in outcome.differing] == ["planner.name"]
+
+
+def test_a_metric_is_explained_by_its_worst_instant(lean_run):
+    """That of the table, and against another reference that of its comparison."""
+
+    def worst(name, reference=None):
+        runs = measure_runs([lean_run], reference, []).runs
+        return explain_runs(name, runs, reference).splitlines()[8].split()
+
+    for name, table, column, pick in (
+        ("eta_m", "control", "error_m", np.nanargmax),
+        ("clearance_min_m", "clearances", "clearance_m", np.nanargmin),
+    ):
+        values = read_table(lean_run, table)
+        at = int(pick(values[column]))
+        assert worst(name)[0] == str(values["t_ns"][at])
+        assert float(worst(name)[2]) == pytest.approx(values[column][at], rel=1e-5)
+    reference = Reference.read(lean_run / "reference.tum", OnTime(align=True))
+    worst_m = compare_with_reference(lean_run, reference).samples["ate_rmse_m"].values.max()
+    assert float(worst("ate_rmse_m", reference)[2]) == pytest.approx(worst_m, rel=1e-5)
+    runs = measure_runs([lean_run], None, []).runs
+    assert "a run saves no samples of it" in explain_runs("cost_of_transport", runs, None)
 
 
 @given(

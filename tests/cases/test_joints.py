@@ -1,0 +1,125 @@
+"""Joints in recordings that rosbags wrote, from the file to joints.parquet, and those that are wrong."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+
+from tests.lab.strangers import START_NS, STORE, Log, zeros
+
+STEP_NS, N = 2_000_000, 1500
+NAMES = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+MOTORS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
+
+
+def trot() -> tuple[np.ndarray, np.ndarray]:
+    """Angles (N, 12) and foot forces (N, 4), FL, FR, RL, RR, of legs that swing in pairs."""
+    lift = np.maximum(np.sin(2 * np.pi * (np.arange(N)[:, None] / 250 + np.array([0.0, 0.5, 0.5, 0.0]))), 0.0)
+    joints = np.zeros((N, 4, 3))
+    joints[..., 1], joints[..., 2] = 0.7 + 0.3 * lift, -1.4 - 0.6 * lift
+    return joints.reshape(N, 12), np.where(lift > 0, 2.0, 70.0)
+
+
+def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2)) -> Path:
+    """What a Go2's computer records, in SQLite and so without definitions; feet: the order in which forces are sent."""
+    (position_rad, force_n), log = trot(), Log()
+    for i in range(N):
+        t_ns, state, way = (
+            START_NS + i * STEP_NS,
+            zeros("unitree_go/msg/LowState"),
+            zeros("unitree_go/msg/SportModeState"),
+        )
+        state.imu_state.quaternion[0] = 1.0
+        for place, joint in enumerate(MOTORS):
+            state.motor_state[place].q = position_rad[i, joint]
+        state.foot_force[:] = force_n[i, list(feet)]
+        way.stamp = STORE.types["unitree_go/msg/TimeSpec"](t_ns // 10**9, t_ns % 10**9)
+        way.position[0] = i * 1e-3
+        log.add("/lowstate", t_ns, state)
+        log.add("/sportmodestate", t_ns, way)
+        if i % 25 == 0:
+            log.add("/lf/lowstate", t_ns, state)
+    return log.write(path, StoragePlugin.SQLITE3)
+
+
+def joint_log(path: Path, names: list[str], odd: Mapping[int, Any] = MappingProxyType({}), count: int = 200) -> Path:
+    """Joint states whose angles and efforts count upwards; odd: names, angles and efforts of some messages."""
+    log, values = Log(), np.arange(len(names), dtype=float)
+    for i in range(count):
+        log.joints(START_NS + i * STEP_NS, *odd.get(i, (names, values + i, -values)))
+    return log.write(path)
+
+
+def test_a_go2_log_gives_joints_imu_and_odometry(tmp_path, replayed, described):
+    log = go2_log(tmp_path / "walk")
+    roles = {row["name"]: row["role"] for row in described(log)["topics"]}
+    assert roles == {"/lowstate": "imu, joints", "/lf/lowstate": None, "/sportmodestate": "odometry"}
+    done = replayed(log)
+    assert (done.code, done.sources(), "foot forces" in done.err) == (0, {"odometry"}, False)
+    (position_rad, force_n), joints = trot(), done.table("joints")
+    assert joints["t_ns"].tolist() == [START_NS + i * STEP_NS for i in range(N)]
+    for joint in range(12):
+        np.testing.assert_allclose(joints[f"q_{joint:02d}_rad"], position_rad[:, joint], atol=1e-6)
+    np.testing.assert_array_equal(joints["foot_force_0_n"], force_n[:, 0])
+    pressed = force_n[:, 0] > 0.5 * force_n[:, 0].max()
+    assert joints["contact_0"][pressed].mean() > 0.9 > 0.1 > joints["contact_0"][~pressed].mean()
+    gait, poses = done.table("gait"), done.table("poses")
+    assert gait["body"].tolist() == ["logged"]
+    assert gait["stride_frequency_hz"][0] == pytest.approx(2.0, rel=0.01)
+    assert gait["duty_factor_2"][0] == pytest.approx(0.5, abs=0.03)
+    assert np.isnan(gait["cost_of_transport"][0])  # of a robot whose mass nobody configured
+    # It stands level, whatever its legs do.
+    assert np.nanmax(np.abs([poses["roll_rad"], poses["pitch_rad"]])) < 1e-6
+
+
+def test_swapped_feet_are_warned_of_with_the_order_that_fits(tmp_path, replayed):
+    log = go2_log(tmp_path / "walk", feet=(0, 1, 2, 3))
+    assert "--set robot.feet=[0,1,2,3]" in replayed(log).err
+    mended = replayed(log, "--set", "robot.feet=[0,1,2,3]")
+    assert "foot forces" not in mended.err
+    np.testing.assert_array_equal(mended.table("joints")["foot_force_0_n"], trot()[1][:, 0])
+
+
+def test_joints_of_unknown_names_are_named_with_the_key_to_paste(tmp_path, replayed):
+    log = joint_log(tmp_path / "walk", [f"drive_{chr(97 + i)}" for i in range(12)])
+    done = replayed(log)
+    assert done.code == 1  # there is nothing else in the log
+    assert "/joint_states names no joint of four legs, but drive_a, drive_b" in done.err
+    known = replayed(log, "--set", shlex.split(done.err.partition("--set ")[2])[0])
+    assert known.code == 3  # without forces or efforts no foot stands, and nothing else gives a position
+    assert known.table("joints")["q_05_rad"].tolist() == [5.0 + i for i in range(200)]
+    assert replayed(log, "--set", "topics.joints=/joint_states").code == 1
+
+
+def test_broken_messages_are_counted_and_torques_that_are_no_numbers_said(tmp_path, replayed, described):
+    odd = {
+        50: (NAMES, np.zeros(11), np.zeros(12)),
+        60: (NAMES[:11], np.zeros(11), np.zeros(11)),
+        70: ([*NAMES[:11], NAMES[0]], np.zeros(12), np.zeros(12)),
+        80: (["gripper"], np.zeros(1), np.zeros(1)),
+        90: ([*NAMES, "arm_1"], np.zeros(13), np.full(13, np.nan)),
+        100: ([*NAMES, "arm_1"], np.zeros(13), np.full(13, np.inf)),
+    }
+    log = joint_log(tmp_path / "walk", [*NAMES, "arm_1"], odd)
+    done = replayed(log)
+    assert (done.code, len(done.table("joints")["t_ns"])) == (3, 196)
+    assert "3 messages could not be decoded; the first: names 12 joints, but has 11 positions" in done.err
+    assert "24 of 2352 torques are no finite numbers" in done.err
+    assert np.isnan(done.table("joints")["tau_03_nm"]).sum() == 2
+    assert "others are left out: arm_1" in described(log)["topics"][0]["why"]
+
+
+@pytest.mark.parametrize(
+    "setting", ["robot.joints=['a','b']", "robot.feet=[0,0,1,2]", "robot.feet=[1,2]", "robot.preset=spot"]
+)
+def test_an_order_that_is_none_is_refused(setting, tmp_path, replayed):
+    done = replayed(joint_log(tmp_path / "walk", NAMES, count=3), "--set", setting)
+    assert done.code in (1, 2)
+    assert setting.partition("=")[0] in done.err

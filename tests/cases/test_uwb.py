@@ -1,0 +1,345 @@
+"""Ranges that are not as they should be, from the file to the poses: what is refused, lost, named, and how far off."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from quadlog.cli.main import run as run_cli
+from quadlog.messages import UwbRanges
+from quadlog.simulation.synthetic.recording import SynthesizedMessage
+from quadlog.simulation.synthetic.writer import McapRecording, write_recording
+from tests.lab.strangers import START_NS, Log, header, message
+
+HOUR_NS, TICK_NS = 3600 * 10**9, 50_000_000
+SQUARE_M = np.array([(0.0, 0.0, 1.2), (8.0, 0.0, 1.2), (8.0, 7.0, 1.2), (0.0, 7.0, 1.2)])
+LINE_M = np.array([(0.0, 0.0, 1.2), (3.0, 0.0, 1.2), (6.0, 0.0, 1.2), (9.0, 0.0, 1.2)])
+SIX_M = np.array([[0.0, 0, 1.2], [9, 0.5, 1.2], [8, 7, 1.2], [-0.5, 6, 1.2], [4, -2, 1.2], [3, 9, 1.2]])
+Array = np.ndarray
+Write = Callable[[Path], Path]
+
+
+def walk_m(t_ns: Array) -> Array:
+    phase = 2 * np.pi * (t_ns - START_NS) * 1e-9 / 20
+    return np.array([4.0, 3.5]) + np.stack([2.5 * np.sin(phase), 1.8 * np.sin(2 * phase)], axis=1)
+
+
+def measure(
+    seed: int = 0, anchors_m: Array = SQUARE_M, count: int = 100, tick_ns: int = TICK_NS
+) -> tuple[Array, Array]:
+    """t_ns (T,) and range_m (T, A) at 20 Hz of a tag at 0.6 m."""
+    t_ns = START_NS + np.arange(count, dtype=np.int64) * tick_ns
+    xyz_m = np.column_stack([walk_m(t_ns), np.full(count, 0.6)])
+    noise_m = 0.05 * np.random.default_rng(seed).standard_normal((count, len(anchors_m)))
+    return t_ns, np.linalg.norm(xyz_m[:, None] - anchors_m, axis=2) + noise_m
+
+
+Frame = tuple[int, int, int, Array]
+"""Log time, header's stamp, tag, and ranges to the anchors."""
+
+
+def frames_of(t_ns: Array, range_m: Array, tag: int = 0, stamp_ns: Array | None = None) -> list[Frame]:
+    stamps = t_ns if stamp_ns is None else stamp_ns
+    return [(int(t), int(stamp), tag, row) for t, stamp, row in zip(t_ns, stamps, range_m, strict=True)]
+
+
+def written(frames: Iterable[Frame]) -> Write:
+    """As LinkTrack frames."""
+    ordered = sorted(frames, key=lambda frame: frame[0])
+
+    def write(path: Path) -> Path:
+        messages = (
+            SynthesizedMessage("/uwb", log_ns, UwbRanges(stamp_ns, tag, np.arange(len(range_m)), range_m))
+            for log_ns, stamp_ns, tag, range_m in ordered
+        )
+        write_recording(McapRecording(path.with_suffix(".mcap")), messages)
+        return path.with_suffix(".mcap")
+
+    return write
+
+
+def changed(*changes: tuple[Any, Any, float]) -> Write:
+    """Ranges replaced: (rows, anchors, range_m)."""
+    t_ns, range_m = measure()
+    for rows, anchors, value in changes:
+        range_m[rows, anchors] = value
+    return written(frames_of(t_ns, range_m))
+
+
+def restamped(rows: slice, stamp_ns: Callable[[Array], Any]) -> Write:
+    t_ns, range_m = measure()
+    stamps = t_ns.copy()
+    stamps[rows] = stamp_ns(t_ns[rows])
+    return written(frames_of(t_ns, range_m, stamp_ns=stamps))
+
+
+def set_back(back_s: float) -> Write:
+    return restamped(slice(60, None), lambda t_ns: t_ns - round(back_s * 1e9))
+
+
+def on_topics(pattern: str, names: Sequence[object] = range(4), odd: Sequence[float] = (), slow: bool = False) -> Write:
+    """Single ranges of four anchors in turns, a topic for each anchor; some ranges replaced by odd ones."""
+
+    def write(path: Path) -> Path:
+        t_ns, range_m = measure(count=400, tick_ns=TICK_NS if slow else TICK_NS // 4)
+        log = Log()
+        for i, (t, row) in enumerate(zip(t_ns.tolist(), range_m, strict=True)):
+            value = odd[i - 100] if 100 <= i < 100 + len(odd) else row[i % 4]
+            log.range(t, pattern.format(names[i % 4]), float(value))
+        return log.write(path)
+
+    return write
+
+
+def carried(place: Callable[[int, int], Any] | None = None, count: int = 480) -> Write:
+    """Messages that say where their anchors 100 to 103 are, with the jitter of a self-survey; place: instead."""
+
+    def write(path: Path) -> Path:
+        t_ns, range_m = measure(count=count, tick_ns=TICK_NS // 4)
+        log, point = Log(), lambda *xyz: message("geometry_msgs/msg/Point", *map(float, xyz))
+        for i, t in enumerate(t_ns.tolist()):
+            at_m = jittered(i % 4, i) if place is None else place(i % 4, i)
+            numbers = (i, 7, 100 + i % 4, 0, 1, 0, 0, 5, range_m[i, i % 4], *(1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0))
+            places = point(0, 0, 0), point(*at_m), point(0, 0, 0), point(0, 0, 0)
+            name = "uwb_driver/msg/UwbRange"
+            log.add("/uwb", t, message(name, header(t, "uwb"), *numbers, 1, *(0,) * 6, *places))
+        return log.write(path)
+
+    return write
+
+
+def jittered(anchor: int, i: int) -> Array:
+    return SQUARE_M[anchor] + 0.01 * np.random.default_rng(i).standard_normal(3)
+
+
+def all_but(anchors: Sequence[int], nowhere: Sequence[float]) -> Write:
+    return carried(lambda anchor, i: nowhere if anchor in anchors else jittered(anchor, i), 320)
+
+
+def site(ids: Sequence[int] = (0, 1, 2, 3), position_m: Array = SQUARE_M) -> str:
+    rows = (f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, (x, y, z) in zip(ids, position_m, strict=False))
+    return f"[uwb]\nanchors = [{', '.join(rows)}]\n"
+
+
+class Case(NamedTuple):
+    """A log, and what comes of it.
+
+    says, never: in stderr. worst_m, rms_m: bounds of the error of the poses, of which there are `poses`;
+    used: ranges that count; links: how many pairs of tag and anchor `info` lists; info: in its warnings.
+    """
+
+    log: Write
+    says: tuple[str, ...] = ()
+    config: str = site()
+    flags: tuple[str, ...] = ()
+    code: int = 0
+    never: tuple[str, ...] = ()
+    worst_m: float = np.inf
+    rms_m: float = np.inf
+    poses: int | None = None
+    used: int | None = None
+    links: int | None = None
+    info: tuple[str, ...] = ()
+    source: str = "uwb"
+
+
+SOUND, RULE = changed(), "[[uwb.anchors]]"
+# In LinkTrack frames zero means absent; in sensor_msgs/Range +inf means nothing there, -inf too near, NaN an error.
+BAD = ((10, 1, np.nan), (11, 1, -3.0), (12, 1, np.inf), (13, 1, 1e6), (14, 2, 3e38), (15, 2, 0.01))
+MAPPED = ", ".join(f'{{topic="/uwb/range/{letter}", tag=3, anchor={i}}}' for i, letter in enumerate("abcd"))
+CASES = {
+    "sound": Case(SOUND, never=("give no fix", "left out", "make one fix"), worst_m=0.2, links=4),
+    "epochs of two": Case(
+        changed((slice(40, 60), slice(2, None), 0.0)), ("of 100 epochs, 20 with fewer",), worst_m=0.3, poses=100
+    ),
+    "no radio measures that": Case(
+        changed(*BAD), ("2 ranges that are NaN or infinite", "1 ranges of zero", "2 ranges above uwb.max_range_m"),
+        worst_m=0.2, used=394,
+    ),
+    "an id twice": Case(SOUND, ("id 1 appears more than once",), site((0, 1, 1, 3)), code=1),
+    "another site": Case(
+        SOUND, ("3 (100 ranges)", "silent: 10, 11, 12, 13"), site((10, 11, 12, 13)), source="fixed",
+        info=("silent: 10, 11",),
+    ),
+    "one anchor of another site": Case(
+        SOUND, ("3 (100 ranges)", "silent: 7"), site((0, 1, 2, 7)), worst_m=0.3,
+        info=("seen, but not in [[uwb.anchors]]: 3 (100 ranges)", "silent: 7"),
+    ),
+    "two heard": Case(
+        changed((slice(None), slice(2, None), 0.0)), ("100 with fewer than three", "silent: 2, 3"),
+        links=0, source="fixed",
+    ),
+    "nothing heard": Case(changed((slice(None), slice(None), 0.0)), ("has no UWB ranges",), links=0, source="fixed"),
+    "two anchors": Case(SOUND, (RULE,), site(position_m=SQUARE_M[:2]), code=1, links=0, info=("a fix needs three",)),
+    "on a line": Case(SOUND, (RULE,), site(position_m=SQUARE_M[:, [0, 0, 2]]), code=1, links=0, info=("mirror",)),
+    "in one place": Case(SOUND, (RULE,), site(position_m=SQUARE_M[[0] * 4]), code=1, links=0, info=("mirror",)),
+    "a stamp hours off": Case(
+        restamped(slice(50, 51), lambda t_ns: t_ns + 3 * HOUR_NS), ("1 header stamps lie more than an hour",),
+        worst_m=0.2, poses=99,
+    ),
+    "ten under one stamp": Case(restamped(slice(50, 60), lambda t_ns: t_ns[5]), worst_m=0.3, poses=91),
+    "a clock that jumps": Case(
+        restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), ("10800 s apart", "--stamp log"), code=1
+    ),
+    "the same by log time": Case(
+        restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), flags=("--stamp", "log"), worst_m=0.2
+    ),
+    "set back by log time": Case(set_back(1.2), flags=("--stamp", "log"), never=("go back",), worst_m=0.2),
+    "tags with ids of anchors": Case(
+        written([*frames_of(*measure(), tag=1), *frames_of(measure()[0] + 10**7, measure(1)[1], tag=2)]),
+        worst_m=0.2, links=8,
+    ),
+    "topics of anchors": Case(on_topics("/uwb/anchor_{}/range"), rms_m=0.06, poses=400),
+    "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
+    "topics, odd values": Case(
+        on_topics("/uwb/tof/n_9/n_{}/distance", odd=(np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)),
+        ("2 ranges that are NaN or infinite", "2 ranges of zero or below", "1 ranges above"), rms_m=0.06, used=394,
+    ),
+    "topics without ends": Case(
+        on_topics("/uwb/range/{}", "abcd"), ("see  quadlog info",), code=1, info=("no UWB ranges",)
+    ),
+    "topics that are mapped": Case(
+        on_topics("/uwb/range/{}", "abcd"), config=f"{site()}range_topics = [{MAPPED}]\n", rms_m=0.06
+    ),
+    "slow rounds": Case(
+        on_topics("/uwb/anchor_{}/range", slow=True), ("within 0.20 s make one fix",), never=("fewer than three",),
+        rms_m=0.08,
+    ),
+    "slow rounds cut short": Case(
+        on_topics("/uwb/anchor_{}/range", slow=True), ("fewer than three ranges give no fix",),
+        flags=("--set", "uwb.epoch_s=0.05"), never=("make one fix", "a longer walk"), source="fixed",
+    ),
+    "negative": Case(
+        written(frames_of(measure()[0], np.where(np.arange(4) == 3, np.nan, -measure()[1]))),
+        ("300 ranges of zero or below", "100 ranges that are NaN or infinite"), never=("no UWB ranges",),
+        info=("300 ranges of zero or below",), source="fixed",
+    ),
+    "huber, not calibrated": Case(
+        SOUND, ("needs calibrated ranges",),
+        flags=("--set", "uwb.method=huber", "--set", "uwb.calibrate=false"),
+    ),
+    "carried": Case(carried(), config="", never=("contradict", "warning: /uwb"), rms_m=0.1, links=4),
+    "carried by three": Case(all_but([0], (0, 0, 0)), ("100 (",), config=""),
+    "carried by two": Case(all_but([0, 1], (0, 0, 0)), ("2 of the 3",), config="", source="fixed"),
+    **{
+        f"carried, all {nowhere}": Case(all_but(range(4), nowhere), ("ranges are not used",), config="", source="fixed")
+        for nowhere in ((0.0, 0.0, 0.0), (np.nan, 1.0, 1.0), (np.inf, 0.0, 0.0), (1e30, 0.0, 0.0))
+    },
+    "carried, one moves": Case(
+        carried(lambda anchor, i: jittered(anchor, i) + (anchor == 2) * i / 200), ("anchor 102 by ",), config="",
+        never=("101",), info=("anchor 102 by ",), source="",
+    ),
+    "carried, one is wild": Case(
+        carried(lambda anchor, i: (500.0, 0, 0) if i == 2 else jittered(anchor, i), 320), config="",
+        never=("contradict",), rms_m=0.15,
+    ),
+    "carried and configured": Case(
+        carried(lambda anchor, i: jittered(anchor, i) + np.array([3.0, 0, 0])), ("4 of 4 anchors", "anchor 102 by 3.0"),
+        site(range(100, 104)), rms_m=0.1, info=("[[uwb.anchors]], which are used",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_comes_of_it(name: str, tmp_path: Path, replayed: Any, described: Any) -> None:
+    case = CASES[name]
+    path = case.log(tmp_path / "log")
+    done = replayed(path, "--until", "position", *case.flags, config=case.config)
+    assert done.code == case.code, done.err
+    assert not [words for words in case.says if done.err.count(words) != 1], done.err
+    assert not [words for words in case.never if words in done.err], done.err
+    if case.code == 0:
+        poses = done.table("poses")
+        assert case.source in ("", *set(poses["source"]))
+        error_m = np.hypot(*(np.column_stack([poses["x_m"], poses["y_m"]]) - walk_m(poses["t_ns"])).T)
+        assert case.worst_m == np.inf or error_m.max() < case.worst_m
+        assert case.rms_m == np.inf or np.sqrt(np.mean(error_m**2)) < case.rms_m
+        assert case.poses is None or case.poses - 10 < len(error_m) <= case.poses
+        assert case.used is None or done.record["counts"]["ranges_used"] == case.used
+    if case.links is not None or case.info:
+        info = described(path, case.config)
+        assert case.links is None or len(info["uwb"]) == case.links
+        assert all(sum(words in line for line in info["warnings"]) == 1 for words in case.info), info["warnings"]
+
+
+@pytest.mark.parametrize("back_s", [2, 1.2])
+def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replayed, described, back_s):
+    """Part of the log is stamped early: every pose is of the walk before or of the one after."""
+    path, (t_ns, _) = set_back(back_s)(tmp_path / "back"), measure()
+    done = replayed(path, "--until", "position", "--set", "uwb.smooth=false", config=site())
+    (lost,) = (line for line in done.err.splitlines() if "go back by" in line)
+    assert (done.code, lost[:10], "--stamp log" in lost) == (3, "lost: /uwb", True)
+    assert f"; {back_s * 80:.0f} of 400 ranges" in lost
+    pose_ns, xy_m = (poses := done.table("poses"))["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]])
+    early = pose_ns <= t_ns[59]
+    assert early.sum() == 60
+    true_ns = np.where(early, pose_ns, pose_ns + round(back_s * 1e9))
+    settled = early | (pose_ns > t_ns[59] + 400_000_000)
+    assert np.hypot(*(xy_m - walk_m(true_ns)).T)[settled].max() < 0.3
+    assert [text for text in described(path, site())["warnings"] if "go back" in text] == [lost.removeprefix("lost: ")]
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_side_of_anchors_on_a_line_is_chosen_and_said(tmp_path, replayed, side):
+    path = written(frames_of(*measure(anchors_m=LINE_M)))(tmp_path / "line")
+    flags = ["--set", f"uwb.mirror={side}", "--set", "uwb.method=huber", "--set", "uwb.calibrate=true"]
+    done = replayed(path, "--until", "position", *flags, config=site(position_m=LINE_M))
+    assert f"tracks start to the {side} of the way from anchor 0 to anchor 3" in done.err
+    assert "uwb.method and uwb.height do not apply" in done.err
+    assert "needs calibrated ranges" not in done.err
+    assert done.table("links")["bias_applied"].all()
+    assert (done.table("poses")["y_m"] > 0).all() == (side == "left")
+
+
+def test_wrong_places_of_anchors_are_named_and_right_ones_are_not(tmp_path, replayed, described):
+    path = written(frames_of(*measure(anchors_m=SIX_M, count=800)))(tmp_path / "six")
+    moved_m = SIX_M.copy()
+    moved_m[2, :2] += [0.9, -0.6]
+    found = []
+    for places_m in (SIX_M, SIX_M[[0, 4, 2, 3, 1, 5]], moved_m):
+        config = site(range(6), places_m)
+        done = replayed(path, "--until", "position", config=config)
+        found.append([text for text in done.warned if "seem" in text])
+        assert found[-1] == [text for text in described(path, config)["warnings"] if "seem" in text]
+    right, (swapped,), (displaced, *_) = found
+    assert right == []
+    assert swapped.startswith("anchors 1 and 4 seem to be swapped")
+    assert displaced.startswith("anchor 2 seems to stand at x_m = ")
+    x_m, y_m = (float(word.split(",")[0]) for word in displaced.split(" = ")[1:3])
+    assert (x_m, y_m) == pytest.approx((8.0, 7.0), abs=0.15)
+
+
+def test_many_tags_are_located_and_a_person_from_when_it_appears(tmp_path, replayed):
+    t_ns, range_m = measure()
+    tags = [frame for tag in range(1, 30) for frame in frames_of(t_ns[50:70] + 1000 * tag, range_m[50:70], tag)]
+    path = written([*frames_of(t_ns, range_m), *tags])(tmp_path / "walk")
+    done = replayed(path, "--until", "position", config=site())
+    assert set(done.table("fixes")["tag"]) == set(range(30))
+    assert "left out for 20 of them" in done.err
+    assert done.sources("target") == {"uwb"}
+    assert done.table("target")["t_ns"][0] == t_ns[50] + 1000
+    assert run_cli(["info", str(path), "-c", str(tmp_path / "quadlog.toml")]) == 0
+
+
+def test_carried_anchors_are_a_configuration_that_gives_the_same_run(tmp_path, replayed, described):
+    """The one beside the run, and the one that init writes, which leaves out anchors without a place."""
+    path = carried()(tmp_path / "walk")
+    one = replayed(path, "--until", "position")
+    again = replayed(path, "--until", "position", config=(one.run / "config.toml").read_text())
+    for name in ("fixes", "poses", "ranges", "links"):
+        assert (one.run / f"{name}.parquet").read_bytes() == (again.run / f"{name}.parquet").read_bytes()
+    assert (one.record["anchors_from_messages"], again.record["anchors_from_messages"]) == (True, False)
+    anchors = described(path)["anchors"]
+    np.testing.assert_allclose([[row[f"{axis}_m"] for axis in "xyz"] for row in anchors], SQUARE_M, atol=0.01)
+    assert all(row["moved_m"] < 0.05 for row in anchors)
+    partly, form = all_but([3], (0, 0, 0))(tmp_path / "partly"), tmp_path / "form.toml"
+    assert run_cli(["init", str(partly), "-o", str(form)]) == 0
+    proposed = tomllib.loads(form.read_text())["uwb"]["anchors"]
+    assert [each["id"] for each in proposed] == [100, 101, 102]
+    assert "# id = 103" in form.read_text()
+    assert replayed(partly, "--until", "position", config=form.read_text()).sources() == {"uwb"}

@@ -1,0 +1,140 @@
+"""The machine: cores of a container, lack of memory in whatever form, and what is compiled at the first start."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+import sys
+import time
+
+import pyarrow as pa
+import pytest
+from numba import njit
+
+from quadlog.config.file import load_config
+from quadlog.errors import NotARun
+from quadlog.pipelines.executor import compilation as module
+from quadlog.pipelines.executor import machine as interrupts
+from quadlog.pipelines.executor.compilation import SAID, compilation, compiling_s
+from quadlog.pipelines.executor.machine import is_out_of_memory
+from quadlog.pipelines.executor.progress import StageClock
+
+
+@pytest.mark.parametrize(
+    ("files", "most"),
+    [
+        ({"cpu.max": "150000 100000\n"}, 2),
+        ({"cpu.max": "max 100000\n"}, 64),
+        ({"cpu/cpu.cfs_quota_us": "50000\n", "cpu/cpu.cfs_period_us": "100000\n"}, 1),
+        ({"cpu/cpu.cfs_quota_us": "-1\n", "cpu/cpu.cfs_period_us": "100000\n"}, 64),
+        ({}, 64),
+    ],
+)
+def test_a_containers_quota_limits_the_cores(files, most, tmp_path, monkeypatch):
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(content)
+    monkeypatch.setattr(interrupts, "CGROUP", tmp_path)
+    monkeypatch.setattr(interrupts.os, "sched_getaffinity", lambda _: range(64), raising=False)
+    assert interrupts.cores() == most
+
+
+def below(cause, error):
+    """The error as it is raised from a cause."""
+    error.__cause__ = cause
+    return error
+
+
+def after(other, error):
+    """The error as it is raised while another one is handled."""
+    error.__context__ = other
+    return error
+
+
+def in_a_ring():
+    """Causes that go round."""
+    one = ValueError()
+    one.__context__ = below(one, KeyError())
+    return one
+
+
+MAP = "libzstd.so.1: failed to map segment from shared object"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        pa.ArrowMemoryError("realloc of size 128 failed"),
+        RuntimeError("can't start new thread"),
+        ImportError(MAP),
+        OSError(MAP),
+        OSError("liba.so: cannot allocate memory"),
+        RuntimeError("std::bad_alloc"),
+        below(pa.ArrowMemoryError("realloc of size 128 failed"), NotARun("poses.parquet", "is damaged")),
+        after(OSError(MAP), OSError("Could not find/load shared object file 'libllvmlite.so'")),
+        below(None, after(below(MemoryError(), ValueError()), ImportError("numba needs llvmlite"))),
+    ],
+    ids=repr,
+)
+def test_lack_of_memory_is_recognised_in_whatever_form(error):
+    assert is_out_of_memory(error)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        None,
+        OSError(errno.ENOSPC, "No space left on device"),
+        ImportError("No module named 'quadlog'"),
+        ImportError(f"{MAP}: Operation not permitted"),
+        ImportError("libgomp.so.1: cannot allocate memory in static TLS block"),
+        NotARun("poses.parquet", "is damaged or no table"),
+        ZeroDivisionError("cannot allocate memory"),
+        in_a_ring(),
+    ],
+    ids=repr,
+)
+def test_what_only_sounds_like_it_is_not(error):
+    assert not is_out_of_memory(error)
+
+
+CONFIG = load_config(None, ["simulation.controller=fpmw"], {})
+
+
+def compile_something() -> None:
+    njit(lambda x: x + 1)(1)
+
+
+class Ended:
+    """A process that has ended."""
+
+    def wait(self, _: float | None = None) -> None: ...
+    def kill(self) -> None: ...
+
+
+@pytest.mark.parametrize(("cores", "parent", "helps"), [(2, None, True), (1, None, False), (2, "a batch", False)])
+def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_of_a_stage(
+    monkeypatch, cores, parent, helps
+):
+    said, started = [], []
+    monkeypatch.setattr(module, "cores", lambda: cores)
+    monkeypatch.setattr(module, "parent_process", lambda: parent)
+    monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Ended())
+    clock, before_s, began_s = StageClock(), compiling_s(), time.perf_counter()
+    with compilation(("position", "map", "control"), CONFIG, said.append) as before, clock.stage("map"):
+        before("map")
+        compile_something()
+        compile_something()
+        before("control")
+    compiled_s, whole_s = compiling_s() - before_s, time.perf_counter() - began_s
+    assert (said, started) == ([SAID], ["fpmw"] if helps else [])
+    assert 0.01 < compiled_s < whole_s
+    assert clock.seconds["map"] == pytest.approx(whole_s - compiled_s, abs=0.01)
+
+
+def test_the_module_itself_compiles_what_is_shared() -> None:
+    command = [sys.executable, "-P", "-m", module.__name__, "fpmw"]
+    ran = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr

@@ -1,0 +1,271 @@
+"""Simulated walks: courses, grounds, controllers and trots into run folders; falls, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quadlog.config.file import load_config
+from quadlog.errors import InvalidConfigValue, TooLarge, TooSteep, UnknownName, UnreadableFile, UsageError
+from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.report import rebuild_reports
+from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
+from quadlog.pipelines.simulation.walk import CURVES, plan_trot, trot_metrics, trot_once
+from quadlog.results.arrays import read_arrays
+from quadlog.results.record import read_metrics
+from quadlog.results.tables import read_table
+from quadlog.simulation.robot import trot as trot_walk
+
+KINEMATIC = "simulation.controller=kinematic"
+
+
+def request_of(course: Path | str, output: Path, *settings: str, **options) -> SimulateRequest:
+    config = load_config(None, ["pursuit.lookahead_m=0.6", *settings], {})
+    return SimulateRequest(str(course), config, output=output, **({"plots": False} | options))
+
+
+def walk(request: SimulateRequest) -> SimulatedRun:
+    (run,) = simulate(request, 1, Silent())
+    return run
+
+
+def record_of(run: Path) -> dict:
+    return json.loads((run / "run.json").read_text())
+
+
+@pytest.fixture(scope="session")
+def path(once) -> Path:
+    """A metre straight on and half a metre aside."""
+
+    def write(folder: Path) -> Path:
+        (folder / "bend.csv").write_text("x_m,y_m\n0,0\n1.0,0\n1.4,0.3\n")
+        return folder / "bend.csv"
+
+    return once("bend", write)
+
+
+@pytest.fixture(scope="session")
+def walked(path, once) -> SimulatedRun:
+    return once("simulated", lambda runs: walk(request_of(path, runs, "simulation.terrain=3cm", plots=True)))
+
+
+@pytest.fixture
+def three_steps(monkeypatch) -> None:
+    """Of a trot of 32 s."""
+    monkeypatch.setattr(trot_walk, "TROT_S", 3.0)
+
+
+@pytest.fixture(scope="session")
+def trotted(once) -> list[SimulatedRun]:
+    def make(runs: Path) -> list[SimulatedRun]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(trot_walk, "TROT_S", 3.0)
+            return simulate(request_of("trot-32s", runs, "simulation.trot.payload_kg=1.2", plots=True), 1, Silent())
+
+    return once("trotted", make)
+
+
+def test_a_run_folder_has_what_the_contract_promises(walked, trotted):
+    for run in (walked, *trotted):
+        names = {entry.name for entry in run.run.iterdir()}
+        files = {"run.json", "config.toml", "metrics.json", "control.parquet", "report.html", "plots"}
+        assert files <= names
+        metrics = {name: metric["value"] for name, metric in read_metrics(run.run).items()}
+        which = {"run": str(run.run), "course": run.course, "controller": run.controller, "seed": 0}
+        assert json.loads(json.dumps(run.to_dict(), allow_nan=False)) == which | metrics
+        summary = read_table(run.run.parent, "summary")
+        assert summary["recording"].tolist() in (["seed-000"], ["3d-curve", "baseline"])
+        page = (run.run / "report.html").read_bytes()
+        assert b"seed 0" in page
+        assert list(rebuild_reports([run.run])) == [run.run / "report.html"]
+        assert (run.run / "report.html").read_bytes() == page
+    assert walked.run.parts[-2:] == ("bend-fpmw", "seed-000")
+    assert {entry.stem for entry in (walked.run / "plots").iterdir()} == {"trajectory", "tracking_error"}
+    assert [each.run.parts[-2:] for each in trotted] == [("trot-32s", "baseline"), ("trot-32s", "3d-curve")]
+
+
+def test_metrics_are_those_of_the_table(walked, trotted):
+    control = read_table(walked.run, "control")
+    assert np.isnan(control.pop("plan_error_m")).all()  # along a course nothing is planned
+    assert all(np.isfinite(column).all() for column in control.values())
+    metrics = {name: metric["value"] for name, metric in read_metrics(walked.run).items()}
+    assert metrics["eta_m"] == pytest.approx(control["error_m"].mean())
+    assert metrics["sigma_m"] == pytest.approx(control["error_m"].std(ddof=1))
+    assert metrics["eta_time_m"] == pytest.approx(control["time_error_m"].mean())
+    assert metrics["max_error_m"] == control["error_m"].max()
+    assert metrics["cross_track_rmse_m"] == pytest.approx(np.sqrt((control["cross_track_m"] ** 2).mean()))
+    assert metrics["completion_time_s"] == pytest.approx(control["t_ns"][-1] * 1e-9)
+    assert metrics["torque_max_nm"] >= max(np.abs(control[f"tau_{k:02d}_nm"]).max() for k in range(12))
+    assert (metrics["fallen"], 0 <= metrics["torque_saturation_share"] < 0.01) == (0, True)
+    assert 0.2 < metrics["cost_of_transport"] < 3
+    assert (metrics["pitch_rms_rad"] < 0.05, metrics["height_rms_m"] < 0.02) == (True, True)
+    counts = record_of(walked.run)["counts"]
+    assert (counts["ticks"], counts["wbc_solved"] > 500) == (len(control["t_ns"]), True)
+    for each in trotted:
+        control = read_table(each.run, "control")
+        metrics = {name: metric["value"] for name, metric in read_metrics(each.run).items()}
+        assert metrics["lateral_drift_m"] == control["y_m"][-1] - control["y_m"][100]
+        assert metrics["forward_m"] == control["x_m"][-1] - control["x_m"][100]
+        assert metrics["roll_range_deg"] == pytest.approx(np.degrees(np.ptp(control["roll_rad"][100:])))
+
+
+def test_the_written_config_gives_the_same_walk(walked, trotted, path, tmp_path, three_steps):
+    for course, runs, last in ((str(path), [walked], "derived.mcap"), ("trot-32s", trotted, "trajectory.tum")):
+        config = load_config(runs[0].run / "config.toml", [], {})
+        again = simulate(SimulateRequest(course, config, output=tmp_path, plots=False), 1, Silent())
+        for before, after in zip(runs, again, strict=True):
+            for name in ("control.parquet", "config.toml", last):
+                assert (after.run / name).read_bytes() == (before.run / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("controller", ["fpm", "pmw", "kinematic"])
+def test_other_controllers_walk_too(path, tmp_path, controller):
+    run = walk(request_of(path, tmp_path, f"simulation.controller={controller}"))
+    control = read_table(run.run, "control")
+    assert run.metrics["completion_time_s"]["value"] < 6
+    is_fuzzy, has_body = controller == "fpm", controller != "kinematic"
+    assert np.isfinite(control["k_v"]).any() == is_fuzzy
+    assert is_fuzzy or set(control["lookahead_m"]) == {0.6}
+    assert ("fallen" in run.metrics) == ("torque_max_nm" in run.metrics) == has_body
+    assert ("wbc_solved" in record_of(run.run)["counts"]) == (controller == "pmw")
+
+
+def test_a_fall_is_a_result(path, tmp_path):
+    strong = [f"simulation.disturbances.{name}" for name in ("push_n=2000", "push_every_s=0.5", "push_s=0.3")]
+    (run,) = simulate(request_of(path, tmp_path, *strong), 1, progress := Kept())
+    assert (run.metrics["fallen"]["value"], "completion_time_s" in run.metrics) == (1, False)
+    assert run.ended.startswith("fell after ")
+    assert record_of(run.run)["warnings"] == [f"the robot {run.ended}"]
+    assert re.search(r"The simulated robot walked .* and fell at", (run.run / "report.html").read_text())
+    assert read_table(run.run.parent, "summary")["exit_code"].tolist() == [0]
+    assert any("fell after" in line for line in progress.lines)
+
+
+@pytest.mark.parametrize(
+    ("course", "settings", "error"),
+    [
+        ("bend", ["simulation.friction=0.05", "simulation.terrain=6cm"], TooSteep),
+        ("bend", ["simulation.terrain=9cm"], UnknownName),
+        ("bend", ["robot.model=spot"], UnknownName),
+        ("bend", ["robot.model=nowhere.xml"], UnreadableFile),
+        ("bend", ["pursuit.rate_hz=300"], InvalidConfigValue),
+        ("bend", ["simulation.controller=none"], UsageError),
+        ("long", [], TooLarge),
+        ("short", [], UnreadableFile),  # it ends where it begins to be walked
+        ("moon", [], UnknownName),
+        ("trot-32s", ["simulation.trot.foot_curve_k=1"], InvalidConfigValue),
+    ],
+)
+def test_what_cannot_be_walked_is_refused_before_anything_is_written(path, tmp_path, course, settings, error):
+    (tmp_path / "long.csv").write_text("".join(f"{19 * k},0\n" for k in range(10_000)))
+    (tmp_path / "short.csv").write_text("0,0\n0.06,0\n0.06,0.04\n")
+    courses = {"bend": path, "long": tmp_path / "long.csv", "short": tmp_path / "short.csv"}
+    with pytest.raises(error):
+        simulate(request_of(courses.get(course, course), tmp_path / "runs", *settings), 1, Silent())
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_s_curve_brings_its_ground_and_its_speed_unless_given_others(tmp_path):
+    run = walk(request_of("s-curve", tmp_path, KINEMATIC))
+    assert (run.run / "ground.npz").exists()
+    assert record_of(run.run)["config"]["pursuit"]["speed_mps"] == 0.5
+    faster = walk(
+        request_of("s-curve", tmp_path / "flat", KINEMATIC, "simulation.terrain=flat", "pursuit.speed_mps=0.7")
+    )
+    assert not (faster.run / "ground.npz").exists()
+    assert faster.metrics["completion_time_s"]["value"] < run.metrics["completion_time_s"]["value"]
+    own = tmp_path / "s-curve.csv"  # a file of that name is another course
+    own.write_text("0,0\n0.5,0\n")
+    assert not (walk(request_of(own, tmp_path / "own", KINEMATIC)).run / "ground.npz").exists()
+
+
+def test_a_walk_on_the_ground_of_another_is_that_walk(walked, path, tmp_path):
+    """The ground goes through its file and is cut out: the same within what float32 holds; on a plane it is not."""
+    (again,) = simulate(request_of(path, tmp_path, f"simulation.terrain={walked.run}"), 1, progress := Kept())
+    assert not any("warning" in line for line in progress.lines)
+    ours, theirs = read_table(again.run, "control"), read_table(walked.run, "control")
+    for name in ("x_m", "y_m", "z_m", "yaw_rad"):
+        np.testing.assert_allclose(ours[name][:40], theirs[name][:40], atol=2e-4)
+    plane = read_table(walk(request_of(path, tmp_path / "flat")).run, "control")
+    assert np.abs(plane["z_m"][:40] - theirs["z_m"][:40]).max() > 2e-3
+    a, b = read_arrays(again.run, "ground"), read_arrays(walked.run, "ground")
+    col, row = np.round((a["origin_m"] - b["origin_m"]) / b["cell_m"]).astype(int)
+    rows, cols = a["height_m"].shape
+    np.testing.assert_array_equal(a["height_m"], b["height_m"][row : row + rows, col : col + cols])
+    before = (walked.run / "ground.npz").read_bytes()
+    with pytest.raises(UsageError, match="replaces it"):
+        walk(request_of(path, walked.run.parent.parent, f"simulation.terrain={walked.run}", force=True))
+    assert (walked.run / "ground.npz").read_bytes() == before
+
+
+def test_a_run_names_the_ground_it_walked_on_and_what_of_it_nobody_saw(walked, tmp_path):
+    (tmp_path / "away.csv").write_text("0,0\n0,8\n")
+    settings = (f"simulation.terrain={walked.run}", KINEMATIC)
+    request = request_of(tmp_path / "away.csv", tmp_path / "runs", *settings, seeds=(0, 1))
+    record = record_of(simulate(request, 1, progress := Kept())[0].run)
+    (warning,), (note,) = record["warnings"], record["notes"]
+    assert "lie beyond the ground that" in warning
+    assert [line for line in progress.lines if "beyond" in line] == [f"warning: {warning}"]
+    assert str(walked.run) in note
+
+
+@pytest.mark.nightly
+def test_seeds_draw_their_own_ground_and_many_processes_give_the_same(path, tmp_path):
+    request = request_of(path, tmp_path / "one", "simulation.terrain=6cm", *DISTURBED_OVERRIDES, seeds=(3, 4))
+    one = simulate(request, 1, Silent())
+    two = simulate(replace(request, output=tmp_path / "two"), 2, Silent())
+    for name in ("control.parquet", "ground.npz"):
+        files = [(each.run / name).read_bytes() for each in (*one, *two)]
+        assert files[:2] == files[2:]
+        assert files[0] != files[1]
+
+
+def test_seeds_of_a_trot_have_folders_below_its_curves_and_the_curve_is_the_only_difference(tmp_path, three_steps):
+    runs = simulate(request_of("trot-32s", tmp_path, seeds=(4, 5)), 1, Silent())
+    assert [str(each.run.relative_to(tmp_path / "trot-32s")) for each in runs] == [
+        f"{curve}/seed-00{seed}" for curve in CURVES for seed in (4, 5)
+    ]
+    records = [record_of(each.run) for each in (runs[0], runs[2])]
+    assert records[0]["config"] == records[1]["config"]
+    assert [record["notes"][0] for record in records] == ["y(t) has a peak of 0.00 mm", "y(t) has a peak of 10.01 mm"]
+    assert records[0]["input"]["sha256"] != records[1]["input"]["sha256"]
+    forward_m = read_table(tmp_path / "trot-32s" / "baseline", "summary")["forward_m"]
+    assert forward_m[0] != forward_m[1]
+
+
+def trot(*keys: str):
+    return load_config(None, [f"simulation.trot.{key}" for key in keys], {}).simulation
+
+
+EXACT = ("friction_spread=0", "foot_radius_spread=0", "posture_spread_deg=0")
+
+
+def test_a_symmetric_robot_goes_straight_rolls_as_the_paper_has_it_and_turns_by_a_trim():
+    """0.06 degrees a second for each millimetre of trim, as facts about another model of this robot have it."""
+    metrics = {name: each.value for name, each in trot_metrics(trot_once(trot(*EXACT), "baseline", 0)).items()}
+    assert abs(metrics["yaw_rate_degps"]) <= 0.005
+    assert (6 <= metrics["roll_range_deg"] <= 8, metrics["fallen"]) == (True, 0)
+    assert abs(metrics["lateral_drift_m"]) < 0.02
+    assert 2.3 < metrics["forward_m"] < 2.7  # without slip it is 2 S T, and on what it does not rest on
+    trimmed = trot_metrics(trot_once(trot(*EXACT, "foot_curve_k=350", "lateral=same"), "3d-curve", 0))
+    assert trimmed["yaw_rate_degps"].value == pytest.approx(5 * 0.06, rel=0.2)
+
+
+def test_the_other_pair_first_mirrors_the_trot(three_steps):
+    left, right = (trot_once(trot(f"first_pair={pair}"), "3d-curve", 7).walk for pair in ("left_fore", "right_fore"))
+    np.testing.assert_allclose(right.position_m, left.position_m * [1, -1, 1], atol=1e-9)
+    assert np.abs(left.position_m[:, 1]).max() > 1e-3
+
+
+def test_the_load_does_not_reach_the_controller_and_the_curve_moves_legs_aside():
+    loads = ("payload_kg=3", "payload_y_m=0.1", "leg_mass_spread=0.2", "hip_offset_m=0.01")
+    plain, loaded = (plan_trot(trot(*keys), "3d-curve", 0) for keys in ((), loads))
+    np.testing.assert_array_equal(plain.targets_rad, loaded.targets_rad)
+    # The abduction of each leg: right fore and left hind go left in their swing, the others right.
+    moved = (plain.targets_rad - plan_trot(trot(), "baseline", 0).targets_rad)[2000:3000, ::3]
+    assert (np.sign(moved[np.abs(moved).argmax(axis=0), range(4)]) == [-1, 1, 1, -1]).all()

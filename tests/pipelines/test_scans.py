@@ -1,0 +1,106 @@
+"""What is kept of a cloud."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quadlog.config.file import load_config
+from quadlog.lidar.levelling import NotLevelled
+from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
+from quadlog.pipelines.stages.maps import deskewed
+from quadlog.pipelines.stages.mount import LidarMount, up_of_base
+from quadlog.pipelines.stages.scans import Scanner
+from quadlog.recordings.tf_tree import TransformTree
+
+T_NS = 1_700_000_000_000_000_000
+MOUNT_M = 0.4
+
+
+def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, moving: Float | None = None) -> Scanner:
+    """What classifies clouds, beside (N, 4) orientations 20 ms apart about T_NS; moving: those of base in map by tf."""
+    config, mount, tree = load_config(None, list(settings), {}), np.eye(4), TransformTree()
+    mount[2, 3] = MOUNT_M
+    if moving is not None:
+        values = np.concatenate([np.zeros((len(moving), 3)), moving], axis=1)
+        tree.add_moving("/tf", "map", "base_link", np.arange(len(moving)), at(len(moving)), values)
+    of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
+    poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
+    streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
+    up = up_of_base(streams, tree, config.topics, of_imu) if config.lidar.level else None
+    data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up)
+    return Scanner(config, 0, data, maps=True)
+
+
+def at(count: int) -> Int:
+    return T_NS + np.arange(-10, count - 10, dtype=np.int64) * 20_000_000
+
+
+def tilted(roll_deg: float, count: int = 21) -> Float:
+    quat_xyzw = np.tile(Rotation.from_euler("x", roll_deg, degrees=True).as_quat(), (count, 1))
+    quat_xyzw[::2] *= -1  # the same orientation: only a driver that never changes a digit is frozen
+    return quat_xyzw
+
+
+FROZEN = np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))
+
+
+def cloud(roll_deg: float = 0.0) -> PointCloud:
+    """16 beams over flat ground within a wall 6 m away, as a lidar rolled by roll_deg sees them."""
+    azimuth_rad = np.repeat(np.arange(900) * (2 * np.pi / 900), 16)
+    ring = np.tile(np.arange(16, dtype=np.uint16), 900)
+    elevation_rad = np.radians(2.0 * ring - 15)
+    flat = np.cos(elevation_rad)
+    body = np.column_stack([flat * np.cos(azimuth_rad), flat * np.sin(azimuth_rad), np.sin(elevation_rad)])
+    level = Rotation.from_euler("x", roll_deg, degrees=True).apply(body)
+    with np.errstate(divide="ignore"):
+        to_ground = np.where(level[:, 2] < 0, -MOUNT_M * np.cos(np.radians(roll_deg)) / level[:, 2], np.inf)
+    range_m = np.minimum(to_ground, 6 / np.hypot(level[:, 0], level[:, 1]))
+    return PointCloud(T_NS, "lidar", (body * range_m[:, None]).astype(np.float32), ring)
+
+
+@pytest.mark.parametrize(
+    ("settings", "known", "late_ns", "expected_deg"),
+    [
+        ([], {"imu": tilted(8.0)}, 0, 0.0),
+        (["lidar.level=false"], {"imu": tilted(8.0)}, 0, 8.0),
+        ([], {"imu": None, "odometry": tilted(8.0)}, 0, 0.0),
+        ([], {"imu": None, "moving": tilted(8.0)}, 0, 0.0),
+        ([], {"imu": FROZEN}, 0, 8.0),
+        ([], {"imu": FROZEN, "odometry": tilted(8.0)}, 0, 0.0),
+        ([], {"imu": tilted(8.0, 5)}, 0, 0.0),
+        ([], {"imu": tilted(8.0)}, 1_000_000_000, 8.0),
+    ],
+    ids=["imu", "not wanted", "odometry", "tf", "frozen", "frozen beside odometry", "some", "too old"],
+)
+def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, known, late_ns, expected_deg):
+    scan = scanner(*settings, **known).classified(T_NS + late_ns, cloud(roll_deg=8.0))
+    assert np.degrees(np.arccos(scan.row["ground_nz"])) == pytest.approx(expected_deg, abs=0.3)
+    assert scan.not_levelled is (NotLevelled.STALE if late_ns else None)
+
+
+def test_an_empty_cloud_shows_nothing():
+    seen = scanner(imu=tilted(0.0))
+    empty = seen.classified(T_NS, PointCloud(T_NS, "lidar", np.empty((0, 3), np.float32)))
+    assert (empty.level, empty.row["n_raw"], empty.row["ground_found"], empty.shows_nothing) == (None, 0, False, True)
+    scan = seen.classified(T_NS, cloud())
+    assert (scan.level, scan.row["n_raw"], scan.row["n_valid"]) == (True, 14400, 14400)
+    assert scan.row["n_ground"] + scan.row["n_obstacle"] + scan.row["n_outlier"] == 14400
+
+
+def test_points_are_put_where_they_were_at_the_scans_instant():
+    """A robot that walks at 2 m/s and turns at 1 rad/s sees the origin of map, from where it is in every slot."""
+    slot_s = np.linspace(0, 0.1, 32)
+    slot_pose = np.column_stack([1 + 2 * slot_s, np.full(32, 3.0), slot_s])
+    x_m, y_m, yaw_rad = slot_pose.T
+    seen_m = np.column_stack(
+        [-np.cos(yaw_rad) * x_m - np.sin(yaw_rad) * y_m, np.sin(yaw_rad) * x_m - np.cos(yaw_rad) * y_m, slot_s]
+    )
+    moved_m = deskewed(seen_m, np.arange(32, dtype=np.uint8), np.array([1.0, 3.0, 0.5]), slot_pose)
+    expected_m = Rotation.from_euler("z", -0.5).apply([-1.0, -3.0, 0.0])
+    np.testing.assert_allclose(moved_m[:, :2], np.tile(expected_m[:2], (32, 1)), atol=1e-6)
+    np.testing.assert_allclose(moved_m[:, 2], slot_s, atol=1e-6)
