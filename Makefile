@@ -22,7 +22,7 @@ demo: $(RUNNABLE)  ## replay the committed recording, print its verdict and wher
 	@echo "demo: replaying fixtures/follow.mcap, 12 s of a synthetic walk; the first time compiles for some 20 s"
 	@$(BIN)/quadlog replay fixtures/follow.mcap -c fixtures/follow.toml -o runs --force
 
-tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws less; what is there and unchanged is kept
+tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws less
 	$(BIN)/quadlog tables -o tables --force $(if $(filter-out 0,$(FAST)),--fast)
 
 test: install lint typecheck unit  ## everything a change must pass

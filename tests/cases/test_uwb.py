@@ -320,7 +320,7 @@ def test_many_tags_are_located_and_a_person_from_when_it_appears(tmp_path, repla
     path = written([*frames_of(t_ns, range_m), *tags])(tmp_path / "walk")
     done = replayed(path, "--until", "position", config=site())
     assert set(done.table("fixes")["tag"]) == set(range(30))
-    assert "left out for 20 of them" in done.err
+    assert "messages for 20 of them are omitted" in done.err
     assert done.sources("target") == {"uwb"}
     assert done.table("target")["t_ns"][0] == t_ns[50] + 1000
     assert run_cli(["info", str(path), "-c", str(tmp_path / "quadlog.toml")]) == 0

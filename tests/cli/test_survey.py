@@ -111,7 +111,7 @@ def test_what_is_left_out_or_not_enough_is_said(circle, quadlog):
     np.testing.assert_allclose([[row["x_m"], row["y_m"]] for row in rows], ANCHORS_M[:2, :2], atol=0.3)
     done = quadlog("survey", circle(spoiled=np.nan, tags=(0, *[0] * 200, *range(1, 200))))
     assert done.code == 0
-    assert "ranges that are NaN or infinite" in done.err
+    assert "ranges that are NaN, infinite or outside" in done.err
     assert "tag 0 is taken to be the robot's, 199 other tags are not used" in done.err
     header, *lines = done.out.splitlines()
     assert (header.split()[:3], [line.split()[0] for line in lines[:1]]) == (["anchor", "x", "m"], ["0"])

@@ -95,7 +95,7 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced_once_the_new_one_is_co
     assert [row["exit_code"] for row in json.loads(resumed.out)] == [0, 0, 1, 1]
     assert {each: (each / "plans.parquet").stat().st_mtime_ns for each in plans} == plans
 
-    def stop(*_):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     before = bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR)

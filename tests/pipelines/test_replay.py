@@ -242,7 +242,7 @@ CONFIGURATIONS = {
     "kinematic": (None, "plan", ["simulation.controller=kinematic"]),
     "fpmw": (None, "control", ["pursuit.rate_hz=50.0", "simulation.disturbances.push_n=60.0"]),
     "fpm": (None, "control", ["simulation.controller=fpm", "simulation.swing=foot_curve", "grid.extent=run"]),
-    "odometry": (None, "control", ["topics.position=odometry", "topics.target=ahead", "grid.memory=decay", NO_WALK]),
+    "odometry": (None, "control", ["topics.position=odometry", "topics.target=ahead", "grid.memory=scan", NO_WALK]),
     "fixed": (None, "control", ["topics.position=fixed", "topics.target=fixed", "lidar.level=false", NO_WALK]),
     "lidar": (None, "plan", ["topics.position=lidar", "topics.target=ahead", "grid.dilation=body"]),
     "causal": (None, "map", ["uwb.smooth=false", "uwb.method=huber", "uwb.odometry=true", "lidar.odometry=true"]),

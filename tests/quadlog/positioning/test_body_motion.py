@@ -112,7 +112,7 @@ def test_odometry_that_disagrees_grossly_is_refused_with_a_reason(lab, spoil):
     else:
         later_s = {"an hour later": 3600, "half a minute earlier": -29}.get(spoil, 0)
         motion = replace(motion, t_ns=motion.t_ns + later_s * 10**9)
-    reason = {"scale": "misses", "turns the other way": "misses", "short": "too short"}.get(spoil, "overlap")
+    reason = {"scale": "is off by", "turns the other way": "is off by", "short": "too short"}.get(spoil, "overlap")
     assert reason in (measured(lab, simulated, motion).reason or "")
 
 
