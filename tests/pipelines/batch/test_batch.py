@@ -185,6 +185,7 @@ def test_thousands_of_failures_are_counted_and_some_of_them_named(tmp_path):
     assert BatchOutcome(runs[:1]).failure_lines() == []
 
 
+@pytest.mark.nightly
 def test_a_recording_whose_worker_is_killed_twice_fails_and_is_resumed(planned, replayed_season, tmp_path):
     batch = planned(tmp_path / "runs", "walk.bag", until="position")
     outcome = replay_batch(batch, 1, None, Assassin("walk", 2))

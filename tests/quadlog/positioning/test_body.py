@@ -72,9 +72,8 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize("in_turn", [False, True])
-@pytest.mark.parametrize("smooth", [True, False])
-def test_position_and_yaw_of_a_walk(lab, in_turn, smooth):
+@pytest.mark.parametrize(("smooth", "in_turn"), [(True, False), (True, True), (False, True)])
+def test_position_and_yaw_of_a_walk(lab, smooth, in_turn):
     errors_m, yaw_errors, shares, yaw_shares, single_m = [], [], [], [], []
     for seed in range(4 if smooth else 1):
         true = walk(seed, in_turn=in_turn, hz=20.0 if smooth else 10.0)
@@ -102,10 +101,9 @@ def test_position_and_yaw_of_a_walk(lab, in_turn, smooth):
 
 def test_lever_arms_that_the_ranges_contradict():
     """Tags 0 and 1 exchanged: no rotation brings them to where they are told to be."""
-    for seed in range(3):
-        _, body = solve(walk(seed).ranges, LEVERS_M, told_m=LEVERS_M[[1, 0, 2]])
-        assert body.misplaced
-        assert all(each.distance_m > 0.1 for each in body.misplaced)
+    _, body = solve(walk(0).ranges, LEVERS_M, told_m=LEVERS_M[[1, 0, 2]])
+    assert body.misplaced
+    assert all(each.distance_m > 0.1 for each in body.misplaced)
 
 
 def test_tags_in_one_place_show_no_yaw(lab):

@@ -71,8 +71,8 @@ def survey(
 
 
 def test_places_and_bounds_over_seeds():
-    """Six seeds show gross errors only: with as many, the share within the bounds scatters by several percent."""
-    found = [survey(seed) for seed in range(6)]
+    """Three seeds show gross errors only: with as many, the share within the bounds scatters by several percent."""
+    found = [survey(seed) for seed in range(3)]
     error_m = np.array([[each.position_m for each in result.anchors] - truth for result, truth in found])
     bound_m = np.array([[each.bound_m for each in result.anchors] for result, _ in found])
     assert np.median(np.hypot(error_m[..., 0], error_m[..., 1])) <= 0.10
