@@ -129,7 +129,6 @@ def _by_hypothesis(name: str, seconds: float, seed: int, folder: Path, journal: 
     target, run = TARGETS[name], prepare(name, folder)
     end = monotonic() + seconds
 
-    @hypothesis.given(mutations(target.seeds(), target.tokens))
     def example(data: bytes) -> None:
         if monotonic() < end:
             one_input(run, data, journal)
@@ -141,8 +140,9 @@ def _by_hypothesis(name: str, seconds: float, seed: int, folder: Path, journal: 
         phases=[hypothesis.Phase.generate],
         suppress_health_check=list(hypothesis.HealthCheck),
     )
+    inputs = mutations(target.seeds(), target.tokens)
     while monotonic() < end:
-        hypothesis.seed(seed)(settings(example))()
+        hypothesis.seed(seed)(settings(hypothesis.given(inputs)(example)))()
         seed += 1
 
 

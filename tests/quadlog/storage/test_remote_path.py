@@ -40,14 +40,14 @@ def test_files_and_folders_of_a_bucket(bucket: Any) -> None:
 
 def test_a_file_appears_whole_and_goes(bucket: Any, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(CONTENT)
-    target = at(bucket, "runs/walk/poses.parquet")
-    target.upload(str(tmp_path / "file"))
+    target = at(bucket, "runs/walk/file")
+    at(bucket, "runs/walk").upload_all(tmp_path, ["file"])
     assert target.read_bytes() == CONTENT
     target.unlink()
     assert not target.exists()
     target.unlink()
     with pytest.raises(CannotWrite, match="nobucket"):
-        RemotePath("s3://nobucket-of-ours/x").upload(str(tmp_path / "file"))
+        RemotePath("s3://nobucket-of-ours/x").upload_all(tmp_path, ["file"])
 
 
 def test_an_object_that_was_replaced_is_no_longer_read(bucket: Any) -> None:
