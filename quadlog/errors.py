@@ -249,7 +249,7 @@ class UnknownConfigKey(QuadlogError):
     def __init__(self, key: str, nearest: str | None, source: str) -> None:
         self.key, self.nearest, self.source = key, nearest, source
         hint = f"; did you mean {nearest}?" if nearest else ""
-        super().__init__(f"{source}: unknown key {key}{hint}")
+        super().__init__(f"{source}: unknown key {clipped(key)}{hint}")
 
 
 class InvalidConfigValue(QuadlogError):

@@ -156,7 +156,7 @@ class _Columns:
         return t_ns, values
 
     def increasing(self, topic: str, warnings: list[str], losses: list[Loss]) -> tuple[Int, Float]:
-        """Both columns by time, which increases strictly; what is left out of them is told."""
+        """Both columns by time, which increases strictly; what is left out is added to warnings and losses."""
         t_ns, values = self.arrays()
         kept = kept_rows(t_ns)
         lost = clock_losses(topic, "messages", [t_ns])
