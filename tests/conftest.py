@@ -204,6 +204,7 @@ def bucket(object_storage: str, monkeypatch: pytest.MonkeyPatch, request: pytest
         ("AWS_DEFAULT_REGION", "us-east-1"),
     ):
         monkeypatch.setenv(name, value)
+    s3fs.S3FileSystem.clear_instance_cache()  # its key lacks the environment, so that another test's server would stay
     system = s3fs.S3FileSystem(use_listings_cache=False)
     system.name = f"lab-{abs(hash(request.node.nodeid)):x}"
     system.mkdir(system.name)

@@ -22,8 +22,6 @@ from typing import Any
 import pytest
 import tomli_w
 from distributed import LocalCluster
-from moto.server import ThreadedMotoServer
-from s3fs import S3FileSystem
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.config.schema import Config
@@ -219,19 +217,8 @@ def test_every_command_works_and_every_sample_is_what_it_prints(reader):
 
 
 @pytest.mark.nightly
-def test_every_command_for_clusters_and_object_storage_works(reader, monkeypatch):
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
-    try:
-        monkeypatch.setenv("AWS_ENDPOINT_URL", "http://{}:{}".format(*server.get_host_and_port()))
-        for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
-            monkeypatch.setenv(name, "testing")
-        S3FileSystem.clear_instance_cache()
-        store = S3FileSystem()
-        store.mkdir("lab")
-        store.put_file("yesterday.bag", "lab/season/monday.mcap")
-        reader.read(CLUSTERS, remote=True)
-        S3FileSystem.clear_instance_cache()
-    finally:
-        server.stop()
+def test_every_command_for_clusters_and_object_storage_works(reader, bucket):
+    bucket.mkdir("lab")
+    bucket.put_file("yesterday.bag", "lab/season/monday.mcap")
+    reader.read(CLUSTERS, remote=True)
     assert reader.wrong == []

@@ -8,7 +8,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from email.utils import parsedate_to_datetime
-from functools import cache
 from typing import Any
 
 from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
@@ -149,7 +148,6 @@ def _login(protocol: str, url: str) -> tuple[tuple[str, Any], ...]:
     return tuple((name, found[name]) for name in ("host", "port", "username", "password") if found.get(name))
 
 
-@cache
 def _filesystem(protocol: str, quoted: bool, login: tuple[tuple[str, Any], ...]) -> Any:
     import fsspec
 

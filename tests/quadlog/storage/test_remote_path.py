@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
-from quadlog.storage import remote_object, remote_path
+from quadlog.storage import remote_path
 from quadlog.storage import remote_path as copying
 from quadlog.storage.remote_path import RemotePath, copied, copy_object
 
@@ -65,7 +65,6 @@ def store(bucket: Any, web: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[An
     """A web server in the place of an S3-speaking one; store.walk is its file, store.remote what is read of it."""
     import s3fs
 
-    monkeypatch.setattr(remote_object, "_filesystem", remote_object._filesystem.__wrapped__)
     monkeypatch.setenv("AWS_ENDPOINT_URL", web.url)
     s3fs.S3FileSystem.clear_instance_cache()
     web.walk = web.folder / bucket.name / "walk.mcap"
