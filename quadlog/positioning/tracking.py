@@ -95,7 +95,7 @@ class OdometrySteps:
 
     def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
         """Turns and steps between knots, the drift being in a column and the scale in the next."""
-        turns = Turns(timeline, self.way, axes, column, WALK_STD**2 * np.diff(timeline.t_s))
+        turns = Turns(timeline, self.way, axes, (column, None), WALK_STD**2 * np.diff(timeline.t_s))
         variance_m2 = step_variances(timeline, self.way.t_s, self.std_mps)
         return turns, Steps(timeline, self.way, axes, column + 1, variance_m2)
 

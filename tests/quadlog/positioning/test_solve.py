@@ -30,7 +30,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     way = Way(way_s, np.column_stack([0.5 * way_s, np.sin(way_s)]) + 0.01 * rng.standard_normal((42, 2)), 0.3 * way_s)
     variance = np.full(len(timeline) - 1, 0.02)
     others = (
-        Turns(timeline, way, AXES, n, variance),
+        Turns(timeline, way, AXES, (n, None), variance),
         Steps(timeline, way, AXES, n + 1, variance),
         Moves(timeline, way_s, way.xy_m, len(AXES), variance),
     )
