@@ -25,7 +25,7 @@ from quadlog.pipelines.stages.positions.uwb_tags import body_tags_of, lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
 from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
-from quadlog.positioning.factors import TagRanges, Way
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.lidar_odometry import ScanMatch
 from quadlog.positioning.locate import Anchors
 from quadlog.recordings.containers.container import Loss

@@ -13,7 +13,7 @@ from quadlog.messages import PoseSeries
 from quadlog.positioning.anchors.check import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.anchors.survey import survey_anchors
 from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
-from quadlog.positioning.factors import TagRanges, Way
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
 
 HEIGHT_STD_M = 0.05

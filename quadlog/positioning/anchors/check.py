@@ -12,11 +12,11 @@ from scipy.linalg import block_diag
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.positioning.anchors.walk import refine_place
+from quadlog.positioning.batch.factors import Border, TagRanges
+from quadlog.positioning.batch.solve import refine
+from quadlog.positioning.batch.tracking import Body, Starts, Tracked, TrackSettings, track_tag
 from quadlog.positioning.epochs import Epochs, thin_rows
-from quadlog.positioning.factors import Border, TagRanges
 from quadlog.positioning.fixes import solve_fixes
-from quadlog.positioning.solve import refine
-from quadlog.positioning.tracking import Body, Starts, Tracked, TrackSettings, track_tag
 
 MIN_RANGES = 4
 """Three ranges agree with almost any order of their anchors."""

@@ -24,10 +24,10 @@ from quadlog.positioning.anchors.frame import (
     relative_covariance,
 )
 from quadlog.positioning.anchors.walk import Walk
-from quadlog.positioning.factors import Axes, Border, RangeModel, Steps, Turns
-from quadlog.positioning.motion import Motion
-from quadlog.positioning.robust import sight_probabilities
-from quadlog.positioning.solve import Estimate, Problem, assemble, solve
+from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps, Turns
+from quadlog.positioning.batch.motion import Motion
+from quadlog.positioning.batch.robust import sight_probabilities
+from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
 
 FEWEST_RANGES = 30
 LEAST_WAY_M = 3.0

@@ -18,7 +18,7 @@ from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.survey import PRIORS
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
 from quadlog.positioning.anchors.walk import HeightPrior, make_walk
-from quadlog.positioning.factors import TagRanges, Way
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
 
 

@@ -8,7 +8,7 @@ import pytest
 from quadlog.errors import AnchorsNotObserved
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
 from quadlog.positioning.anchors.walk import MOST_RANGES, HeightPrior, OdometryPrior, make_walk
-from quadlog.positioning.factors import TagRanges, Way
+from quadlog.positioning.batch.factors import TagRanges, Way
 
 ANCHORS_M = np.array(
     [[-2, -2, 1.6], [6, -3, 2.1], [13, -2, 1.8], [14, 5, 2.0], [12, 11, 1.5], [5, 12, 1.9], [-2, 11, 2.2], [-3, 4, 1.7]]

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from quadlog.messages import Float
-from quadlog.positioning.factors import RangeModel, Rows, Slots, rows_of_pose
-from quadlog.positioning.motion import motion_information
-from quadlog.positioning.robust import (
+from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
+from quadlog.positioning.batch.motion import motion_information
+from quadlog.positioning.batch.robust import (
     LinkWindows,
     lateness_weights,
     link_windows,
@@ -23,7 +23,7 @@ from quadlog.positioning.robust import (
     sight_probabilities,
     symmetric_weights,
 )
-from quadlog.positioning.spline import Sampling, Timeline
+from quadlog.positioning.batch.spline import Sampling, Timeline
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
 SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.motion import Motion
-from quadlog.positioning.spline import Sampling, Timeline
+from quadlog.positioning.batch.motion import Motion
+from quadlog.positioning.batch.spline import Sampling, Timeline
 
 HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
