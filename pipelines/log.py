@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -181,7 +182,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
     streams.warnings.extend(_of_mounts(log, mount, mover, streams))
     first_ns, last_ns = log.span_ns(streams)
-    return LogData(
+    data = LogData(
         log=log,
         config=config,
         input=describe_file(log.path, digest.finish()) if digest else aside.result(),  # type: ignore[union-attr]
@@ -192,6 +193,8 @@ def read_log(log: Log, progress: Progress) -> LogData:
         first_ns=first_ns,
         last_ns=last_ns,
     )
+    first_clouds = islice(data.clouds() if mover is None else (), mounts.LOOKED_AT)
+    return replace(data, mount=mounts.with_tilt(mount, first_clouds, data.up))
 
 
 @dataclass(frozen=True, slots=True)
