@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay
+from quadlog.errors import MAX_LISTED, AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
@@ -242,6 +242,10 @@ def tell_recording(data: LogData, journal: Journal) -> None:
     for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
+    base = None if data.config.topics.base_frame else roles.frames.base_frame()
+    if base is not None and (others := roles.frames.other_robots(base)):
+        flags = "  or  ".join(set_flag("topics.base_frame", [frame]) for frame in others[:MAX_LISTED])
+        journal.warn(f"tf moves {len(others) + 1} robots: the one of {base} is taken; choose another with  {flags}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")
     for topic, why in recording.joints.refused.items() if "joints" not in roles.found else ():

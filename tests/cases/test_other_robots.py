@@ -257,6 +257,11 @@ CASES = {
         "tf",
         walls=True,
     ),
+    "tf-of-two-robots": Case(
+        together(tf("dog1/odom", "dog1/base_link"), tf("dog2/odom", "dog2/base_link")),
+        *(0, "tf"),
+        says=("tf moves 2 robots: the one of dog1/base_link is taken", "'topics.base_frame=\"dog2/base_link\"'"),
+    ),
     "tf-world-trunk": Case(tf("world", "trunk"), 0, "tf"),
     "mount-on-tf": Case(
         together(tf("odom", "base_footprint"), turned_scanner("laser", "base_footprint", "/tf")), 0, "tf", walls=True
