@@ -263,7 +263,7 @@ def _misfit(estimate: Estimate, lasts: float) -> float:
     """
     problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
     alike = replace(estimate.weights, lasts=lasts)
-    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorise()
+    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorised
     seen = slots.range_t_s, slots.range_link, estimate.linear.residual_m, problem.range_std_m
     cost = sight_probabilities(*seen)[1] / lasts + problem.stress(estimate.knots).sum() / 2
     for each in problem.others:

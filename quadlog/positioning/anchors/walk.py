@@ -126,7 +126,7 @@ def make_walk(
         rows = _even_selection(rows, ranges.tag[rows] * ranges.n_anchors + ranges.anchor[rows], most_ranges)
     kept, yaw_rad = ranges.rows(rows), np.unwrap(way.yaw_rad)
     xy_m = turned(np.full(len(t_s), -yaw_rad[0]), way.xy_m - way.xy_m[0])
-    most = min(MOST_KNOTS, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
+    most = min(MOST_KNOTS, most_ranges, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
     timeline = make_timeline(np.array([0.0, last_s]), max(KNOT_S, last_s / most), np.inf, np.empty(0))
     path_s = np.linspace(0.0, last_s, min(max(2, 1 + round(last_s / PATH_S)), 1 << 20))
     relative = Way(t_s, xy_m, yaw_rad - yaw_rad[0])

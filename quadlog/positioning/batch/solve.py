@@ -89,8 +89,9 @@ class Arrow:
         matrix[:n, n:], matrix[n:, :n], matrix[n:, n:], right[n:] = self.border, self.border.T, self.corner, self.pull
         return matrix, right
 
-    def factorise(self) -> Factorised:
-        """Cholesky of the band, Schur complement on the border."""
+    @cached_property
+    def factorised(self) -> Factorised:
+        """Cholesky of the band, Schur complement on the border; nothing is added afterwards."""
         size, n, band = self.size, self.n_knots * self.size, 2 * self.size - 1
         upper, pull = np.zeros((band + 1, n)), np.zeros(n)
         for j in range(2 * size):
@@ -331,11 +332,12 @@ def assemble(
         for arrow, information, pull in parts:
             arrow.add_past(information, pull - information @ off)
     variance_m2 = weights.lasts * problem.range_std_m**2
-    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots)):
+    alike = problem.past is None and weights.knots is weights.globals
+    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots))[: 1 if alike else 2]:
         rows, total = linear.weighted(problem.slots, each)
         within = rows.interval < count
         arrow.add(rows.rows(within), total[within] / variance_m2)
-    return for_globals, for_knots
+    return for_globals, for_globals if alike else for_knots
 
 
 def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple[Float, Float, Float]:
@@ -344,7 +346,7 @@ def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple
     A mean over the possible priors: each, P, counts by how likely the log is under it [Laplace]. With information L
     about the globals and gradient g at their prior mean, log p = (g^T (L + P^-1)^-1 g - log |I + L P|) / 2.
     """
-    factorised = arrow.factorise()
+    factorised = arrow.factorised
     off = values - problem.mean
     gradient = arrow.pull - arrow.border.T @ factorised.step + factorised.schur @ off
     covariances = np.linalg.inv(factorised.schur + problem.prior_information)
@@ -369,7 +371,7 @@ def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: 
         weights = weigh(problem, linear.residual_m, lasts)
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
-        factorised = for_knots.factorise()
+        factorised = for_knots.factorised
         step = factorised.step_of_knots(global_step)
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
@@ -393,7 +395,7 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
     for index in range(ROUNDS):
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, _, _ = posterior_of_globals(problem, for_globals, values)
-        step = for_knots.factorise().step_of_knots(global_step)
+        step = for_knots.factorised.step_of_knots(global_step)
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
@@ -405,4 +407,4 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
             white = white and not near
     for_globals, for_knots = assemble(problem, linear, weights, knots, values)
     _, covariance, shares = posterior_of_globals(problem, for_globals, values)
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorise())
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorised)
