@@ -168,17 +168,7 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
         aligned_to=framed.aligned_to,
         misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
         mirrored=mirrored,
-        faults=_of_all(find_faults(framed, known_m[heard]), heard),
-    )
-
-
-def _of_all(faults: SurveyFaults | None, heard: Int) -> SurveyFaults | None:
-    """Faults of the anchors heard (B,), by their indices among all."""
-    if faults is None:
-        return None
-    return SurveyFaults(
-        tuple((int(heard[i]), int(heard[j])) for i, j in faults.swapped),
-        shifted=tuple(replace(each, anchor=int(heard[each.anchor])) for each in faults.shifted),
+        faults=find_faults(framed, known_m[heard], heard),
     )
 
 
