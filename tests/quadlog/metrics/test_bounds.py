@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import BadCondition, ExitCode, UnknownMetric, UsageError
-from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.conditions import OPERATORS, Condition, parse_condition
+from quadlog.metrics.catalogue import CATALOGUE, OPERATORS, Condition, parse_condition
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 spaces = st.text(" \t", max_size=3)
