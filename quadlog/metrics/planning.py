@@ -140,7 +140,8 @@ def compare_planners(
     """
     assert counted in COUNTS, counted
     source, planners, columns = _by_planner(table)
-    paired, episode = columns["found"].astype(bool).all(axis=0), columns["episode"][0]
+    paired: Bool = np.logical_and.reduce(columns["found"], axis=0, dtype=np.bool_)
+    episode = columns["episode"][0]
 
     def spending(column: str) -> Spending:
         return Spending(

@@ -154,8 +154,8 @@ class _Pairing:
         partner_m = self.partner_m(offset_s)
         known = np.isfinite(partner_m).all(axis=1)
         sample_m, partner_m = (each[known] - each[known].mean(axis=0) for each in (self.sample_m, partner_m))
-        spreads_m2 = (np.mean(np.sum(each**2, axis=1), keepdims=True) for each in (sample_m, partner_m))
-        return float(aligned_square_m2(*spreads_m2, (sample_m.T @ partner_m / len(sample_m))[None])[0])
+        spread_m2, other_m2 = (np.mean(np.sum(each**2, axis=1), keepdims=True) for each in (sample_m, partner_m))
+        return float(aligned_square_m2(spread_m2, other_m2, (sample_m.T @ partner_m / len(sample_m))[None])[0])
 
 
 def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
