@@ -54,7 +54,7 @@ def command(
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:
-            outcome = replay_alone(batch[0], progress)
+            outcome = replay_alone(batch[0].request, progress)
         else:
             outcome = replay_batch(batch, jobs or cores(), scheduler, progress)
     if as_json:

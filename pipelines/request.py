@@ -43,7 +43,7 @@ class ReplayOptions:
 class ReplayRequest:
     """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
 
-    draws: whether the run gets a page. plots: whether also pictures in plots/.
+    draws: whether the run gets a page, and derived.mcap with its layout. plots: whether also pictures in plots/.
     """
 
     recording: Path

@@ -14,9 +14,9 @@ from quadlog.config.schema import Config
 from quadlog.errors import InvalidConfigValue, KnownAnchorsContradict, MissingInput, TooLarge
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.log import Log, LogData, open_log, read_log, tell_recording
 from quadlog.pipelines.request import ReplayOptions
+from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.log import Log, LogData, open_log, read_log, tell_recording
 from quadlog.pipelines.stages.positions.check_anchors import HEIGHT_STD_M, PRIORS, fault_warnings
 from quadlog.pipelines.stages.positions.position import robot_track
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors

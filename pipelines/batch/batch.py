@@ -71,11 +71,11 @@ class BatchOutcome:
         return lines if left <= 0 else [*lines, f"  and {left} more, which {table} lists with their reasons"]
 
 
-def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
+def replay_alone(request: ReplayRequest, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
-    outcome = replay(planned.request, progress)
-    summarise(planned.request.run.parent, progress)
-    _trim([planned], [outcome])
+    outcome = replay(request, progress)
+    summarise(request.run.parent, progress)
+    _trim([request], [outcome])
     return BatchOutcome((outcome,))
 
 
@@ -94,18 +94,18 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
             summarise(folder, progress)
         except errors.QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
-    _trim(batch, outcomes)
+    _trim([each.request for each in batch], outcomes)
     return BatchOutcome(outcomes)
 
 
-def _trim(batch: Sequence[Planned], outcomes: Sequence[ReplayOutcome]) -> None:
+def _trim(requests: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome]) -> None:
     """Remove results that no run has, but for those of replays that failed, with which `--resume` goes on."""
     kept: set[str] = set()
-    for each, outcome in zip(batch, outcomes, strict=True):
+    for request, outcome in zip(requests, outcomes, strict=True):
         if outcome.failed:
             with suppress(errors.QuadlogError, OSError):  # the recording cannot be read: there are no results of it
-                kept |= {*planned_keys(each.request).values()}
-    for folder in {each.request.run.parent for each in batch}:
+                kept |= {*planned_keys(request).values()}
+    for folder in {each.run.parent for each in requests}:
         if isinstance(folder, Path):
             Store(folder).trim(kept)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadlog.config.control import DisturbancesConfig, MpcConfig, Pursuit, Simulation, Wbc
+from quadlog.config.control import DisturbancesConfig, Simulation
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
 from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
@@ -55,19 +55,9 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
         turning_share=config.mpc.turning_share,
-        mpc=mpc_settings(config.mpc),
-        wbc=replace(wbc_settings(config.wbc), torque_limit_nm=robot.torque_limit_nm),
+        mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
+        wbc=WbcSettings(torque_limit_nm=robot.torque_limit_nm, **config.wbc.model_dump()),
     )
-
-
-def mpc_settings(mpc: MpcConfig) -> MpcSettings:
-    """[mpc]."""
-    return MpcSettings(**mpc.model_dump(exclude={"every_s", "turning_share"}))
-
-
-def wbc_settings(wbc: Wbc) -> WbcSettings:
-    """[wbc]."""
-    return WbcSettings(**wbc.model_dump())
 
 
 def disturbance_settings(disturbances: DisturbancesConfig) -> DisturbanceSettings:
@@ -75,19 +65,14 @@ def disturbance_settings(disturbances: DisturbancesConfig) -> DisturbanceSetting
     return DisturbanceSettings(**disturbances.model_dump())
 
 
-def fuzzy_settings(pursuit: Pursuit) -> FuzzySettings:
-    """[pursuit.fuzzy], about [pursuit] lookahead_m."""
-    fuzzy = pursuit.fuzzy.model_dump()
-    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
-    return FuzzySettings(l0_m=pursuit.lookahead_m, **lambdas, **fuzzy)
-
-
 def lookahead_control(config: Config) -> LookaheadControl:
     """The controller's. A new one for every walk: it remembers its last error."""
-    parts = config.simulation.parts
-    if parts is not None and parts.fuzzy:
-        return FuzzyLookahead(fuzzy_settings(config.pursuit))
-    return FixedLookahead(config.pursuit.lookahead_m)
+    parts, l0_m = config.simulation.parts, config.pursuit.lookahead_m
+    if parts is None or not parts.fuzzy:
+        return FixedLookahead(l0_m)
+    fuzzy = config.pursuit.fuzzy.model_dump()
+    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
+    return FuzzyLookahead(FuzzySettings(l0_m=l0_m, **lambdas, **fuzzy))
 
 
 def check_rate(rate_hz: float) -> None:

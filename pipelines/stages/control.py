@@ -15,10 +15,10 @@ from quadlog.mapping.grid import crop, window_at
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages import plan as planning
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.replan import Replanner

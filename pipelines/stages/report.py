@@ -15,10 +15,10 @@ from quadlog.metrics.walking import effort_metrics
 from quadlog.pipelines.evaluation.body import compare_bodies, known_body, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
-from quadlog.pipelines.log import Log
 from quadlog.pipelines.replay import StageResults
 from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.simulation.courses import walkable_ground
+from quadlog.pipelines.stages.log import Log
 from quadlog.pipelines.stages.positions.uwb import with_anchors
 from quadlog.pipelines.store import Doing, run_key
 from quadlog.planning.registry import planner_plugin, planner_type
@@ -75,7 +75,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
         run.write("metrics", saved_metrics(metrics))
         journal.progress.advance()
         results = Run(folder, _record(done))
-        if done.tracks is not None:
+        if request.draws and done.tracks is not None:
             write_derived(results)
             write_layout(results)
         journal.progress.advance()

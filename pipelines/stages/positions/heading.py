@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
-from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
@@ -28,7 +28,7 @@ from quadlog.positioning.motion import Track
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
 
 COURSE_ONLY = "heading is the direction of travel"
 UNCERTAIN_HEADING_RAD = np.radians(5.0)

@@ -9,14 +9,14 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.messages import JointSeries
-from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 from quadlog.positioning.leg_odometry import better_foot_order
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"

@@ -18,7 +18,7 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.info import write_new
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing
-from quadlog.pipelines.simulate import SimulateRequest, simulate
+from quadlog.pipelines.simulation.simulate import SimulateRequest, simulate
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
 from quadlog.simulation.robot import trot
 from tests.pipelines.conftest import fixture_request
@@ -58,7 +58,7 @@ class Maker(NamedTuple):
     late: str
 
 
-WALK_PAGE = "quadlog.pipelines.simulate.write_run_page"
+WALK_PAGE = "quadlog.pipelines.simulation.simulate.write_run_page"
 MAKERS = {
     "replay": Maker(replayed, "quadlog.pipelines.stages.report.saved_metrics"),
     "simulate": Maker(simulated, WALK_PAGE),

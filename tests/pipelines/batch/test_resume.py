@@ -86,7 +86,9 @@ def test_a_longer_run_goes_on_where_a_shorter_one_ended(until, then, count, fres
 )
 def test_a_recording_is_not_read_for_stages_that_need_nothing_of_it(sets, fresh, monkeypatch, tmp_path):
     replay(ask(tmp_path / "run", *sets, until="map"), Silent())
-    monkeypatch.setattr("quadlog.pipelines.log.read_log", Mock(side_effect=AssertionError("the recording is read")))
+    monkeypatch.setattr(
+        "quadlog.pipelines.stages.log.read_log", Mock(side_effect=AssertionError("the recording is read"))
+    )
     outcome, reused = resumed(ask(tmp_path / "run", *sets, until="control"))
     assert reused == ALL[:3]
     monkeypatch.undo()

@@ -21,10 +21,10 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.config.version import package_versions
 from quadlog.pipelines import store as module
-from quadlog.pipelines.log import ingest
 from quadlog.pipelines.replay import planned_keys
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.control import resimulate
+from quadlog.pipelines.stages.log import ingest
 from quadlog.pipelines.stages.maps import filter_and_map
 from quadlog.pipelines.stages.plan import replan
 from quadlog.pipelines.stages.positions.position import locate

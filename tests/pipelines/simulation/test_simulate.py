@@ -12,9 +12,9 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import InvalidConfigValue, TooLarge, TooSteep, UnknownName, UnreadableFile, UsageError
+from quadlog.pipelines.evaluation.reports import rebuild_reports
 from quadlog.pipelines.executor.progress import Kept, Silent
-from quadlog.pipelines.report import rebuild_reports
-from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
+from quadlog.pipelines.simulation.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation.walk import CURVES, plan_trot, trot_metrics, trot_once
 from quadlog.results.arrays import read_arrays
 from quadlog.results.record import read_metrics
