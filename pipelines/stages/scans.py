@@ -93,11 +93,8 @@ class Scanner:
 
     def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
         """The next cloud."""
-        started, ends_ns = time.perf_counter(), (0, 0)
-        if cloud.times is not None and len(cloud.times):
-            found_ns = cloud.times.first_ns, cloud.times.last_ns
-            ends_ns = found_ns if max(map(abs, found_ns)) <= MAX_OFFSET_NS else ends_ns  # else implausible
-        rotations, not_levelled = _upright(t_ns + np.array(ends_ns, np.int64), self._up)
+        started = time.perf_counter()
+        rotations, not_levelled = _upright(t_ns + np.array(_sweep(cloud), np.int64), self._up)
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
@@ -229,6 +226,14 @@ def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
         ground_cell_m=config.results.ground_cell_m,
         counts=grid.min_points > 1,
     )
+
+
+def _sweep(cloud: PointCloud) -> tuple[int, int]:
+    """Times of the first and last point relative to the stamp; 0 if they are implausible."""
+    if cloud.times is None or len(cloud.times) == 0:
+        return 0, 0
+    first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
+    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
 
 
 def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
