@@ -120,7 +120,7 @@ class Doing:
             self.reused += tuple(name for name in stage.names if name != "ingest")
         kept = self._store.get(key, partial(self._fill, stage, inputs), self._run)
         self.keys |= dict.fromkeys(stage.names, key)
-        self.journal.add(Journal.from_json(kept["journal"]))
+        self.journal.add(kept["journal"])
         # From the run: another process may remove results that no finished run has.
         return Keyed(key, partial(stage.load, self._run, kept["state"]))
 

@@ -167,17 +167,10 @@ def sweep(
     return rows, BatchOutcome(tuple(replace(outcome, recording=Path(each.name)) for each, outcome in named))
 
 
-def _request_of(request: SweepRequest, combination: Combination) -> ReplayRequest:
-    return ReplayRequest(
-        recording=request.recording,
-        run=request.output / combination.name,
-        config=combination.configured.config,
-        options=replace(request.options, seed=combination.seed),
-        existing=request.existing,
-        command=request.command,
-        notes=combination.configured.notes,
-        draws=False,
-    )
+def _request_of(request: SweepRequest, each: Combination) -> ReplayRequest:
+    (config, notes), options = each.configured, replace(request.options, seed=each.seed)
+    how = request.existing, request.command, notes
+    return ReplayRequest(request.recording, request.output / each.name, config, options, *how, draws=False)
 
 
 def _check_output(request: SweepRequest, batch: Sequence[Planned]) -> None:

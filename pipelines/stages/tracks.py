@@ -67,7 +67,8 @@ class RobotTrack:
             spread = {f"cov_{name}_m2": self.covariance_m2[:, *at] for name, at in axes.items()}
             instants = {"t_ns": self.t_ns, "yaw_std_rad": self.yaw_std_rad}
             write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], instants | spread)
-        write_tum(folder / "trajectory.tum", self.t_ns, *self.xy_m.T, self.yaw_rad, self.z_m, self.tilt_rad)
+        x_m, y_m = self.xy_m.T
+        write_tum(folder / "trajectory.tum", self.t_ns, x_m, y_m, self.yaw_rad, self.z_m, self.tilt_rad)
 
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""

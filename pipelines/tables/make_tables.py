@@ -35,7 +35,7 @@ def measure_tables(
     """
     progress.begin("walks", sum(len(table.study.points) for table in tables.values()))
     # The walks of the last tables take longest, and would leave cores idle at the end.
-    futures = {name: tables[name].study.submit(executor) for name in reversed(tables)}
+    futures = {name: tables[name].study.submit(executor) for name in reversed([*tables])}
     for name, table in tables.items():
         figures = []
         for future in futures[name]:
