@@ -143,7 +143,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
         """Finishes the second recording, asked for less, while the first one is replayed."""
 
         def expect(self, tally):
-            replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1].request, Silent())
+            replay_alone(planned(tmp_path / "runs", "walk.bag", "walk.db3")[1], Silent())
 
     batch = planned(tmp_path / "runs", "walk.bag", "walk.db3", until="position")
     outcome = replay_batch(batch, 1, None, Racing([].append))
@@ -154,7 +154,7 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
 
 def test_somebody_elses_report_and_folder_are_left_alone(planned, tmp_path):
     (tmp_path / "report.html").write_text("my thesis")
-    assert replay_alone(planned(tmp_path, "walk.bag")[0].request, kept := Kept()).exit_code == 0
+    assert replay_alone(planned(tmp_path, "walk.bag")[0], kept := Kept()).exit_code == 0
     assert ((tmp_path / "report.html").read_text(), (tmp_path / "summary.parquet").exists()) == ("my thesis", False)
     assert any("is left alone" in line for line in kept.lines)
     thesis = tmp_path / "runs" / "walk" / "thesis.tex"
@@ -178,7 +178,7 @@ def test_a_recording_whose_worker_is_killed_twice_fails_and_is_resumed(planned, 
     assert outcome.runs[0].reason.startswith("its worker was killed, and so was the next one, ")
     assert outcome.runs[0].reason.endswith(" MB at its peak; out of memory is the usual cause; --resume goes on")
     again = planned(tmp_path / "runs", "walk.bag", until="position", existing=Existing.RESUME)
-    assert replay_alone(again[0].request, Silent()).exit_code == 0
+    assert replay_alone(again[0], Silent()).exit_code == 0
     assert results_of(tmp_path / "runs" / "walk") == results_of(replayed_season / "walk.bag")
     assert not list((tmp_path / "runs").rglob("*.part"))
 

@@ -237,6 +237,6 @@ def test_a_cluster_gives_the_same_bytes_also_when_a_worker_is_killed(
 
 def test_a_recording_that_a_worker_does_not_see_is_named_with_the_worker(planned, scheduler, tmp_path):
     (only,) = planned(tmp_path / "runs", "walk.bag")
-    only = replace(only, request=replace(only.request, recording=Path("/nowhere/walk.bag")))
+    only = replace(only, recording=Path("/nowhere/walk.bag"))
     outcome = replay_batch([only], 1, scheduler, Watching())
     assert outcome.runs[0].reason.startswith("no such file or folder (on tcp://127.0.0.1")
