@@ -75,7 +75,7 @@ def replay_alone(request: ReplayRequest, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
     outcome = replay(request, progress)
     summarise(request.run.parent, progress)
-    _trim([request], [outcome])
+    trim_stores([request], [outcome])
     return BatchOutcome((outcome,))
 
 
@@ -96,11 +96,11 @@ def replay_batch(
             summarise(folder, progress)
         except errors.QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
-    _trim(batch, outcomes)
+    trim_stores(batch, outcomes)
     return BatchOutcome(outcomes)
 
 
-def _trim(batch: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome]) -> None:
+def trim_stores(batch: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome]) -> None:
     """Remove results that no run has, but for those of replays that failed, with which `--resume` goes on."""
     kept: set[str] = set()
     for request, outcome in zip(batch, outcomes, strict=True):

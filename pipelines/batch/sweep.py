@@ -15,12 +15,12 @@ from typing import Any
 
 from quadlog.config.file import Configured, configure
 from quadlog.errors import AlreadyExists, CannotWrite, InvalidConfigValue, RunExists, UsageError
-from quadlog.pipelines.batch.batch import BatchOutcome, replay_all
+from quadlog.pipelines.batch.batch import BatchOutcome, replay_all, trim_stores
 from quadlog.pipelines.batch.plan import existing_runs
 from quadlog.pipelines.executor.progress import BatchLines
 from quadlog.pipelines.replay import planned_keys, refuse_another
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.store import Store
+from quadlog.pipelines.store import Store, log_key
 from quadlog.results.find_runs import run_name
 from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.studies.sweep import PAGE, TABLE, SweepRow, write_sweep_table
@@ -147,9 +147,9 @@ def sweep(
     """
     batch = [_request_of(request, each) for each in request.grid]
     _check_output(request, batch)
-    keys = {key for each in batch for key in planned_keys(each).values()}
+    log_key(request.recording, request.options)  # raises RecordingNotFound
     if request.existing is Existing.FORCE:
-        Store(request.output).forget(keys)
+        Store(request.output).forget(key for each in batch for key in planned_keys(each).values())
         batch = [replace(each, existing=Existing.REPLACE) for each in batch]
     outcomes = replay_all(batch, jobs, scheduler, progress, repeats=False)
     rows = []
@@ -157,7 +157,7 @@ def sweep(
         metrics = {name: float(metric["value"]) for name, metric in outcome.metrics.items()}
         exit_code, reason = int(outcome.exit_code), outcome.reason
         rows.append(SweepRow(each.values, each.seed, each.name, exit_code, reason, metrics))
-    Store(request.output).trim(keys)
+    trim_stores(batch, outcomes)
     with new_folder(request.output):  # not there where every run failed before its folder
         write_sweep_table(request.output, rows)
         write_sweep_page(request.output)
