@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -69,6 +70,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     """Write what the stages that ran allow, `run.json` last. Returns the metrics as saved."""
     journal, request = done.journal, done.request
     journal.progress.begin("report", 4)
+    gc.freeze()  # a replay holds much that drawing need not search for garbage again and again
     with journal.clock.stage("report"):
         run = Run.create(folder, _record(done))
         metrics = _metrics(folder, done)
@@ -90,6 +92,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     if request.draws:
         write_run_page(Run(folder, _record(done)), drawings)
     journal.progress.advance()
+    gc.unfreeze()
     run.finish(_record(done))
     return saved_metrics(metrics)
 

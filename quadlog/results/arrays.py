@@ -293,7 +293,8 @@ class MapSequence:
             last_row, last_column = (row + self.shape[0] - 1) // coarse, (column + self.shape[1] - 1) // coarse
             covered[row // coarse : last_row + 1, column // coarse : last_column + 1] += 1
             at_row, at_column = np.nonzero(self.occupied(index))
-            occupied.flat[np.unique((at_row + row) // coarse * size[1] + (at_column + column) // coarse)] += 1
+            places = (at_row + row) // coarse * size[1] + (at_column + column) // coarse
+            occupied.flat[places if coarse == 1 else np.unique(places)] += 1
         share = np.where(covered > 0, occupied / np.maximum(covered, 1), np.nan)
         return Occupancy(share, self.origin_m[sane].min(axis=0), self.cell_m * coarse)
 

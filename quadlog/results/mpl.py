@@ -108,7 +108,7 @@ def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -
         axes.set_ylim(bottom=0)
     if panel.log:
         _set_log(axes, "x" if panel.rows else "y")
-    axes.set_title(panel.what, loc="left", pad=title_pad)
+    axes.set_title(panel.what, loc="left", pad=title_pad, y=1.0)  # a given y spares matplotlib a search
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)

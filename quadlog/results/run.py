@@ -84,6 +84,7 @@ class Run:
         self.record = read_record(self.path) if record is None else record
         self.notes: list[str] = []
         self._tables: dict[str, DataFrame | None] = {}
+        self._trajectories: dict[str, PoseSeries | None] = {}
         self._remote: RemotePath | None = None
 
     @classmethod
@@ -171,7 +172,9 @@ class Run:
 
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""
-        return read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
+        if name not in self._trajectories:
+            self._trajectories[name] = read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
+        return self._trajectories[name]
 
     @cached_property
     def maps(self) -> MapSequence | None:
@@ -199,9 +202,6 @@ class Run:
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) in seconds since the start of the run."""
         return seconds_since(t_ns, self.start_ns)
-
-    def __repr__(self) -> str:
-        return f"<quadlog run {self.path}>"
 
 
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:

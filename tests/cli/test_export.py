@@ -26,7 +26,7 @@ def test_without_an_output_the_result_is_named_after_the_run(follow, tmp_path, m
     listed = ok("export", follow, "--to", to).splitlines()
     assert listed
     assert all(Path(line).is_file() for line in listed)
-    assert [path.name for path in tmp_path.iterdir()] == [f"follow-{EXPORTERS[to].suffix}"]
+    assert [path.name for path in tmp_path.iterdir()] == [f"follow-{EXPORTERS[to][1]}"]
     assert "--force" in refused(1, "export", follow, "--to", to)
     ok("export", follow, "--to", to, "--force")
 
