@@ -141,13 +141,10 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
             panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
             pack.add(f"answers-{number}", panels, group)
             charts.append(blocks.Drawn(f"answers-{number}", f"Each {sample.step}", caption))
-        cells = next(iter(answers.values()))
-        hardest = int(np.nanargmax(cells[names[0]])) + 1
+        hardest = int(np.nanargmax(next(iter(answers.values()))[names[0]])) + 1
         scene = blocks.Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-        view = [
-            blocks.Beside(scene, charts) if charts else scene,
-            *([blocks.Text(caption)] if sample.stride > 1 else []),
-        ]
+        view = [blocks.Beside(scene, charts) if charts else scene]
+        view += [blocks.Text(caption)] if sample.stride > 1 else []
     return [*(view or charts), planner_table(comparison, number)]
 
 
