@@ -34,8 +34,9 @@ def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tin
     assert run.path not in complete_folders(0.0)
     with pytest.raises(NotARun, match="is an unfinished run"):
         load_run(run.path)
-    with pytest.raises(AlreadyExists):
+    with pytest.raises(AlreadyExists, match=r"--force.*--resume"):
         check_place(run.path)
+    check_place(run.path, replace=True)
     run.finish(tiny_record)
     assert load_run(run.path).record.to_dict() == tiny_record.to_dict()
     assert complete_folders(0.0)[-1] == run.path
@@ -51,13 +52,6 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path: Path, name: str, 
     assert sorted([each.name for each in tmp_path.iterdir()]) == sorted([".quadlog-1-0.part", name])
     with pytest.raises(CannotWrite, match=r"Not a directory|File exists"):
         new_run(tmp_path / name / "deeper").__enter__()
-
-
-def test_a_run_of_another_format_can_be_replaced(tiny_run: Path) -> None:
-    (tiny_run / "run.json").write_text('{"run_format": 2, "quadlog_version": "9"}')
-    with pytest.raises(AlreadyExists, match=r"--force.*--resume"):
-        check_place(tiny_run)
-    check_place(tiny_run, replace=True)
 
 
 @pytest.mark.parametrize("names", [[], ["failed.json"]])
