@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
@@ -168,7 +167,7 @@ def _record(done: Finished) -> RunRecord:
         recorded_s=done.recorded_s,
         topics=_topics(done),
         counts=dict(journal.counts),
-        losses=[LossRecord(**asdict(loss)) for loss in journal.losses],
+        losses=list(journal.losses),
         warnings=journal.warnings,
         notes=[*request.notes, *journal.notes],
         stages=[

@@ -38,9 +38,7 @@ from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_n
 from quadlog.storage.atomic_write import (
     check_name,
     is_part,
-    move_folder,
     new_folder,
-    note_complete,
     part_folder,
     uninterrupted,
     write_whole,
@@ -114,7 +112,6 @@ class Run:
     def finish(self, record: RunRecord) -> None:
         """Mark the run as complete by its record, the last file. Raises CannotWrite."""
         write_record(self.path, record, finished=True)
-        note_complete(self.path / "run.json")
         self.record = record
 
     def has(self, name: str) -> bool:
@@ -232,7 +229,7 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
                 with uninterrupted():
                     new = path.parent / STORE / f"{_NEW}{path.name}"
                     shutil.rmtree(new, ignore_errors=True)
-                    move_folder(part, new)
+                    part.rename(new)
                     settle(path)
             except OSError as error:
                 raise CannotWrite(path, error.strerror or str(error)) from error
@@ -271,8 +268,8 @@ def settle(path: Path) -> None:
     try:
         if new.is_dir():
             if path.is_dir() and not old.exists():
-                move_folder(path, old)
-            move_folder(new, path)
+                path.rename(old)
+            new.rename(path)
         if old.is_dir() and path.is_dir():
             for entry in [*old.glob("plots/*"), *old.iterdir()]:
                 name = entry.relative_to(old)
@@ -283,6 +280,6 @@ def settle(path: Path) -> None:
                     entry.rename(path / name)
             shutil.rmtree(old, ignore_errors=True)
         elif old.is_dir():
-            move_folder(old, path)
+            old.rename(path)
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error

@@ -12,10 +12,7 @@ import time
 
 import pytest
 
-from quadlog.cli.main import run
-from quadlog.results.page import planners as comparison_page
 from quadlog.results.record import is_finished
-from quadlog.results.studies import planners as comparison_text
 from tests.cli.conftest import FOLLOW
 
 # They would take hours.
@@ -93,15 +90,3 @@ def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path
     assert not [*(tmp_path / "runs").rglob("*.part"), *(tmp_path / "runs").rglob("run.json")]
     monkeypatch.chdir(tmp_path)
     ok(*two, "--jobs", "1", "--until", "ingest", "--resume")
-
-
-def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.chdir(tmp_path)
-    assert comparison_page.format_rows is comparison_text.format_rows  # imported before it is replaced
-    monkeypatch.setattr(comparison_text, "format_rows", interrupted)  # what is printed on stdout in the end
-    assert run(SHORT["compare-planners"].split()) == 1
-    assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
-    assert (tmp_path / "out" / "report.html").is_file()

@@ -15,9 +15,10 @@ from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.config.schema import Config
+from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import InputRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -67,7 +68,7 @@ def tiny_record() -> RunRecord:
         recorded_s=4.0,
         topics=[TopicRecord(role="lidar", topic="/points", messages=40, why="the only point cloud", type=CLOUD)],
         counts={"scans": 40, "scans_without_pose": 0},
-        losses=[LossRecord(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
+        losses=[Loss(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
         warnings=["no heading source: yaw is the course"],
         stages=[
             StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0),

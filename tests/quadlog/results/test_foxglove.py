@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.errors import NotARun
+from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import load_maps, write_arrays
 from quadlog.results.foxglove import PLOTTED, RESIDUAL, write_derived, write_layout
-from quadlog.results.record import LossRecord, RunRecord
+from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, read_table, write_table
 from tests.quadlog.results.conftest import decode_mcap
@@ -133,7 +134,7 @@ def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_reco
     words = ["Γειά \U0001f415 \x00\n</script>", "half a pair: \ud800"]
     changed = {
         "config": Config.model_validate({"lidar": {"mount": mount}}),
-        "losses": [LossRecord(cause="crc", detail=words[0])],
+        "losses": [Loss(cause="crc", detail=words[0])],
         "warnings": [words[1]],
     }
     found = decode_mcap(write_derived(Run(tiny_run, tiny_record.model_copy(update=changed)), tmp_path / "a.mcap"))

@@ -12,8 +12,15 @@ import pytest
 from PIL import Image
 
 from quadlog.results.page.blocks import render
-from quadlog.results.page.papers import papers_page
-from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict, prepare_folder, write_table
+from quadlog.results.studies.papers import (
+    PaperRow,
+    PaperTable,
+    RowGroup,
+    Verdict,
+    papers_page,
+    prepare_folder,
+    write_table,
+)
 
 YES, NO, OPEN, OTHER = Verdict.YES, Verdict.NO, Verdict.UNDECIDED, Verdict.NOT_COMPARABLE
 HOSTILE = "</td><script>alert(1)</script>"
