@@ -56,7 +56,7 @@ def render(
     with rc_context({**_STYLE, **sizes}):
         scale = width_in / WIDTH_IN, point_size / POINT_SIZE
         made = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
-        picture, content = made(drawing, *scale), io.BytesIO()  # type: ignore[operator]
+        picture, content = made(drawing, *scale), io.BytesIO()  # type: ignore[arg-type]
         picture.savefig(content, format=to, dpi=150, metadata=_NO_DATE[to])
     return content.getvalue()
 
@@ -96,8 +96,8 @@ def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -
         if panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s:
             # The band from the least to the largest value in each period of x.
             starts = np.flatnonzero(np.diff(np.floor(series.x / panel.period_s), prepend=-np.inf))
-            low, high = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
-            series = replace(series, x=series.x[starts], y=low, upper=high, style="band")
+            least, most = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
+            series = replace(series, x=series.x[starts], y=least, upper=most, style="band")
         _draw_series(axes, series, bool(panel.rows))
     for x in panel.marks.tolist():
         axes.axvline(x, color=view.COLORS["soft"], linewidth=0.6, linestyle=":")

@@ -97,7 +97,7 @@ def test_no_help_imports_anything_heavy():
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
+def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name, refused):
     command = command_of(name)
     assert command.name == name
     assert not command.get_short_help_str(56).endswith("..."), "its first sentence fits the list of commands"
@@ -110,6 +110,8 @@ def test_help_fits_a_screen_and_ends_with_examples_that_the_command_takes(name):
         program, typed, *arguments = shlex.split(example)
         assert (program, typed) == ("quadlog", name)
         assert command.make_context(name, arguments).params
+    if any(each.required for each in command.params):
+        refused(2, name)
 
 
 @pytest.mark.parametrize("line", READS.values(), ids=READS)
@@ -175,13 +177,6 @@ def test_versions_are_quadlogs_and_those_of_its_packages_and_plugins(install, ok
     told = dict(line.split() for line in rest[:-3])
     assert told["python"] == sys.version.split()[0]
     assert {name: told[name] for name in BUILT_ON} == {name: version(name) for name in BUILT_ON}
-
-
-def test_unknown_commands_and_missing_arguments_are_usage(refused):
-    assert "replya" in refused(2, "replya")
-    for name in COMMANDS:
-        if any(each.required for each in command_of(name).params):
-            refused(2, name)
 
 
 def test_standard_streams_that_the_shell_closed_are_no_bug():

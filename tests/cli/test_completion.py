@@ -5,13 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from typing import get_args
 
 import pytest
 from click.shell_completion import BashComplete
 
 from quadlog.cli.main import COMMANDS, cli
-from quadlog.config.control import Simulation
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.results import STAGES
@@ -31,7 +29,6 @@ def completed(typed):
         ("", COMMANDS),
         ("replay --until ", STAGES),
         ("replay --planner ", PLANNER_NAMES),
-        ("replay --controller ", get_args(Simulation.model_fields["controller"].annotation)),
         ("compare-planners --leader mt", ["mt_d_star_lite"]),
         ("tables planning-e", ["planning-ea"]),
     ],

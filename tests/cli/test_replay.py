@@ -56,22 +56,6 @@ def test_mistakes_name_the_remedy(tmp_path, refused, arguments, code, says):
     assert not (tmp_path / "runs" / "follow" / "run.json").exists()
 
 
-def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, quadlog, ok):
-    toml, output = tmp_path / "quadlog.toml", ["--until", "ingest", "--duration", "1", "--preset", "paper"]
-    ok("init", FOLLOW[0], "-o", toml)
-    records = []
-    for name in ("defaults", "changed"):
-        done = quadlog("replay", "--no-plots", FOLLOW[0], "-c", toml, "-o", tmp_path / name, *output)
-        assert done.code == 0
-        records.append(json.loads((tmp_path / name / "follow" / "run.json").read_text()))
-        said = [line for line in done.err.splitlines() if line.startswith("preset paper")]
-        assert [note for note in records[-1]["notes"] if note.startswith("preset paper")] == said
-        toml.write_text(toml.read_text().replace('# method = "gauss_newton"', 'method = "huber"'))
-    assert [each["config"]["uwb"]["method"] for each in records] == ["paper", "paper"]
-    assert said == [f'preset paper replaces keys of {toml}: uwb.method = "paper" instead of "huber"']
-    assert not any(note.startswith("preset") for note in records[0]["notes"])
-
-
 def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_says_what_is_left(tmp_path, two, quadlog, ok):
     out = ok("replay", *two, "--dry-run")
     assert "2 of 2 to replay, " in out.splitlines()[-1]

@@ -60,7 +60,7 @@ def test_mistakes(path, tmp_path, monkeypatch, refused, arguments, code, says):
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize("name", ["1", "true", "3cm", 'a "b" c', "'", "[x]", "./run", "../run"])
+@pytest.mark.parametrize("name", ["true", "3cm", 'a "b" c', "[x]", "../run"])
 def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeypatch):
     assert set(TERRAINS) == {"flat", *BANDS_M}
     (tmp_path / "here").mkdir()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
@@ -119,15 +118,9 @@ def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog
     assert f"{sig(low)} to {sig(high)}" in page
 
 
-def test_a_folder_of_something_else_is_left_alone_and_what_cannot_be_read_fails_in_every_row(tmp_path, quadlog):
-    out, two = tmp_path / "out", ["--set", "planner.name=astar,ia_star", "--jobs", "1"]
+def test_a_folder_of_something_else_is_left_alone(tmp_path, quadlog):
+    out = tmp_path / "out"
     out.mkdir()
     (out / "report.html").write_text("mine")
-    assert quadlog("sweep", *PLANNED, *two, "-o", out, "--force").code == 1
+    assert quadlog("sweep", *PLANNED, *GRID, "-o", out, "--force").code == 1
     assert [each.name for each in out.iterdir()] == ["report.html"]
-    (out / "report.html").unlink()
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(Path(FOLLOW[0]).read_bytes()[:3000])
-    assert quadlog("sweep", cut, *two, "-o", out).code == 1
-    rows = pq.read_table(out / "sweep.parquet").to_pylist()
-    assert [(row["exit_code"], "nothing readable" in row["reason"]) for row in rows] == [(1, True)] * 2

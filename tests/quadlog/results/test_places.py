@@ -51,18 +51,6 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path: Path, name: str, 
         new_run(tmp_path / name / "deeper").__enter__()
 
 
-@pytest.mark.parametrize("names", [[], ["failed.json"]])
-def test_a_folder_with_a_failure_alone_counts_as_absent(
-    tmp_path: Path, tiny_record: RunRecord, names: list[str]
-) -> None:
-    for name in names:
-        (tmp_path / "run").mkdir()
-        (tmp_path / "run" / name).write_text("{}")
-    with new_run(tmp_path / "run") as place:
-        Run.create(place, tiny_record).finish(tiny_record)
-    assert sorted(content(tmp_path / "run")) == ["config.toml", "run.json"]
-
-
 def interrupted(*_: object) -> None:
     raise KeyboardInterrupt
 
@@ -75,7 +63,8 @@ def replaced(run: Path, record: RunRecord) -> None:
 def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     tiny_run: Path, tmp_path: Path, tiny_record: RunRecord, left_part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("plots/ranges.png", f"plots/{left_part}", "plots/mine.svg", "notes.md", "mine/run.json"):
+    ours = ("failed.json", "plots/ranges.png", f"plots/{left_part}")
+    for name in (*ours, "plots/mine.svg", "notes.md", "mine/run.json"):
         (tiny_run / name).parent.mkdir(exist_ok=True)
         (tiny_run / name).write_bytes(b"x")
     precious = tmp_path / "precious"
