@@ -243,12 +243,12 @@ def write_layout(run: Run) -> Path:
     if ranges is not None:
         links = sorted({*zip(ranges["tag"].tolist(), ranges["anchor"].tolist(), strict=True)})
         plots["Range residuals (m)"] = [(f"tag {tag}, anchor {of}", f"{RESIDUAL}/{tag}/{of}.x") for tag, of in links]
-    axes: dict[str, Any] = {"xAxisVal": "timestamp", "showLegend": True, "legendDisplay": "floating"}
-    axes |= dict.fromkeys(("showXAxisLabels", "showYAxisLabels", "isSynced"), True)
+    shown = dict.fromkeys(("showXAxisLabels", "showYAxisLabels", "isSynced", "showLegend"), True)
+    axes = {"xAxisVal": "timestamp", **shown, "legendDisplay": "floating"}
     curve = {"enabled": True, "timestampMethod": "receiveTime"}
     for number, (title, curves) in enumerate(plots.items()):
-        shown = [{"label": of, "value": at, "color": COLORS[look(k)["color"]]} for k, (of, at) in enumerate(curves)]
-        panels[f"Plot!{number}"] = {"foxglovePanelTitle": title, "paths": [of | curve for of in shown], **axes}
+        named = [{"value": at, "label": of, "color": COLORS[look(k)["color"]]} for k, (of, at) in enumerate(curves)]
+        panels[f"Plot!{number}"] = {"foxglovePanelTitle": title, "paths": [of | curve for of in named], **axes}
     scene, column, *others = panels
     for number, plot in enumerate(others, start=2):
         column = {"direction": "column", "first": plot, "second": column, "splitPercentage": 100 / number}
