@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any, cast
@@ -201,11 +201,9 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
 
 def is_finished(run: Path) -> bool:
     """Whether the run in a folder is complete and can be read."""
-    try:
-        read_record(run)
-    except (NotARun, UnknownRunFormat):
-        return False
-    return True
+    with suppress(NotARun, UnknownRunFormat):
+        return bool(read_record(run))
+    return False
 
 
 def write_record(run: Path, record: RunRecord, *, finished: bool) -> None:

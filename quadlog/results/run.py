@@ -26,23 +26,9 @@ from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
 from quadlog.results.find_runs import OWN_FILES, fetch, fetch_runs, is_absent
-from quadlog.results.record import (
-    RunRecord,
-    SavedMetric,
-    read_metrics,
-    read_record,
-    to_json,
-    write_record,
-)
+from quadlog.results.record import RunRecord, SavedMetric, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import (
-    check_name,
-    is_part,
-    new_folder,
-    part_folder,
-    uninterrupted,
-    write_whole,
-)
+from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 

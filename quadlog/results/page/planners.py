@@ -259,8 +259,6 @@ def _interval(row: PlannerRow) -> Interval | None:
 
 def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
-    found: dict[str, State] = {}
-    for row in comparison.rows:
-        low, high = (row.planner != comparison.baseline and _interval(row)) or (1.0, 1.0)
-        found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
-    return found
+    others = {row.planner: _interval(row) if row.planner != comparison.baseline else None for row in comparison.rows}
+    ends = {name: interval or (1.0, 1.0) for name, interval in others.items()}
+    return {name: "good" if low > 1 else "bad" if high < 1 else "" for name, (low, high) in ends.items()}

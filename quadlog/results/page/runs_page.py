@@ -219,9 +219,7 @@ def compared_metrics(compared: Compared) -> Table:
 def _difference_text(name: str, paired: PairedDifference) -> str:
     if paired.same:
         return "the same"
-    unit = CATALOGUE[name].unit
-    sign = "+" if paired.difference > 0 else ""
-    text = f"{sign}{value_text(name, paired.difference, unit, 2)}"
+    text = "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
     return text if paired.interval is None else f"{text} [{sig(paired.interval[0], 2)}, {sig(paired.interval[1], 2)}]"
 
 
@@ -291,11 +289,8 @@ def write_sweep_page(folder: Path) -> Path:
     """report.html of a sweep, from its sweep.parquet. Raises NotARun, CannotWrite."""
     rows = read_sweep_table(folder)
     summary = summarise_sweep(rows)
-    findings = [
-        Sentence("Best", f"{label_of(name)}: {summary.settings[summary.best[name]].label}, beyond chance.", "good")
-        for name in summary.varying
-        if name in summary.best
-    ]
+    best = {name: summary.settings[summary.best[name]].label for name in summary.varying if name in summary.best}
+    findings = [Sentence("Best", f"{label_of(name)}: {of}, beyond chance.", "good") for name, of in best.items()]
     listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
     title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
     settings = blocks.Section("Settings", [_settings_values(summary), *map(blocks.Text, summary.notes())])

@@ -185,11 +185,8 @@ def csv_text(table: PaperTable) -> str:
 def latex_text(table: PaperTable) -> str:
     """A table of each group, without the notes."""
     fast = " (fast run)" if table.fast else ""
-    groups = [
-        TitledTable(f"{table.title}: {group.title}{fast}", SHOWN, [shown_cells(row) for row in group.rows])
-        for group in table.groups
-    ]
-    return print_tables(groups, "latex", [table.command])
+    titled = ((f"{table.title}: {of.title}{fast}", [*map(shown_cells, of.rows)]) for of in table.groups)
+    return print_tables([TitledTable(title, SHOWN, rows) for title, rows in titled], "latex", [table.command])
 
 
 def shown_cells(row: PaperRow) -> tuple[str, ...]:
