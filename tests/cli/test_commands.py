@@ -52,14 +52,8 @@ WRITES = {
     "synthesize --config-output": "synthesize follow -o new.mcap --config-output OUT",
     "report": "report RUN OTHER --side-by-side -o OUT",
 }
-WRITES_LOCALLY = [
-    "init LOG -o URL",
-    "report URL",
-    "simulate circle -o URL",
-    "synthesize follow -o URL",
-    "tables -o URL",
-]
-WRITES_LOCALLY += ["export RUN --to tum -o URL"]
+WRITES_LOCALLY = ["init LOG -o URL", "report URL", "simulate circle -o URL", "tables -o URL"]
+WRITES_LOCALLY += ["synthesize follow -o URL", "export RUN --to tum -o URL"]
 
 
 @pytest.fixture

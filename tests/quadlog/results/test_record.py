@@ -38,15 +38,13 @@ LONG = "x\n" * 5000
 DAMAGE: list[dict[str, Any]] = [
     *({"config": each} for each in (3, None, [[1] * 1000], {LONG: 1}, {"planner": {"name": LONG}})),
     *({"config": {"uwb": {"anchors": [[[each] * 99]]}}} for each in (1, "x", None)),
-    *({"counts": each} for each in ({LONG: "x"}, {"scans": 1.5}, [1])),
-    *({"input": each} for each in (None, [], {}, {"path": 3, "size_bytes": 1}, {"size_bytes": 1})),
+    *({"counts": {LONG: "x"}}, {"input": {"path": 3, "size_bytes": 1}}, {"input": {"size_bytes": 1}}),
     *({"seed": LONG}, {"command": LONG}, {"losses": [LONG]}),
 ]
 BYTES = (b"", b"{", b"{}", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"config":' * 9000)
 NUMBERS = ("1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", "Infinity", "NaN")
 SOUND = {"value": 2, "n": 5, "unit": "m"}
-WRONG: list[dict[str, Any]] = [{"n": -1}, {"n": 1.5}, {"unit": 3}, {"value": True}, {"value": None}, {"value": []}]
-WRONG += [{name: "x"} for name in ("value", "n", "low", "high", "worst", "worst_t_ns")]
+WRONG: list[dict[str, Any]] = [{"n": -1}, {"n": 1.5}, {"unit": 3}, {"value": True}, {"value": None}, {"low": "x"}]
 METRICS = ("", "{", "[]", "[" * 100_000, '{"eta_m": 3}', json.dumps({"x\n" * 5000: {}}))
 
 

@@ -45,8 +45,7 @@ def test_tables_are_those_of_the_files_with_seconds_read_once(tiny_run: Path) ->
 
 def test_everything_else_is_that_of_the_files(tiny_run: Path, tiny_record: RunRecord) -> None:
     run = quadlog.load_run(tiny_run)
-    assert run.path == tiny_run
-    assert run.record.to_dict() == tiny_record.to_dict()
+    assert (run.path, run.record.to_dict()) == (tiny_run, tiny_record.to_dict())
     assert run.config.planner.name == "ia_star"
     saved = {name: dataclasses.asdict(metric) for name, metric in run.metrics.items()}
     assert {name: {key: saved[name][key] for key in of} for name, of in read_metrics(tiny_run).items()} == {
