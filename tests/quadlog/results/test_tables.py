@@ -86,7 +86,8 @@ def test_columns_are_checked_by_name(tmp_path: Path) -> None:
         write_table(tmp_path / "poses.parquet", TABLES["poses"], good)
     writer = TableWriter(tmp_path / "poses.parquet", TABLES["poses"])
     with pytest.raises(ValueError, match=r"missing: \['y_m'\]"), writer as table:
-        table.add_row(good)
+        table.add_row({name: values[0] for name, values in poses(3).items()})
+        table.add_row({name: values[0] for name, values in good.items()})
     assert [each.name for each in tmp_path.iterdir()] == []
 
 
