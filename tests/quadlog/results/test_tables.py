@@ -85,9 +85,9 @@ def test_columns_are_checked_by_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"missing: \['y_m'\]"):
         write_table(tmp_path / "poses.parquet", TABLES["poses"], good)
     writer = TableWriter(tmp_path / "poses.parquet", TABLES["poses"])
+    rows = [{name: values[0] for name, values in of.items()} for of in (poses(3), good)]
     with pytest.raises(ValueError, match=r"missing: \['y_m'\]"), writer as table:
-        table.add_row({name: values[0] for name, values in poses(3).items()})
-        table.add_row({name: values[0] for name, values in good.items()})
+        list(map(table.add_row, rows))
     assert [each.name for each in tmp_path.iterdir()] == []
 
 
