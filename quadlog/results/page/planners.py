@@ -237,7 +237,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     columns = [
         Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
         Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),
-        Column(_what(comparison), True, True), Column("each", True, True, help="cells of each question"),
+        Column(_what(comparison), True, True), Column("per replan", True, True, help="cells, mean"),
         Column("p95 (µs)", True, True), Column("length", True, True),
         Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
     ]  # fmt: skip
