@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay
+from quadlog.errors import MAX_LISTED, AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
@@ -181,7 +182,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
     streams.warnings.extend(_of_mounts(log, mount, mover, streams))
     first_ns, last_ns = log.span_ns(streams)
-    return LogData(
+    data = LogData(
         log=log,
         config=config,
         input=describe_file(log.path, digest.finish()) if digest else aside.result(),  # type: ignore[union-attr]
@@ -192,6 +193,8 @@ def read_log(log: Log, progress: Progress) -> LogData:
         first_ns=first_ns,
         last_ns=last_ns,
     )
+    first_clouds = islice(data.clouds() if mover is None else (), mounts.LOOKED_AT)
+    return replace(data, mount=mounts.with_tilt(mount, first_clouds, data.up))
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +242,10 @@ def tell_recording(data: LogData, journal: Journal) -> None:
     for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
+    base = None if data.config.topics.base_frame else roles.frames.base_frame()
+    if base is not None and (others := roles.frames.other_robots(base)):
+        flags = "  or  ".join(set_flag("topics.base_frame", [frame]) for frame in others[:MAX_LISTED])
+        journal.warn(f"tf moves {len(others) + 1} robots: the one of {base} is taken; choose another with  {flags}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")
     for topic, why in recording.joints.refused.items() if "joints" not in roles.found else ():

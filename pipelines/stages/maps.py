@@ -130,8 +130,8 @@ def _filtered(
     journal.lose(data.log.recording.losses)
     for text in data.log.recording.warnings:
         journal.warn(text)
-    if not data.mount.known:
-        journal.warn("lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward")
+    if (doubt := data.mount.warning()) is not None:
+        journal.warn(doubt)
     topic = str(data.log.lidar)
     tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})")
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from quadlog.config.schema import Config, Mount, Topics
 from quadlog.geometry import rotation_from_quat, transform_from_quat, transform_from_rpy
-from quadlog.lidar.levelling import UpSeries, up_in_base
+from quadlog.lidar.levelling import UpSeries, level_rotations, tilt_of, up_by_floor, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
@@ -59,6 +59,7 @@ class LidarMount(NamedTuple):
 
     known: whether configuration or recording has it. from_tf: the lidar's frame and base, if tf gives the transform.
     moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry gives it, not tf.
+    tilt_deg: roll and pitch by which the floor that the lidar sees is not level; they are part of an unknown transform.
     """
 
     transform_lidar_to_base: Float
@@ -66,6 +67,16 @@ class LidarMount(NamedTuple):
     from_tf: tuple[str, str] | None = None
     moving: tuple[str, str] | None = None
     by_odometry: bool = False
+    tilt_deg: tuple[float, float] | None = None
+
+    def warning(self) -> str | None:
+        """What is assumed where nothing says how the lidar sits, or what contradicts what says it."""
+        tilt = "" if self.tilt_deg is None else "roll {:.0f}, pitch {:.0f} degrees".format(*self.tilt_deg)
+        if not self.known:
+            taken = "lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward"
+            return f"{taken}, and turned so that the floor it sees is level ({tilt})" if tilt else taken
+        where = "lidar.mount" if self.from_tf is None else "the transform from {} to {}".format(*self.from_tf)
+        return f"the floor that the lidar sees is tilted ({tilt}): check {where}" if tilt else None
 
 
 class CloudMover:
@@ -126,6 +137,36 @@ def find_mount(
     if odometry is not None and frame_of(recording, odometry) == frame and frames.is_world(frame, base):
         return LidarMount(np.eye(4), moving=(frame, base or "base"), by_odometry=True)
     return LidarMount(np.eye(4), known=is_named(frame, BASE_FRAMES))
+
+
+LOOKED_AT, MOST_APART_DEG, LEAST_TILT_DEG = 5, 3.0, 10.0
+"""Scans in which the floor is looked for, how far it may turn between them, and the least tilt that is the mount's."""
+
+
+def with_tilt(mount: LidarMount, clouds: Iterable[tuple[int, PointCloud]], up: UpSeries | None) -> LidarMount:
+    """The mount with the tilt of the floor that the first clouds show; unchanged where it is level or they disagree."""
+    seen = []
+    for t_ns, cloud in clouds:
+        turned = np.eye(3) if up is None else level_rotations(np.array([t_ns]), up)[0][0]
+        turned = turned @ mount.transform_lidar_to_base[:3, :3]
+        if (found := up_by_floor(cloud.xyz_m @ turned.T)) is not None:
+            seen.append(found)
+    if len(seen) < 3:
+        return mount
+    middle = np.median(seen, axis=0)
+    middle /= np.linalg.norm(middle)
+    apart_deg, tilt_deg = np.degrees(np.arccos(np.clip([np.min(seen @ middle), middle[2]], -1, 1)))
+    if apart_deg > MOST_APART_DEG or tilt_deg < LEAST_TILT_DEG:
+        return mount
+    roll_rad, pitch_rad = tilt_of(middle[None])[0].tolist()
+    transform = mount.transform_lidar_to_base
+    if not mount.known:
+        transform = transform_from_rpy(np.zeros(3), roll_rad, pitch_rad, 0.0) @ transform
+    roll_deg, pitch_deg = np.degrees([roll_rad, pitch_rad]).round() + 0.0
+    # Upside down is half a turn either way.
+    return mount._replace(
+        transform_lidar_to_base=transform, tilt_deg=(180.0 if roll_deg == -180 else roll_deg, pitch_deg)
+    )
 
 
 def moved_mounts(mounts: Sequence[tuple[str, str]], tree: TransformTree) -> list[str]:

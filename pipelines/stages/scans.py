@@ -94,12 +94,7 @@ class Scanner:
     def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
         """The next cloud."""
         started = time.perf_counter()
-        ends_ns = (
-            (0, 0) if cloud.times is None or len(cloud.times) == 0 else (cloud.times.first_ns, cloud.times.last_ns)
-        )
-        if max(map(abs, ends_ns)) > MAX_OFFSET_NS:  # implausible
-            ends_ns = 0, 0
-        rotations, not_levelled = _upright(t_ns + np.array(ends_ns, np.int64), self._up)
+        rotations, not_levelled = _upright(t_ns + np.array(_sweep(cloud), np.int64), self._up)
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)

@@ -1,4 +1,4 @@
-"""Levelling: the tilt of the robot's body at the time of a scan, from IMU orientations.
+"""Levelling: the tilt of the robot's body at the time of a scan, from IMU orientations, and of a lidar by its floor.
 
 [Following] turns a point by roll and pitch before the heading. Only the direction that is up in the body matters for
 that, and it is interpolated: it knows no heading, so an IMU whose north is anywhere serves as well.
@@ -15,6 +15,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.lidar.paper_method import PaperSettings, fit_ground
 from quadlog.messages import Float, Int
 
 MAX_AGE_NS = 200_000_000
@@ -104,3 +105,28 @@ def _rotation(x: float, y: float, z: float) -> list[list[float]]:
     cos_pitch = math.hypot(y, z)
     sin_roll, cos_roll = y / cos_pitch, z / cos_pitch
     return [[cos_pitch, -x * sin_roll, -x * cos_roll], [0.0, cos_roll, -sin_roll], [x, y, z]]
+
+
+FLOOR = PaperSettings(min_range_m=0.3, max_range_m=5.0, ground_inlier_share=0.2)
+FLOOR_BELOW_M, FLOOR_ABOVE_M = (0.1, 2.5), (0.1, 1.0)
+"""Where the floor of a robot is looked for; above, for a lidar mounted upside down: no robot has a ceiling so near."""
+_PLANES, _POINTS = 5, 4000
+
+
+def up_by_floor(xyz_m: Float) -> Float | None:
+    """Which direction (3,) is up by the floor among points (N, 3) seen from the origin; None where none is found.
+
+    The floor is the largest plane near the origin that a robot could stand on, if the points are turned over or not.
+    """
+    range_m = np.linalg.norm(np.nan_to_num(xyz_m, nan=0.0, posinf=0.0, neginf=0.0), axis=1)
+    near = xyz_m[(range_m > FLOOR.min_range_m) & (range_m < FLOOR.max_range_m)].astype(np.float64)
+    near = near[:: max(len(near) // _POINTS, 1)]
+    for seed in range(_PLANES):
+        if (found := fit_ground(near, FLOOR, seed)) is None:
+            return None
+        plane, on_plane = found
+        low_m, high_m = FLOOR_BELOW_M if plane.d_m > 0 else FLOOR_ABOVE_M
+        if plane.is_level and low_m < abs(plane.d_m) < high_m:
+            return plane.normal * np.sign(plane.d_m)
+        near = near[~on_plane]
+    return None

@@ -129,6 +129,15 @@ class TransformTree:
         }
         return riders.pop() if len(riders) == 1 else None
 
+    def other_robots(self, base: str) -> list[str]:
+        """Frames named as base is, but for their prefix, that move apart from it."""
+        alike = [frame for frame in self.frames if frame != base and is_named(frame, (base.rsplit("/", 1)[-1],))]
+        return [
+            frame
+            for frame in alike
+            if self.fixed_frame(frame) is not None and self.static_transform(frame, base) is None
+        ]
+
     def fixed_frame(self, base: str, configured: str = "map") -> str | None:
         """The frame in which base moves: the configured one, else the root of the tree that base hangs on.
 

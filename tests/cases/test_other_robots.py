@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
 from quadlog.results.tables import read_table
@@ -140,6 +141,28 @@ def rings_of_points(log: Log, room: Room, frame: str, fixed: bool) -> None:
         log.cloud(ns(t_s), np.concatenate(rings), frame=frame)
 
 
+def turned_lidar(
+    roll_deg: float = 0.0, pitch_deg: float = 0.0, *, as_level: bool = False
+) -> Callable[[Log, Room], None]:
+    """Odometry and eight rings of walls and floor by a lidar 0.45 m above it; as_level: tf has it mounted level."""
+
+    def make(log: Log, room: Room) -> None:
+        odometry(log, room)
+        mount = Rotation.from_euler("xyz", [roll_deg, pitch_deg, 0.0], degrees=True)
+        for t_s in instants_s(8.0, 10):
+            range_m, angle_rad = room.ranges_m(t_s, 200, (0.0, 0.0, 0.0), 2 * np.pi), 2 * np.pi / 200 * np.arange(200)
+            rings = []
+            for up_rad in (-0.35, -0.3, -0.25, -0.2, -0.15, -0.1, 0.05, 0.1):
+                away_m = np.minimum(range_m, 0.45 / np.tan(-up_rad) if up_rad < 0 else np.inf)
+                flat_m = -away_m * [np.cos(angle_rad), np.sin(angle_rad)]
+                rings.append(np.vstack([flat_m, away_m * np.tan(up_rad)]).T)
+            log.cloud(ns(t_s), mount.inv().apply(np.concatenate(rings)))
+        if as_level:
+            log.tf(ns(0.0), "base_link", "velodyne", (0.0, 0.0, 0.0), 0.45, "/tf_static")
+
+    return make
+
+
 def unoriented(log: Log, room: Room) -> None:
     """Positions of a tracker that fills in no quaternion, beside scans."""
     pose_topics("/tracker/pose")(log, room)
@@ -234,6 +257,11 @@ CASES = {
         "tf",
         walls=True,
     ),
+    "tf-of-two-robots": Case(
+        together(tf("dog1/odom", "dog1/base_link"), tf("dog2/odom", "dog2/base_link")),
+        *(0, "tf"),
+        says=("tf moves 2 robots: the one of dog1/base_link is taken", "'topics.base_frame=\"dog2/base_link\"'"),
+    ),
     "tf-world-trunk": Case(tf("world", "trunk"), 0, "tf"),
     "mount-on-tf": Case(
         together(tf("odom", "base_footprint"), turned_scanner("laser", "base_footprint", "/tf")), 0, "tf", walls=True
@@ -312,6 +340,15 @@ CASES = {
         0,
         "odometry",
         walls=True,
+    ),
+    "lidar-level": Case(turned_lidar(), 0, "odometry", never=("the floor",), walls=True),
+    "lidar-upside-down": Case(turned_lidar(180.0), 0, "odometry", says=("(roll 180, pitch 0",), walls=True),
+    "lidar-pitched": Case(turned_lidar(0.0, 20.0), 0, "odometry", says=("(roll 0, pitch 20 degrees)",), walls=True),
+    "lidar-pitched-unlike-its-tf": Case(
+        turned_lidar(0.0, 20.0, as_level=True),
+        0,
+        "odometry",
+        says=("check the transform from velodyne to base_link",),
     ),
     "clock-set-back-odometry": Case(set_back(odometry), 3, "odometry"),
     "clock-set-back-tf": Case(set_back(tf("odom", "base_link")), 3, "tf"),
