@@ -215,11 +215,11 @@ def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: Imu
     """
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
         return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames, topics.base_frame))
-    if streams.odometry is not None:
-        return up_in_base(streams.odometry.t_ns, streams.odometry.quat_xyzw)
-    base = frames.base_frame(topics.base_frame)
-    fixed = None if base is None else frames.fixed_frame(base, topics.map_frame)
-    poses = None if base is None or fixed is None else streams.tf.pose_series(base, fixed)
+    poses = streams.odometry
+    if poses is None:
+        base = frames.base_frame(topics.base_frame)
+        fixed = None if base is None else frames.fixed_frame(base, topics.map_frame)
+        poses = None if base is None or fixed is None else streams.tf.pose_series(base, fixed)
     if poses is None or not poses.quat_xyzw[:, :2].any():  # planar
         return None
     return up_in_base(poses.t_ns, poses.quat_xyzw)

@@ -37,7 +37,7 @@ def to_polar(xyz_m: XyzM, ranges_m: tuple[float, float]) -> Polar:
 
 
 MOST_BEAMS = 256
-FEWEST_COLUMNS, MOST_COLUMNS = 90, 3600
+FEWEST_COLUMNS, MOST_COLUMNS = 36, 3600
 """No spinning lidar steps finer than 0.1 degrees; more points than that per beam are several turns or returns."""
 NO_BEAM = 65535
 # A beam that scatters by more of the gap to its neighbours is no beam.
@@ -132,7 +132,7 @@ def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, NDArray[np.ui
     number = ((np.arcsin(np.clip(sine, -1, 1)) + np.pi / 2) / _BIN_RAD).astype(np.uint16)
     used = np.unique(number[known])
     per_turn = np.count_nonzero(known) / max(len(used), 1)
-    columns = int(np.clip(per_turn, 2 * FEWEST_COLUMNS, MOST_COLUMNS / 4))
+    columns = int(np.clip(per_turn, 5 * FEWEST_COLUMNS, MOST_COLUMNS / 4))
     first_cell = np.full(int(np.pi / _BIN_RAD) + 2, -1, dtype=np.int32)
     first_cell[used] = np.arange(len(used)) * columns
     below = (used + 0.5) * _BIN_RAD < np.pi / 2
@@ -187,7 +187,12 @@ def _columns(arcs: Int) -> int:
     held, reached = arcs.sum(axis=1), np.count_nonzero(arcs, axis=1)
     # A beam that reaches few arcs may see some of them twice, as through leaves.
     wide = 2 * reached >= reached.max()
-    return min(max(round(float((held[wide] / reached[wide]).max()) * _ARCS), FEWEST_COLUMNS), MOST_COLUMNS)
+    per_arc = float((held[wide] / reached[wide]).max())
+    if per_arc == 1:  # steps may be wider than an arc
+        filled = np.flatnonzero(arcs[np.argmax(held)])
+        step = np.diff(filled, append=filled[0] + _ARCS)
+        per_arc = 1 / step[step <= 1.5 * np.median(step)].mean()
+    return min(max(round(per_arc * _ARCS), FEWEST_COLUMNS), MOST_COLUMNS)
 
 
 class _Statistics(NamedTuple):

@@ -244,6 +244,12 @@ CASES = {
     "scans-and-odometry": Case(
         lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True
     ),
+    "scans-of-50-beams-and-odometry": Case(
+        together(odometry, lambda log, room: add_scans(log, room, 8.0, 50, frame="base_link")),
+        *(0, "odometry"),
+        never=("in no map", "not levelled"),
+        walls=True,
+    ),
     "odometry-interrupted": Case(
         interrupted, 3, "odometry", says=("25% of 8.0 s have no measured position",), nowhere_s=(3.0, 4.9)
     ),
