@@ -111,7 +111,7 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
     if len(sources) == 1:
         first += sections.pop().blocks[1:]
     notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
-    facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
+    facts = [f"{len(sources[0].comparison.rows)} planners", "the same problems for all"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
     sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
     return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
