@@ -13,16 +13,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from quadlog.messages import Float
+from quadlog.positioning.batch import robust
 from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
 from quadlog.positioning.batch.motion import motion_information
-from quadlog.positioning.batch.robust import (
-    LinkWindows,
-    lateness_weights,
-    link_windows,
-    persistence,
-    sight_probabilities,
-    symmetric_weights,
-)
 from quadlog.positioning.batch.spline import Sampling, Timeline
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
@@ -207,9 +200,9 @@ class Problem:
         return self.timeline.sample(self.slots.t_s)
 
     @cached_property
-    def windows(self) -> LinkWindows:
+    def windows(self) -> robust.LinkWindows:
         """Of the ranges."""
-        return link_windows(self.slots.range_t_s, self.slots.range_link)
+        return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
 
     @cached_property
     def prior_information(self) -> Float:
@@ -299,16 +292,15 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
 def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
     """Weights from residuals (R,); lasts None: estimated from them."""
     slots, std_m, link = problem.slots, problem.range_std_m, problem.slots.range_link
-    alike = symmetric_weights(residual_m, link, std_m)
-    sight = sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
+    alike = robust.symmetric_weights(residual_m, link, std_m)
+    sight = robust.sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
     if lasts is None:
         heard = len(np.unique(link))
         free = max(heard - len(problem.model.axes), 1) / heard
         # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
-        lasts = persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
-    if problem.in_sight:
-        return Weights(sight, sight, lasts)
-    return Weights(lateness_weights(problem.windows, residual_m, std_m), alike, lasts)
+        lasts = robust.persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
+    knots = sight if problem.in_sight else robust.lateness_weights(problem.windows, residual_m, std_m)
+    return Weights(knots, sight, lasts)
 
 
 def assemble(
