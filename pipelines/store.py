@@ -320,8 +320,8 @@ def log_key(path: Path, options: ReplayOptions) -> str:
 
 def _identity(path: Path) -> list[Any]:
     if isinstance(path, RemotePath):
-        told = path.open_object().told
-        return [str(path), told.size_bytes, told.etag or told.last_modified]
+        info = path.open_object().info
+        return [str(path), info.size_bytes, info.etag or info.last_modified]
     try:
         status = path.stat()
     except FileNotFoundError:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
@@ -69,6 +69,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     """Write what the stages that ran allow, `run.json` last. Returns the metrics as saved."""
     journal, request = done.journal, done.request
     journal.progress.begin("report", 4)
+    gc.freeze()  # a replay holds much that drawing need not search for garbage again and again
     with journal.clock.stage("report"):
         run = Run.create(folder, _record(done))
         metrics = _metrics(folder, done)
@@ -90,6 +91,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     if request.draws:
         write_run_page(Run(folder, _record(done)), drawings)
     journal.progress.advance()
+    gc.unfreeze()
     run.finish(_record(done))
     return saved_metrics(metrics)
 
@@ -165,7 +167,7 @@ def _record(done: Finished) -> RunRecord:
         recorded_s=done.recorded_s,
         topics=_topics(done),
         counts=dict(journal.counts),
-        losses=[LossRecord(**asdict(loss)) for loss in journal.losses],
+        losses=list(journal.losses),
         warnings=journal.warnings,
         notes=[*request.notes, *journal.notes],
         stages=[

@@ -17,8 +17,7 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.tables import TABLES
 from quadlog.pipelines.tables.claims import StudyTable
 from quadlog.results.page.blocks import write_page
-from quadlog.results.page.papers import papers_page
-from quadlog.results.studies.papers import PAGE, PaperTable, prepare_folder, write_table
+from quadlog.results.studies.papers import PAGE, PaperTable, papers_page, prepare_folder, write_table
 
 
 def open_executor(tasks: int) -> Executor:

@@ -12,6 +12,7 @@ from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
+from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
@@ -24,7 +25,6 @@ from quadlog.positioning.heading.heading import (
     gyro_sensor,
 )
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
-from quadlog.positioning.motion import Track
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def _causal_heading(
     told_by = "the course" if by_tags is None else "the tags"
     journal.note(
         f"heading from {used[0]}, aligned to {told_by} up to each instant; std at the end "
-        f"{np.degrees(end_rad):.1f} degrees: {10 * end_rad:.2f} m at a distance of 10 m"
+        f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, end_rad)
     return yaw_rad, std_rad
@@ -199,8 +199,8 @@ def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading, by_tags:
     if abs(fit.drift_radps) > 2 * np.sqrt(fit.covariance[1, 1]) > 0:
         drift = f", its drift of {np.degrees(fit.drift_radps) * 60:.1f} degrees a minute taken out"
     journal.note(
-        f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}: "
-        f"{10 * std:.2f} m at a distance of 10 m"
+        f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}, "
+        f"an error of {10 * std:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, std)
     if fit.askew_share > ASKEW_SHARE:
@@ -212,4 +212,7 @@ def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading, by_tags:
 
 def _warn_if_uncertain(journal: Journal, std_rad: float) -> None:
     if std_rad > UNCERTAIN_HEADING_RAD:
-        journal.warn(f"heading std is {np.degrees(std_rad):.1f} degrees: {10 * std_rad:.2f} m at a distance of 10 m")
+        off_m = 10 * std_rad
+        journal.warn(
+            f"heading std is {np.degrees(std_rad):.1f} degrees, an error of {off_m:.2f} m at a distance of 10 m"
+        )

@@ -9,7 +9,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.control.locomotion.robot import GRAVITY_MPS2
-from quadlog.metrics.body import JOINTS
+from quadlog.metrics.walking import JOINTS
 from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
