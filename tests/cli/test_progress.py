@@ -3,11 +3,14 @@ from __future__ import annotations
 import io
 import sys
 
+import pytest
+
 from quadlog.cli.progress import open_progress
 from quadlog.pipelines.executor.progress import BatchCounts
 
 
-def terminal(monkeypatch):
+@pytest.fixture
+def screen(monkeypatch):
     """What is drawn on a terminal in place of stderr."""
     screen = io.StringIO()
     screen.isatty = lambda: True
@@ -17,9 +20,8 @@ def terminal(monkeypatch):
     return screen
 
 
-def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(monkeypatch):
+def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(screen, monkeypatch):
     """Every stage ends full; a topic's escape sequence is not obeyed; NO_COLOR is."""
-    screen = terminal(monkeypatch)
     monkeypatch.setenv("NO_COLOR", "1")
     with open_progress() as progress:
         progress.begin("ingest", None)
@@ -52,8 +54,7 @@ def step(number, total=10, factor=2.5):
     return who | {"stage": "map", "steps": 3, "total": total, "realtime_factor": factor}
 
 
-def test_a_batch_has_one_bar_with_what_was_done_last(monkeypatch):
-    screen = terminal(monkeypatch)
+def test_a_batch_has_one_bar_with_what_was_done_last(screen):
     tally = BatchCounts(3)
     with open_progress() as bars:
         bars.expect(tally)

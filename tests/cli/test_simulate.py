@@ -5,10 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from quadlog.cli.simulate import TERRAINS, terrain_of
-from quadlog.config.file import load_config
-from quadlog.pipelines.simulation.courses import BANDS_M
-
 QUICK = ["--controller", "kinematic", "--set", "pursuit.lookahead_m=0.5", "--no-plots"]
 
 
@@ -58,14 +54,3 @@ def test_mistakes(path, tmp_path, monkeypatch, refused, arguments, code, says):
     Path("bad.csv").write_text("0,0\n1,x\n")
     assert says in refused(code, "simulate", *arguments, "-o", "runs")
     assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize("name", ["true", "3cm", 'a "b" c', "[x]", "../run"])
-def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeypatch):
-    assert set(TERRAINS) == {"flat", *BANDS_M}
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    Path(name).mkdir()
-    for given in (str(Path(name).resolve()), f"./{name}" if name in TERRAINS else name):
-        terrain = terrain_of(given)
-        assert Path(load_config(None, [f"simulation.terrain={terrain}"], {}).simulation.terrain).samefile(name)

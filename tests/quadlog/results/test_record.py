@@ -103,7 +103,7 @@ def test_a_files_hash_is_that_of_sha256sum_in_a_thread_too(tmp_path: Path) -> No
 
 def test_a_folders_hash_is_of_names_borders_and_contents_of_its_recordings(tmp_path: Path) -> None:
     def described(**files: bytes) -> str | None:
-        folder = tmp_path / "-".join(["of", *files, *(each.decode() for each in files.values())])
+        folder = tmp_path / str(files)
         folder.mkdir()
         for name, content in files.items():
             (folder / f"{name}.mcap").write_bytes(content)
@@ -123,7 +123,6 @@ def test_a_file_behind_a_url_has_size_and_etag(web: Any) -> None:
     found = describe_input(path)
     assert (found.path, found.size_bytes, found.sha256) == (f"{web.url}/walk.mcap?...", 5, None)
     assert found.identity == describe_input(path).identity
-    assert web.sent_bytes == 2
     (web.folder / "walk.mcap").write_bytes(b"54321")
     assert describe_input(path).identity != found.identity
     with pytest.raises(RecordingNotFound):
