@@ -29,6 +29,8 @@ HEADER = """# Troubleshooting by message
 Search this page for a few words of what quadlog printed; `…` stands for what varies. `make docs` writes it from
 `docs/troubleshooting.toml` and the messages in the code; a test fails when it is out of date.
 
+## Exit codes
+
 | exit code | meaning |
 |---|---|
 | 0 | done |

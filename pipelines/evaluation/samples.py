@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from quadlog.errors import QuadlogError
 from quadlog.geometry import interpolate_poses
 from quadlog.metrics.alignment import track_difference_samples
-from quadlog.metrics.body import body_samples
 from quadlog.metrics.planning import Replans, search_samples
 from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
-from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
+from quadlog.metrics.walking import TrackedWalk, body_samples, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
 from quadlog.results.tables import read_table
@@ -45,8 +44,7 @@ class _Run:
         return references.Reference.read(self.path / "reference.tum", references.OnTime(planar=None))
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
+class _Source(NamedTuple):
     """Saved files, the metrics whose samples they hold, and how they are read from them."""
 
     files: tuple[str, ...]

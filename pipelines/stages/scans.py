@@ -27,7 +27,7 @@ from quadlog.positioning.lidar_odometry import (
 from quadlog.recordings.roles import Roles
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
 
 
 def even_sample(count: int, wanted: int) -> set[int]:
@@ -238,7 +238,7 @@ def _sweep(cloud: PointCloud) -> tuple[int, int]:
 
 def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
     """The columns of scans.parquet, but for its time."""
-    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.label))}
+    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.returns.label))}
     counts |= {f"n_{kind.name.lower()}": scan.count(kind) for kind in PointClass if kind > PointClass.CROPPED}
     normal = [np.nan] * 3 if scan.ground is None else scan.ground.normal.tolist()
     plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))

@@ -259,7 +259,7 @@ def own_files(path: Path) -> list[Path]:
 
 def input_bytes(files: Iterable[Path]) -> int:
     """Size of a recording's files; files of unknown size count as 0 bytes."""
-    found = [each.look().told if isinstance(each, RemotePath) else each.stat() for each in files]
+    found = [each.look().info if isinstance(each, RemotePath) else each.stat() for each in files]
     return sum(
         (each.size_bytes or 0) if isinstance(each, ObjectInfo) else each.st_size for each in found if each is not None
     )
@@ -294,7 +294,7 @@ def describe_input(path: Path) -> InputRecord:
 
 def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     try:
-        found = [each.open_object().told for each in files]
+        found = [each.open_object().info for each in files]
     except FileNotFoundError:
         raise RecordingNotFound(str(path), "no such file on the server") from None
     size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]

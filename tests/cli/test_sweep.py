@@ -95,7 +95,7 @@ def test_an_existing_sweep_is_refused_resumed_or_replaced_once_the_new_one_is_co
 
     before = bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR)
     with monkeypatch.context() as patch:
-        patch.setattr("quadlog.pipelines.sweep.replay_all", stop)  # results are forgotten by then
+        patch.setattr("quadlog.pipelines.batch.sweep.replay_all", stop)  # results are forgotten by then
         assert quadlog(*arguments, "--force").code == 1
     assert bytes_below(mine / ASTAR) | bytes_below(mine / IA_STAR) == before
     assert quadlog(*arguments, "--force").code == 3

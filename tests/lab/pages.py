@@ -9,8 +9,8 @@ from typing import Any
 
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.sources import CompareOptions
+from quadlog.pipelines.evaluation.reports import write_side_by_side
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.report import write_side_by_side
 from quadlog.results.page.blocks import Page, write_page
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page, write_sweep_page

@@ -111,7 +111,7 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
     if len(sources) == 1:
         first += sections.pop().blocks[1:]
     notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
-    facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
+    facts = [f"{len(sources[0].comparison.rows)} planners", "the same problems for all"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
     sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
     return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
@@ -234,7 +234,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     columns = [
         Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
         Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),
-        Column(_what(comparison), True, True), Column("each", True, True, help="cells of each question"),
+        Column(_what(comparison), True, True), Column("per replan", True, True, help="cells, mean"),
         Column("p95 (µs)", True, True), Column("length", True, True),
         Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
     ]  # fmt: skip

@@ -179,7 +179,7 @@ def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     short = [re.sub(r"[^,/=]+=", "", name) for name in compared.runs]  # of a sweep the values alone
     names = short if len(set(short)) == len(short) else list(compared.runs)
     runs, charts = dict(zip(names, compared.runs.values(), strict=True)), []
-    for figure in (figure for figure in FIGURES if figure.compared):
+    for figure in (figure for figure in FIGURES if figure.compared and figure.make is not walk_scene):
         made = {name: figure.make(run) for name, run in runs.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
