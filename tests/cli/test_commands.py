@@ -33,17 +33,13 @@ READS = {
     "compare-planners": "compare-planners FILE -o OUT",
     "simulate": "simulate FILE -o OUT",
     "metrics": "metrics FILE",
-    "metrics --reference": "metrics RUN --reference FILE",
     "report": "report FILE",
     "export": "export FILE --to tum -o OUT",
     "diff": "diff RUN FILE",
     "check": "check FILE --expect bounds.toml",
-    "check --expect": "check RUN --expect FILE",
-    "-c": "replay LOG -c FILE -o OUT",
 }
 WRITES = {
     "export tum": "export RUN --to tum -o OUT",
-    "export mcap": "export RUN --to mcap -o OUT",
     "check --write": "check RUN --expect OUT --write",
     "check --junit": "check RUN --expect bounds.toml --junit OUT",
     "init": "init LOG -o OUT",

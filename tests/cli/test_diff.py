@@ -67,10 +67,8 @@ def test_a_result_that_only_one_run_has_comes_first_and_a_damaged_one_is_an_erro
         ([np.inf], [np.inf], {}, False),
         ([np.inf], [1.0], {"absolute": 1e9, "relative": 0.5}, True),
         ([1.0], [1.0 + 1e-6], {"absolute": 2e-6}, False),
-        ([1.0], [1.0 + 1e-6], {"relative": 1e-7}, True),
         (np.int64([2**62]), np.int64([2**62 + 1]), {}, True),
         ([True], [False], {"absolute": 9.0}, True),
-        (["a"], ["b"], {"absolute": 9.0}, True),
     ],
 )
 def test_values_are_equal_within_the_tolerance(a, b, tolerances, differs):

@@ -89,15 +89,15 @@ def test_no_two_recordings_share_a_folder_and_the_extension_tells_them_apart_fir
         assert names == ["walk.mcap", "walk.bag", "run.mcap", "Run.mcap-2", "run.mcap-3", "alone"]
 
 
+PLANNED = {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"}
+
+
 @pytest.mark.parametrize(
     ("command", "copied"),
     [
         (["export", "--to", "tum"], {"run.json", "trajectory.tum"}),
         (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
-        (
-            ["compare-planners", "--planner", "astar"],
-            {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"},
-        ),
+        (["compare-planners", "--planner", "astar"], PLANNED),
         (["metrics"], RECORDS),
     ],
 )
