@@ -3,14 +3,11 @@ from __future__ import annotations
 import io
 import sys
 
-import pytest
-
 from quadlog.cli.progress import open_progress
 from quadlog.pipelines.executor.progress import BatchCounts
 
 
-@pytest.fixture
-def screen(monkeypatch):
+def terminal(monkeypatch):
     """What is drawn on a terminal in place of stderr."""
     screen = io.StringIO()
     screen.isatty = lambda: True
@@ -20,8 +17,9 @@ def screen(monkeypatch):
     return screen
 
 
-def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(screen, monkeypatch):
+def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(monkeypatch):
     """Every stage ends full; a topic's escape sequence is not obeyed; NO_COLOR is."""
+    screen = terminal(monkeypatch)
     monkeypatch.setenv("NO_COLOR", "1")
     with open_progress() as progress:
         progress.begin("ingest", None)
@@ -54,7 +52,8 @@ def step(number, total=10, factor=2.5):
     return who | {"stage": "map", "steps": 3, "total": total, "realtime_factor": factor}
 
 
-def test_a_batch_has_one_bar_with_what_was_done_last(screen):
+def test_a_batch_has_one_bar_with_what_was_done_last(monkeypatch):
+    screen = terminal(monkeypatch)
     tally = BatchCounts(3)
     with open_progress() as bars:
         bars.expect(tally)
