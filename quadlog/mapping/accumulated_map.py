@@ -25,31 +25,29 @@ OCCUPIED_SHARE = 0.3
 class AccumulatedMap:
     """Counts of hits and passes per cell over all scans added, on a lattice that grows with the run.
 
-    skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
+    lattice.skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
     """
 
     def __init__(self, cell_m: float) -> None:
-        self._lattice = GrowingLattice(cell_m, {"hits": np.int32, "passes": np.int32})
-        self.skipped = 0
+        self.lattice = GrowingLattice(cell_m, {"hits": np.int32, "passes": np.int32})
 
     def add(self, window: Window, placed: PlacedScan, below_mm: int) -> None:
         """Count one scan: cells (rows, cols) in which something was hit, and cells seen through below this height.
 
         A cell counts at most once per scan, and as a hit if it is both.
         """
-        if not self._lattice.cover(window):
-            self.skipped += 1
+        if not self.lattice.cover(window):
             return
-        hits, row, col = self._lattice.whole("hits", window)
-        passes, _, _ = self._lattice.whole("passes", window)
+        hits, row, col = self.lattice.whole("hits", window)
+        passes, _, _ = self.lattice.whole("passes", window)
         _count(placed.top_mm, placed.lowest_ray_mm, np.int16(min(below_mm, int(NO_RAY))), hits, passes, row, col)
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
-        window = self._lattice.covered
+        window = self.lattice.covered
         if window is None:
             return None
-        hits, passes = self._lattice.view("hits", window), self._lattice.view("passes", window)
+        hits, passes = self.lattice.view("hits", window), self.lattice.view("passes", window)
         cells = np.full(window.shape, UNKNOWN, dtype=np.int8)
         cells[passes > 0] = FREE
         cells[(hits > 0) & (hits >= OCCUPIED_SHARE * (hits + passes))] = OCCUPIED
@@ -88,14 +86,13 @@ class HeightMap:
 class GroundHeight:
     """Sum and count of ground points' heights per cell, on a lattice that grows with the run.
 
-    skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
+    lattice.skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
     """
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
-        self._lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, MOST_CELLS // 4)
+        self.lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, MOST_CELLS // 4)
         self._cells, self._bounds = np.zeros((0, 2), np.int64), np.zeros(4, np.int64)
-        self.skipped = 0
 
     def add(self, scan: CompactScan, slot_pose_base_in_map: Float) -> None:
         """Count one scan's ground; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots."""
@@ -108,22 +105,21 @@ class GroundHeight:
         _cells_of_ground(scan.ground, slot_pose_base_in_map, scan.unit_m, self._cell_m, cells, bounds)
         col0, row0, col1, row1 = (int(bound) for bound in bounds)
         window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
-        if not self._lattice.cover(window):
-            self.skipped += 1
+        if not self.lattice.cover(window):
             return
-        sums, row, col = self._lattice.whole("sum_m", window)
-        counts, _, _ = self._lattice.whole("count", window)
+        sums, row, col = self.lattice.whole("sum_m", window)
+        counts, _, _ = self.lattice.whole("count", window)
         _add(scan.ground, cells, col0 - col, row0 - row, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
-        window = self._lattice.covered
+        window = self.lattice.covered
         if window is None:
             return None
-        count = self._lattice.view("count", window).copy()
+        count = self.lattice.view("count", window).copy()
         height_m = np.full(window.shape, np.nan, dtype=np.float32)
         seen = count > 0
-        height_m[seen] = self._lattice.view("sum_m", window)[seen] / count[seen]
+        height_m[seen] = self.lattice.view("sum_m", window)[seen] / count[seen]
         return HeightMap(window.origin_m, window.cell_m, height_m, count)
 
 

@@ -76,37 +76,23 @@ class CompactScan:
     ground: NDArray[np.void]
 
 
-class ScanCompactor:
-    """Makes compact scans, one after the other, in arrays that are kept from scan to scan."""
-
-    def __init__(self, settings: CompactSettings) -> None:
-        self._settings, self._room = settings, (np.zeros(0, OBSTACLE), np.zeros(0, GROUND))
-        self._half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
-        self._unit_m = max(2 * settings.reach_m / _UNITS, 1e-3)
-        # Cells are counted by 15 bits along each axis.
-        self._least_cell_m = 2.2 * settings.reach_m / _UNITS
-
-    def compact(self, scan: ClassifiedScan) -> CompactScan:
-        """The compact form of a scan."""
-        settings, n = self._settings, len(scan.returns.label)
-        if n > len(self._room[0]):
-            self._room = np.zeros(n + n // 8, OBSTACLE), np.zeros(n + n // 8, GROUND)
-        limits = np.array(
-            [*scan.lidar_base_m, *self._half_body_m, settings.min_height_m, settings.max_height_m, settings.reach_m,
-             1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
-             1 / self._unit_m], np.float32
-        )  # fmt: skip
-        obstacle, ground = self._room
-        n_obstacles = _keep_obstacles(scan.returns, scan.columns or max(n, 1), limits, settings.counts, obstacle)
-        n_ground = _average_ground(scan.returns, limits, ground)
-        return CompactScan(
-            unit_m=self._unit_m,
-            reach_m=settings.reach_m,
-            lidar_base_m=scan.lidar_base_m,
-            obstacle=obstacle[:n_obstacles].copy(),
-            rays=gather_rays(scan, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m),
-            ground=ground[:n_ground].copy(),
-        )
+def compact_scan(scan: ClassifiedScan, settings: CompactSettings) -> CompactScan:
+    """The compact form of a scan."""
+    n, reach_m = len(scan.returns.label), settings.reach_m
+    half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
+    unit_m = max(2 * reach_m / _UNITS, 1e-3)
+    # Cells are counted by 15 bits along each axis.
+    thin_m, ground_m = (max(cell_m, 2.2 * reach_m / _UNITS) for cell_m in (THIN_M, settings.ground_cell_m))
+    heights_m = settings.min_height_m, settings.max_height_m
+    limits = np.array(
+        [*scan.lidar_base_m, *half_body_m, *heights_m, reach_m, 1 / thin_m, 1 / ground_m, 1 / unit_m], np.float32
+    )
+    obstacle, ground = np.empty(n, OBSTACLE), np.empty(n, GROUND)
+    n_obstacles = _keep_obstacles(scan.returns, scan.columns or max(n, 1), limits, settings.counts, obstacle)
+    n_ground = _average_ground(scan.returns, limits, ground)
+    rays = gather_rays(scan, half_body_m, unit_m, reach_m, settings.highest_m)
+    kept = obstacle[:n_obstacles].copy(), rays, ground[:n_ground].copy()
+    return CompactScan(unit_m, reach_m, scan.lidar_base_m, *kept)
 
 
 @inner

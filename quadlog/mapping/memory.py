@@ -1,8 +1,8 @@
-"""Memory of maps between scans: none, or log odds cleared by rays that pass through."""
+"""Memory of maps between scans: log odds cleared by rays that pass through."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -23,26 +23,6 @@ _SAME_HEIGHT_MM = np.int16(1)
 _STACKED_MM = np.int16(150)
 
 
-class Memory(Protocol):
-    """A map that scans are added to, one after the other."""
-
-    skipped: int
-    """Scans that could not be remembered, for want of room; their maps hold that scan alone."""
-
-    def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
-        """The occupied cells (rows, cols) of a window after a scan at t_ns that was placed in it."""
-
-
-class ScanMemory:
-    """No memory: the map is this scan. [Following]"""
-
-    skipped = 0
-
-    def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
-        """The cells hit now."""
-        return placed.top_mm > NO_TOP
-
-
 class LogOddsMemory:
     """A cell stays occupied until rays have crossed it below the top of what stood there for long enough.
 
@@ -53,25 +33,24 @@ class LogOddsMemory:
     A cell holds two things, one above the other, each with its own evidence: what was seen twice and is
     then overtopped, as a crate by a person who steps over it, outlasts what has been above it. The height of the lower
     one falls to that of the rays that pass above it while it is hit.
+    Scans that the lattice skips, for want of room, are maps of that scan alone.
     """
 
     LAYERS: ClassVar[dict[str, DTypeLike]] = dict.fromkeys(("low_ms", "low_mm", "high_ms", "high_mm"), np.int16)
 
-    def __init__(self, layers: GrowingLattice, clear_s: float) -> None:
-        self._layers, self._clear_ms = layers, np.int16(min(max(round(clear_s * 1e3), 1), _LONGEST_MS))
+    def __init__(self, lattice: GrowingLattice, clear_s: float) -> None:
+        self.lattice, self._clear_ms = lattice, np.int16(min(max(round(clear_s * 1e3), 1), _LONGEST_MS))
         self._last_ns: int | None = None
-        self.skipped = 0
 
     def add(self, t_ns: int, window: Window, placed: PlacedScan) -> Grid:
         """The cells hit now, and those hit before that nothing contradicts."""
-        if not self._layers.cover(window):
-            self.skipped += 1
+        if not self.lattice.cover(window):
             return placed.top_mm > NO_TOP
         passed_s = 0.0 if self._last_ns is None else min(max((t_ns - self._last_ns) * 1e-9, 0.0), LONGEST_STEP_S)
         self._last_ns = t_ns
         occupied: Grid = np.empty(window.shape, np.bool_)
-        low_ms, row, col = self._layers.whole("low_ms", window)
-        others = [self._layers.whole(name, window)[0] for name in ("low_mm", "high_ms", "high_mm")]
+        low_ms, row, col = self.lattice.whole("low_ms", window)
+        others = [self.lattice.whole(name, window)[0] for name in ("low_mm", "high_ms", "high_mm")]
         _remember(*placed, low_ms, *others, row, col, np.int16(round(passed_s * 1e3)), self._clear_ms, occupied)
         return occupied
 

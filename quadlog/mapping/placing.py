@@ -19,7 +19,7 @@ NO_TOP = np.int16(-32768)
 
 
 class PlacedScan(NamedTuple):
-    """Cells (rows, cols) int16, in mm above the ground; both are overwritten by the next scan.
+    """Cells (rows, cols) int16, in mm above the ground.
 
     top_mm: the highest obstacle point, NO_TOP where there is none. lowest_ray_mm: how low the cell was seen through,
     NO_RAY where no ray crossed it.
@@ -29,32 +29,28 @@ class PlacedScan(NamedTuple):
     lowest_ray_mm: NDArray[np.int16]
 
 
-class ScanPlacer:
-    """Places the scans of a run, one after the other, in arrays that are kept from scan to scan.
+def place_scan(
+    scan: CompactScan,
+    slot_pose_base_in_map: Float,
+    window: Window,
+    target_xy_m: Float,
+    min_points: int,
+    target_radius_m: float,
+) -> PlacedScan:
+    """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
 
+    target_xy_m: (2,) in map, NaN when nothing is followed; points nearer to it than target_radius_m are the target.
     min_points: a cell with fewer obstacle points is not hit; in a scan without ground, as a 2-D scanner's, one is
-    enough: a wall has no more. target_radius_m: points this near to the target are the target.
+    enough: a wall has no more.
     """
-
-    def __init__(self, min_points: int, target_radius_m: float) -> None:
-        self._min_points, self._target_radius_m = min_points, target_radius_m
-        self._placed = PlacedScan(np.zeros((0, 0), np.int16), np.zeros((0, 0), np.int16))
-
-    def place(self, scan: CompactScan, slot_pose_base_in_map: Float, target_xy_m: Float, window: Window) -> PlacedScan:
-        """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
-
-        target_xy_m: (2,) in map, NaN when nothing is followed.
-        """
-        if self._placed.top_mm.shape != window.shape:
-            top_mm, lowest_ray_mm = np.zeros((2, *window.shape), np.int16)
-            self._placed = PlacedScan(top_mm, lowest_ray_mm)
-        # A place that is not a number is near to nothing.
-        place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, self._target_radius_m**2], np.float64)
-        min_points = self._min_points if len(scan.ground) else 1
-        _raise_tops(scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, min_points, self._placed.top_mm)
-        where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
-        lowest_rays(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)
-        return self._placed
+    placed = PlacedScan(*np.empty((2, *window.shape), np.int16))
+    # A place that is not a number is near to nothing.
+    place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, target_radius_m**2], np.float64)
+    fewest = min_points if len(scan.ground) else 1
+    _raise_tops(scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, fewest, placed.top_mm)
+    where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
+    lowest_rays(scan.rays, scan.unit_m, *where, placed.lowest_ray_mm)
+    return placed
 
 
 @kernel

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window
-from quadlog.mapping.memory import LogOddsMemory, ScanMemory
+from quadlog.mapping.memory import LogOddsMemory
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY
 
@@ -29,12 +29,6 @@ SEEN_THROUGH = rays(0.0)
 
 def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
     return LogOddsMemory(SlidingLattice(0.1, LogOddsMemory.LAYERS), clear_s)
-
-
-def test_without_memory_a_map_is_its_scan() -> None:
-    memory = ScanMemory()
-    assert np.argwhere(memory.add(0, WINDOW, PlacedScan(tops((3, 4)), SEEN_THROUGH))).tolist() == [[3, 4]]
-    assert not memory.add(STEP_NS, WINDOW, PlacedScan(tops(), UNSEEN)).any()
 
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
@@ -98,7 +92,7 @@ def test_scans_beyond_the_size_limit_are_counted_and_used_alone() -> None:
     memory.add(0, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
     far = Window(5000, 0, 0.1, WINDOW.shape)
     assert np.argwhere(memory.add(STEP_NS, far, PlacedScan(tops((1, 1)), UNSEEN))).tolist() == [[1, 1]]
-    assert memory.skipped == 1
+    assert memory.lattice.skipped == 1
 
 
 @pytest.mark.parametrize("passes", [1, 2, 10])

@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import align_rigidly, are_on_line, project_to_plane
-from quadlog.metrics.positioning import Trajectory
 
 
 def trajectory(seed, n=50, flat=False):
     rng = np.random.default_rng(seed)
     position_m = rng.normal(size=(n, 3)).cumsum(axis=0) * ([1, 1, 0] if flat else [1, 1, 1])
-    return Trajectory(np.arange(n), position_m, Rotation.random(n, rng=rng).as_quat())
+    return PoseSeries(np.arange(n), position_m, Rotation.random(n, rng=rng).as_quat())
 
 
 def as_evo(ours):
@@ -45,6 +45,6 @@ def test_equal_to_evos_projection(seed):
 
 @pytest.mark.parametrize("n", [1, 2, 20])
 def test_poses_on_a_line_cannot_be_aligned(n):
-    line = Trajectory(np.arange(n), np.outer(np.arange(n), [1.0, 2, 3]), trajectory(0, n).quat_xyzw)
+    line = PoseSeries(np.arange(n), np.outer(np.arange(n), [1.0, 2, 3]), trajectory(0, n).quat_xyzw)
     assert are_on_line(line, line)
     assert not are_on_line(trajectory(0), trajectory(1))
