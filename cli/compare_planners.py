@@ -28,7 +28,7 @@ def cell(text: str) -> tuple[int, int]:
 )
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, shell_complete=options.files("forest:"))
 @options.planner_option("--planner", "planners", multiple=True, help="Planner (astar, …); repeatable. Default: all.")
-@click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline.")
+@click.option("--preset", type=click.Choice(["honest", "paper"]), default="honest", help="Baseline: A* or the paper's.")
 @click.option("--costs", type=click.Choice(["integer", "exact"]), help="Steps: 10 and 14, or 1 and √2 (with --scen).")
 @click.option("--ties", type=click.Choice(["larger-g", "smaller-g"]), default="larger-g", help="Order of equal f.")
 @options.named("--count", "counted", choices=("expanded", "generated", "touched"), what="Cells", metavar="CELLS")

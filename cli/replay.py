@@ -50,7 +50,7 @@ def command(
     typed = ("quadlog", *sys.argv[1:])
     batch = plan_batch(recordings, output, config, ReplayOptions(**given), existing, typed, notes, not no_plots)
     if dry_run:
-        _print_plan(preview_batch(batch), [each.request.run.parent for each in batch], as_json)
+        _print_plan(preview_batch(batch), [each.run.parent for each in batch], as_json)
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:
@@ -78,6 +78,8 @@ def _print_plan(rows: Sequence[dict[str, Any]], folders: Iterable[Path], as_json
         click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
     todo = [row["size_bytes"] for row in rows if row["action"] not in ("skip", "refuse")]
     click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)
+    if any(row["action"] == "refuse" for row in rows):
+        click.echo("refuse: a run exists there; use --resume, --force or another -o", err=as_json)
     for folder in sorted(set(folders)):
         if size_bytes := stored_bytes(folder):
             click.echo(f"{folder / '.stages'}: {size_bytes / 1e6:.1f} MB of results, which may be deleted", err=as_json)

@@ -18,6 +18,7 @@ html_theme_options = {
     "source_directory": "docs/",
 }
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_click"]
+html_static_path = html_css_files = ["site.css"]
 html_extra_path = [str(SAMPLES)] if SAMPLES.exists() else []
 exclude_patterns = ["pictures"]
 myst_heading_anchors = 3

@@ -62,7 +62,7 @@ quadlog replay yesterday.bag -c quadlog.toml -o runs/coarse --set grid.cell_m=0.
 - `config.toml` in a run folder is the effective configuration: `-c` on it gives the same run.
 """
 
-METRIC_KEYS = """Keys are the names of [metrics.md](metrics.md), values are tables with `min`, `max` or both.
+METRIC_KEYS = """Keys are the names of [Metrics](metrics.md), values are tables with `min`, `max` or both.
 
 ```toml
 [expect]
@@ -86,8 +86,10 @@ Intervals allow for the correlation of neighbouring samples; counts, extremes an
 of positions (`uwb_coverage_95`) contained 0.84 to 1.00 of the true positions on six real logs: [Limits](limits.md).
 
 `x_i` is sample i of N; **n** is what the number of samples counts. Sources are keys of
-[Methods and papers](references.md).
+[Methods and papers](references.md); without one, the definition is quadlog's own.
 """
+
+OWN = "quadlog's own definition"
 
 
 def main() -> int:
@@ -132,7 +134,7 @@ def configuration_page() -> str:
 def metrics_page() -> str:
     """One row for each metric, in the order of the contract."""
     rows = [
-        (_code(name), each.unit, each.meaning, _code(each.formula), each.source, each.counted)
+        (_code(name), each.unit, each.meaning, _code(each.formula), each.source.replace(OWN, ""), each.counted)
         for name, each in CATALOGUE.items()
     ]
     coverage = textwrap.fill(f"{COVERAGE} Shorter walks have none for rms and deviations.", 120)

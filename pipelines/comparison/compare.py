@@ -83,7 +83,8 @@ def rule_lines(names: Sequence[str], options: CompareOptions) -> list[str]:
     lines = [f"Rules of {', '.join(members)}: {rules}." for rules, members in groups.items()]
     plugins = [each for name in names if (each := planner_plugin(name)) is not None]
     lines += [f"Planner {each.name} is of {each.distribution} {each.version}." for each in plugins]
-    return [f"Preset {options.preset}, counting {options.counts} cells, seed {options.seed}.", *lines]
+    baseline = f"Baseline {options.baseline} (--preset {options.preset})"
+    return [f"{baseline}, counting {options.counts} cells, seed {options.seed}.", *lines]
 
 
 def failures(columns: Mapping[str, NDArray[Any]]) -> list[str]:

@@ -110,7 +110,7 @@ def lidar_above(ground: GroundPlane | None, transform_lidar_to_base: Float) -> F
 
 
 def height_without_ground(z_base_m: Float32, lidar_z_m: float) -> Float32:
-    """Heights (N,) of points at z_base_m (N,) where a scan in a plane shows no ground: those above base's own floor.
+    """Heights (N,) of points at z_base_m (N,) where a scan in a plane shows no ground: those above z = 0 of base.
 
     A lidar whose mount is unknown stands at least MOUNT_KNOWN_M high: else
     all it sees would lie on the floor, and no wall would block.

@@ -14,7 +14,7 @@ FEWEST_IN_TIME = 20
 """With fewer values a series says nothing of how its mean could have been otherwise."""
 COVERAGE = (
     "On walks of 12 to 60 s, 95 % intervals hold the truth in 0.94 to 0.99 (means), 0.92 to 1.00 (deviations) and 0.95 "
-    "to 1.00 (rms) of simulations whose errors neighbours share over 0.1 to 2 s; on pieces of 12 s of a real log in "
+    "to 1.00 (rms) of simulations whose errors are correlated over 0.1 to 2 s; on pieces of 12 s of a real log in "
     "0.95, 0.92 and 0.94."
 )
 """What tests/quadlog/metrics/test_mean_in_time.py measures; the page and docs/metrics.md state it."""

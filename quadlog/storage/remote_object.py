@@ -42,7 +42,7 @@ def open_object(url: str) -> RemoteObject:
 
 
 class BucketObject:
-    """An object of S3, or of any other system that fsspec knows. told: its server's answer when it was opened."""
+    """An object of S3, or of any other system that fsspec knows. info: its server's answer when it was opened."""
 
     def __init__(self, url: str) -> None:
         self.url = url
@@ -55,13 +55,13 @@ class BucketObject:
             if hasattr(self._system, "call_s3"):
                 self._conditional = self._system.open(self._path, "rb", cache_type="none")
                 info = self._conditional.details
-                if told_by(info).etag is None:
+                if object_info(info).etag is None:
                     self._conditional = None
             else:
                 info = self._system.info(self._path)
         if info.get("type") != "file":
             raise FileNotFoundError(redacted(url))
-        self.told = told_by(info)
+        self.info = object_info(info)
 
     def fetch(self, start: int, end: int) -> bytes:
         """The bytes from start to end, end excluded; several threads may ask at once.
@@ -76,7 +76,7 @@ class BucketObject:
                     data = self._system.cat_file(self._path, start=start, end=end)
                     # These systems have no conditional requests: the version is compared after every part.
                     self._system.invalidate_cache(self._path)
-                    if told_by(self._system.info(self._path)) != self.told:
+                    if object_info(self._system.info(self._path)) != self.info:
                         raise StorageChanged(redacted(self.url))
         except FileNotFoundError:
             raise StorageChanged(redacted(self.url)) from None
@@ -90,7 +90,7 @@ class BucketObject:
 
     def stream(self) -> Iterator[bytes]:
         """All bytes from the first on, in blocks. Raises StorageFailed, StorageChanged."""
-        size = self.told.size_bytes or 0
+        size = self.info.size_bytes or 0
         for start in range(0, size, _STREAMED_BYTES):
             yield self.fetch(start, min(start + _STREAMED_BYTES, size))
 
@@ -107,7 +107,7 @@ def _is_unmet_condition(error: BaseException) -> bool:
     return False
 
 
-def told_by(info: Mapping[str, Any]) -> ObjectInfo:
+def object_info(info: Mapping[str, Any]) -> ObjectInfo:
     """The metadata in fsspec's info of a file; each system has its own names for the version."""
     size = info.get("size")
     etag = next((str(info[name]) for name in ("ETag", "etag", "md5Hash", "content_md5") if info.get(name)), None)
@@ -195,7 +195,7 @@ class WebObject:
         self.url = url
         self._web = filesystem(url)
         with explained(url):
-            self.told = self._run(self._probe())
+            self.info = self._run(self._probe())
 
     def fetch(self, start: int, end: int) -> bytes:
         with self._still_there():
@@ -207,7 +207,7 @@ class WebObject:
             try:
                 if response.status != 200:
                     self._refuse(response)
-                if response.headers.get("ETag") != self.told.etag:
+                if response.headers.get("ETag") != self.info.etag:
                     raise StorageChanged(redacted(self.url))
                 whole = response.headers.get("Content-Encoding", "identity") == "identity"
                 self._compare(response, response.content_length if whole else None)
@@ -227,17 +227,17 @@ class WebObject:
 
     def _condition(self) -> dict[str, str]:
         """Headers with which a server that knows conditions refuses to answer from another file."""
-        if self.told.etag is not None and not self.told.etag.startswith("W/"):
-            return {"If-Match": self.told.etag}
-        return {"If-Unmodified-Since": self.told.last_modified} if self.told.last_modified else {}
+        if self.info.etag is not None and not self.info.etag.startswith("W/"):
+            return {"If-Match": self.info.etag}
+        return {"If-Unmodified-Since": self.info.last_modified} if self.info.last_modified else {}
 
     def _compare(self, response: Any, size: int | None) -> None:
         """Raise StorageChanged for a response with another size or version of the whole file."""
-        etag = response.headers.get("ETag", self.told.etag)
+        etag = response.headers.get("ETag", self.info.etag)
         # The date also beside equal ETags: some servers make theirs of the size alone.
-        now, then = response.headers.get("Last-Modified"), self.told.last_modified
-        other_size = None not in (size, self.told.size_bytes) and size != self.told.size_bytes
-        if other_size or etag != self.told.etag or (now and then and now != then):
+        now, then = response.headers.get("Last-Modified"), self.info.last_modified
+        other_size = None not in (size, self.info.size_bytes) and size != self.info.size_bytes
+        if other_size or etag != self.info.etag or (now and then and now != then):
             raise StorageChanged(redacted(self.url))
 
     def _run(self, coroutine: Any) -> Any:
@@ -332,7 +332,7 @@ class WebObject:
         if response.status in (404, 410):
             raise FileNotFoundError(redacted(self.url))
         found = _CONTENT_RANGE.fullmatch(response.headers.get("Content-Range", ""))
-        if response.status == 412 or (response.status == 416 and found and int(found[3]) != self.told.size_bytes):
+        if response.status == 412 or (response.status == 416 and found and int(found[3]) != self.info.size_bytes):
             raise StorageChanged(redacted(self.url))
         response.raise_for_status()
         if response.status == 200:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from quadlog.errors import CannotWrite, StorageFailed, TooLarge
-from quadlog.storage.remote_object import ObjectInfo, RemoteObject, filesystem, open_object, told_by
+from quadlog.storage.remote_object import ObjectInfo, RemoteObject, filesystem, object_info, open_object
 from quadlog.storage.urls import explained, is_url, local_path, protocol_of, reason_of, redacted, split_query
 
 
@@ -42,11 +42,11 @@ def copy_object(remote: RemoteObject, target: Path) -> None:
 
     Raises TooLarge where it would fill more than half of the disk's free room, StorageFailed, StorageChanged.
     """
-    told, shown = remote.told.size_bytes, redacted(remote.url)
+    size_bytes, shown = remote.info.size_bytes, redacted(remote.url)
     # Half of what is free: the rest of the machine lives there too.
     room = shutil.disk_usage(target.parent).free // 2
-    if told is not None and told > room:
-        raise TooLarge(f"{shown}: bytes to copy to {target.parent}", told, room)
+    if size_bytes is not None and size_bytes > room:
+        raise TooLarge(f"{shown}: bytes to copy to {target.parent}", size_bytes, room)
     written = 0
     with target.open("xb") as file:
         for block in remote.stream():
@@ -54,8 +54,8 @@ def copy_object(remote: RemoteObject, target: Path) -> None:
             if written > room:
                 raise TooLarge(f"{shown}: bytes to copy to {target.parent}", written, room)
             file.write(block)
-    if told is not None and written != told:
-        raise StorageFailed(shown, f"{written} bytes received, {told} announced")
+    if size_bytes is not None and written != size_bytes:
+        raise StorageFailed(shown, f"{written} bytes received, {size_bytes} announced")
 
 
 def copied(remote: RemoteObject, name: str) -> tempfile.TemporaryDirectory[str]:
@@ -88,7 +88,7 @@ class RemoteEntry:
     """What stands at a URL when it is looked at."""
 
     kind: Literal["file", "folder", "nothing"]
-    told: ObjectInfo | None = None
+    info: ObjectInfo | None = None
 
 
 class RemotePath:
@@ -171,12 +171,12 @@ class RemotePath:
         return not self.is_web() and self.look().kind == "folder"
 
     def stat(self) -> Stat:
-        told = self.look().told
-        if told is None:
+        info = self.look().info
+        if info is None:
             raise FileNotFoundError(str(self))
-        if told.size_bytes is None:
+        if info.size_bytes is None:
             raise StorageFailed(str(self), "the server does not report its size")
-        return Stat(told.size_bytes, told.modified_ns())
+        return Stat(info.size_bytes, info.modified_ns())
 
     def look(self) -> RemoteEntry:
         """What stands there: looked up until there is something, or known from the listing that named it."""
@@ -215,7 +215,7 @@ class RemotePath:
             if {"", ".", ".."}.isdisjoint(name.split("/")):
                 folder = info.get("type") == "directory"
                 url = f"{self.url.partition('://')[0]}://{'/' if str(info['name']).startswith('/') else ''}{name}"
-                yield RemotePath(url, RemoteEntry("folder") if folder else RemoteEntry("file", told_by(info)))
+                yield RemotePath(url, RemoteEntry("folder") if folder else RemoteEntry("file", object_info(info)))
 
     def open_object(self) -> RemoteObject:
         """The object as it is now. Raises FileNotFoundError."""
@@ -268,14 +268,14 @@ class RemotePath:
             if self.is_web() and self.url.endswith("/"):
                 raise StorageFailed(str(self), _NO_LISTING)
             if self.is_web():
-                return RemoteEntry("file", self.open_object().told)
+                return RemoteEntry("file", self.open_object().info)
             system = filesystem(self.url)
             with explained(self.url):
                 system.invalidate_cache(system._strip_protocol(self.url))
                 info = system.info(system._strip_protocol(self.url))
         except FileNotFoundError:
             return RemoteEntry("nothing")
-        return RemoteEntry("file", told_by(info)) if info.get("type") == "file" else RemoteEntry("folder")
+        return RemoteEntry("file", object_info(info)) if info.get("type") == "file" else RemoteEntry("folder")
 
     def is_web(self) -> bool:
         """Whether a web server gives it, which lists nothing and takes nothing."""

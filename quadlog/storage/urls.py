@@ -131,8 +131,8 @@ def reason_of(error: BaseException, url: str) -> str:
     if isinstance(status, int) and status:
         return f"the server answers with status {status}"
     # The number of an operating system's error says nothing that its words do not.
-    told = (error.strerror if isinstance(error, OSError) else None) or error
-    words = " ".join(redacted_text(str(told)).split())
+    cause = (error.strerror if isinstance(error, OSError) else None) or error
+    words = " ".join(redacted_text(str(cause)).split())
     if any(re.search(rf"(?<!\w){re.escape(secret)}(?!\w)", words) for secret in secrets_in(url)):
         words = ""
     return words[:_MOST_WORDS] or f"the request fails ({type(error).__name__})"

@@ -41,12 +41,12 @@ class McapSummary:
 
     def is_complete(self) -> bool:
         """Whether every message can be found through it: all counts agree with the statistics."""
-        told = self.statistics
+        own = self.statistics
         return (
-            told is not None
-            and (told.schemas, told.channels, told.chunks) == (len(self.schemas), len(self.channels), len(self.chunks))
-            and told.messages == sum(told.channel_counts.values())
-            and self.channels.keys() >= told.channel_counts.keys()
+            own is not None
+            and (own.schemas, own.channels, own.chunks) == (len(self.schemas), len(self.channels), len(self.chunks))
+            and own.messages == sum(own.channel_counts.values())
+            and self.channels.keys() >= own.channel_counts.keys()
             and len({chunk.offset for chunk in self.chunks}) == len(self.chunks)
         )
 
@@ -143,8 +143,8 @@ def _contents(file: ByteSource, size: int) -> Contents:
     written, losses = read_summary(file, size)
     summary = written or McapSummary()
     indexed, statistics = summary.is_complete(), summary.statistics
-    told = "the file was written without a summary" if written is None else "the summary is not complete"
-    warnings = [] if indexed or losses else [f"{told}; the whole file was read to open it"]
+    why = "the file was written without a summary" if written is None else "the summary is not complete"
+    warnings = [] if indexed or losses else [f"{why}; the whole file was read to open it"]
     scan = McapScan(file, size, summary.chunks if indexed else [])
     losses += losses_of(scan.lost) + scan.losses
     if read_at(file, 0, len(mcap.MAGIC)) != mcap.MAGIC:

@@ -91,10 +91,10 @@ def _open_remote(remote_path: RemotePath) -> Container:
         remote = remote_path.open_object()
     except FileNotFoundError:
         raise RecordingNotFound(path, "no such file on the server") from None
-    if remote.told.size_bytes is None or not remote.told.ranges:
-        what = "does not report the file's size" if remote.told.ranges else "does not serve byte ranges"
+    if remote.info.size_bytes is None or not remote.info.ranges:
+        what = "does not report the file's size" if remote.info.ranges else "does not serve byte ranges"
         return _open_copy(path, remote, [f"the server {what}; the whole file was copied before it was read"])
-    file = RemoteBytes(remote, remote.told.size_bytes)
+    file = RemoteBytes(remote, remote.info.size_bytes)
     with _closed_on_error(file):
         head = file.read(0, _HEAD_BYTES)
         if is_zstd(head) or head.startswith(sqlite_open.MAGIC):

@@ -111,7 +111,7 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
     if len(sources) == 1:
         first += sections.pop().blocks[1:]
     notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
-    facts = [f"{len(sources[0].comparison.rows)} planners", "the same questions for each"]
+    facts = [f"{len(sources[0].comparison.rows)} planners", "the same problems for all"]
     files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
     sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
     return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
@@ -141,13 +141,10 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
             panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
             pack.add(f"answers-{number}", panels, group)
             charts.append(blocks.Drawn(f"answers-{number}", f"Each {sample.step}", caption))
-        cells = next(iter(answers.values()))
-        hardest = int(np.nanargmax(cells[names[0]])) + 1
+        hardest = int(np.nanargmax(next(iter(answers.values()))[names[0]])) + 1
         scene = blocks.Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-        view = [
-            blocks.Beside(scene, charts) if charts else scene,
-            *([blocks.Text(caption)] if sample.stride > 1 else []),
-        ]
+        view = [blocks.Beside(scene, charts) if charts else scene]
+        view += [blocks.Text(caption)] if sample.stride > 1 else []
     return [*(view or charts), planner_table(comparison, number)]
 
 
@@ -237,7 +234,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     columns = [
         Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
         Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),
-        Column(_what(comparison), True, True), Column("each", True, True, help="cells of each question"),
+        Column(_what(comparison), True, True), Column("per replan", True, True, help="cells, mean"),
         Column("p95 (µs)", True, True), Column("length", True, True),
         Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
     ]  # fmt: skip
@@ -262,8 +259,6 @@ def _interval(row: PlannerRow) -> Interval | None:
 
 def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
-    found: dict[str, State] = {}
-    for row in comparison.rows:
-        low, high = (row.planner != comparison.baseline and _interval(row)) or (1.0, 1.0)
-        found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
-    return found
+    others = {row.planner: _interval(row) if row.planner != comparison.baseline else None for row in comparison.rows}
+    ends = {name: interval or (1.0, 1.0) for name, interval in others.items()}
+    return {name: "good" if low > 1 else "bad" if high < 1 else "" for name, (low, high) in ends.items()}

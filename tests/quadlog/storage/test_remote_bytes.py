@@ -28,7 +28,7 @@ class Served:
     """An object in memory that counts how often each of its bytes is asked for."""
 
     url = "s3://lab/walk?sig=1"
-    told = ObjectInfo(SIZE)
+    info = ObjectInfo(SIZE)
 
     def __init__(self) -> None:
         self.asked: list[tuple[int, int]] = []

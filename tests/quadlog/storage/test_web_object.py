@@ -34,22 +34,22 @@ def file(web: Any) -> str:
 def part(request: http.Request, data: bytes = CONTENT, **headers: str) -> http.Response:
     """The range that was asked for, as a server should answer it."""
     first, last = map(int, request.headers["Range"].removeprefix("bytes=").split("-"))
-    told = {"Content-Range": f"bytes {first}-{min(last, len(data) - 1)}/{len(data)}"}
-    return http.Response(status=206, body=data[first : last + 1], headers=told | headers)
+    content_range = {"Content-Range": f"bytes {first}-{min(last, len(data) - 1)}/{len(data)}"}
+    return http.Response(status=206, body=data[first : last + 1], headers=content_range | headers)
 
 
 def test_ranges_are_the_file_s(web: Any, file: str) -> None:
     remote = WebObject(file)
-    assert remote.told.size_bytes == len(CONTENT)
-    assert remote.told.ranges
-    assert remote.told.etag
-    assert remote.told.last_modified
+    assert remote.info.size_bytes == len(CONTENT)
+    assert remote.info.ranges
+    assert remote.info.etag
+    assert remote.info.last_modified
     for start, end in ((0, 1), (17, 70_000), (len(CONTENT) - 5, len(CONTENT))):
         assert remote.fetch(start, end) == CONTENT[start:end]
     assert b"".join(remote.stream()) == CONTENT
     assert web.sent_bytes == 1 + 1 + 70_000 - 17 + 5 + len(CONTENT)
     (web.folder / "empty").touch()
-    assert WebObject(f"{web.url}/empty").told.size_bytes == 0
+    assert WebObject(f"{web.url}/empty").info.size_bytes == 0
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_a_server_without_ranges_says_so_and_is_read_whole(
     """The length of a compressed response is not that of the file."""
     web.answer = lambda _: http.Response(body=content, headers=headers)
     remote = WebObject(file)
-    assert (remote.told.ranges, remote.told.size_bytes) == (False, size_bytes)
+    assert (remote.info.ranges, remote.info.size_bytes) == (False, size_bytes)
     if not headers:
         assert b"".join(remote.stream()) == content
 
