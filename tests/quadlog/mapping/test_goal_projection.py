@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from quadlog.mapping.goal_projection import DETOUR, escape_start, project_goal
+from quadlog.mapping.goal_projection import DETOUR, escape_start, inflate, project_goal
 from quadlog.mapping.grid import Window
-from quadlog.mapping.inflation import inflate
 
 WINDOW = Window(-20, 35, 0.1, (40, 60))
 

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 from scipy.spatial.distance import cdist
 
-from quadlog.mapping.inflation import inflate, inflate_square
+from quadlog.mapping.goal_projection import inflate, inflate_square
 
 grids = arrays(np.bool_, st.tuples(st.integers(1, 30), st.integers(1, 30)))
 
