@@ -15,10 +15,9 @@ from quadlog.config.schema import Config
 from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
+from quadlog.mapping.compact import NO_TOP, place_scan
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
-from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.placing import NO_TOP, place_scan
+from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData

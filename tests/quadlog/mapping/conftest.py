@@ -6,9 +6,8 @@ import pytest
 from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.range_image import Returns
-from quadlog.mapping.compact import CompactScan, CompactSettings, compact_scan
+from quadlog.mapping.compact import CompactScan, CompactSettings, PlacedScan, compact_scan, place_scan
 from quadlog.mapping.grid import Window
-from quadlog.mapping.placing import PlacedScan, place_scan
 
 
 @pytest.fixture(scope="session")

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import binned_statistic_2d
 
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.mapping.accumulated_map import FREE, OCCUPIED, AccumulatedMap, GroundHeight
+from quadlog.mapping.compact import NO_TOP, PlacedScan
 from quadlog.mapping.grid import Window, window_around
-from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.memory import FREE, OCCUPIED, AccumulatedMap, GroundHeight
 from quadlog.mapping.ray_tracing import NO_RAY
 
 

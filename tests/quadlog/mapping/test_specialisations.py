@@ -10,12 +10,12 @@ import sys
 import numpy as np
 from numba.core.registry import CPUDispatcher
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.accumulated_map import AccumulatedMap
+from quadlog.mapping.memory import AccumulatedMap
 from quadlog.mapping.compact import CompactSettings, compact_scan
-from quadlog.mapping.accumulated_map import GroundHeight
+from quadlog.mapping.memory import GroundHeight
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.placing import place_scan
+from quadlog.mapping.compact import place_scan
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
