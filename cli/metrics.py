@@ -40,7 +40,7 @@ def command(
     --t-offset and --align are those of evo. A CONDITION is NAME OPERATOR NUMBER with > >= < <= == or !=; a run that
     lacks the metric also fails.
     """
-    from quadlog.metrics.conditions import check_metric, parse_condition
+    from quadlog.metrics.catalogue import check_metric, parse_condition
 
     conditions = [parse_condition(text) for text in fail_if]
     if explain is not None:

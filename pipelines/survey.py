@@ -12,6 +12,7 @@ import tomli_w
 
 from quadlog.config.schema import Config
 from quadlog.errors import InvalidConfigValue, KnownAnchorsContradict, MissingInput, TooLarge
+from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.journal import Journal
@@ -22,11 +23,11 @@ from quadlog.pipelines.stages.positions.position import robot_track
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.positions.uwb_tags import body_tags_of, lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
+from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
+from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.lidar_odometry import ScanMatch
 from quadlog.positioning.locate import Anchors
-from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
-from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
-from quadlog.positioning.self_survey.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import listed
 
@@ -122,26 +123,26 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
         raise MissingInput("survey", "the recording has no odometry", NO_ODOMETRY)
     journal.progress.begin("survey", None)
     tags = robot_tags(config, journal, ranges)
-    measured, anchor_ids = usable_ranges(config, journal, ranges, tags)
+    start_ns = int(track.t_ns[0])
+    measured, anchor_ids = usable_ranges(config, journal, ranges, tags, start_ns)
     heights = height_prior(config, anchor_ids, tags, given_heights)
-    levers = RobotTags(np.array([lever_of(config, tag) for tag in tags]), tag_heights(config, tags))
     doubtful: np.ndarray | None = None  # poses of the lidar, where a scan does not tell all of the motion
     if track.source == "lidar" and data.tracker is not None:
         doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED
-    odometry = OdometryPoses(track.t_ns, track.xy_m, track.yaw_rad, doubtful)
-    problem, n_far = make_problem(odometry, measured, levers, len(anchor_ids))
-    n_near = len(measured.t_ns) - n_far
-    if n_far:
-        journal.warn(f"{n_far} of {len(measured.t_ns)} ranges are left out: no pose of {track.source} is near them")
-    if len(problem.range_m) < n_near:
-        journal.note(f"an even selection of {len(problem.range_m)} of {n_near} ranges is used")
-    known = {each.id: (each.x_m, each.y_m) for each in config.uwb.anchors}
-    known_m = np.array([known.get(anchor, (np.nan, np.nan)) for anchor in anchor_ids.tolist()])
     # A topic that is named may be odometry all the same.
     types = {channel.type_name for channel in data.log.recording.channels if channel.topic == track.source}
     prior = PRIORS.get("odometry" if ODOMETRY_TYPE in types else track.source, LEAST_PRIOR)
-    survey = survey_anchors(problem, heights, prior, known_m)
-    ids, start_ns = tuple(anchor_ids.tolist()), int(track.t_ns[0])
+    way = Way(seconds_since(track.t_ns, start_ns), track.xy_m, track.yaw_rad)
+    walk, n_far = make_walk(way, measured, heights, prior, doubtful)
+    n_near = len(measured.t_s) - n_far
+    if n_far:
+        journal.warn(f"{n_far} of {len(measured.t_s)} ranges are left out: no pose of {track.source} is near them")
+    if len(walk.ranges.range_m) < n_near:
+        journal.note(f"an even selection of {len(walk.ranges.range_m)} of {n_near} ranges is used")
+    known = {each.id: (each.x_m, each.y_m) for each in config.uwb.anchors}
+    known_m = np.array([known.get(anchor, (np.nan, np.nan)) for anchor in anchor_ids.tolist()])
+    survey = survey_anchors(walk, known_m)
+    ids = tuple(anchor_ids.tolist())
     if survey.misplaced_m:
         misplaced_m = {ids[index]: off_m for index, off_m in survey.misplaced_m.items()}
         raise KnownAnchorsContradict(misplaced_m, survey.mirrored)
@@ -151,7 +152,7 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
             journal.warn(text)
     z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, config, z_given, tuple(journal.losses))
-    _tell(journal, outcome, config.uwb.range_std_m, float(np.sqrt(np.mean(np.sum(problem.velocity_mps**2, axis=1)))))
+    _tell(journal, outcome, config.uwb.range_std_m, walk.speed_mps)
     return outcome
 
 
@@ -226,9 +227,12 @@ def tag_heights(config: Config, tags: Sequence[int]) -> Float:
 
 
 def usable_ranges(
-    config: Config, journal: Journal, ranges: RangeSeries, tags: tuple[int, ...]
-) -> tuple[MeasuredRanges, Int]:
-    """The ranges of the robot's tags within the configured limits, and the ids (A,) of the anchors. Raises TooLarge."""
+    config: Config, journal: Journal, ranges: RangeSeries, tags: tuple[int, ...], start_ns: int
+) -> tuple[TagRanges, Int]:
+    """The ranges of the robot's tags within the configured limits, in seconds since start_ns; the anchors' ids (A,).
+
+    Raises MissingInput, TooLarge.
+    """
     uwb = config.uwb
     own = np.isin(ranges.tag, tags)
     with np.errstate(invalid="ignore"):
@@ -244,8 +248,9 @@ def usable_ranges(
     if len(tags) * len(anchor_ids) > MOST_LINKS:
         raise TooLarge("survey: links between the robot's tags and anchors", len(tags) * len(anchor_ids), MOST_LINKS)
     tag = np.argsort(tags)[np.searchsorted(np.sort(tags), ranges.tag[usable])]
-    anchor = np.asarray(anchor, dtype=np.int64)
-    return MeasuredRanges(ranges.t_ns[usable], tag, anchor, ranges.range_m[usable]), anchor_ids
+    levers_m, heights_m = np.array([lever_of(config, tag) for tag in tags]), tag_heights(config, tags)
+    seen = seconds_since(ranges.t_ns[usable], start_ns), tag, np.asarray(anchor, np.int64), ranges.range_m[usable]
+    return TagRanges(*seen, levers_m, heights_m, len(anchor_ids)), anchor_ids
 
 
 def height_prior(

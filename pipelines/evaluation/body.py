@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
 from quadlog.messages import Float, Int
-from quadlog.metrics.body import (
+from quadlog.metrics.summary import Metric, Metrics
+from quadlog.metrics.walking import (
     BodySeries,
     GaitStatistics,
     gait,
@@ -20,7 +21,6 @@ from quadlog.metrics.body import (
     stance_where,
     torque_rows,
 )
-from quadlog.metrics.summary import Metric, Metrics
 from quadlog.results.tables import (
     CONTACTS,
     DUTY_FACTORS,

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from quadlog.config.file import read_bounds
 from quadlog.errors import ExitCode, NotARun, QuadlogError, UsageError, printable
-from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.conditions import Condition
+from quadlog.metrics.catalogue import CATALOGUE, Condition
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
-from quadlog.metrics.summary import Measured, MeasuredRun, Samples, summarise, worst_of
+from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, summarise, worst_of
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.results import check
@@ -139,14 +138,12 @@ def measure_runs(
     return MetricsOutcome(runs, differing_settings(records), said, problems, failing)
 
 
-def _measure(
-    run: Run, reference: references.Reference | None, detail: bool
-) -> tuple[dict[str, Measured], list[str], list[str]]:
+def _measure(run: Run, reference: references.Reference | None, detail: bool) -> tuple[Metrics, list[str], list[str]]:
     """The metrics of one run in the contract's order, lines for people, and what is damaged."""
     if not (run.path / "metrics.json").is_file():
         raise NotARun(run.path, "has no metrics.json")
     metrics = {
-        name: Measured(
+        name: Metric(
             *(float(of.value), of.n, printable(of.unit)),
             None if of.low is None or of.high is None else (of.low, of.high),
         )
@@ -167,16 +164,16 @@ def _measure(
     return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
 
 
-def _measured(samples: Mapping[str, Samples]) -> dict[str, Measured]:
+def _measured(samples: Mapping[str, Samples]) -> Metrics:
     found = {name: summarise(each) for name, each in samples.items()}
     return {
-        name: Measured(of.value, of.n, CATALOGUE[name].unit, of.interval, of)
+        name: Metric(of.value, of.n, CATALOGUE[name].unit, of.interval, summary=of)
         for name, of in found.items()
         if of is not None and of.value == of.value
     }
 
 
-def _failing(run: Path, metrics: Mapping[str, Measured], conditions: Sequence[Condition]) -> list[str]:
+def _failing(run: Path, metrics: Mapping[str, Metric], conditions: Sequence[Condition]) -> list[str]:
     lines = []
     for each in conditions:
         measured = metrics.get(each.name)

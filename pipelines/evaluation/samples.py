@@ -12,12 +12,11 @@ import numpy as np
 from quadlog.errors import QuadlogError
 from quadlog.geometry import interpolate_poses
 from quadlog.metrics.alignment import track_difference_samples
-from quadlog.metrics.body import body_samples
 from quadlog.metrics.planning import Replans, search_samples
 from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
-from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_samples
+from quadlog.metrics.walking import TrackedWalk, body_samples, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
 from quadlog.results.tables import read_table

@@ -21,7 +21,7 @@ from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.summary import Metric, Metrics
-from quadlog.metrics.walking import TrottedWalk, drift_metrics
+from quadlog.metrics.walking import drift_metrics
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot import trot as trotting
 from quadlog.simulation.robot.disturbances import DisturbanceSettings
@@ -231,15 +231,8 @@ def planned_peak_m(plan: trotting.TrotRobot, k: float) -> float:
 def trot_metrics(trotted: TrottedCurve) -> Metrics:
     """Drift, ranges and a fall; and how fast it was simulated."""
     walk = trotted.walk
-    kept = TrottedWalk(
-        x_m=walk.position_m[:, 0],
-        y_m=walk.position_m[:, 1],
-        rpy_rad=walk.rpy_rad,
-        fallen=walk.fallen,
-        rest=round(trotting.REST_S * trotting.SAMPLES_HZ),
-        period=round(trotting.PERIOD_S * trotting.SAMPLES_HZ),
-    )
-    metrics = drift_metrics(kept, trotting.PERIOD_S)
+    rest, period = (round(seconds * trotting.SAMPLES_HZ) for seconds in (trotting.REST_S, trotting.PERIOD_S))
+    metrics = drift_metrics(walk.position_m, walk.rpy_rad, walk.fallen, rest, period, trotting.PERIOD_S)
     metrics["torque_max_nm"] = Metric(float(np.abs(walk.torques_nm).max()), walk.torques_nm.size, "N·m")
     metrics["realtime_factor"] = Metric(float(walk.t_ns[-1]) * 1e-9 / trotted.seconds, 1, "")
     return metrics

@@ -16,8 +16,7 @@ from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
-from quadlog.mapping.grid import window_around
-from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
+from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import LogOddsMemory, Memory, ScanMemory
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int

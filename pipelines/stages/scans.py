@@ -238,7 +238,7 @@ def _sweep(cloud: PointCloud) -> tuple[int, int]:
 
 def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
     """The columns of scans.parquet, but for its time."""
-    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.label))}
+    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.returns.label))}
     counts |= {f"n_{kind.name.lower()}": scan.count(kind) for kind in PointClass if kind > PointClass.CROPPED}
     normal = [np.nan] * 3 if scan.ground is None else scan.ground.normal.tolist()
     plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.lidar.deskew import Slots
+from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Float32
 
 
@@ -64,23 +65,15 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClassifiedScan:
-    """The returns of one scan along the axes of base made upright, as they were measured: nothing is deskewed.
+    """The returns of one scan as they were measured: nothing is deskewed.
 
-    dx_m, dy_m (from the lidar), z_m (in base), height_m (above the ground), label (of PointClass), slot (of time),
-    point (number in the message): (M,) each. The first rows * columns of them are cells of a range image, row by row,
-    INVALID where nothing returned; the others, or all where columns is 0, are in no order. The next scan of the same
-    classifier overwrites them.
+    The first rows * columns returns are cells of a range image, row by row, INVALID where nothing returned; the others,
+    or all where columns is 0, are in no order. The next scan of the same classifier overwrites them.
     n_raw: points of the message. ground: None where none was found. lidar_base_m: (3,) where the lidar stands, z above
     the ground. slots: when the time slots are.
     """
 
-    dx_m: Float32
-    dy_m: Float32
-    z_m: Float32
-    height_m: Float32
-    label: NDArray[np.uint8]
-    slot: NDArray[np.uint8]
-    point: NDArray[np.int32]
+    returns: Returns
     rows: int
     columns: int
     n_raw: int
@@ -91,7 +84,7 @@ class ClassifiedScan:
 
     def count(self, kind: PointClass) -> int:
         """Points of a class, INVALID excepted: empty cells are no points."""
-        return int(np.count_nonzero(self.label == kind))
+        return int(np.count_nonzero(self.returns.label == kind))
 
     @property
     def shows_nothing(self) -> bool:
@@ -100,11 +93,12 @@ class ClassifiedScan:
 
     def points(self) -> Points:
         """The valid points."""
-        rows = np.flatnonzero(self.label != PointClass.INVALID)
-        rows = rows[np.argsort(self.point[rows])]
-        x_m, y_m = self.lidar_base_m[:2].astype(np.float32)[:, None] + [self.dx_m[rows], self.dy_m[rows]]
-        xyz_m = np.column_stack([x_m, y_m, self.z_m[rows]])
-        return Points(xyz_m, self.label[rows], self.height_m[rows], self.slot[rows])
+        found = self.returns
+        rows = np.flatnonzero(found.label != PointClass.INVALID)
+        rows = rows[np.argsort(found.point[rows])]
+        x_m, y_m = self.lidar_base_m[:2].astype(np.float32)[:, None] + [found.dx_m[rows], found.dy_m[rows]]
+        xyz_m = np.column_stack([x_m, y_m, found.z_m[rows]])
+        return Points(xyz_m, found.label[rows], found.height_m[rows], found.slot[rows])
 
 
 def lidar_above(ground: GroundPlane | None, transform_lidar_to_base: Float) -> Float:

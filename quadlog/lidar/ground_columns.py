@@ -6,10 +6,13 @@ Constants were chosen on seed 100 of quadlog.simulation.synthetic.labelled_scans
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.compiled import inner, kernel
+from quadlog.compiled import inner
+from quadlog.lidar.isolation_filter import Isolated
 from quadlog.messages import Float32
 
 Marks = NDArray[np.int8]
@@ -19,7 +22,8 @@ _JUMP_M, _JUMP_PER_M, _PIECE_GAP = np.float32(0.10), np.float32(0.03), 3
 _PIECE_WIDTH_M, _PIECE_RISE_M, _PIECE_RISE_PER_M = np.float32(2.5), np.float32(0.06), np.float32(0.02)
 _RAMP_SLOPE, _RAMP_AGREES, _RAMP_STEP_M = np.float32(0.12), np.float32(0.12), np.float32(0.3)
 
-_NOTHING, _PIECE, _NONE, _TURN = np.int8(0), np.int8(3), np.float32(0), np.float32(2 * np.pi)
+NOTHING, OBSTACLE, POSSIBLE, PIECE = np.int8(0), np.int8(1), np.int8(2), np.int8(3)
+_NONE, _TURN = np.float32(0), np.float32(2 * np.pi)
 # Typed: a plain 0 would make numba compile everything twice.
 _ZERO: int = np.int64(0)  # type: ignore[assignment]
 # What the range does from one return to the next: to something farther, to something nearer, or nothing is near.
@@ -27,22 +31,22 @@ _JOINED, _RISES, _DROPS = np.int8(0), np.int8(1), np.int8(2)
 
 
 @inner
-def drop_pieces(
-    kind: Marks, good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, row: int, off_m: Float32,
-    gap_m: Float32, rise_m: Float32, column: NDArray[np.int32], edges: NDArray[np.int32], ranges_m: Float32,
-    edge: Marks, ground: Marks,
+def _drop_pieces(
+    kind: Marks, seen: Isolated, range_m: Float32, row: int, off_m: Float32, gap_m: Float32, rise_m: Float32,
+    ground: Marks,
 ) -> None:  # fmt: skip
     """No short piece of a beam is ground that stands out of it, with something farther, or nothing, at an end.
 
     kind, ground, range_m, off_m, gap_m, rise_m: (columns,) of the beam in `row`, the last three from the column's
-    last ground; good, distance_m, z_m: (rows, columns). column, edges, ranges_m, edge: (columns + 1,), room to work
-    in. What is dropped is taken from ground and marked in kind.
+    last ground. What is dropped is taken from ground and marked in kind.
     """
-    n = _ZERO
+    columns = len(kind)
+    column, edges, edge = np.empty(columns + 1, np.int32), np.empty(columns, np.int32), np.empty(columns, np.int8)
+    n, ranges_m = _ZERO, np.empty(columns + 1, np.float32)
     for c in range(len(kind)):
         # Written unconditionally: a mispredicted branch takes longer.
         column[n], ranges_m[n] = c, range_m[c]
-        n += kind[c] != _NOTHING
+        n += kind[c] != NOTHING
     if n == 0:
         return
     column[n], ranges_m[n] = column[0] + len(kind), ranges_m[0]
@@ -72,16 +76,16 @@ def drop_pieces(
         size = np.int64(last - first)
         if wide < most_wide and off > size * _PIECE_RISE_M + _PIECE_RISE_PER_M * gap:
             begin = np.int64(first + 1 if first + 1 < n else first + 1 - n)
-            _drop(column, begin, size, n, kind, good, distance_m, z_m, row, gap_m, rise_m, ground)
+            _drop(column, begin, size, n, kind, seen, row, gap_m, rise_m, ground)
 
 
 @inner
 def _drop(
-    column: NDArray[np.int32], begin: int, size: int, n: int, kind: Marks, good: Marks, distance_m: Float32,
-    z_m: Float32, row: int, gap_m: Float32, rise_m: Float32, ground: Marks,
+    column: NDArray[np.int32], begin: int, size: int, n: int, kind: Marks, seen: Isolated, row: int, gap_m: Float32,
+    rise_m: Float32, ground: Marks,
 ) -> None:  # fmt: skip
     """Mark a piece, unless it goes on as a ramp does: to the next beam's returns at about the same slope."""
-    ramps = 0
+    good, distance_m, z_m, ramps = seen.good, seen.distance_m, seen.z_m, 0
     for j in range(begin, begin + size):
         c = column[j if j < n else j - n]
         if row + 1 == len(good) or good[row + 1, c] == 0:
@@ -93,7 +97,7 @@ def _drop(
         return
     for j in range(begin, begin + size):
         c = column[j if j < n else j - n]
-        ground[c], kind[c] = 0, _PIECE
+        ground[c], kind[c] = 0, PIECE
 
 
 STEEPEST = np.float32(0.47)
@@ -110,57 +114,37 @@ _VOTERS, _VOTER_M, _VOTER_PER_M = 4, np.float32(0.05), np.float32(0.02)
 _SPREAD_M, _SPREAD_PER_M, _SPREAD_RISE_M = np.float32(0.05), np.float32(0.01), np.float32(0.03)
 
 
-NOTHING, OBSTACLE, POSSIBLE, PIECE = np.int8(0), np.int8(1), np.int8(2), np.int8(3)
 _YES, _NO, _AYES, _NO_BITS = np.int8(1), np.int8(0), np.int8(15), np.int8(4)
-_NO_LENGTH_M, _ONE = np.float32(0), np.float32(1)
+_ONE = np.float32(1)
 # A step outwards, and one that says all about the slope.
 _STEP_M, _SLOW_M = np.float32(0.05), np.float32(0.5)
 
 
-class ColumnWalk:
-    """Walks the columns of range images of one shape; ground and wall: (rows, columns) int8, 1 where a cell is ground,
-    and where one near the ground has a wall right above it.
+class Walked(NamedTuple):
+    """(rows, columns) int8 each: 1 where a cell is ground, and where one near the ground has a wall right above it."""
+
+    ground: Marks
+    wall: Marks
+
+
+@inner
+def walk_columns(seen: Isolated, range_m: Float32, descending: NDArray[np.bool_], floor_m: float) -> Walked:
+    """range_m: (rows * columns,). floor_m: height of the ground under the lidar, float32.
+
+    descending: (rows,) whether the beam points below the lidar's own horizon: a column's first ground is seen by one
+    that does, or not at all.
     """
-
-    def __init__(self, rows: int, columns: int) -> None:
-        self.ground, self.wall = np.zeros((2, rows, columns), np.int8)
-        self._floats, self._marks = np.zeros((6, columns), np.float32), np.zeros((7, columns), np.int8)
-        self._wide = np.zeros(columns + 2 * _VOTERS, np.int8)
-        self._numbers, self._ranges_m = np.zeros((2, columns + 1), np.int32), np.zeros(columns + 1, np.float32)
-
-    def walk(
-        self,
-        good: Marks,
-        distance_m: Float32,
-        z_m: Float32,
-        range_m: Float32,
-        descending: NDArray[np.bool_],
-        floor_m: float,
-    ) -> None:
-        """good, distance_m, z_m: (rows, columns) of `Isolated`; range_m: (rows * columns,).
-
-        floor_m: height of the ground under the lidar. descending: (rows,) whether the beam points below the lidar's
-        own horizon: a column's first ground is seen by one that does, or not at all.
-        """
-        _walk(
-            good, distance_m, z_m, range_m.reshape(good.shape), descending, np.float32(floor_m), self._floats,
-            self._marks, self._wide, self._numbers, self._ranges_m, self.ground, self.wall,
-        )  # fmt: skip
-
-
-@kernel
-def _walk(
-    good: Marks, distance_m: Float32, z_m: Float32, range_m: Float32, descending: NDArray[np.bool_], floor_m: float,
-    floats: Float32, marks: Marks, wide: Marks, numbers: NDArray[np.int32], ranges_m: Float32, ground: Marks,
-    wall: Marks,
-) -> None:  # fmt: skip
+    good, distance_m, z_m = seen.good, seen.distance_m, seen.z_m
+    rows, columns = good.shape
+    ground, wall = np.empty((rows, columns), np.int8), np.empty((rows, columns), np.int8)
+    floats, marks = np.empty((6, columns), np.float32), np.empty((7, columns), np.int8)
+    wide = np.empty(columns + 2 * _VOTERS, np.int8)
     # Of every column: where its last ground is, how steep the ground was there, and what lies between.
     last_m, last_z_m, slope = floats[0], floats[1], floats[2]
     gap_m, rise_m, off_m = floats[3], floats[4], floats[5]
     hidden, rises, walkable, votes = marks[0], marks[1], marks[2], marks[3]
     undecided, link, kind = marks[4], marks[5], marks[6]
-    rows, columns = good.shape
-    last_m[:], last_z_m[:], slope[:], hidden[:] = _NO_LENGTH_M, floor_m, _NO_LENGTH_M, _NO
+    last_m[:], last_z_m[:], slope[:], hidden[:] = _NONE, floor_m, _NONE, _NO
     for row in range(rows):
         distance, z, here = distance_m[row], z_m[row], good[row]
         ground[row, :], wall[row, :], rises[:] = _NO, _NO, _NO
@@ -175,7 +159,7 @@ def _walk(
             walkable[c] = here[c] if walks & (gap_m[c] > _BACK_M) else _NO
         if not descending[row]:
             for c in range(columns):
-                walkable[c] = walkable[c] if last_m[c] > _NO_LENGTH_M else _NO
+                walkable[c] = walkable[c] if last_m[c] > _NONE else _NO
         _mark_walls(here, rises, walkable, off_m, gap_m, wall[row])
         if _sort_out(here, walkable, wall[row], off_m, kind):
             for c in range(columns):
@@ -184,12 +168,11 @@ def _walk(
                 # With some of the other end on either side, so that neighbours need no wrapping.
                 wide[k], wide[_VOTERS + columns + k] = kind[columns - _VOTERS + k], kind[k]
             _vote(wide, kind, distance, wall[row], off_m, votes, ground[row])
-            drop_pieces(
-                kind, good, distance_m, z_m, range_m[row], row, off_m, gap_m, rise_m, numbers[0], numbers[1],
-                ranges_m, link, ground[row],
-            )  # fmt: skip
+            ranges = range_m[row * columns :]
+            _drop_pieces(kind, seen, ranges, row, off_m, gap_m, rise_m, ground[row])
             _spread(kind, distance, z, wall[row], ground[row], undecided, link)
         _step_out(kind, ground[row], distance, z, hidden, last_m, last_z_m, slope)
+    return Walked(ground, wall)
 
 
 # The following have no branches, and few arrays each, so that they become vector instructions.

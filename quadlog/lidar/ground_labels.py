@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import cached, inner, kernel
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.lidar.ground_columns import ColumnWalk
+from quadlog.lidar.ground_columns import Walked, walk_columns
 from quadlog.lidar.isolation_filter import Isolated, supported
-from quadlog.lidar.range_image import Image
+from quadlog.lidar.range_image import Image, Returns
 from quadlog.messages import Float, Float32
 
 Marks = NDArray[np.int8]
@@ -23,57 +26,66 @@ _PLANE_COLUMNS = 4
 _STEP, _PER_STEP = np.float32(STEP_M), np.float32(1 / STEP_M)
 
 
-class GroundProfile:
-    """Height of the ground in base, height_m (sectors, STEPS), every STEP_M outwards of every SECTOR_COLUMNS columns.
+class Sectors(NamedTuple):
+    """Every SECTOR_COLUMNS columns of an image make a sector.
 
-    first, second: (columns,) where the sectors on either side of each column begin in height_m.ravel(); across:
-    (columns,) how far it lies from the first one's middle to the second one's.
+    outward: (sectors, 2) their directions in the lidar's frame. first, second: (columns,) where the sectors on either
+    side of each column begin in a profile; across: (columns,) how far it lies from the first one's middle to the
+    second one's.
     """
 
-    def __init__(self, rows: int, columns: int) -> None:
-        sectors = -(-columns // SECTOR_COLUMNS)
-        self.height_m = np.zeros((sectors, STEPS), np.float32)
-        self._sums = np.zeros((3, sectors, rows), np.float32)
-        azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
-        self._outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)])
-        from_middle = np.arange(columns) - SECTOR_COLUMNS // 2
-        sector = from_middle // SECTOR_COLUMNS
-        self.first = (sector % sectors * STEPS).astype(np.int32)
-        self.second = ((sector + 1) % sectors * STEPS).astype(np.int32)
-        self.across = ((from_middle - sector * SECTOR_COLUMNS + 0.5) / SECTOR_COLUMNS).astype(np.float32)
-
-    def fit(
-        self,
-        ground: Marks,
-        distance_m: Float32,
-        z_m: Float32,
-        floor_m: float,
-        plane: Float,
-        transform_lidar_to_level: Float,
-    ) -> None:
-        """Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed
-        from the sectors beside it where it has too little; beyond the last, plane goes on.
-
-        ground, distance_m, z_m: (rows, columns). plane: (3,) a, b, c of z = a x + b y + c.
-        """
-        outward = self._outward, transform_lidar_to_level[:2, :2].copy(), plane
-        _profile(ground, distance_m, z_m, float(floor_m), *outward, self._sums, self.height_m)
+    outward: Float
+    first: NDArray[np.int32]
+    second: NDArray[np.int32]
+    across: Float32
 
 
-def level_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_xy_m: Float) -> Float:
-    """(3,) a, b, c of the plane z = a x + b y + c nearest in height to the ground, every fourth of its returns.
+@lru_cache(maxsize=4)
+def _sectors(columns: int) -> Sectors:
+    sectors = -(-columns // SECTOR_COLUMNS)
+    azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / columns * 2 * np.pi)
+    from_middle = np.arange(columns) - SECTOR_COLUMNS // 2
+    sector = from_middle // SECTOR_COLUMNS
+    return Sectors(
+        outward=np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]),
+        first=(sector % sectors * STEPS).astype(np.int32),
+        second=((sector + 1) % sectors * STEPS).astype(np.int32),
+        across=((from_middle - sector * SECTOR_COLUMNS + 0.5) / SECTOR_COLUMNS).astype(np.float32),
+    )
 
-    ground: (rows, columns); dx_m, dy_m from the lidar at lidar_xy_m (2,) of base, and z_m: of the same cells.
-    A slight pull towards level through base's origin keeps it defined when there are few points or all in a line.
+
+def label_beams(
+    image: Image, seen: Isolated, descending: NDArray[np.bool_], floor_m: float, transform_lidar_to_level: Float
+) -> Float:
+    """Fill label and height_m of an image of beams; returns (3,) a, b, c of the plane z = a x + b y + c in base.
+
+    descending: (rows,) as in `walk_columns`; floor_m: height of the ground under the lidar. A slight pull towards level
+    through base's origin keeps the plane defined when there are few points or all in a line.
     """
     plane: Float = np.zeros(3)
-    _fit_plane(ground, dx_m, dy_m, z_m, np.asarray(lidar_xy_m, dtype=np.float64), plane)
+    turn, lidar_m = transform_lidar_to_level[:2, :2].copy(), transform_lidar_to_level[:2, 3].copy()
+    _label_beams(image, seen, descending, floor_m, turn, lidar_m, _sectors(image.columns), plane)
     return plane
 
 
 @kernel
-def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_m: Float, plane: Float) -> None:
-    """The normal equations of the plane, solved by Cramer's rule."""
+def _label_beams(
+    image: Image, seen: Isolated, descending: NDArray[np.bool_], floor_m: float, turn: Float, lidar_m: Float,
+    sectors: Sectors, plane: Float,
+) -> None:  # fmt: skip
+    """turn: (2, 2) from the lidar's frame to base."""
+    walked = walk_columns(seen, image.range_m[0], descending, np.float32(floor_m))
+    _fit_plane(walked.ground, image.held, lidar_m, plane)
+    heights_m = _profile(walked.ground, seen, floor_m, sectors.outward, turn, plane).reshape(-1)
+    _label_cells(image, seen, walked, heights_m, sectors)
+    if image.n_others > 0:
+        _label_others(image, heights_m, sectors)
+
+
+@inner
+def _fit_plane(ground: Marks, held: Returns, lidar_m: Float, plane: Float) -> None:
+    """The plane nearest in height to every fourth of the ground's returns: normal equations, by Cramer's rule."""
+    dx_m, dy_m, z_m = held.dx_m, held.dy_m, held.z_m
     n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     rows, columns = ground.shape
     x0, y0 = lidar_m[0], lidar_m[1]
@@ -96,13 +108,15 @@ def _fit_plane(ground: Marks, dx_m: Float32, dy_m: Float32, z_m: Float32, lidar_
 
 # Sums of a sector's sixteen returns may be taken in any order.
 @cached(error_model="numpy", fastmath={"reassoc"})
-def _profile(
-    ground: Marks, distance_m: Float32, z_m: Float32, floor_m: float, outward: Float, turn: Float, plane: Float,
-    sums: Float32, height_m: Float32,
-) -> None:  # fmt: skip
-    """outward: (sectors, 2) directions of the sectors in the lidar's frame; turn: (2, 2) from there to base."""
+def _profile(ground: Marks, seen: Isolated, floor_m: float, outward: Float, turn: Float, plane: Float) -> Float32:
+    """(sectors, STEPS) height of the ground in base, every STEP_M outwards.
+
+    Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed from the
+    sectors beside it where it has too little; beyond the last, plane goes on.
+    """
+    distance_m, z_m, sectors = seen.distance_m, seen.z_m, len(outward)
     rows, columns = ground.shape
-    sectors = len(outward)
+    sums, height_m = np.empty((3, sectors, rows), np.float32), np.empty((sectors, STEPS), np.float32)
     none = np.float32(0)
     for row in range(rows):
         for s in range(sectors):
@@ -144,6 +158,7 @@ def _profile(
         y = turn[1, 0] * outward[s, 0] + turn[1, 1] * outward[s, 1]
         rise = (x * plane[0] + y * plane[1]) / np.sqrt(x * x + y * y)
         _draw_line(heights[step:], step, np.float32(rise), z0, at)
+    return height_m
 
 
 @inner
@@ -154,11 +169,9 @@ def _draw_line(height_m: Float32, step: int, rise: float, z_m: float, at_m: floa
 
 
 @inner
-def profile_height(
-    heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32], across: Float32, column: int,
-    distance_m: float,
-) -> float:  # fmt: skip
-    """The ground's height at a distance in a column; heights_m: (sectors * STEPS,), the rest as in GroundProfile."""
+def _profile_height(heights_m: Float32, sectors: Sectors, column: int, distance_m: float) -> float:
+    """The ground's height at a distance in a column; heights_m: (sectors * STEPS,)."""
+    first, second, across = sectors.first, sectors.second, sectors.across
     v = min(distance_m * _PER_STEP, np.float32(STEPS - 2))
     k = np.int32(v)
     along = v - np.float32(k)
@@ -173,44 +186,29 @@ _WALKED_M, _LEVEL_M, _FOOT_M, _SUNKEN_M = np.float32(0.10), np.float32(0.04), np
 _INVALID, _, _OUTLIER, _GROUND, _OBSTACLE = (np.uint8(each) for each in PointClass)
 
 
-def label_returns(image: Image, isolated: Isolated, walked: ColumnWalk, profile: GroundProfile) -> None:
-    """Fill the image's label and height_m."""
-    table = profile.height_m.reshape(-1), profile.first, profile.second, profile.across
-    marks = isolated.good, walked.ground, walked.wall
-    _label_cells(*marks, isolated.distance_m, isolated.z_m, image.range_m[0], *table, image.height_m, image.label)
-    if image.n_others:
-        others = image.n_others, image.other_range_m, image.other_cell, image.range_m
-        _label_others(*others, image.dx_m, image.dy_m, image.z_m, *table, image.height_m, image.label)
-
-
-def label_supported(image: Image, isolated: Isolated) -> None:
+def label_supported(image: Image, seen: Isolated) -> None:
     """Label every return an obstacle where neighbours support it, else an outlier."""
-    cells, seen = image.rows * image.columns, image.range_m[0] > 0
-    image.label[:cells] = np.where(seen, np.where(isolated.good.reshape(-1) != 0, _OBSTACLE, _OUTLIER), _INVALID)
+    cells = image.rows * image.columns
+    classes = np.where(seen.good.reshape(-1) != 0, _OBSTACLE, _OUTLIER)
+    image.held.label[:cells] = np.where(image.range_m[0] > 0, classes, _INVALID)
     if image.n_others:
-        others = image.n_others, image.other_range_m, image.other_cell
-        _judge_others(*others, image.range_m, image.columns, image.label)
+        _judge_others(image)
 
 
 @kernel
-def _judge_others(
-    n_others: int, other_range_m: Float32, other_cell: NDArray[np.int32], range_m: Float32, columns: int,
-    label: NDArray[np.uint8],
-) -> None:  # fmt: skip
-    cells = range_m.shape[1]
-    for other in range(n_others):
-        row, c = other_cell[other] // columns, other_cell[other] % columns
-        real = supported(range_m, columns, 2, row, c, other_range_m[other])
-        label[cells + other] = _OBSTACLE if real else _OUTLIER
+def _judge_others(image: Image) -> None:
+    cells = image.rows * image.columns
+    for other in range(image.n_others):
+        row, c = image.other_cell[other] // image.columns, image.other_cell[other] % image.columns
+        real = supported(image, row, c, image.other_range_m[other])
+        image.held.label[cells + other] = _OBSTACLE if real else _OUTLIER
 
 
-@kernel
-def _label_cells(
-    good: Marks, ground: Marks, wall: Marks, distance_m: Float32, z_m: Float32, range_m: Float32,
-    heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32], across: Float32, height_m: Float32,
-    label: NDArray[np.uint8],
-) -> None:  # fmt: skip
+@inner
+def _label_cells(image: Image, seen: Isolated, walked: Walked, heights_m: Float32, sectors: Sectors) -> None:
     """The nearest return of every cell: INVALID where there is none, OUTLIER where it is not supported."""
+    good, ground, wall, distance_m, z_m = seen.good, walked.ground, walked.wall, seen.distance_m, seen.z_m
+    height_m, label, range_m = image.held.height_m, image.held.label, image.range_m[0]
     rows, columns = good.shape
     none = np.float32(0)
     for row in range(rows):
@@ -219,7 +217,7 @@ def _label_cells(
         # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
         above_m, classes, ranges_m = height_m[begin:], label[begin:], range_m[begin:]
         for c in range(columns):
-            above_m[c] = z[c] - profile_height(heights_m, first, second, across, c, distance[c])
+            above_m[c] = z[c] - _profile_height(heights_m, sectors, c, distance[c])
         for c in range(columns):
             above = above_m[c]
             near = _FOOT_M if is_wall[c] != 0 else (_WALKED_M if is_ground[c] != 0 else _LEVEL_M)
@@ -229,20 +227,17 @@ def _label_cells(
             classes[c] = surface if is_good[c] != 0 else alone
 
 
-@kernel
-def _label_others(
-    n_others: int, other_range_m: Float32, other_cell: NDArray[np.int32], range_m: Float32, dx_m: Float32,
-    dy_m: Float32, z_m: Float32, heights_m: Float32, first: NDArray[np.int32], second: NDArray[np.int32],
-    across: Float32, height_m: Float32, label: NDArray[np.uint8],
-) -> None:  # fmt: skip
+@inner
+def _label_others(image: Image, heights_m: Float32, sectors: Sectors) -> None:
     """Returns that share a cell with a nearer one, or belong to no row: those have no neighbours to be judged by."""
-    columns, cells = len(across), range_m.shape[1]
-    for other in range(n_others):
-        i, cell = cells + other, other_cell[other]
+    dx_m, dy_m, height_m, label = image.held.dx_m, image.held.dy_m, image.held.height_m, image.held.label
+    columns, cells = image.columns, image.rows * image.columns
+    for other in range(image.n_others):
+        i, cell = cells + other, image.other_cell[other]
         c = cell % columns if cell >= 0 else -1 - cell
         dx, dy = dx_m[i], dy_m[i]
         distance_m = np.sqrt(dx * dx + dy * dy)
-        height_m[i] = z_m[i] - profile_height(heights_m, first, second, across, c, distance_m)
+        height_m[i] = image.held.z_m[i] - _profile_height(heights_m, sectors, c, distance_m)
         label[i] = _GROUND if abs(height_m[i]) <= _LEVEL_M else _OBSTACLE
-        if cell >= 0 and not supported(range_m, columns, 2, cell // columns, c, other_range_m[other]):
+        if cell >= 0 and not supported(image, cell // columns, c, image.other_range_m[other]):
             label[i] = _OUTLIER

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import PointClass
 from quadlog.lidar.range_image import Returns
-from quadlog.messages import Float, Float32, Int
+from quadlog.messages import Float, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
 _REACH_CELLS = 5
@@ -35,13 +35,10 @@ def grow_ground(returns: Returns, floor_m: float) -> Float:
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.
     """
-    places, label = (returns.dx_m, returns.dy_m, returns.z_m, returns.label), returns.label
-    size = 2 * HALF_CELLS
-    lowest, cells, known = np.full((size, size), -1), np.zeros((size, size, 5)), np.zeros((size, size), np.bool_)
-    walled = np.zeros((size, size), np.bool_)
-    _grow(*places, floor_m, _outwards(), lowest, cells, known, walled)
+    label = returns.label
+    cells, known = _grow(returns, floor_m, _outwards())
     plane = _plane(cells[known], floor_m)
-    _measure(*places, cells, known, plane, returns.height_m)
+    _measure(returns, cells, known, plane)
     label[(label == PointClass.OBSTACLE) & (np.abs(returns.height_m) <= _GROUND_M)] = PointClass.GROUND
     return plane
 
@@ -61,12 +58,11 @@ def _plane(cells: Float, floor_m: float) -> Float:
 
 
 @kernel
-def _grow(
-    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], floor_m: float, order: Int, lowest: Int,
-    cells: Float, known: NDArray[np.bool_], walled: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Of every ground cell x, y from the lidar, z of its lowest point, and the slopes along x and y there."""
-    size = len(lowest)
+def _grow(returns: Returns, floor_m: float, order: Int) -> tuple[Float, NDArray[np.bool_]]:
+    """Of every ground cell x, y from the lidar, z of its lowest point and the slopes there; and which these are."""
+    dx_m, dy_m, z_m, label, size = returns.dx_m, returns.dy_m, returns.z_m, returns.label, 2 * HALF_CELLS
+    lowest, cells = np.full((size, size), -1), np.zeros((size, size, 5))
+    known, walled = np.zeros((size, size), np.bool_), np.zeros((size, size), np.bool_)
     for i in range(len(dx_m)):
         if label[i] != np.uint8(PointClass.OBSTACLE):
             continue
@@ -97,6 +93,7 @@ def _grow(
             cells[a, b, 0], cells[a, b, 1], cells[a, b, 2] = x, y, z
             cells[a, b, 3], cells[a, b, 4] = slope_x, slope_y
             known[a, b] = True
+    return cells, known
 
 
 @inner
@@ -130,13 +127,11 @@ def _extrapolate(
 
 
 @kernel
-def _measure(
-    dx_m: Float32, dy_m: Float32, z_m: Float32, label: NDArray[np.uint8], cells: Float, known: NDArray[np.bool_],
-    plane: Float, height_m: Float32,
-) -> None:  # fmt: skip
+def _measure(returns: Returns, cells: Float, known: NDArray[np.bool_], plane: Float) -> None:
     """Heights above the cells about each point, the nearer the more; above the plane where none is within 2 m."""
-    for i in range(len(label)):
-        if label[i] == np.uint8(PointClass.INVALID):
+    dx_m, dy_m, z_m, height_m = returns.dx_m, returns.dy_m, returns.z_m, returns.height_m
+    for i in range(len(dx_m)):
+        if returns.label[i] == np.uint8(PointClass.INVALID):
             continue
         x, y = np.float64(dx_m[i]), np.float64(dy_m[i])
         a, b = math.floor(x / CELL_M) + HALF_CELLS, math.floor(y / CELL_M) + HALF_CELLS

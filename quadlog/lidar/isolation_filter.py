@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,13 +25,13 @@ _FAR_OFF_M = np.float32(-1e6)
 
 
 @inner
-def supported(range_m: Float32, columns: int, layers: int, row: int, column: int, r: float) -> bool:
+def supported(image: Image, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
-    The line is what ground looks like far away, where the range changes fast along the beam. range_m: (2, rows *
-    columns) of `Image`, of which `layers` are looked at; the cell's own two returns do not count.
+    The line is what ground looks like far away, where the range changes fast along the beam. The cell's own two
+    returns do not count.
     """
-    rows = range_m.shape[1] // columns
+    range_m, rows, columns = image.range_m, image.rows, image.columns
     near_m = NEAR_M + NEAR_PER_M * r
     for k in range(1, WINDOW + 1):
         a = column - k if column >= k else column - k + columns
@@ -38,7 +40,7 @@ def supported(range_m: Float32, columns: int, layers: int, row: int, column: int
         if left > 0 and right > 0 and abs(_HALF * (left + right) - r) <= near_m:
             return True
     found = 0
-    for layer in range(layers):
+    for layer in range(2 if image.n_others > 0 else 1):
         for i in range(row - ROWS, row + ROWS + 1):
             if i < 0 or i >= rows:
                 continue
@@ -53,45 +55,38 @@ def supported(range_m: Float32, columns: int, layers: int, row: int, column: int
     return False
 
 
-class Isolated:
-    """What the filter leaves of an image, cells (rows, columns): good (int8, 1 where a return is supported), and
-    distance_m (horizontal, from below the lidar) and z_m (in base) with smoothed ranges.
+class Isolated(NamedTuple):
+    """What the filter leaves of an image, (rows, columns) each.
 
-    A range is the mean of those of the same surface within the window: a
-    third of the noise, so that slopes between beams are significant.
+    good: int8, 1 where a return is supported. distance_m (horizontal, from below the lidar), z_m (in base): of smoothed
+    ranges, each the mean of those of the same surface within the window: a third of the noise, so that slopes between
+    beams are significant.
     """
 
-    def __init__(self, rows: int, columns: int) -> None:
-        self.good = np.zeros((rows, columns), np.int8)
-        self.distance_m, self.z_m = np.zeros((2, rows, columns), np.float32)
-        self.raw_distance_m = np.zeros((rows, columns), np.float32)
-        self._wide = np.zeros(columns + 2 * WINDOW, np.float32)
-
-    def isolate(self, image: Image, lidar_z_m: float) -> None:
-        """lidar_z_m: the lidar's own height in base."""
-        arrays = self.good, self.raw_distance_m, self.distance_m, self.z_m
-        _isolate(
-            image.range_m, image.dx_m, image.dy_m, image.z_m, image.layers, np.float32(lidar_z_m), self._wide, *arrays
-        )
+    good: NDArray[np.int8]
+    distance_m: Float32
+    z_m: Float32
 
 
 @kernel
-def _isolate(
-    range_m: Float32, dx_m: Float32, dy_m: Float32, raw_z_m: Float32, layers: int, lidar_z: float, wide: Float32,
-    good: NDArray[np.int8], raw_distance_m: Float32, distance_m: Float32, z_m: Float32,
-) -> None:  # fmt: skip
+def isolate(image: Image, lidar_z: float) -> Isolated:
+    """The filter; lidar_z: the lidar's own height in base, float32."""
     one, none = np.float32(1), np.float32(0)
-    rows, columns = good.shape
+    rows, columns = image.rows, image.columns
+    good, wide = np.empty((rows, columns), np.int8), np.empty(columns + 2 * WINDOW, np.float32)
+    distance_m, z_m = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    raw_distance = np.empty(columns, np.float32)
     for row in range(rows):
         begin = row * columns
         # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
-        ranges, dxs, dys, raw_z = range_m[0, begin:], dx_m[begin:], dy_m[begin:], raw_z_m[begin:]
+        ranges, raw_z = image.range_m[0, begin:], image.held.z_m[begin:]
+        dxs, dys = image.held.dx_m[begin:], image.held.dy_m[begin:]
         for c in range(columns):
             r = ranges[c]
             wide[WINDOW + c] = r if r > none else _FAR_OFF_M
         for k in range(WINDOW):
             wide[k], wide[WINDOW + columns + k] = wide[columns + k], wide[WINDOW + k]
-        here, raw_distance, distance, z = good[row], raw_distance_m[row], distance_m[row], z_m[row]
+        here, distance, z = good[row], distance_m[row], z_m[row]
         for c in range(columns):
             dx, dy = dxs[c], dys[c]
             raw_distance[c] = np.sqrt(dx * dx + dy * dy)
@@ -113,4 +108,5 @@ def _isolate(
             here[c] = np.int8((r > none) & (found > SUPPORTERS))
         for c in range(columns):
             if here[c] == 0 and wide[c + WINDOW] > none:
-                here[c] = supported(range_m, columns, layers, row, c, wide[c + WINDOW])
+                here[c] = supported(image, row, c, wide[c + WINDOW])
+    return Isolated(good, distance_m, z_m)

@@ -24,6 +24,7 @@ from quadlog.lidar.classified_scan import (
     outside_view,
 )
 from quadlog.lidar.deskew import Slots
+from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Float32, Int
 
 MOST_ITERATIONS = 100_000
@@ -86,8 +87,8 @@ def classify_as_paper(
         height_m = ground.height_m(base_m.T).astype(np.float32) if ground.is_level else height_m
     place_m = lidar_above(ground, transform_lidar_to_base)
     dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
-    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot
-    return ClassifiedScan(*arrays, np.arange(n, dtype=np.int32), 0, 0, n, ground, "paper", place_m, slots)
+    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot, np.arange(n, dtype=np.int32)
+    return ClassifiedScan(Returns(*arrays), 0, 0, n, ground, "paper", place_m, slots)
 
 
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:

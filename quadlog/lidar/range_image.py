@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -54,8 +53,7 @@ _BIN_RAD = np.deg2rad(1.5)
 _FEWEST_IN_BEAM, _LEAST_SHARE_IN_BEAMS = 20, 0.95
 
 
-@dataclass(frozen=True, slots=True)
-class Beams:
+class Beams(NamedTuple):
     """How one lidar's points go into an image; it holds as long as the sensor and its driver stay what they are.
 
     first_cell: (keys + 1,) int32, the cell in which the row of each beam number begins, -1 for those without one; the
@@ -72,33 +70,35 @@ class Beams:
     sine: Float32
     tolerance: float
 
-    @property
-    def rows(self) -> int:
-        """Beams that return anything."""
-        return len(self.descending)
-
 
 def beams_by_number(polar: Polar, beam: NDArray[np.uint16], upright: bool) -> Beams | None:
     """Beams by their numbers (N,), in any order; None where these do not match the elevations."""
-    found = _statistics(polar, beam)
-    used = np.flatnonzero(found.points)
+    known = (polar.range_m > 0) & (beam < MOST_BEAMS)
+    number, sine = beam[known].astype(np.int64), polar.sine[known].astype(np.float64)
+    points = np.bincount(number)
+    used = np.flatnonzero(points)
     if len(used) == 0:
         return None
-    n = found.points[used]
-    mean = found.first[used] + found.total[used] / n
-    scatter = np.sqrt(max(np.sum(found.squares[used] - found.total[used] ** 2 / n), 0.0) / n.sum())
+    first = np.zeros(len(points))
+    # Of repeated indices the last assignment holds: in reverse order the first point.
+    first[number[::-1]] = sine[::-1]
+    # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
+    apart = sine - first[number]
+    n, total, squares = points[used], np.bincount(number, apart)[used], np.bincount(number, apart**2)[used]
+    mean = first[used] + total / n
+    scatter = np.sqrt(max(np.sum(squares - total**2 / n), 0.0) / n.sum())
     order = np.argsort(mean if upright else -mean, kind="stable")
     gaps = np.sort(np.abs(np.diff(mean[order])))
     gap = gaps[len(gaps) // 2] if len(gaps) else _FLAT_SCATTER / _LARGEST_SCATTER
     if scatter > _LARGEST_SCATTER * gap:
         return None
     descending = mean[order] < 0 if upright else mean[order] > 0
-    columns = _columns(found.arcs[used])
+    columns = _columns(number, polar.turn[known])
     first_cell = np.full(MOST_BEAMS + 1, -1, dtype=np.int32)
     first_cell[used[order]] = np.arange(len(used)) * columns
-    sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
-    sine[used] = mean
-    return Beams(first_cell, False, descending, columns, sine, max(gap * _STRANGE, _FLAT_SCATTER))
+    mean_sine = np.full(MOST_BEAMS + 1, np.nan, dtype=np.float32)
+    mean_sine[used] = mean
+    return Beams(first_cell, False, descending, columns, mean_sine, max(gap * _STRANGE, _FLAT_SCATTER))
 
 
 def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
@@ -120,7 +120,7 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
     if beams is None:
         return None
     number = np.minimum(number, len(beams.first_cell) - 1)
-    return replace(beams, by_elevation=True, first_cell=beams.first_cell[number], sine=beams.sine[number])
+    return beams._replace(by_elevation=True, first_cell=beams.first_cell[number], sine=beams.sine[number])
 
 
 def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, NDArray[np.uint16]]:
@@ -147,43 +147,29 @@ def phase_and_strangers(
     The phase is in [-0.5, 0.5]. Steps that lie on the edge between two columns would be rounded into either, two
     points into one cell and none into the next. It is 0 where the points lie anywhere in a step.
     """
-    found = np.zeros(4)
-    limits = np.array([max(ranges_m[0], 1e-9) ** 2, min(ranges_m[1], 1e18) ** 2, beams.tolerance])
-    x_m, y_m, z_m = xyz_m
-    _sample(x_m, y_m, z_m, key, beams.first_cell, beams.sine, beams.by_elevation, beams.columns, limits, found)
-    cos, sin, n, strangers = found.tolist()
+    # An odd step meets every beam of a sweep that is sent column by column.
+    step = max(len(xyz_m[0]) // _POINTS_FOR_PHASE, 1) | 1
+    x_m, y_m, z_m = (axis_m[::step].astype(np.float64) for axis_m in xyz_m)
+    squared = x_m * x_m + y_m * y_m + z_m * z_m
+    real = (squared >= max(ranges_m[0], 1e-9) ** 2) & (squared <= min(ranges_m[1], 1e18) ** 2)
+    n = np.count_nonzero(real)
     if n == 0:
         return 0.0, 0.0
+    turn_rad, sine = np.arctan2(y_m[real], x_m[real]) * beams.columns, z_m[real] / np.sqrt(squared[real])
+    number = (sine + 1) * (ELEVATION_BINS / 2) if beams.by_elevation else key[::step][real]
+    number = np.minimum(number.astype(np.int64), len(beams.first_cell) - 1)
+    strange = beams.first_cell[number] < 0
+    if not beams.by_elevation:
+        strange |= ~(np.abs(sine - beams.sine[number]) <= beams.tolerance)
+    cos, sin = float(np.cos(turn_rad).sum()), float(np.sin(turn_rad).sum())
     phase = math.atan2(sin, cos) / (2 * math.pi) if math.hypot(cos, sin) > 0.5 * n else 0.0
-    return phase, strangers / n
+    return phase, np.count_nonzero(strange) / n
 
 
-@kernel
-def _sample(
-    x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], first_cell: NDArray[np.int32],
-    sines: Float32, by_elevation: bool, columns: int, limits: Float, found: Float,
-) -> None:  # fmt: skip
-    """Sums of the cosine and the sine of the phase, points looked at, and those of them that are on no beam."""
-    last_key = len(first_cell) - 1
-    # An odd step meets every beam of a sweep that is sent column by column.
-    for i in range(0, len(x_m), max(len(x_m) // _POINTS_FOR_PHASE, 1) | 1):
-        x, y, z = np.float64(x_m[i]), np.float64(y_m[i]), np.float64(z_m[i])
-        squared = x * x + y * y + z * z
-        if not (squared >= limits[0] and squared <= limits[1]):
-            continue
-        turn_rad = math.atan2(y, x) * columns
-        found[0] += math.cos(turn_rad)
-        found[1] += math.sin(turn_rad)
-        found[2] += 1.0
-        sine = z / math.sqrt(squared)
-        number = int((sine + 1.0) * (ELEVATION_BINS / 2)) if by_elevation else int(key[i])
-        number = min(number, last_key)
-        strange = first_cell[number] < 0 or (not by_elevation and not abs(sine - sines[number]) <= limits[2])
-        found[3] += 1.0 if strange else 0.0
-
-
-def _columns(arcs: Int) -> int:
-    """Steps of a full turn, by the beam that fills the arcs (beams, _ARCS) it reaches best."""
+def _columns(number: Int, turn: Float32) -> int:
+    """Steps of a full turn of points by beam number and turn (N,), by the beam that fills the arcs it reaches best."""
+    arcs = np.bincount(number * _ARCS + (turn * _ARCS).astype(np.int64), minlength=(int(number.max()) + 1) * _ARCS)
+    arcs = arcs.reshape(-1, _ARCS)
     held, reached = arcs.sum(axis=1), np.count_nonzero(arcs, axis=1)
     # A beam that reaches few arcs may see some of them twice, as through leaves.
     wide = 2 * reached >= reached.max()
@@ -195,40 +181,17 @@ def _columns(arcs: Int) -> int:
     return min(max(round(per_arc * _ARCS), FEWEST_COLUMNS), MOST_COLUMNS)
 
 
-class _Statistics(NamedTuple):
-    """Per beam: points, sum and squares of their sines about the first, the first, and points in each arc."""
-
-    points: Int
-    total: Float
-    squares: Float
-    first: Float
-    arcs: Int
-
-
-def _statistics(polar: Polar, beam: NDArray[np.uint16]) -> _Statistics:
-    """Numbers from MOST_BEAMS on are ignored."""
-    known = (polar.range_m > 0) & (beam < MOST_BEAMS)
-    number, sine = beam[known].astype(np.int64), polar.sine[known].astype(np.float64)
-    n = int(number.max(initial=0)) + 1
-    first = np.zeros(n)
-    # Of repeated indices the last assignment holds: in reverse order the first point.
-    first[number[::-1]] = sine[::-1]
-    # About the first, so that the squares of a beam's tiny scatter are not lost in rounding.
-    apart = sine - first[number]
-    total, squares = (np.bincount(number, weights, n).astype(np.float64) for weights in (apart, apart**2))
-    arc = number * _ARCS + (polar.turn[known] * _ARCS).astype(np.int64)
-    arcs = np.bincount(arc, minlength=n * _ARCS).reshape(n, _ARCS)
-    return _Statistics(np.bincount(number, minlength=n), total, squares, first, arcs)
-
-
 BLOCK = 1024
 """Points per block: its intermediate results fit the L1 cache."""
-_SCRATCH_ROWS = 5
 _HALF_BINS = np.float32(ELEVATION_BINS / 2)
 
 
 class Returns(NamedTuple):
-    """What an image holds, (M,) each; see there. point: number of the point in its message."""
+    """Returns of a scan along the axes of base made upright, (M,) each.
+
+    dx_m, dy_m: from below the lidar; z_m: in base; height_m: above the ground; label: of PointClass; slot: of time;
+    point: number in the message.
+    """
 
     dx_m: Float32
     dy_m: Float32
@@ -239,87 +202,82 @@ class Returns(NamedTuple):
     point: NDArray[np.int32]
 
 
-class Image:
-    """Cells (rows * columns,) of the nearest return of each beam and step, and behind them the other returns.
+class Image(NamedTuple):
+    """Cells of the nearest return of each beam and step, and behind them the other returns.
 
-    The arrays dx_m, dy_m (from below the lidar, along base's axes), z_m (in base), height_m (above the ground), label
-    (of PointClass), slot (of time) and point hold rows * columns cells, row by row, and then n_others returns that
-    share a cell with a nearer one or belong to no row; there is room for `room` of these.
-    range_m: (2, rows * columns) of the nearest return of a cell and of the next one, 0 where there is none.
-    other_range_m, other_cell: (room,) of those; the cell is -1 - column for returns that belong to no row.
+    held: rows * columns cells, row by row, and then n_others returns that share a cell with a nearer one or belong to
+    no row; there is room for more. range_m: (2, rows * columns) of the nearest return of a cell and of the next one, 0
+    where there is none. other_range_m, other_cell: (room,) of the others; -1 - column for those that belong to no row.
     """
 
-    def __init__(self, rows: int, columns: int, room: int) -> None:
-        self.rows, self.columns, self.room, self.n_others = rows, columns, room, 0
+    rows: int
+    columns: int
+    n_others: int
+    range_m: Float32
+    held: Returns
+    other_range_m: Float32
+    other_cell: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls, beams: Beams, room: int) -> Image:
+        """For scans of up to `room` points; work arrays that are laid again and again."""
+        rows, columns = len(beams.descending), beams.columns
         cells = rows * columns
-        self.range_m = np.zeros((2, cells), np.float32)
-        self.dx_m, self.dy_m, self.z_m, self.height_m = np.zeros((4, cells + room), np.float32)
-        self.label, self.slot = np.zeros((2, cells + room), np.uint8)
-        self.point = np.zeros(cells + room, np.int32)
-        self.other_range_m, self.other_cell = np.zeros(room, np.float32), np.zeros(room, np.int32)
-        self._scratch, self._column = np.zeros((_SCRATCH_ROWS, BLOCK), np.float32), np.zeros((2, BLOCK), np.int32)
+        places, (label, slot) = np.zeros((4, cells + room), np.float32), np.zeros((2, cells + room), np.uint8)
+        held = Returns._make([*places, label, slot, np.zeros(cells + room, np.int32)])
+        others = np.zeros(room, np.float32), np.zeros(room, np.int32)
+        return cls(rows, columns, 0, np.zeros((2, cells), np.float32), held, *others)
 
     @property
-    def layers(self) -> int:
-        """How many layers of range_m hold anything."""
-        return 2 if self.n_others else 1
-
     def filled(self) -> Returns:
         """The cells and the other returns, as views."""
-        n = self.rows * self.columns + self.n_others
-        places = self.dx_m[:n], self.dy_m[:n], self.z_m[:n], self.height_m[:n]
-        return Returns(*places, self.label[:n], self.slot[:n], self.point[:n])
+        return Returns._make(each[: self.rows * self.columns + self.n_others] for each in self.held)
 
-    def returns(self) -> tuple[Float32, Float32]:
-        """Range and z (K,) of all returns."""
-        range_m = np.concatenate([self.range_m[0], self.other_range_m[: self.n_others]])
-        return range_m[range_m > 0], self.z_m[: len(range_m)][range_m > 0]
 
-    def lay(
-        self,
-        xyz_m: XyzM,
-        key: NDArray[np.uint16],
-        slot: NDArray[np.uint8],
-        beams: Beams,
-        transforms: Float,
-        ranges_m: tuple[float, float],
-        phase: float,
-    ) -> None:
-        """Lay the points x, y, z (N,) of the lidar's frame into the image.
+def lay(
+    image: Image,
+    xyz_m: XyzM,
+    key: NDArray[np.uint16],
+    slot: NDArray[np.uint8],
+    beams: Beams,
+    transforms: Float,
+    ranges_m: tuple[float, float],
+    phase: float,
+) -> Image:
+    """The image with points x, y, z (N,) of the lidar's frame, in the arrays of the one given.
 
-        key: (N,) beam numbers, ignored by beams that are found by elevation. transforms: (2, 4, 4) from the lidar's
-        frame to base made upright, of which base's x and y of the lidar are left out, and their change per time slot.
-        ranges_m: the least and the most that count. phase: where within a step the points lie.
-        """
-        limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
-        turning = transforms[:, :3].astype(np.float32).reshape(-1)
-        self.n_others = _lay(
-            len(slot), *xyz_m, key, slot, beams.first_cell, beams.by_elevation, self.columns, turning, limits,
-            self._scratch, self._column, self.range_m[0], self.range_m[1], self.dx_m, self.dy_m, self.z_m, self.slot,
-            self.point, self.other_range_m, self.other_cell,
-        )  # fmt: skip
+    key: (N,) beam numbers, ignored by beams that are found by elevation. transforms: (2, 4, 4) from the lidar's
+    frame to base made upright, of which base's x and y of the lidar are left out, and their change per time slot.
+    ranges_m: the least and the most that count. phase: where within a step the points lie.
+    """
+    limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
+    turning = transforms[:, :3].astype(np.float32).reshape(-1)
+    how = beams.first_cell, beams.by_elevation, turning, limits
+    return image._replace(n_others=_lay(*xyz_m, key, slot, *how, image))
 
 
 @kernel
 def _lay(
-    n: int, x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], slot: NDArray[np.uint8],
-    first_cell: NDArray[np.int32], by_elevation: bool, columns: int, turning: Float32, limits: Float32,
-    scratch: Float32, whole: NDArray[np.int32], range_m: Float32, next_range_m: Float32, cell_dx_m: Float32,
-    cell_dy_m: Float32, cell_z_m: Float32, cell_slot: NDArray[np.uint8], point: NDArray[np.int32],
-    other_range_m: Float32, other_cell: NDArray[np.int32],
+    x_m: Float32, y_m: Float32, z_m: Float32, key: NDArray[np.uint16], slot: NDArray[np.uint8],
+    first_cell: NDArray[np.int32], by_elevation: bool, turning: Float32, limits: Float32, image: Image,
 ) -> int:  # fmt: skip
     """How many returns have no cell of their own.
 
     Block by block: first without branches and in 32 bits, so that it becomes vector instructions, what can be said of
     every point; then the scattered writes.
     """
-    nothing, last_key, cells = np.float32(0), len(first_cell) - 1, np.int64(len(range_m))
+    range_m, next_range_m = image.range_m[0], image.range_m[1]
+    cell_dx_m, cell_dy_m, cell_z_m = image.held.dx_m, image.held.dy_m, image.held.z_m
+    cell_slot, point = image.held.slot, image.held.point
+    other_range_m, other_cell = image.other_range_m, image.other_cell
+    nothing, last_key, cells, columns = np.float32(0), len(first_cell) - 1, np.int64(len(range_m)), image.columns
     range_m[:] = nothing
+    scratch, whole = np.empty((5, BLOCK), np.float32), np.empty((2, BLOCK), np.int32)
     r_m, column, bins = scratch[0], whole[0], whole[1]
     x_out, y_out, z_out, part = scratch[1], scratch[2], scratch[3], scratch[4]
     n_others = 0
-    for begin in range(0, n, BLOCK):
-        size = min(BLOCK, n - begin)
+    for begin in range(0, len(slot), BLOCK):
+        size = min(BLOCK, len(slot) - begin)
         # An index the compiler cannot see to be positive would keep the loops from becoming vector instructions.
         xs, ys, zs, slots = x_m[begin:], y_m[begin:], z_m[begin:], slot[begin:]
         _directions(size, xs, ys, zs, limits, columns, r_m, part, column)

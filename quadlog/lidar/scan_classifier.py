@@ -20,10 +20,9 @@ from quadlog.lidar.classified_scan import (
     outside_view,
 )
 from quadlog.lidar.deskew import sweep_slots
-from quadlog.lidar.ground_columns import ColumnWalk
-from quadlog.lidar.ground_labels import GroundProfile, label_returns, label_supported, level_plane
+from quadlog.lidar.ground_labels import label_beams, label_supported
 from quadlog.lidar.height_map import grow_ground
-from quadlog.lidar.isolation_filter import Isolated
+from quadlog.lidar.isolation_filter import Isolated, isolate
 from quadlog.lidar.paper_method import PaperSettings, classify_as_paper
 from quadlog.lidar.range_image import (
     Beams,
@@ -32,6 +31,7 @@ from quadlog.lidar.range_image import (
     beams_by_bins,
     beams_by_elevation,
     beams_by_number,
+    lay,
     phase_and_strangers,
     to_polar,
 )
@@ -71,15 +71,6 @@ class _Scan(NamedTuple):
     transforms: Float
 
 
-class _Space:
-    """Work arrays for images of one shape."""
-
-    def __init__(self, beams: Beams, room: int) -> None:
-        self.shape = beams.rows, beams.columns
-        self.image, self.isolated = Image(*self.shape, room), Isolated(*self.shape)
-        self.walk, self.profile = ColumnWalk(*self.shape), GroundProfile(*self.shape)
-
-
 @dataclass(slots=True)
 class _Known:
     """The sensor's beams, and what was seen in the scan in which they were found.
@@ -109,7 +100,7 @@ class ScanClassifier:
         self._settings, self._seed, self._uses_times = settings, seed, uses_times
         self._ranges_m = float(settings.min_range_m), float(settings.max_range_m)
         self._known: _Known | None = None
-        self._space: _Space | None = None
+        self._image: Image | None = None
         self._xyz_m, self._ring = np.zeros((3, 0), np.float32), np.zeros(0, np.uint16)
         self._slot = np.zeros(0, np.uint8)
 
@@ -135,18 +126,17 @@ class ScanClassifier:
         moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
         scan, transform = self._loaded(cloud, moving), moving[0]
         laid = self._lay_beams(scan) if abs(float(transform[2, 2])) >= MOST_TILT_COSINE else None
-        space, beams, route = laid or self._lay_bins(scan)
-        plane = _label_bins(space, transform) if route == "height_map" else _label_beams(space, beams, transform)
-        image, found = space.image, space.image.filled()
+        image, beams, route = laid or self._lay_bins(scan)
+        plane = _label_bins(image, transform) if route == "height_map" else _label_beams(image, beams, transform)
+        found = image.filled
         if settings.field_of_view_deg < 360:
             x_m, y_m = found.dx_m + np.float32(transform[0, 3]), found.dy_m + np.float32(transform[1, 3])
             outside = outside_view(x_m, y_m, settings.field_of_view_deg)
             found.label[outside & (found.label != PointClass.INVALID)] = PointClass.CROPPED
         enough = np.count_nonzero(found.label == PointClass.GROUND) >= settings.ground_min_points
         ground = _as_ground(plane) if enough else None
-        return ClassifiedScan(
-            *found, image.rows, image.columns, n, ground, route, lidar_above(ground, transform), slots
-        )
+        place_m = lidar_above(ground, transform)
+        return ClassifiedScan(found, image.rows, image.columns, n, ground, route, place_m, slots)
 
     def _loaded(self, cloud: PointCloud, transforms: Float) -> _Scan:
         """Coordinates and rings are copied from the message's payload into arrays of their own."""
@@ -161,16 +151,16 @@ class ScanClassifier:
         x_m, y_m, z_m = self._xyz_m
         return _Scan((x_m[:n], y_m[:n], z_m[:n]), ring, self._slot[:n], transforms)
 
-    def _lay_beams(self, scan: _Scan) -> tuple[_Space, Beams, Route] | None:
+    def _lay_beams(self, scan: _Scan) -> tuple[Image, Beams, Route] | None:
         """The scan in an image of its beams; None where it shows none."""
         known, n, upright = self._known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
         sensor = upright, scan.ring is not None
         if known is not None and known.sensor == sensor and abs(n - known.n_points) <= known.n_points // 4:
             known.scans_left -= 1
             if known.scans_left >= 0:
-                space, strangers, others = self._lay_on(known.beams, scan)
+                image, strangers, others = self._lay_on(known.beams, scan)
                 if strangers <= known.strangers + _CHANGED_SHARE and others <= known.others + _CHANGED_SHARE:
-                    return space, known.beams, known.route
+                    return image, known.beams, known.route
         self._known = None
         polar = to_polar(scan.xyz_m, self._ranges_m)
         route: Route = "rings"
@@ -179,21 +169,22 @@ class ScanClassifier:
             route, beams = "elevations", beams_by_elevation(polar, upright)
         if beams is None:
             return None
-        space, strangers, others = self._lay_on(beams, scan)
+        image, strangers, others = self._lay_on(beams, scan)
         self._known = _Known(beams, route, sensor, n, strangers, others)
-        return space, beams, route
+        return image, beams, route
 
-    def _lay_on(self, beams: Beams, scan: _Scan) -> tuple[_Space, float, float]:
+    def _lay_on(self, beams: Beams, scan: _Scan) -> tuple[Image, float, float]:
         """The image, and the shares of points off their beams and without a cell of their own."""
         key = np.zeros(0, np.uint16) if scan.ring is None else scan.ring
         phase, strangers = phase_and_strangers(scan.xyz_m, key, beams, self._ranges_m)
-        space, n = self._space, len(scan.slot)
-        if space is None or space.shape != (beams.rows, beams.columns) or space.image.room < n:
-            space = self._space = _Space(beams, n + n // 8)
-        space.image.lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
-        return space, strangers, space.image.n_others / max(n, 1)
+        image, n = self._image, len(scan.slot)
+        wanted = len(beams.descending), beams.columns
+        if image is None or (image.rows, image.columns) != wanted or len(image.other_cell) < n:
+            image = Image.empty(beams, n + n // 8)
+        self._image = lay(image, scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
+        return self._image, strangers, self._image.n_others / max(n, 1)
 
-    def _lay_bins(self, scan: _Scan) -> tuple[_Space, Beams, Route]:
+    def _lay_bins(self, scan: _Scan) -> tuple[Image, Beams, Route]:
         """The scan in an image by directions along base's axes from the lidar's place."""
         turn = scan.transforms[0, :3, :3].astype(np.float32)
         with np.errstate(all="ignore"):
@@ -203,57 +194,53 @@ class ScanClassifier:
         unturned = np.zeros((2, 4, 4))
         unturned[0] = np.eye(4)
         unturned[0, 2, 3] = scan.transforms[0, 2, 3]
-        space = _Space(beams, len(key))
-        space.image.lay((x_m, y_m, z_m), key, scan.slot, beams, unturned, self._ranges_m, 0.0)
-        return space, beams, "height_map"
+        places = (x_m, y_m, z_m), key, scan.slot
+        image = lay(Image.empty(beams, len(key)), *places, beams, unturned, self._ranges_m, 0.0)
+        return image, beams, "height_map"
 
 
-def _label_beams(space: _Space, beams: Beams, transform: Float) -> Float:
+def _label_beams(image: Image, beams: Beams, transform: Float) -> Float:
     """Label an image of beams, and the plane (3,) z = a x + b y + c through the ground, in base."""
-    image, isolated, lidar_z_m = space.image, space.isolated, float(transform[2, 3])
-    isolated.isolate(image, lidar_z_m)
-    if beams.rows < FEWEST_BEAMS:
-        return _all_obstacles(space, lidar_z_m)
-    floor_m = 0.0 if lidar_z_m > MOUNT_KNOWN_M else _floor_below(isolated, beams.descending, lidar_z_m)
-    smoothed = isolated.distance_m, isolated.z_m
-    space.walk.walk(isolated.good, *smoothed, image.range_m[0], beams.descending, floor_m)
-    plane = level_plane(space.walk.ground, image.dx_m, image.dy_m, image.z_m, transform[:2, 3])
-    space.profile.fit(space.walk.ground, *smoothed, floor_m, plane, transform)
-    label_returns(image, isolated, space.walk, space.profile)
-    return plane
-
-
-def _label_bins(space: _Space, transform: Float) -> Float:
-    """The same of an image of bins, on a map of lowest points."""
     lidar_z_m = float(transform[2, 3])
-    space.isolated.isolate(space.image, lidar_z_m)
-    range_m, z_m = space.image.returns()
+    seen = isolate(image, np.float32(lidar_z_m))
+    if image.rows < FEWEST_BEAMS:
+        return _all_obstacles(image, seen, lidar_z_m)
+    floor_m = 0.0 if lidar_z_m > MOUNT_KNOWN_M else _floor_below(seen, beams.descending, lidar_z_m)
+    return label_beams(image, seen, beams.descending, floor_m, transform)
+
+
+def _label_bins(image: Image, transform: Float) -> Float:
+    """The same of an image of bins, on a map of lowest points."""
+    lidar_z_m, found = float(transform[2, 3]), image.filled
+    seen = isolate(image, np.float32(lidar_z_m))
+    range_m = np.concatenate([image.range_m[0], image.other_range_m[: image.n_others]])
+    range_m, z_m = range_m[range_m > 0], found.z_m[range_m > 0]
     sine = (z_m - np.float32(lidar_z_m)) / range_m
     if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
-        return _all_obstacles(space, lidar_z_m)
+        return _all_obstacles(image, seen, lidar_z_m)
     floor_m = 0.0
     if lidar_z_m <= MOUNT_KNOWN_M:
         # The lowest twentieth of the near points is taken for the floor.
         near_z_m = z_m[range_m < NEAR_FLOOR_M]
         floor_m = float(np.quantile(near_z_m, 0.05)) if len(near_z_m) else lidar_z_m
-    label_supported(space.image, space.isolated)
-    a, b, c = grow_ground(space.image.filled(), floor_m)
+    label_supported(image, seen)
+    a, b, c = grow_ground(found, floor_m)
     return np.array([a, b, c - a * transform[0, 3] - b * transform[1, 3]])
 
 
-def _all_obstacles(space: _Space, lidar_z_m: float) -> Float:
+def _all_obstacles(image: Image, seen: Isolated, lidar_z_m: float) -> Float:
     """Whatever neighbours support, at its height above base's floor."""
-    label_supported(space.image, space.isolated)
-    space.image.height_m[:] = height_without_ground(space.image.z_m, lidar_z_m)
+    label_supported(image, seen)
+    image.held.height_m[:] = height_without_ground(image.held.z_m, lidar_z_m)
     return np.zeros(3)
 
 
-def _floor_below(isolated: Isolated, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
+def _floor_below(seen: Isolated, descending: NDArray[np.bool_], lidar_z_m: float) -> float:
     """Median height of the lowest beam with enough returns."""
     for row in np.flatnonzero(descending):
-        seen = isolated.z_m[row][isolated.good[row] != 0]
-        if len(seen) >= isolated.good.shape[1] // 20:
-            return float(np.median(seen))
+        heights_m = seen.z_m[row][seen.good[row] != 0]
+        if len(heights_m) >= seen.good.shape[1] // 20:
+            return float(np.median(heights_m))
     return lidar_z_m
 
 

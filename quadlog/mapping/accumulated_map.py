@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
 from quadlog.mapping.compact import CompactScan, slot_transforms
-from quadlog.mapping.grid import FARTHEST_CELL, Window
-from quadlog.mapping.lattice import MOST_CELLS, GrowingLattice
+from quadlog.mapping.grid import FARTHEST_CELL, MOST_CELLS, GrowingLattice, Window
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY
 from quadlog.messages import Float, Int

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.mapping.ray_tracing import RayGatherer, Rays
+from quadlog.lidar.range_image import Returns
+from quadlog.mapping.ray_tracing import Rays, gather_rays
 from quadlog.messages import Float, Float32
 
 UInt8 = NDArray[np.uint8]
-Table = NDArray[np.int32]
 OBSTACLE = np.dtype([("x", "i2"), ("y", "i2"), ("height_mm", "i2"), ("count", "u1"), ("slot", "u1")])
 GROUND = np.dtype([("x", "i2"), ("y", "i2"), ("z_mm", "i2"), ("count", "u2"), ("slot", "u1")], align=True)
 
@@ -80,44 +80,32 @@ class ScanCompactor:
     """Makes compact scans, one after the other, in arrays that are kept from scan to scan."""
 
     def __init__(self, settings: CompactSettings) -> None:
-        self._settings, self._gatherer = settings, RayGatherer()
+        self._settings, self._room = settings, (np.zeros(0, OBSTACLE), np.zeros(0, GROUND))
         self._half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
         self._unit_m = max(2 * settings.reach_m / _UNITS, 1e-3)
         # Cells are counted by 15 bits along each axis.
         self._least_cell_m = 2.2 * settings.reach_m / _UNITS
-        self._thin_table: Table = np.zeros((2, 1 << 13), np.int32)
-        self._ground_table: Table = np.zeros((2, 1 << 12), np.int32)
-        self._grow(0, 1)
-
-    def _grow(self, room: int, width: int) -> None:
-        self._key, self._column = np.zeros(width, np.int32), np.zeros(width + 1, np.int32)
-        self._obstacle, self._ground = np.zeros(room, OBSTACLE), np.zeros(room, GROUND)
-        self._sums = np.zeros((room, 4), np.float32)
 
     def compact(self, scan: ClassifiedScan) -> CompactScan:
         """The compact form of a scan."""
-        n, width = len(scan.label), scan.columns or max(len(scan.label), 1)
-        if n > len(self._obstacle) or width > len(self._key):
-            self._grow(n + n // 8, width)
-        settings = self._settings
+        settings, n = self._settings, len(scan.returns.label)
+        if n > len(self._room[0]):
+            self._room = np.zeros(n + n // 8, OBSTACLE), np.zeros(n + n // 8, GROUND)
         limits = np.array(
             [*scan.lidar_base_m, *self._half_body_m, settings.min_height_m, settings.max_height_m, settings.reach_m,
              1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
              1 / self._unit_m], np.float32
         )  # fmt: skip
-        n_obstacles = _keep_obstacles(
-            n, width, scan.dx_m, scan.dy_m, scan.height_m, scan.label, scan.slot, limits, settings.counts,
-            self._key, self._column, self._thin_table, self._obstacle,
-        )  # fmt: skip
-        arrays = scan.dx_m, scan.dy_m, scan.z_m, scan.label, scan.slot
-        n_ground = _average_ground(n, *arrays, limits, self._ground_table, self._sums, self._ground)
+        obstacle, ground = self._room
+        n_obstacles = _keep_obstacles(scan.returns, scan.columns or max(n, 1), limits, settings.counts, obstacle)
+        n_ground = _average_ground(scan.returns, limits, ground)
         return CompactScan(
             unit_m=self._unit_m,
             reach_m=settings.reach_m,
             lidar_base_m=scan.lidar_base_m,
-            obstacle=self._obstacle[:n_obstacles].copy(),
-            rays=self._gatherer.gather(scan, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m),
-            ground=self._ground[:n_ground].copy(),
+            obstacle=obstacle[:n_obstacles].copy(),
+            rays=gather_rays(scan, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m),
+            ground=ground[:n_ground].copy(),
         )
 
 
@@ -139,18 +127,17 @@ _NOWHERE, _MIDDLE, _ROW = np.int32(-1), np.float32(16384), np.int32(32768)
 
 
 @kernel
-def _keep_obstacles(
-    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
-    counts: bool, key: NDArray[np.int32], column: NDArray[np.int32], table: Table, obstacle: NDArray[np.void],
-) -> int:  # fmt: skip
+def _keep_obstacles(returns: Returns, width: int, limits: Float32, counts: bool, obstacle: NDArray[np.void]) -> int:
     """One of the points that block in each cell of THIN_M, with the greatest height of them.
 
     Of neighbours in a row that lie in one cell only the first is looked at, unless it matters how many there are.
-    table: (2, power of two), which item was kept last of the cells that share a place in it; of two such cells that
-    take turns some points are kept twice, which changes no map.
+    The table holds which item was kept last of the cells that share a place in it; of two such cells that take turns
+    some points are kept twice, which changes no map.
     """
-    kept, mask = 0, np.int32(table.shape[1] - 1)
-    x0, y0, per_unit = limits[_X], limits[_Y], limits[_PER_UNIT]
+    dx_m, dy_m, height_m, label, slot = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
+    table, mask = np.empty((2, 1 << 13), np.int32), np.int32((1 << 13) - 1)
+    key, column = np.empty(width, np.int32), np.empty(width + 1, np.int32)
+    kept, n, x0, y0, per_unit = 0, len(label), limits[_X], limits[_Y], limits[_PER_UNIT]
     table[:] = _NOWHERE
     for begin in range(0, n, width):
         size = min(width, n - begin)
@@ -200,12 +187,11 @@ def _thin_cells(
 
 
 @kernel
-def _average_ground(
-    n: int, dx_m: Float32, dy_m: Float32, z_m: Float32, label: UInt8, slot: UInt8, limits: Float32,
-    table: Table, sums: Float32, ground: NDArray[np.void],
-) -> int:  # fmt: skip
-    """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: (room, 4) x, y, z and count."""
-    kept, mask = 0, np.int32(table.shape[1] - 1)
+def _average_ground(returns: Returns, limits: Float32, ground: NDArray[np.void]) -> int:
+    """Means of the ground points of every cell; table as for `_keep_obstacles`, sums: x, y, z and count of items."""
+    dx_m, dy_m, z_m, label, slot = returns.dx_m, returns.dy_m, returns.z_m, returns.label, returns.slot
+    table, mask = np.empty((2, 1 << 12), np.int32), np.int32((1 << 12) - 1)
+    kept, n, sums = 0, len(label), np.empty((len(ground), 4), np.float32)
     x0, y0, per_cell = limits[_X], limits[_Y], limits[_PER_CELL]
     farthest = limits[_REACH] * limits[_REACH]
     table[:] = _NOWHERE

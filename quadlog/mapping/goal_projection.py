@@ -76,8 +76,11 @@ def escape_start(
                 heappush(waiting, (step_cost, step))
     if best < 0:
         return None
-    way = _way_to(came_from, best, cols)
-    return Escape(way[-1], np.array(way, dtype=np.int32))
+    way, at = [], best
+    while at >= 0:
+        way.append((at % cols, at // cols))
+        at = came_from[at]
+    return Escape(way[0], np.array(way[::-1], dtype=np.int32))
 
 
 DETOUR = 20
@@ -88,14 +91,6 @@ def _octile(cols: int, rows: int) -> int:
     """The cost of a way over free cells."""
     straight, diagonal = abs(abs(cols) - abs(rows)), min(abs(cols), abs(rows))
     return 10 * straight + 14 * diagonal
-
-
-def _way_to(came_from: dict[int, int], end: int, cols: int) -> list[tuple[int, int]]:
-    way, at = [], end
-    while at >= 0:
-        way.append((at % cols, at // cols))
-        at = came_from[at]
-    return way[::-1]
 
 
 Cell = tuple[int, int]
@@ -177,16 +172,9 @@ def _nearest_on_margin(reachable: Grid, crossing: Cell) -> Cell | None:
 def _margin(shape: tuple[int, ...]) -> Int:
     """The window's outermost cells (M, 2), each once, counter-clockwise from (0, 0)."""
     rows, cols = shape
-    if rows == 1 or cols == 1:
-        return np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).reshape(-1, 2)
-    right, up = np.arange(cols - 1), np.arange(rows - 1)
-    sides = [
-        np.stack([right, np.zeros_like(right)], axis=1),
-        np.stack([np.full_like(up, cols - 1), up], axis=1),
-        np.stack([cols - 1 - right, np.full_like(right, rows - 1)], axis=1),
-        np.stack([np.zeros_like(up), rows - 1 - up], axis=1),
-    ]
-    return np.concatenate(sides)
+    lower, right = [(col, 0) for col in range(cols)], [(cols - 1, row) for row in range(rows)]
+    upper, left = [(col, rows - 1) for col in range(cols)[::-1]], [(0, row) for row in range(rows)[::-1]]
+    return np.array(list(dict.fromkeys([*lower, *right, *upper, *left])))
 
 
 def _nearest(reachable: Grid, cell: Cell) -> Cell:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.mapping.grid import Grid, Window
-from quadlog.mapping.lattice import GrowingLattice
+from quadlog.mapping.grid import Grid, GrowingLattice, Window
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 
 Int16 = NDArray[np.int16]

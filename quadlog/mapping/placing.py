@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from quadlog.compiled import kernel
 from quadlog.mapping.compact import CompactScan, slot_transforms
 from quadlog.mapping.grid import Window
-from quadlog.mapping.ray_tracing import RayPlacer
+from quadlog.mapping.ray_tracing import lowest_rays
 from quadlog.messages import Float
 
 NO_TOP = np.int16(-32768)
@@ -38,9 +38,7 @@ class ScanPlacer:
 
     def __init__(self, min_points: int, target_radius_m: float) -> None:
         self._min_points, self._target_radius_m = min_points, target_radius_m
-        self._rays = RayPlacer()
         self._placed = PlacedScan(np.zeros((0, 0), np.int16), np.zeros((0, 0), np.int16))
-        self._count = np.zeros((0, 0), np.int32)
 
     def place(self, scan: CompactScan, slot_pose_base_in_map: Float, target_xy_m: Float, window: Window) -> PlacedScan:
         """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
@@ -49,31 +47,27 @@ class ScanPlacer:
         """
         if self._placed.top_mm.shape != window.shape:
             top_mm, lowest_ray_mm = np.zeros((2, *window.shape), np.int16)
-            self._placed, self._count = PlacedScan(top_mm, lowest_ray_mm), np.zeros(window.shape, np.int32)
+            self._placed = PlacedScan(top_mm, lowest_ray_mm)
         # A place that is not a number is near to nothing.
         place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, self._target_radius_m**2], np.float64)
         min_points = self._min_points if len(scan.ground) else 1
-        _raise_tops(
-            scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, min_points, self._count, self._placed.top_mm
-        )
+        _raise_tops(scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, min_points, self._placed.top_mm)
         where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
-        self._rays.place(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)
+        lowest_rays(scan.rays, scan.unit_m, *where, self._placed.lowest_ray_mm)
         return self._placed
 
 
 @kernel
 def _raise_tops(
-    obstacle: NDArray[np.void], poses: Float, unit_m: float, place: Float, min_points: int, count: NDArray[np.int32],
-    top_mm: NDArray[np.int16],
-) -> None:  # fmt: skip
+    obstacle: NDArray[np.void], poses: Float, unit_m: float, place: Float, min_points: int, top_mm: NDArray[np.int16]
+) -> None:
     """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
     radius.
     """
     rows, cols = top_mm.shape
     top_mm[:] = NO_TOP
     counts = min_points > 1
-    if counts:
-        count[:] = 0
+    count = np.zeros((rows, cols) if counts else (0, 0), np.int32)
     moved = slot_transforms(poses, unit_m)
     per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
     for i in range(len(obstacle)):

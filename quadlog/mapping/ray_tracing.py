@@ -8,6 +8,7 @@ sight is left out, however far off it is.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
+from quadlog.lidar.range_image import Returns
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 
@@ -50,33 +52,19 @@ class Rays(NamedTuple):
     ray: NDArray[np.void]
 
 
-class RayGatherer:
-    """Selects the rays of scans, one after the other, in arrays that are reused."""
+def gather_rays(scan: ClassifiedScan, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float) -> Rays:
+    """The rays of a scan that end on the ground or on an obstacle, but not on the robot.
 
-    def __init__(self) -> None:
-        self._reach_m, self._slope = np.zeros((2, MOST_SECTORS * BINS + 1), np.float32)
-        self._row, self._place = np.zeros((2, 0), np.float32), np.zeros(0, np.int32)
-        self._bin_slot = np.zeros(MOST_SECTORS * BINS + 1, np.uint8)
-        self._sector, self._ray = np.zeros(MOST_SECTORS, SECTOR), np.zeros(MOST_SECTORS * BINS, RAY)
-
-    def gather(self, scan: ClassifiedScan, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float) -> Rays:
-        """The rays of a scan that end on the ground or on an obstacle, but not on the robot.
-
-        half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
-        off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest
-        and flattest of them, so that a cell is called crossed only where all agree.
-        """
-        n, width = len(scan.label), scan.columns or max(len(scan.label), 1)
-        if len(self._place) < width:
-            self._row, self._place = np.zeros((2, width), np.float32), np.zeros(width, np.int32)
-        sectors, together = _sectors(scan)
-        limits = np.array([*scan.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
-        n_rays = _gather(
-            n, width, scan.dx_m, scan.dy_m, scan.height_m, scan.label, scan.slot, limits, sectors, together,
-            self._row[0], self._row[1], self._place, self._reach_m, self._slope, self._bin_slot, self._sector,
-            self._ray,
-        )  # fmt: skip
-        return Rays(self._sector[:sectors].copy(), self._ray[:n_rays].copy())
+    half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
+    off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest
+    and flattest of them, so that a cell is called crossed only where all agree.
+    """
+    sectors, together = _sectors(scan)
+    limits = np.array([*scan.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
+    sector, ray = np.zeros(sectors, SECTOR), np.zeros(sectors * BINS, RAY)
+    width = scan.columns or max(len(scan.returns.label), 1)
+    n_rays = _gather(scan.returns, width, limits, together, sector, ray)
+    return Rays(sector, ray[:n_rays].copy())
 
 
 def _sectors(scan: ClassifiedScan) -> tuple[int, int]:
@@ -91,16 +79,17 @@ def _sectors(scan: ClassifiedScan) -> tuple[int, int]:
 
 @kernel
 def _gather(
-    n: int, width: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8],
-    slot: NDArray[np.uint8], limits: Float32, sectors: int, together: int, length_m: Float32, rise: Float32,
-    place: NDArray[np.int32], reach_m: Float32, slope: Float32, bin_slot: NDArray[np.uint8],
-    sector: NDArray[np.void], ray: NDArray[np.void],
-) -> int:  # fmt: skip
+    returns: Returns, width: int, limits: Float32, together: int, sector: NDArray[np.void], ray: NDArray[np.void]
+) -> int:
     """Fill sector and ray, as in Rays; returns how many rays there are.
 
     width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
     and the greatest reach and height.
     """
+    dx_m, dy_m, height_m, label, slot = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
+    n, sectors, last = len(label), len(sector), len(sector) * BINS + 1
+    length_m, rise, place = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.int32)
+    reach_m, slope, bin_slot = np.empty(last, np.float32), np.empty(last, np.float32), np.empty(last, np.uint8)
     for bin_k in range(sectors * BINS + 1):
         reach_m[bin_k], slope[bin_k] = _INF, -_INF
     for begin in range(0, n, width):
@@ -183,53 +172,41 @@ def _bins(
         place[c] = sector * np.int32(BINS) + np.int32(k) if counts else nowhere
 
 
-class RayPlacer:
-    """Finds the lowest ray through each cell of a window, in arrays that are reused."""
+def lowest_rays(
+    rays: Rays,
+    unit_m: float,
+    lidar_base_m: Float,
+    slot_pose_base_in_map: Float,
+    window: Window,
+    reach_m: float,
+    lowest_mm: NDArray[np.int16],
+) -> None:
+    """Fill lowest_mm (rows, cols) with the height above the ground of the lowest ray through each cell, or NO_RAY.
 
-    def __init__(self) -> None:
-        self._profile_mm = np.zeros((MOST_SECTORS + 1, 0), np.int16)
-        self._sector, self._outward = np.zeros(_DIRECTIONS, np.int32), np.zeros((2, 0))
-        self._dx, self._cells = np.zeros(0, np.float32), np.zeros((2, 0), np.int32)
+    lidar_base_m: (3,) x, y in base and height above the ground. slot_pose_base_in_map: (K, 3) x, y, yaw at the
+    rays' time slots. Cells farther than reach_m from the lidar are not crossed. The rays start where the lidar
+    was on average; what it moved while the scan lasted moves their ends.
+    """
+    corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
+    _place(*rays, unit_m, lidar_base_m, slot_pose_base_in_map, corner, reach_m, _outward(len(rays.sector)), lowest_mm)
 
-    def place(
-        self,
-        rays: Rays,
-        unit_m: float,
-        lidar_base_m: Float,
-        slot_pose_base_in_map: Float,
-        window: Window,
-        reach_m: float,
-        lowest_mm: NDArray[np.int16],
-    ) -> None:
-        """Fill lowest_mm (rows, cols) with the height above the ground of the lowest ray through each cell, or NO_RAY.
 
-        lidar_base_m: (3,) x, y in base and height above the ground. slot_pose_base_in_map: (K, 3) x, y, yaw at the
-        rays' time slots. Cells farther than reach_m from the lidar are not crossed. The rays start where the lidar
-        was on average; what it moved while the scan lasted moves their ends.
-        """
-        steps, cols = int(2 * reach_m / window.cell_m) + 2, window.shape[1]
-        if self._profile_mm.shape[1] != steps or len(self._dx) != cols:
-            self._profile_mm = np.zeros((MOST_SECTORS + 1, steps), np.int16)
-            self._dx, self._cells = np.zeros(cols, np.float32), np.zeros((2, cols), np.int32)
-        if self._outward.shape[1] != len(rays.sector):
-            middle_rad = (np.arange(len(rays.sector)) + 0.5) * (2 * np.pi / len(rays.sector))
-            self._outward = np.stack([np.cos(middle_rad), np.sin(middle_rad)])
-        corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
-        _place(
-            rays.sector, rays.ray, unit_m, lidar_base_m, slot_pose_base_in_map, corner, self._outward, self._sector,
-            self._profile_mm, self._dx, self._cells[0], self._cells[1], lowest_mm,
-        )  # fmt: skip
+@lru_cache(maxsize=8)
+def _outward(sectors: int) -> Float:
+    """(2, sectors) directions of sectors in base."""
+    middle_rad = (np.arange(sectors) + 0.5) * (2 * np.pi / sectors)
+    return np.stack([np.cos(middle_rad), np.sin(middle_rad)])
 
 
 @kernel
 def _place(
     sectors: NDArray[np.void], rays: NDArray[np.void], unit_m: float, lidar_base_m: Float, poses: Float,
-    corner: Float, outward: Float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16], dx: Float32,
-    step: NDArray[np.int32], direction: NDArray[np.int32], lowest_mm: NDArray[np.int16],
+    corner: Float, reach_m: float, outward: Float, lowest_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """corner: the window's first column and row on the lattice, and the edge of a cell."""
     n, cell_m = len(poses), corner[2]
-    moved_m = np.empty((5, n))
+    sector, moved_m = np.empty(_DIRECTIONS, np.int32), np.empty((5, n))
+    profile_mm = np.empty((len(sectors) + 1, int(2 * reach_m / cell_m) + 2), np.int16)
     for k in range(n):
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         moved_m[0, k] = poses[k, 0] + cos * lidar_base_m[0] - sin * lidar_base_m[1]
@@ -246,7 +223,7 @@ def _place(
         moved_m[1, k] -= start_y_m
     _draw_profiles(sectors, rays, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
     col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
-    _look_up(np.float32(col), np.float32(row), sector, profile_mm, dx, step, direction, lowest_mm)
+    _look_up(np.float32(col), np.float32(row), sector, profile_mm, lowest_mm)
 
 
 @inner
@@ -269,7 +246,8 @@ def _draw_profiles(
     for s in range(n):
         if sectors[s]["count"] == 0:
             continue
-        at, after = sectors[s]["slot"], sectors[s + 1 if s + 1 < n else 0]["slot"]
+        at, beside = sectors[s]["slot"], s + 1 if s + 1 < n else 0
+        after = sectors[beside]["slot"] if sectors[beside]["count"] > 0 else at
         first = moved[2, at] + s / n
         # The next sector was perhaps measured later, when the robot had turned; a wide gap is the scan's seam.
         wide = moved[2, after] - moved[2, at] + 1.0 / n
@@ -302,11 +280,12 @@ def _draw_line(heights_mm: NDArray[np.int16], begin: int, end: int, first_mm: fl
 
 @inner
 def _look_up(
-    start_col: float, start_row: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16], dx: Float32,
-    step: NDArray[np.int32], direction: NDArray[np.int32], lowest_mm: NDArray[np.int16],
+    start_col: float, start_row: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16],
+    lowest_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """The height of each cell's sector at its distance from the start, both of the cell's middle."""
     rows, cols = lowest_mm.shape
+    dx, step, direction = np.empty(cols, np.float32), np.empty(cols, np.int32), np.empty(cols, np.int32)
     last, steps = np.float32(profile_mm.shape[1] - 1), profile_mm.shape[1]
     flat = profile_mm.reshape(-1)
     for col in range(cols):

@@ -14,21 +14,35 @@ from quadlog.metrics.summary import Samples, finite_samples
 _RANK = 1e-9  # of the largest singular value
 
 
-def align_rigidly(estimate: Trajectory, reference: Trajectory) -> Trajectory | None:
+def rigid_motion(position_m: Float, wanted_m: Float) -> tuple[Float, Float]:
+    """The rotation (D, D) and shift (D,) that bring positions (N, D) nearest to those wanted (N, D) [Umeyama]."""
+    mean_m, wanted_mean_m = position_m.mean(axis=0), wanted_m.mean(axis=0)
+    u, _, vh = np.linalg.svd((wanted_m - wanted_mean_m).T @ (position_m - mean_m))
+    mirrored = np.ones(len(u))
+    mirrored[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vh))
+    rotation: Float = (u * mirrored) @ vh
+    return rotation, wanted_mean_m - rotation @ mean_m
+
+
+def align_rigidly(estimate: Trajectory, reference: Trajectory, axes: int = 3) -> Trajectory:
     """The estimate moved, without scaling, so that the sum of its squared distances from the reference is least.
 
-    M poses each, in pairs [Umeyama]. None for poses on one line, about which any turn fits as well.
+    M poses each, in pairs. axes: 2 turns it in the plane alone.
     """
-    mean_m, true_mean_m = estimate.position_m.mean(axis=0), reference.position_m.mean(axis=0)
-    centred_m, wanted_m = estimate.position_m - mean_m, reference.position_m - true_mean_m
-    singular = np.linalg.svd(wanted_m.T @ centred_m, compute_uv=False)
-    if singular[1] <= _RANK * singular[0]:
-        return None
     from scipy.spatial.transform import Rotation  # slow to import
 
-    turn = Rotation.from_matrix(centred_rotation(centred_m, wanted_m))
-    quat_xyzw = (turn * Rotation.from_quat(estimate.quat_xyzw)).as_quat()
-    return Trajectory(estimate.t_ns, turn.apply(centred_m) + true_mean_m, quat_xyzw)
+    rotation = np.eye(3)
+    rotation[:axes, :axes], _ = rigid_motion(estimate.position_m[:, :axes], reference.position_m[:, :axes])
+    centred_m = estimate.position_m - estimate.position_m.mean(axis=0)
+    quat_xyzw = (Rotation.from_matrix(rotation) * Rotation.from_quat(estimate.quat_xyzw)).as_quat()
+    return Trajectory(estimate.t_ns, centred_m @ rotation.T + reference.position_m.mean(axis=0), quat_xyzw)
+
+
+def are_on_line(estimate: Trajectory, reference: Trajectory) -> bool:
+    """Whether what M pairs of poses have in common lies on one line, about which any turn fits as well."""
+    centred_m, wanted_m = (each.position_m - each.position_m.mean(axis=0) for each in (estimate, reference))
+    singular = np.linalg.svd(wanted_m.T @ centred_m, compute_uv=False)
+    return bool(singular[1] <= _RANK * singular[0])
 
 
 def project_to_plane(trajectory: Trajectory) -> Trajectory:
@@ -47,15 +61,6 @@ def aligned_square_m2(spread_m2: Float, other_spread_m2: Float, covariance_m2: F
     turned[:, -1] *= np.sign(np.linalg.det(covariance_m2))
     left_m2: Float = np.maximum(spread_m2 + other_spread_m2 - 2 * turned.sum(axis=1), 0)
     return left_m2
-
-
-def centred_rotation(centred_m: Float, wanted_m: Float) -> Float:
-    """The rotation (D, D) that brings N centred positions (N, D) nearest to those wanted (N, D) [Umeyama]."""
-    u, _, vh = np.linalg.svd(wanted_m.T @ centred_m)
-    mirrored = np.ones(len(u))
-    mirrored[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vh))
-    rotation: Float = (u * mirrored) @ vh
-    return rotation
 
 
 _STEP_S = 0.05
@@ -91,7 +96,7 @@ def estimate_clock_offset(reference: Trajectory, estimate: Trajectory) -> ClockO
     None where one is too short or stands still, and where they fit at no offset. Not by speeds, which are quicker to
     compare: those of a steady walk are alike at many offsets, and those of noisy positions at all.
     """
-    durations_s = [_duration_s(each.t_ns) for each in (reference, estimate)]
+    durations_s = [int(each.t_ns[-1] - each.t_ns[0]) / NS_PER_S for each in (reference, estimate)]
     if min(durations_s) < _LEAST_S:
         return None
     step_s = max(_STEP_S, max(durations_s) / _MOST_STEPS)
@@ -111,10 +116,6 @@ def estimate_clock_offset(reference: Trajectory, estimate: Trajectory) -> ClockO
     clear = share[rival] >= _CLEAR * max(share[best], _PERFECT)
     rival_s = None if clear else between_starts_s + float(lags[rival]) * step_s
     return ClockOffset(offset_s, float(np.sqrt(square_m2[best])), rival_s)
-
-
-def _duration_s(t_ns: Int) -> float:
-    return int(t_ns[-1] - t_ns[0]) / NS_PER_S
 
 
 def _median_gap_s(t_ns: Int) -> float:
@@ -224,16 +225,14 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
     position_m, reference_m = position_m[known], reference_m[known]
     if len(position_m) < MIN_PAIRS:
         return None
-    mean_m, reference_mean_m = position_m.mean(axis=0), reference_m.mean(axis=0)
-    centred, wanted = position_m - mean_m, reference_m - reference_mean_m
-    rotation = centred_rotation(centred, wanted)
+    rotation, shift_m = rigid_motion(position_m, reference_m)
     return FrameOffset(
         turn_rad=float(np.arctan2(rotation[1, 0], rotation[0, 0])),
-        shift_m=reference_mean_m - rotation @ mean_m,
-        mean_shift_m=reference_mean_m - mean_m,
-        spread_m=_rms(centred),
+        shift_m=shift_m,
+        mean_shift_m=reference_m.mean(axis=0) - position_m.mean(axis=0),
+        spread_m=_rms(position_m - position_m.mean(axis=0)),
         before_m=_rms(reference_m - position_m),
-        after_m=_rms(wanted - centred @ rotation.T),
+        after_m=_rms(reference_m - position_m @ rotation.T - shift_m),
     )
 
 

@@ -88,12 +88,9 @@ class Spending:
             return None
         parts, wholes = (np.asarray(self.of[name], dtype=np.float64) for name in (over, under))
         if parts.ndim == 2:
-            parts, wholes = (
-                (parts[0], wholes[0]) if len(parts) == 1 else (np.median(each, 1) for each in (parts, wholes))
-            )
-        is_one = len(self.episode) > 1 and self.episode[0] == self.episode[-1]
-        over_all: Float = parts
-        under_all: Float = wholes
+            single = len(parts) == 1
+            parts, wholes = (each[0] if single else np.median(each, axis=1) for each in (parts, wholes))
+        is_one, over_all, under_all = len(self.episode) > 1 and self.episode[0] == self.episode[-1], parts, wholes
         if len(self.episode) > 1:
             _, number = np.unique(self.episode, return_inverse=True)
             over_all, under_all = (np.bincount(number, each).astype(np.float64) for each in (parts, wholes))
@@ -132,26 +129,6 @@ class Comparison:
     us: Spending
 
 
-@dataclass(frozen=True, slots=True)
-class _Aligned:
-    """The table with a line per planner and a column per replan, in order of episode and replan: (P, R) each."""
-
-    source: str
-    planners: tuple[str, ...]
-    columns: Mapping[str, NDArray[Any]]
-    paired: Bool  # (R,)
-
-    @property
-    def episode(self) -> NDArray[np.int64]:
-        """(R,), sorted."""
-        return self.columns["episode"][0]
-
-    def spending(self, column: str) -> Spending:
-        """Of a column, on the paired replans."""
-        of = {name: each[self.paired] for name, each in zip(self.planners, self.columns[column], strict=True)}
-        return Spending(of, self.episode[self.paired])
-
-
 def compare_planners(
     table: Table, baseline: str = "astar", counted: str = "expanded", incremental: Collection[str] = ()
 ) -> Comparison:
@@ -162,21 +139,32 @@ def compare_planners(
     Raises ValueError for a table without rows, of several sources, or whose planners have not the same replans.
     """
     assert counted in COUNTS, counted
-    replans = _align(table)
-    cells, us = (replans.spending(name) for name in (counted, "us_repeats" if "us_repeats" in table else "us"))
-    found = {name: cells.ratio(baseline, name) for name in replans.planners}
-    ratios = {name: ratio for name, ratio in found.items() if ratio is not None}
-    rows = tuple(_row(replans, at, found[name], name in incremental) for at, name in enumerate(replans.planners))
-    episodes, paired = len(np.unique(replans.episode[replans.paired])), int(replans.paired.sum())
-    return Comparison(replans.source, rows, baseline, counted, paired, episodes, ratios, cells, us)
+    source, planners, columns = _by_planner(table)
+    paired: Bool = np.logical_and.reduce(columns["found"], axis=0, dtype=np.bool_)
+    episode = columns["episode"][0]
+
+    def spending(column: str) -> Spending:
+        return Spending(
+            {name: each[paired] for name, each in zip(planners, columns[column], strict=True)}, episode[paired]
+        )
+
+    cells, us = spending(counted), spending("us_repeats" if "us_repeats" in table else "us")
+    ratios = {name: ratio for name in planners if (ratio := cells.ratio(baseline, name)) is not None}
+    rows = []
+    for at, name in enumerate(planners):
+        own = {column: each[at] for column, each in columns.items()}
+        rows.append(_row(source, name, own, paired, ratios.get(name), name in incremental))
+    episodes = len(np.unique(episode[paired]))
+    return Comparison(source, tuple(rows), baseline, counted, int(paired.sum()), episodes, ratios, cells, us)
 
 
-def _align(table: Table) -> _Aligned:
+def _by_planner(table: Table) -> tuple[str, list[str], dict[str, NDArray[Any]]]:
+    """The source, its planners, and columns (P, R) with a line per planner, in order of episode and replan."""
     sources = sorted(set(np.asarray(table["source"]).tolist()))
     if len(sources) != 1:
         raise ValueError(f"planners are compared on one source, not on {len(sources)}")
     planner, episode, replan = (np.asarray(table[name]) for name in ("planner", "episode", "replan"))
-    names = tuple(dict.fromkeys(planner.tolist()))
+    names = list(dict.fromkeys(planner.tolist()))
     order = np.lexsort((replan, episode))
     lines = [order[planner[order] == name] for name in names]
     asked = np.stack([episode[lines[0]], replan[lines[0]]])
@@ -185,36 +173,34 @@ def _align(table: Table) -> _Aligned:
     for name, line in zip(names, lines, strict=True):
         if not np.array_equal(np.stack([episode[line], replan[line]]), asked):
             raise ValueError(f"{name} has not the same replans as {names[0]}")
-    columns = {name: np.asarray(column)[np.stack(lines)] for name, column in table.items()}
-    return _Aligned(sources[0], names, columns, columns["found"].astype(bool).all(axis=0))
+    return sources[0], names, {name: np.asarray(column)[np.stack(lines)] for name, column in table.items()}
 
 
-def _row(replans: _Aligned, at: int, ratio: Ratio | None, incremental: bool) -> PlannerRow:
-    mine = {name: column[at] for name, column in replans.columns.items()}
-    paired = {name: column[replans.paired] for name, column in mine.items()}
+def _row(source: str, planner: str, mine: Table, paired: Bool, ratio: Ratio | None, incremental: bool) -> PlannerRow:
+    both = {name: column[paired] for name, column in mine.items()}
     totals = {f"{name}_total": int(mine[name].sum()) for name in COUNTS}
     low, high = (None if ratio is None else ratio.interval) or (None, None)
-    is_first = np.concatenate([[True], np.diff(replans.episode) != 0])
+    is_first = np.concatenate([[True], np.diff(mine["episode"]) != 0])
     later = mine["from_scratch"][~is_first]
-    excess = _excess(paired["cost"], paired["optimal_cost"])
+    excess = _excess(both["cost"], both["optimal_cost"])
     return PlannerRow(
-        source=replans.source,
-        planner=replans.planners[at],
+        source=source,
+        planner=planner,
         episodes=int(is_first.sum()),
-        replans=len(replans.episode),
+        replans=len(paired),
         success_rate=float(np.mean(mine["found"])),
         **totals,
-        expanded_mean=totals["expanded_total"] / len(replans.episode),
+        expanded_mean=totals["expanded_total"] / len(paired),
         ratio_expanded=None if ratio is None else ratio.value,
         ratio_low=low,
         ratio_high=high,
         suboptimality_mean=_some(np.mean, excess),
         suboptimality_p95=_some(_p95, excess),
         fallback_share=_some(np.mean, later) if incremental else None,
-        us_median=_some(np.median, paired["us"]),
-        us_p95=_some(_p95, paired["us"]),
-        length_m_total=_some(np.sum, paired["length_m"]),
-        turn_rad_total=_some(np.sum, paired["turn_rad"]),
+        us_median=_some(np.median, both["us"]),
+        us_p95=_some(_p95, both["us"]),
+        length_m_total=_some(np.sum, both["length_m"]),
+        turn_rad_total=_some(np.sum, both["turn_rad"]),
     )
 
 
@@ -252,11 +238,10 @@ class Replans:
 
 def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
     """ratio_to_astar of N replans, from the cells (N,) that the planner and A* close; none where it closes none."""
-    if not np.any(expanded):
-        return {}
-    ratio = float(np.sum(astar_expanded)) / int(np.sum(expanded))
-    interval = ratio_interval_in_time(np.asarray(astar_expanded, np.float64), np.asarray(expanded, np.float64))
-    return {"ratio_to_astar": Metric(ratio, len(expanded), "", interval)}
+    ratio = Spending({"astar": astar_expanded, "own": expanded}, np.zeros(len(expanded), np.int64)).ratio(
+        "astar", "own"
+    )
+    return {} if ratio is None else {"ratio_to_astar": Metric(ratio.value, len(expanded), "", ratio.interval)}
 
 
 def search_samples(replans: Replans) -> dict[str, Samples]:

@@ -18,12 +18,13 @@ from quadlog.metrics.alignment import (
     FrameOffset,
     align_rigidly,
     aligned_square_m2,
-    centred_rotation,
+    are_on_line,
     estimate_clock_offset,
     find_frame_offset,
     frame_offset_words,
     mirror_words,
     project_to_plane,
+    rigid_motion,
 )
 from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
 from quadlog.metrics.positioning import Trajectory, associate, pair_samples, positions_at
@@ -125,7 +126,7 @@ class _Pairing:
         gaps_ns = [float(np.median(np.diff(each.t_ns))) for each in (reference, estimate)]
         sign = 1 if gaps_ns[0] <= gaps_ns[1] else -1
         dense, sparse = (reference, estimate) if sign == 1 else (estimate, reference)
-        axes = 3 if min(np.ptp(each.position_m[:, 2]) for each in (reference, estimate)) > 0 else 2
+        axes = _known_axes(reference, estimate)
         rows = _thinned(sparse.t_ns)
         if max(np.abs(each.position_m).max() for each in (dense, sparse)) > _FARTHEST_M:
             return None
@@ -148,18 +149,13 @@ class _Pairing:
         partner_m: Float = positions_at(at_ns, self.dense, self.max_gap_ns)[:, : self.sample_m.shape[1]]
         return partner_m
 
-    def known_pairs(self, offset_s: float) -> tuple[Float, Float]:
-        """Samples and their partners, (M, D) each, both about their means."""
-        partner_m = self.partner_m(offset_s)
-        known = np.isfinite(partner_m).all(axis=1)
-        sample_m, partner_m = self.sample_m[known], partner_m[known]
-        return sample_m - sample_m.mean(axis=0), partner_m - partner_m.mean(axis=0)
-
     def square_m2(self, offset_s: float) -> float:
         """Mean squared distance that the best rigid motion leaves at that offset."""
-        sample_m, partner_m = self.known_pairs(offset_s)
-        spreads_m2 = [np.array([np.mean(np.sum(each**2, axis=1))]) for each in (sample_m, partner_m)]
-        return float(aligned_square_m2(spreads_m2[0], spreads_m2[1], (sample_m.T @ partner_m / len(sample_m))[None])[0])
+        partner_m = self.partner_m(offset_s)
+        known = np.isfinite(partner_m).all(axis=1)
+        sample_m, partner_m = (each[known] - each[known].mean(axis=0) for each in (self.sample_m, partner_m))
+        spread_m2, other_m2 = (np.mean(np.sum(each**2, axis=1), keepdims=True) for each in (sample_m, partner_m))
+        return float(aligned_square_m2(spread_m2, other_m2, (sample_m.T @ partner_m / len(sample_m))[None])[0])
 
 
 def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
@@ -169,14 +165,13 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     known = np.isfinite(partner_m + later + earlier).all(axis=1)
     sample_m, partner_m = pairing.sample_m[known], partner_m[known]
     velocity_mps = (later - earlier)[known] / (2 * _DERIVATIVE_S)
-    centre_m = partner_m.mean(axis=0)
-    sample_m, partner_m = sample_m - sample_m.mean(axis=0), partner_m - centre_m
-    residual_m = partner_m - sample_m @ centred_rotation(sample_m, partner_m).T
+    partner_m = partner_m - partner_m.mean(axis=0)
+    rotation, shift_m = rigid_motion(sample_m, partner_m)
+    residual_m = partner_m - sample_m @ rotation.T - shift_m
     square_m2, spread_m2 = (float(np.mean(np.sum(each**2, axis=1))) for each in (residual_m, partner_m))
     if spread_m2 <= 0 or square_m2 > _MOST_OF_SPREAD**2 * spread_m2:
         return _unknown("it moved too little, or another way than the reference")
-    motions = _rigid_motions(partner_m)
-    unexplained_mps = _without(velocity_mps, motions)
+    unexplained_mps = _without_rigid_motions(velocity_mps, partner_m)
     told_m2ps2, speed_m2ps2 = (float(np.mean(np.sum(each**2, axis=1))) for each in (unexplained_mps, velocity_mps))
     if told_m2ps2 <= _LEAST_OF_SPEED**2 * speed_m2ps2:
         return _unknown("its motion is one that another place or direction explains as well as another time")
@@ -193,24 +188,16 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     return TimeOffset(offset_s, interval or (offset_s, offset_s), pairing.sample_ns[known], samples_s)
 
 
-def _without(values: Float, motions: Float) -> Float:
-    """Values (K, D) less their part along motions (K, D, M)."""
-    flat = motions.reshape(values.size, -1)
-    weights, *_ = np.linalg.lstsq(flat, values.ravel(), rcond=None)
-    left: Float = values - (flat @ weights).reshape(values.shape)
-    return left
-
-
-def _rigid_motions(position_m: Float) -> Float:
-    """(K, D, M) what small rigid motions do to centred positions (K, D): D shifts, then the turns."""
+def _without_rigid_motions(velocity_mps: Float, position_m: Float) -> Float:
+    """Velocities (K, D) less what shifts and small turns of centred positions (K, D) explain of them."""
     n, axes = position_m.shape
-    turns = [(0, 1)] if axes == 2 else [(0, 1), (1, 2), (2, 0)]
-    basis = np.zeros((n, axes, axes + len(turns)))
-    for axis in range(axes):
-        basis[:, axis, axis] = 1
-    for column, (first, second) in enumerate(turns, start=axes):
-        basis[:, first, column], basis[:, second, column] = -position_m[:, second], position_m[:, first]
-    return basis
+    in_space_m = np.pad(position_m, ((0, 0), (0, 3 - axes)))
+    shifts = [np.tile(axis, n) for axis in np.eye(axes)]
+    turns = [np.cross(axis, in_space_m)[:, :axes].ravel() for axis in np.eye(3)[2 if axes == 2 else 0 :]]
+    motions = np.column_stack([*shifts, *turns])
+    weights, *_ = np.linalg.lstsq(motions, velocity_mps.ravel(), rcond=None)
+    left_mps: Float = velocity_mps - (motions @ weights).reshape(n, axes)
+    return left_mps
 
 
 def _thinned(t_ns: Int) -> Int:
@@ -218,6 +205,11 @@ def _thinned(t_ns: Int) -> Int:
     step_ns = max(round(_LEAST_STEP_S * NS_PER_S), int(t_ns[-1] - t_ns[0]) // _MOST_SAMPLES, 1)
     _, rows = np.unique((t_ns - t_ns[0]) // step_ns, return_index=True)
     return rows.astype(np.int64)
+
+
+def _known_axes(*trajectories: Trajectory) -> int:
+    """3 where all have heights, else 2."""
+    return 3 if min(np.ptp(each.position_m[:, 2]) for each in trajectories) > 0 else 2
 
 
 def _unknown(why: str) -> TimeOffset:
@@ -243,12 +235,7 @@ class ReferenceComparison:
     def aligned(self) -> Trajectory:
         """The time-corrected estimate, moved in the plane, or in space where both have heights, onto the reference."""
         estimate, truth = self.corrected_estimate, self.corrected_truth
-        axes = 3 if min(np.ptp(each.position_m[:, 2]) for each in (estimate, truth)) > 0 else 2
-        mean_m, true_mean_m = estimate.position_m.mean(axis=0), truth.position_m.mean(axis=0)
-        centred_m, rotation = estimate.position_m - mean_m, np.eye(3)
-        wanted_m = truth.position_m - true_mean_m
-        rotation[:axes, :axes] = centred_rotation(centred_m[:, :axes], wanted_m[:, :axes])
-        return Trajectory(estimate.t_ns, centred_m @ rotation.T + true_mean_m, estimate.quat_xyzw)
+        return align_rigidly(estimate, truth, _known_axes(estimate, truth))
 
     @cached_property
     def samples(self) -> dict[str, Samples]:
@@ -290,16 +277,12 @@ class ReferenceComparison:
             clock = f"time offset {self.offset.offset_s:+.3f} s (95 % {low_s:+.3f} to {high_s:+.3f})"
             errors.append(f"{rms_m['ate_time_corrected_rmse_m']:.3f} m with it added to the poses' times")
         if "ate_aligned_rmse_m" in rms_m:
-            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned{self._motion_words()}")
+            motion, frame = "", self.frame
+            if frame is not None:
+                (x_m, y_m), turn_deg = frame.mean_shift_m, round(float(np.degrees(frame.turn_rad)), 1) + 0.0
+                motion = f" (turned {turn_deg:.1f} degrees, shifted ({x_m:.3f}, {y_m:.3f}) m on average)"
+            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned{motion}")
         return f"{clock}; {', '.join(errors)}"
-
-    def _motion_words(self) -> str:
-        frame = self.frame
-        if frame is None:
-            return ""
-        x_m, y_m = frame.mean_shift_m
-        turn_deg = round(float(np.degrees(frame.turn_rad)), 1) + 0.0  # zero without a sign
-        return f" (turned {turn_deg:.1f} degrees, shifted ({x_m:.3f}, {y_m:.3f}) m on average)"
 
 
 def compare_trajectories(
@@ -340,11 +323,10 @@ def _paired(
     if len(in_reference) == 0:
         return None
     truth, moved = reference.rows(in_reference), estimate.rows(in_estimate)
+    if align and are_on_line(moved, truth):
+        raise PosesOnLine
     if align:
-        aligned = align_rigidly(moved, truth)
-        if aligned is None:
-            raise PosesOnLine
-        moved = aligned
+        moved = align_rigidly(moved, truth)
     if planar:
         truth = project_to_plane(truth)
         # A run's poses lie in the plane, and projecting them again would change their last digit.

@@ -35,7 +35,7 @@ class Metric:
     """One number of metrics.json: a value, the number of samples it is made of, its unit ("" for counts and shares).
 
     interval: 95 %, of the value; None where the samples are too few for one, or there are none. worst: the worst
-    sample and its instant, None for metrics without samples in time.
+    sample and its instant, None for metrics without samples in time. summary: of the samples, None where not read.
     """
 
     value: float
@@ -43,6 +43,7 @@ class Metric:
     unit: str
     interval: Interval | None = None
     worst: tuple[float, int] | None = None
+    summary: SampleSummary | None = None
 
 
 Metrics = dict[str, Metric]
@@ -222,23 +223,12 @@ def interval_of(samples: Samples) -> Interval | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A metric's value, n, unit and 95 % interval; summary: of the samples behind it, None where none were read."""
-
-    value: float
-    n: int
-    unit: str
-    interval: Interval | None = None
-    summary: SampleSummary | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class MeasuredRun:
     """A run under the name that distinguishes it, with its metrics in the contract's order."""
 
     path: Path
     label: str
-    metrics: Mapping[str, Measured]
+    metrics: Mapping[str, Metric]
 
 
 @dataclass(frozen=True, slots=True)

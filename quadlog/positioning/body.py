@@ -9,8 +9,18 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.causal import Known, follow
-from quadlog.positioning.factors import TagRanges, turned
+from quadlog.positioning.batch.causal import Known, follow
+from quadlog.positioning.batch.factors import TagRanges, turned
+from quadlog.positioning.batch.motion import Track
+from quadlog.positioning.batch.tracking import (
+    KNOT_S,
+    LONGEST_GAP_S,
+    Body,
+    Starts,
+    Tracked,
+    TrackSettings,
+    track_turning,
+)
 from quadlog.positioning.heading.heading import TagsYaw
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion, measure_motion
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
@@ -24,8 +34,6 @@ from quadlog.positioning.locate import (
     no_track,
     with_motion,
 )
-from quadlog.positioning.motion import Track
-from quadlog.positioning.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, TrackSettings, track_turning
 
 LEAST_LEVER_M = 0.01
 """Tags that are no farther than this from their middle show no yaw."""

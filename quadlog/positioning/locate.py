@@ -10,20 +10,11 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.causal import Known, follow
-from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
-from quadlog.positioning.factors import TagRanges
-from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
-from quadlog.positioning.heading.odometry_velocity import (
-    BodyMotion,
-    MeasuredMotion,
-    measure_motion,
-    moves_of,
-    way_of,
-)
-from quadlog.positioning.links import AnchorBias, RangeRows
-from quadlog.positioning.motion import Track
-from quadlog.positioning.tracking import (
+from quadlog.positioning.batch.causal import Known, follow
+from quadlog.positioning.batch.factors import TagRanges
+from quadlog.positioning.batch.links import AnchorBias, RangeRows
+from quadlog.positioning.batch.motion import Track
+from quadlog.positioning.batch.tracking import (
     LONGEST_GAP_S,
     Body,
     OdometrySteps,
@@ -32,6 +23,15 @@ from quadlog.positioning.tracking import (
     TrackSettings,
     track_tag,
     track_turning,
+)
+from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
+from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
+from quadlog.positioning.heading.odometry_velocity import (
+    BodyMotion,
+    MeasuredMotion,
+    measure_motion,
+    moves_of,
+    way_of,
 )
 
 HEIGHT_STD_M = 0.5

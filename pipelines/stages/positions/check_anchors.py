@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from quadlog.errors import AnchorsNotObserved
-from quadlog.geometry import yaw_from_quat
+from quadlog.geometry import seconds_since, yaw_from_quat
 from quadlog.messages import PoseSeries
-from quadlog.positioning.anchor_survey import SurveyFaults, TagEpochs, check_survey
+from quadlog.positioning.anchors.check import SurveyFaults, TagEpochs, check_survey
+from quadlog.positioning.anchors.survey import survey_anchors
+from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
-from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
-from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
-from quadlog.positioning.self_survey.survey import survey_anchors
 
 HEIGHT_STD_M = 0.05
 """How well heights that are given are known."""
@@ -54,23 +54,27 @@ def _by_odometry(
 ) -> SurveyFaults | None:
     """The check of a survey along the odometry; None where that does not show the places of all anchors heard."""
     tags = [result for result in located.tags if result.tag in levers_m]
-    poses = OdometryPoses(odometry.t_ns, odometry.position_m[:, :2], yaw_from_quat(odometry.quat_xyzw))
-    if not tags or len(odometry) < 2 or not np.isfinite(np.column_stack([poses.xy_m, poses.yaw_rad])).all():
+    xy_m, yaw_rad = odometry.position_m[:, :2], yaw_from_quat(odometry.quat_xyzw)
+    if not tags or len(odometry) < 2 or not np.isfinite(np.column_stack([xy_m, yaw_rad])).all():
         return None
     order = np.argsort(anchors.ids)
     index = [order[np.searchsorted(anchors.ids, each.ranges.anchor, sorter=order)] for each in tags]
-    measured = MeasuredRanges(
-        np.concatenate([each.ranges.t_ns for each in tags]),
+    start_ns = int(odometry.t_ns[0])
+    measured = TagRanges(
+        seconds_since(np.concatenate([each.ranges.t_ns for each in tags]), start_ns),
         np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
         np.concatenate(index),
         np.concatenate([each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]),
+        np.array([levers_m[each.tag] for each in tags]),
+        np.array([each.height_m for each in tags]),
+        len(anchors.ids),
     )
-    on_robot = RobotTags(np.array([levers_m[each.tag] for each in tags]), np.array([each.height_m for each in tags]))
     heights = HeightPrior(anchors.position_m[:, 2], np.full(len(anchors.ids), HEIGHT_STD_M))
-    in_time = measured.rows(np.argsort(measured.t_ns, kind="stable"))
-    problem, _ = make_problem(poses, in_time, on_robot, len(anchors.ids), CHECK_RANGES)
+    in_time = measured.rows(np.argsort(measured.t_s, kind="stable"))
+    way = Way(seconds_since(odometry.t_ns, start_ns), xy_m, yaw_rad)
     try:
-        survey = survey_anchors(problem, heights, PRIORS["odometry"], anchors.position_m[:, :2])
+        walk, _ = make_walk(way, in_time, heights, PRIORS["odometry"], most_ranges=CHECK_RANGES)
+        survey = survey_anchors(walk, anchors.position_m[:, :2])
     except (AnchorsNotObserved, np.linalg.LinAlgError):
         return None
     unseen = any(each.why_not and each.n_ranges for each in survey.anchors)

@@ -12,6 +12,7 @@ from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
+from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
@@ -24,7 +25,6 @@ from quadlog.positioning.heading.heading import (
     gyro_sensor,
 )
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
-from quadlog.positioning.motion import Track
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:

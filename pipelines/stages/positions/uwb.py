@@ -18,11 +18,11 @@ from quadlog.pipelines.stages.positions import uwb_tags
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, tell_roles, velocity_words
+from quadlog.positioning.batch.links import link_quality, weak_first_path_share
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
-from quadlog.positioning.links import link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.formatting import listed

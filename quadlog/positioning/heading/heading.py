@@ -12,6 +12,7 @@ import numpy as np
 
 from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
+from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.yaw_offset import (
     GROUP_NS,
     UNKNOWN_YAW_STD_RAD,
@@ -20,7 +21,6 @@ from quadlog.positioning.heading.yaw_offset import (
     YawOffset,
     fit_offset,
 )
-from quadlog.positioning.motion import Track
 
 HOLD_BELOW_MPS = 0.2
 TURN_STD_RADPS = 0.5

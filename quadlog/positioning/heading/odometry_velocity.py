@@ -9,11 +9,11 @@ import numpy as np
 
 from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.causal import OdometryMoves
-from quadlog.positioning.factors import HOLD_S, Way, turned
+from quadlog.positioning.batch.causal import OdometryMoves
+from quadlog.positioning.batch.factors import HOLD_S, Way, turned
+from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, YawSensor, align_yaw
 from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
-from quadlog.positioning.motion import Track
 
 STANDING_MPS = 0.05
 """Below it odometry has no course of its own."""

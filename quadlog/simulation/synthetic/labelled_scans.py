@@ -193,12 +193,6 @@ def labelled_scans(name: str, seed: int, n: int) -> Iterator[LabelledScan]:
         yield _scan_at(PLACES[name](rng, index), rng)
 
 
-def is_true_obstacle(scan: LabelledScan, min_height_m: float = 0.05, max_height_m: float = 1.5) -> NDArray[np.bool_]:
-    """(N,) which points are returns from obstacles within these heights above the true ground below them."""
-    within = (scan.height_m >= min_height_m) & (scan.height_m <= max_height_m)
-    return within & (scan.truth == points.PointClass.OBSTACLE)
-
-
 def _scan_at(place: ScanSite, rng: np.random.Generator) -> LabelledScan:
     height_m = float(rng.uniform(*_MOUNT_HEIGHT_M))
     mount = transform_from_rpy(np.array([0.0, 0.0, height_m]), 0.0, 0.0, 0.0)

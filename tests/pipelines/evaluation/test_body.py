@@ -9,7 +9,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.control.locomotion.robot import GRAVITY_MPS2
-from quadlog.metrics.body import JOINTS, BodySeries
+from quadlog.metrics.walking import JOINTS, BodySeries
 from quadlog.pipelines.evaluation.body import write_bodies
 from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.executor.progress import Silent

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError
-from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.conditions import parse_condition
+from quadlog.metrics.catalogue import CATALOGUE, parse_condition
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference, compare_with_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED

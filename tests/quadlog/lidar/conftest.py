@@ -87,7 +87,7 @@ def classify():
 
 def labelled(scan: ClassifiedScan, n: int) -> Labelled:
     """The scan in the order of its message."""
-    points, numbers = scan.points(), np.sort(scan.point[scan.label != PointClass.INVALID])
+    points, numbers = scan.points(), np.sort(scan.returns.point[scan.returns.label != PointClass.INVALID])
     xyz_m, label, height_m = np.full((n, 3), np.nan, np.float32), np.zeros(n, np.uint8), np.full(n, np.nan, np.float32)
     xyz_m[numbers], label[numbers], height_m[numbers] = points.xyz_base_m, points.label, points.height_m
     return Labelled(xyz_m, label, height_m, scan.ground, scan.route)

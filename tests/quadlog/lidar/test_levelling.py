@@ -37,14 +37,6 @@ def test_roll_and_pitch_are_taken_out_whatever_the_heading(yaw, pitch, roll, fli
     np.testing.assert_allclose(rotations[0], Rotation.from_euler("YX", [pitch, roll]).as_matrix(), atol=1e-12)
 
 
-def test_between_two_orientations_it_is_the_share_of_each():
-    turning = series([3.0, 0.10, 0.0], [-3.0, 0.20, -0.08])
-    rotations, why = level_rotations(at(0, 2.5, 5, 10), turning)
-    assert why is None
-    expected = [(0.10, 0.0), (0.125, -0.02), (0.15, -0.04), (0.20, -0.08)]
-    np.testing.assert_allclose(rotations, Rotation.from_euler("YX", expected).as_matrix(), atol=5e-4)
-
-
 def test_the_imu_of_a_simulated_walk_over_rough_ground_levels_it():
     recording = forest.synthesize(seed=3, duration_s=1.0, azimuth_steps=16)
     imu = [each.message for each in recording.messages() if each.topic == IMU_TOPIC]

@@ -5,6 +5,7 @@ import pytest
 
 from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
+from quadlog.lidar.range_image import Returns
 from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
 from quadlog.mapping.grid import Window
 from quadlog.mapping.placing import PlacedScan, ScanPlacer
@@ -32,7 +33,7 @@ def compacted():
         x_m, y_m, z_m = np.float32(xyz_m - [*place_m[:2], 0]).T.copy()
         arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
         slots = Slots(np.zeros(1, np.int64), None)
-        scan = ClassifiedScan(*arrays, 0, 0, len(xyz_m), ground, "paper", place_m, slots)
+        scan = ClassifiedScan(Returns(*arrays), 0, 0, len(xyz_m), ground, "paper", place_m, slots)
         return ScanCompactor(CompactSettings(**settings)).compact(scan)
 
     return make

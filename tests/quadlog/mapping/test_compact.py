@@ -80,11 +80,6 @@ def test_a_wall_taken_for_the_ground_hides_no_obstacle(compacted) -> None:
     assert len(compact.obstacle) == 3
 
 
-@pytest.mark.parametrize("other", [PointClass.INVALID, PointClass.CROPPED, PointClass.OUTLIER, PointClass.GROUND])
-def test_other_classes_do_not_block(compacted, other: PointClass) -> None:
-    assert len(compacted([[3, 0, 1.0]], other).obstacle) == 0
-
-
 def test_the_robots_own_body_neither_blocks_nor_ends_rays(compacted) -> None:
     inside = [[0.40, 0.0, 0.3], [-0.40, 0.22, 0.3], [0.0, -0.22, 0.1]]
     outside = [[0.42, 0.0, 0.3], [0.0, 0.24, 0.3]]

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from quadlog.mapping.goal_projection import DETOUR, escape_start, project_goal
 from quadlog.mapping.grid import Window
@@ -20,19 +20,23 @@ def grids(draw: st.DrawFn) -> np.ndarray:
     return np.random.default_rng(draw(st.integers(0, 2**32))).random(shape) < draw(st.floats(0, 0.8))
 
 
-def reachable_by_scipy(blocked: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    """Cells reached with 8-connected steps that cut no corner, as a graph searched by scipy."""
-    rows, cols = blocked.shape
-    ends = []
-    for row, col in np.argwhere(~blocked):
-        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+def costs_by_scipy(occupied: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+    """Of 8-connected steps that cut no corner, infinite where there is no way, by scipy's search of a graph."""
+    rows, cols = occupied.shape
+    steps = []
+    for row, col in np.ndindex(rows, cols):
+        for dr, dc in ((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b):
             r, c = row + dr, col + dc
-            if 0 <= r < rows and 0 <= c < cols and not (blocked[r, c] or blocked[row, c] or blocked[r, col]):
-                ends.append((row * cols + col, r * cols + c))
-    ends = np.array(ends, dtype=np.int64).reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(rows * cols, rows * cols))
-    order = breadth_first_order(graph.tocsr(), start[1] * cols + start[0], directed=False)[0]
-    return np.isin(np.arange(rows * cols), order).reshape(rows, cols)
+            inside = 0 <= r < rows and 0 <= c < cols
+            if inside and not occupied[r, c] and not (dr and dc and (occupied[row, c] or occupied[r, col])):
+                steps.append((row * cols + col, r * cols + c, 14 if dr and dc else 10))
+    steps = np.array(steps, dtype=np.int64).reshape(-1, 3)
+    graph = coo_matrix((steps[:, 2], (steps[:, 0], steps[:, 1])), shape=(rows * cols, rows * cols))
+    return dijkstra(graph.tocsr(), indices=start[1] * cols + start[0]).reshape(rows, cols)
+
+
+def walked(path: np.ndarray) -> int:
+    return sum(14 if step.all() else 10 for step in np.diff(path.astype(np.int64), axis=0) != 0)
 
 
 @given(grids(), st.data())
@@ -47,7 +51,7 @@ def test_projection_is_reachable_and_the_nearest_such_cell(blocked: np.ndarray, 
 
     assert projection is not None
     col, row = projection.cell
-    reachable = reachable_by_scipy(blocked, start)
+    reachable = np.isfinite(costs_by_scipy(blocked, start))
     assert reachable[row, col]
     assert projection.projected == ((col, row) != tuple(goal_cell))
     if window.contains(goal_cell):
@@ -97,23 +101,6 @@ def test_goal_at_the_far_end_of_the_world() -> None:
     assert project_goal(free, WINDOW, (30, 20), np.array([1e300, 5.55])) == ((59, 20), True)
 
 
-def costs_by_scipy(occupied: np.ndarray, start: tuple[int, int]) -> np.ndarray:
-    rows, cols = occupied.shape
-    steps = []
-    for row in range(rows):
-        for col in range(cols):
-            for dr, dc in ((a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b):
-                r, c = row + dr, col + dc
-                if not (0 <= r < rows and 0 <= c < cols) or occupied[r, c]:
-                    continue
-                if dr and dc and (occupied[row, c] or occupied[r, col]):
-                    continue
-                steps.append((row * cols + col, r * cols + c, 14 if dr and dc else 10))
-    steps = np.array(steps, dtype=np.int64).reshape(-1, 3)
-    graph = coo_matrix((steps[:, 2], (steps[:, 0], steps[:, 1])), shape=(rows * cols, rows * cols))
-    return dijkstra(graph.tocsr(), indices=start[1] * cols + start[0]).reshape(rows, cols)
-
-
 @given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.3), st.floats(0, 4))
 def test_agrees_with_scipys_dijkstra(seed: int, rows: int, cols: int, share: float, radius: float) -> None:
     random = np.random.default_rng(seed)
@@ -134,8 +121,7 @@ def test_agrees_with_scipys_dijkstra(seed: int, rows: int, cols: int, share: flo
     assert not occupied[escape.path[1:, 1], escape.path[1:, 0]].any()
     steps = np.abs(np.diff(escape.path.astype(np.int64), axis=0))
     assert (steps.max(axis=1, initial=0) == 1).all()
-    walked = sum(14 if both else 10 for both in (steps.sum(axis=1) == 2))
-    assert walked == cost.min()
+    assert walked(escape.path) == cost.min()
 
 
 def test_walled_in_or_outside_is_none() -> None:
@@ -167,9 +153,6 @@ def test_towards_a_goal_it_takes_the_shortest_way_there_within_a_detour(seed, ro
     on = 10 * (away.max(axis=-1) - away.min(axis=-1)) + 14 * away.min(axis=-1)
     cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
     least = cost.min()
-
-    def walked(path) -> int:
-        return sum(14 if step.all() else 10 for step in np.diff(path.astype(np.int64), axis=0) != 0)
 
     assert walked(escape.path) <= least + DETOUR
     assert walked(escape.path) + on[escape.cell[1], escape.cell[0]] <= least + on[nearest.cell[1], nearest.cell[0]]

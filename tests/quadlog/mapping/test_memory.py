@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.mapping.grid import Window
-from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
+from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window
 from quadlog.mapping.memory import LogOddsMemory, ScanMemory
 from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY

@@ -110,13 +110,6 @@ def sweep_returns(compacted):
     return make
 
 
-def test_what_stands_behind_an_obstacle_is_not_seen(lowest_rays) -> None:
-    wall_m = np.column_stack([np.full(3000, 3.0), np.linspace(-3, 3, 3000)])
-    lowest_mm = lowest_rays(np.zeros(2), wall_m, np.full(3000, 0.4))
-    assert at(lowest_mm, 2.85, 0.0) < NO_RAY
-    assert at(lowest_mm, 3.25, 0.0) == NO_RAY
-
-
 def test_one_short_ray_holds_back_its_sector(lowest_rays) -> None:
     """A cell is free only where all that looked that way agree."""
     long_m, short_m = fan(6.0), fan(2.0)[:40:4]

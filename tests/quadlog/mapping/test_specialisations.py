@@ -13,7 +13,7 @@ from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.mapping.accumulated_map import AccumulatedMap
 from quadlog.mapping.compact import CompactSettings, ScanCompactor
 from quadlog.mapping.accumulated_map import GroundHeight
-from quadlog.mapping.lattice import GrowingLattice, SlidingLattice
+from quadlog.mapping.grid import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.mapping.grid import window_around

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.metrics.body import (
+from quadlog.metrics.summary import metrics_of
+from quadlog.metrics.walking import (
     JOINTS,
     BodySeries,
     body_samples,
@@ -16,7 +17,6 @@ from quadlog.metrics.body import (
     stance_where,
     torque_rows,
 )
-from quadlog.metrics.summary import metrics_of
 
 START_NS = 1_700_000_000 * 10**9
 

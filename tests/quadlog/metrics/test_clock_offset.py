@@ -1,15 +1,13 @@
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.alignment import align_rigidly, estimate_clock_offset
-from quadlog.metrics.positioning import Trajectory, associate
+from quadlog.metrics.alignment import estimate_clock_offset
+from quadlog.metrics.positioning import Trajectory
 
 S = 1_000_000_000
 
@@ -85,16 +83,6 @@ def test_a_gap_counts_for_nothing():
     assert estimate_clock_offset(holed, walk()).residual_m < 1e-3
 
 
-def test_the_residual_is_that_of_the_alignment():
-    truth, estimate = walk(noise_m=0.05, clock_s=9.0), in_another_frame(walk(noise_m=0.05, seed=3))
-    estimate = Trajectory(estimate.t_ns + 2 * S, estimate.position_m, estimate.quat_xyzw)
-    found = estimate_clock_offset(truth, estimate)
-    pairs = associate(truth.t_ns, estimate.t_ns, 0.01, 7.0)
-    truth, estimate = truth.rows(pairs[0]), estimate.rows(pairs[1])
-    apart_m = align_rigidly(estimate, truth).position_m - truth.position_m
-    assert found.residual_m == pytest.approx(np.sqrt((apart_m**2).sum(axis=1).mean()), rel=1e-6)
-
-
 AT_S = np.arange(0, 60, 0.05)
 TRIANGLE_M = np.abs((AT_S / 10) % 2 - 1) * 5  # to and fro, 20 s a turn
 
@@ -121,10 +109,6 @@ def told(found):
     return found is not None and found.rival_s is None
 
 
-def test_another_walk_is_not_told():
-    assert not any(told(estimate_clock_offset(walk(seed=a), walk(seed=b, last_s=59))) for a in range(5) for b in (7, 8))
-
-
 def test_standing_still_tells_nothing():
     still = trajectory(AT_S, 0 * AT_S, 0 * AT_S)
     trembling = trajectory(AT_S, 0 * AT_S, 0 * AT_S, noise_m=0.05)
@@ -132,19 +116,3 @@ def test_standing_still_tells_nothing():
         assert estimate_clock_offset(still, other) is None
         assert estimate_clock_offset(other, still) is None
     assert not told(estimate_clock_offset(trembling, walk()))
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 12, 99])
-def test_few_poses_tell_nothing(n):
-    short = walk().rows(np.arange(n))
-    assert estimate_clock_offset(walk(clock_s=5.0), short) is None
-    assert estimate_clock_offset(short, short) is None
-
-
-def test_positions_beyond_all_measure_tell_nothing():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        huge = walk()
-        huge = Trajectory(huge.t_ns, huge.position_m * 1e200, huge.quat_xyzw)
-        assert not told(estimate_clock_offset(huge, huge))
-        assert not told(estimate_clock_offset(walk(), huge))

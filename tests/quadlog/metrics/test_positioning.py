@@ -70,15 +70,6 @@ def test_uwb_by_hand():
     assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
 
 
-def test_the_samples_of_a_bias_average_to_it():
-    error_m = np.random.default_rng(0).normal([0.3, -0.4], 1, (500, 2))
-    error_m[3] = np.nan
-    bias = fix_error_samples(np.arange(500), error_m)["uwb_bias_m"]
-    assert summarise(bias).value == pytest.approx(np.hypot(*np.nanmean(error_m, axis=0)))
-    assert bias.values.mean() == pytest.approx(summarise(bias).value)
-    assert bias.count == len(bias.t_ns) == 499
-
-
 def test_positions_between_poses():
     known = Trajectory(
         np.array([0, 100, 1000]), np.array([[0.0, 0, 0], [1, 2, 3], [9, 9, 9]]), np.tile([0.0, 0, 0, 1], (3, 1))

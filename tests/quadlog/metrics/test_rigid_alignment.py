@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.alignment import align_rigidly, project_to_plane
+from quadlog.metrics.alignment import align_rigidly, are_on_line, project_to_plane
 from quadlog.metrics.positioning import Trajectory
 
 
@@ -46,4 +46,5 @@ def test_equal_to_evos_projection(seed):
 @pytest.mark.parametrize("n", [1, 2, 20])
 def test_poses_on_a_line_cannot_be_aligned(n):
     line = Trajectory(np.arange(n), np.outer(np.arange(n), [1.0, 2, 3]), trajectory(0, n).quat_xyzw)
-    assert align_rigidly(line, line) is None
+    assert are_on_line(line, line)
+    assert not are_on_line(trajectory(0), trajectory(1))

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.summary import spread
 
 values = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30)
@@ -39,8 +38,3 @@ def test_few_and_all_alike():
     alike = spread([0.1] * 7)
     assert (alike.mean, alike.std, alike.interval, alike.lowest) == (0.1, 0.0, None, 0)
     assert spread([1.0], kind="yes or no").interval is None
-
-
-def test_counts_have_no_interval():
-    assert spread([0.0, 2.0, 3.0], kind="count").interval is None
-    assert CATALOGUE["collisions"].kind == "count"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import Float
-from quadlog.positioning.anchor_survey import (
+from quadlog.positioning.anchors.check import (
     AnchorShift,
     SurveyFaults,
     TagEpochs,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import Float, RangeSeries
-from quadlog.positioning.links import AnchorBias, RangeRows, link_quality, weak_first_path_share
+from quadlog.positioning.batch.links import AnchorBias, RangeRows, link_quality, weak_first_path_share
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
 
 BIAS_M = np.array([0.25, 0.0, 0.1, 0.18])

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.geometry import wrap_angle
+from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.heading import (
     IMU_DRIFT,
     NO_DRIFT,
@@ -21,7 +22,6 @@ from quadlog.positioning.heading.heading import (
 )
 from quadlog.positioning.heading.yaw_offset import CourseDifferences, SensorDrift, fit_offset
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
-from quadlog.positioning.motion import Track
 
 UNKNOWN = np.pi / np.sqrt(3)
 START_NS = 1_700_000_000_000_000_000

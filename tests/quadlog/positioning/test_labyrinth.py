@@ -16,10 +16,10 @@ import pytest
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.survey import PRIORS
+from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
+from quadlog.positioning.anchors.walk import HeightPrior, make_walk
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
-from quadlog.positioning.self_survey.batch import HeightPrior
-from quadlog.positioning.self_survey.problem import MeasuredRanges, OdometryPoses, RobotTags, make_problem
-from quadlog.positioning.self_survey.survey import AnchorSurvey, survey_anchors
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,13 @@ def surveyed(labyrinth: Labyrinth, turns: float = 1.0, known: bool = False) -> A
     step_s = np.diff(t_s)
     yaw = turns * np.concatenate([[0.0], np.cumsum((right_mps - left_mps) / (2 * half_m) * step_s)])
     place = np.concatenate([[0], np.cumsum((left_mps + right_mps) / 2 * step_s * np.exp(0.5j * (yaw[1:] + yaw[:-1])))])
-    odometry = OdometryPoses(np.rint(t_s * 1e9).astype(np.int64), np.column_stack([place.real, place.imag]), yaw)
+    way = Way(t_s - t_s[0], np.column_stack([place.real, place.imag]), yaw)
     ranges, anchors = labyrinth.ranges, labyrinth.anchors
     anchor = np.searchsorted(anchors.ids, ranges.anchor)
-    measured = MeasuredRanges(ranges.t_ns, ranges.tag, anchor, ranges.range_m)
-    problem, _ = make_problem(odometry, measured, RobotTags(np.zeros((1, 2)), np.zeros(1)), 4)
-    known_m = np.where(known, anchors.position_m[:, :2], np.nan)
-    return survey_anchors(problem, HeightPrior(np.zeros(4), np.full(4, 0.05)), PRIORS["odometry"], known_m)
+    seen = ranges.t_ns * 1e-9 - t_s[0], ranges.tag, anchor, ranges.range_m
+    heights = HeightPrior(np.zeros(4), np.full(4, 0.05))
+    walk, _ = make_walk(way, TagRanges(*seen, np.zeros((1, 2)), np.zeros(1), 4), heights, PRIORS["odometry"])
+    return survey_anchors(walk, np.where(known, anchors.position_m[:, :2], np.nan))
 
 
 def test_the_anchors_are_surveyed_by_the_wheels(labyrinth):

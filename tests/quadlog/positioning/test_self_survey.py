@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from quadlog.errors import AnchorsNotObserved
-from quadlog.positioning.self_survey.batch import HeightPrior, OdometryPrior
-from quadlog.positioning.self_survey.problem import (
-    MOST_RANGES,
-    MeasuredRanges,
-    OdometryPoses,
-    RobotTags,
-    make_problem,
-)
-from quadlog.positioning.self_survey.survey import AnchorSurvey, survey_anchors
+from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
+from quadlog.positioning.anchors.walk import MOST_RANGES, HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.batch.factors import TagRanges, Way
 
 ANCHORS_M = np.array(
     [[-2, -2, 1.6], [6, -3, 2.1], [13, -2, 1.8], [14, 5, 2.0], [12, 11, 1.5], [5, 12, 1.9], [-2, 11, 2.2], [-3, 4, 1.7]]
@@ -46,8 +40,7 @@ def survey(
     step_m = step_m + 0.006 * root_m * (rng.standard_normal((len(step_m), 2)) @ [1, 1j])
     drifted = np.concatenate([[0], np.cumsum(turns * np.diff(yaw) + 0.003 * root_m * rng.standard_normal(len(step_m)))])
     place = np.concatenate([[0], np.cumsum(step_m * np.exp(1j * drifted[:-1]))])
-    t_ns = np.rint(t_s * 1e9).astype(np.int64)
-    odometry = OdometryPoses(t_ns, np.column_stack([place.real, place.imag]), drifted, np.full(len(t_ns), doubtful))
+    way = Way(t_s, np.column_stack([place.real, place.imag]), drifted)
 
     bias_m = rng.uniform(0.05, 0.3, len(ANCHORS_M))
     tag_m = np.column_stack([xy_m, np.full(len(xy_m), TAG_HEIGHT_M)])
@@ -55,19 +48,15 @@ def survey(
     blocked = rng.random((len(t_s) // 30 + 1, 8)).repeat(30, axis=0)[: len(t_s)] < 0.25
     range_m += blocked * rng.exponential(0.4, range_m.shape)
     n, a = range_m.shape
-    ranges = MeasuredRanges(
-        np.repeat(t_ns + round(late_s * 1e9), a),
-        np.zeros(n * a, dtype=np.int64),
-        np.tile(np.arange(a), n),
-        range_m.ravel(),
-    )
-    problem, _ = make_problem(odometry, ranges, RobotTags(np.zeros((1, 2)), np.array([TAG_HEIGHT_M])), a)
+    seen = np.repeat(t_s + late_s, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.ravel()
+    ranges = TagRanges(*seen, np.zeros((1, 2)), np.array([TAG_HEIGHT_M]), a)
     heights = HeightPrior(np.full(a, 1.6), np.full(a, 0.8))
     known_m = np.full((a, 2), np.nan)
     known_m[list(known)] = ANCHORS_M[list(known), :2]
     turned = (ANCHORS_M[:, :2] - xy_m[0]) @ [1, 1j] * np.exp(-1j * yaw[0])
     truth_m = np.column_stack([turned.real, turned.imag, ANCHORS_M[:, 2]])
-    return survey_anchors(problem, heights, LIDAR if turns == 1 else WHEELS, known_m), truth_m
+    walk, _ = make_walk(way, ranges, heights, LIDAR if turns == 1 else WHEELS, np.full(len(t_s), doubtful))
+    return survey_anchors(walk, known_m), truth_m
 
 
 def test_places_and_bounds_over_seeds():
@@ -122,12 +111,12 @@ def test_where_the_odometry_doubts_its_poses_bounds_are_wider():
 def test_every_link_keeps_its_share_of_many_ranges():
     """Eight anchors in turn: every eighth range is one anchor's alone. A ninth is rare."""
     n, rare = 80_000, 40
-    t_ns = np.arange(n + rare, dtype=np.int64) * 1_000_000
+    t_s = 1e-3 * np.arange(n + rare)
     anchor = np.concatenate([np.tile(np.arange(8), n // 8), np.full(rare, 8)])
-    odometry = OdometryPoses(t_ns, np.column_stack([t_ns * 1e-9, np.zeros(n + rare)]), np.zeros(n + rare))
-    ranges = MeasuredRanges(t_ns, np.zeros(n + rare, dtype=np.int64), anchor, np.ones(n + rare))
-    problem, n_far = make_problem(odometry, ranges, RobotTags(np.zeros((1, 2)), np.zeros(1)), 9)
-    counts = np.bincount(problem.anchor)
+    seen = t_s, np.zeros(n + rare, dtype=np.int64), anchor, np.ones(n + rare)
+    way, ranges = Way(t_s, np.column_stack([t_s, 0 * t_s]), 0 * t_s), TagRanges(*seen, np.zeros((1, 2)), np.zeros(1), 9)
+    walk, n_far = make_walk(way, ranges, HeightPrior(np.zeros(9), np.ones(9)), LIDAR)
+    counts = np.bincount(walk.ranges.anchor)
     assert n_far == 0
     assert counts[8] == rare
     assert len(set(counts[:8])) == 1

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
-from quadlog.positioning import solve as module
-from quadlog.positioning.factors import Axes, Border, Moves, RangeModel, Steps, TagRanges, Turns, Way
-from quadlog.positioning.links import bias_priors
-from quadlog.positioning.motion import lifting, motion_information, transition, turning, walking
-from quadlog.positioning.solve import Problem, Weights, assemble, linearise, posterior_of_globals, solve
-from quadlog.positioning.spline import make_timeline
+from quadlog.positioning.batch import solve as module
+from quadlog.positioning.batch.factors import Axes, Border, Moves, RangeModel, Steps, TagRanges, Turns, Way
+from quadlog.positioning.batch.links import bias_priors
+from quadlog.positioning.batch.motion import lifting, motion_information, transition, turning, walking
+from quadlog.positioning.batch.solve import Problem, Weights, assemble, linearise, posterior_of_globals, solve
+from quadlog.positioning.batch.spline import make_timeline
 
 ANCHORS_M = np.array([[0, 0, 0.3], [8, 0, 2.4], [8, 7, 0.5], [0, 7, 2.5], [4, -1, 1.2]])
 AXES = Axes((walking(1.0), walking(1.0), lifting(0.5), turning()), 2, 3)
@@ -30,7 +30,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     way = Way(way_s, np.column_stack([0.5 * way_s, np.sin(way_s)]) + 0.01 * rng.standard_normal((42, 2)), 0.3 * way_s)
     variance = np.full(len(timeline) - 1, 0.02)
     others = (
-        Turns(timeline, way, AXES, n, variance),
+        Turns(timeline, way, AXES, (n, None), variance),
         Steps(timeline, way, AXES, n + 1, variance),
         Moves(timeline, way_s, way.xy_m, len(AXES), variance),
     )
@@ -148,7 +148,7 @@ def test_a_spline_passes_through_its_knots_and_segments_are_apart():
 
 def test_what_is_forgotten_leaves_the_same_estimate():
     """The first intervals eliminated, and the rest solved with what they said: the same as all at once."""
-    from quadlog.positioning.causal import _eliminate
+    from quadlog.positioning.batch.causal import _eliminate
 
     problem, knots, values = problem_of()
     weights = Weights(*np.ones((2, len(problem.slots.range_m))))

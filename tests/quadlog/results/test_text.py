@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 
 from quadlog.cli import options
 from quadlog.errors import csv_cell
-from quadlog.metrics.summary import Measured, MeasuredRun, SampleSummary
+from quadlog.metrics.summary import MeasuredRun, Metric, SampleSummary
 from quadlog.results.studies.planners import PLANNERS, format_rows
 from quadlog.results.text import FORMATS, metrics_text, print_table, values_text
 
@@ -27,7 +27,10 @@ SUMMARY = SampleSummary(0.25, 600, 0.25, 0.125, 0.2, 0.5, (0.2, 0.3))
 
 
 def runs(*labels: str) -> list[MeasuredRun]:
-    metrics = {"eta_m": Measured(0.1 + 0.2, 600, "m", (0.2, 0.3), SUMMARY), "expanded_total": Measured(5931.0, 120, "")}
+    metrics = {
+        "eta_m": Metric(0.1 + 0.2, 600, "m", (0.2, 0.3), summary=SUMMARY),
+        "expanded_total": Metric(5931.0, 120, ""),
+    }
     return [MeasuredRun(Path("runs") / label, label, metrics) for label in labels]
 
 

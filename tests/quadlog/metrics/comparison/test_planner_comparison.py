@@ -187,21 +187,3 @@ def test_the_fewest_values_that_have_an_interval() -> None:
 
 def _ratio_of(row: PlannerRow) -> np.ndarray:
     return np.array([row.ratio_expanded, row.ratio_low, row.ratio_high], dtype=np.float64)
-
-
-@given(cells_of_three)
-def test_every_figure_is_that_of_a_plain_loop(make_replans: Any, cells: list[np.ndarray]) -> None:
-    named = dict(zip(("astar", "ia_star", "d_star_lite"), cells, strict=True))
-    found = {name: each % 3 != 1 for name, each in named.items()}
-    comparison = compare(make_replans(named, found=found), incremental={"ia_star"})
-    solved = found["astar"] & found["ia_star"] & found["d_star_lite"]
-    ratios = []
-    for episode, row in enumerate(solved):
-        spent = {name: sum(int(each[episode, i]) for i in np.flatnonzero(row)) for name, each in named.items()}
-        if row.any() and spent["ia_star"] > 0:
-            ratios.append(spent["astar"] / spent["ia_star"])
-    got = row_of(comparison, "ia_star")
-    assert got.ratio_expanded == (pytest.approx(np.median(ratios)) if ratios else None)
-    assert got.fallback_share == (1.0 if solved.shape[1] > 1 else None)
-    assert got.length_m_total == (solved.sum() if solved.any() else None)
-    assert comparison.paired_replans == solved.sum()

@@ -13,10 +13,17 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from quadlog.messages import Float
-from quadlog.positioning.factors import RangeModel, Rows, Slots, rows_of_pose
-from quadlog.positioning.motion import motion_information
-from quadlog.positioning.robust import LinkWindows, lateness_weights, link_windows, persistence, symmetric_weights
-from quadlog.positioning.spline import Sampling, Timeline
+from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
+from quadlog.positioning.batch.motion import motion_information
+from quadlog.positioning.batch.robust import (
+    LinkWindows,
+    lateness_weights,
+    link_windows,
+    persistence,
+    sight_probabilities,
+    symmetric_weights,
+)
+from quadlog.positioning.batch.spline import Sampling, Timeline
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
 SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
@@ -180,7 +187,7 @@ class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    past: before the first knot.
+    past: before the first knot. in_sight: ranges count by the probability of line of sight, for knots and globals.
     """
 
     timeline: Timeline
@@ -191,6 +198,7 @@ class Problem:
     priors: Float
     others: tuple[Factor, ...] = ()
     past: Past | None = None
+    in_sight: bool = False
 
     @cached_property
     def sampling(self) -> Sampling:
@@ -279,7 +287,11 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
     predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, values)
     speed_mps = np.einsum("nd,nd->n", by_pose, rate)
-    residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * slots.late_s
+    late_s, delay = slots.late_s, problem.model.border.delay
+    if delay is not None:
+        late_s = late_s + values[delay]
+        column, slope = np.vstack([column, np.full(len(speed_mps), delay)]), np.vstack([slope, speed_mps])
+    residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * late_s
     return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)
 
 
@@ -287,10 +299,14 @@ def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
     """Weights from residuals (R,); lasts None: estimated from them."""
     slots, std_m, link = problem.slots, problem.range_std_m, problem.slots.range_link
     alike = symmetric_weights(residual_m, link, std_m)
+    sight = sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
     if lasts is None:
         heard = len(np.unique(link))
         free = max(heard - len(problem.model.axes), 1) / heard
-        lasts = persistence(slots.range_t_s, link, residual_m, alike / std_m**2, free)
+        # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
+        lasts = persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
+    if problem.in_sight:
+        return Weights(sight, sight, lasts)
     return Weights(lateness_weights(problem.windows, residual_m, std_m), alike, lasts)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.solve import Estimate, posterior_of_globals
+from quadlog.positioning.batch.solve import Estimate, posterior_of_globals
 
 NLOS_STD = 3.0
 """A range longer than predicted by so many std was late: its straight way was blocked."""

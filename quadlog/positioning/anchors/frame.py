@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.anchor_survey import MATTERS_M, SIGNIFICANT_STD, AnchorShift, SurveyFaults
+from quadlog.positioning.anchors.check import MATTERS_M, SIGNIFICANT_STD, AnchorShift, SurveyFaults
+from quadlog.positioning.anchors.walk import OdometryPrior
 from quadlog.positioning.dilution import CHI2_95
-from quadlog.positioning.self_survey.batch import OdometryPrior, SurveySolution
 
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""
@@ -30,26 +30,28 @@ class FramedAnchors:
     aligned_to: int
 
 
-def place_in_frame(solution: SurveySolution, drift: OdometryPrior, known_m: Float) -> FramedAnchors:
-    """The solution in the frame of two or more known anchors (A, 2), else in that of the first pose.
+def place_in_frame(
+    anchors_m: Float, covariance: Float, drift: tuple[float, float], odometry: OdometryPrior, known_m: Float
+) -> FramedAnchors:
+    """Anchors (A, 3) of a walk that drifts, in the frame of two or more known ones (A, 2), else of the first pose.
 
-    What turns and shifts all anchors alike is certain in the first case as far as it moves the known ones; in the
-    second case the error of the first pose alone is added, that of 1 m of way and more.
+    covariance: of the anchors, then of anything else. What turns and shifts all anchors alike is certain in the first
+    case as far as it moves the known ones; in the second case the error of the first pose alone is added, that of 1 m
+    of way and more.
     """
-    anchors_m, n = solution.state.anchors_m, len(known_m)
-    known = np.flatnonzero(np.isfinite(known_m[:, 0]))
+    n, known = len(known_m), np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
-        gauge = np.zeros((len(solution.covariance), 3))
+        gauge = np.zeros((len(covariance), 3))
         gauge[: 3 * n] = _gauge(anchors_m)
-        off_m, off_rad = np.hypot(solution.state.drift, drift.first_pose_std)
+        off_m, off_rad = np.hypot(drift, odometry.first_pose_std)
         variance = np.square([off_m, off_m, off_rad])
-        return FramedAnchors(anchors_m, solution.covariance + (gauge * variance) @ gauge.T, np.zeros(3), 0)
+        return FramedAnchors(anchors_m, covariance + (gauge * variance) @ gauge.T, np.zeros(3), 0)
     turn_rad, shift_m = _best_placing(anchors_m[known, :2], known_m[known])
     rotation = _turn(turn_rad)
     moved_m = anchors_m @ rotation.T + np.append(shift_m, 0.0)
-    turned = np.eye(len(solution.covariance))
-    turned[: 3 * n, : 3 * n] = np.kron(np.eye(n), rotation)
-    covariance = relative_covariance(turned @ solution.covariance @ turned.T, moved_m, known)
+    change = np.eye(len(covariance))
+    change[: 3 * n, : 3 * n] = np.kron(np.eye(n), rotation)
+    covariance = relative_covariance(change @ covariance @ change.T, moved_m, known)
     return FramedAnchors(moved_m, covariance, np.append(shift_m, turn_rad), len(known))
 
 
@@ -75,7 +77,7 @@ def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[
     if len(known) < 2:
         return {}, False
     blocks = [slice(3 * anchor, 3 * anchor + 3) for anchor in known]
-    far_m = MISPLACED * np.array([KNOWN_STD_M + radius_95(framed.covariance[rows, rows]) for rows in blocks])
+    far_m = MISPLACED * np.array([KNOWN_STD_M + reach_95(framed.covariance[rows, rows]) for rows in blocks])
 
     def off_m(places_m: Float) -> Float:
         """(B,) how far places (B, 2), turned and shifted as fits best, are from the known ones."""
@@ -131,7 +133,7 @@ def find_faults(framed: FramedAnchors, known_m: Float) -> SurveyFaults | None:
     )
 
 
-def radius_95(covariance_m2: Float) -> float:
+def reach_95(covariance_m2: Float) -> float:
     """How far the 95 % ellipse of x and y reaches; covariance_m2 (2, 2) or (3, 3)."""
     return float(np.sqrt(CHI2_95 * np.linalg.eigvalsh(covariance_m2[:2, :2])[-1]))
 

@@ -11,12 +11,12 @@ from scipy.linalg import block_diag
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float
+from quadlog.positioning.anchors.walk import refine_place
+from quadlog.positioning.batch.factors import Border, TagRanges
+from quadlog.positioning.batch.solve import refine
+from quadlog.positioning.batch.tracking import Body, Starts, Tracked, TrackSettings, track_tag
 from quadlog.positioning.epochs import Epochs, thin_rows
-from quadlog.positioning.factors import Border, TagRanges
 from quadlog.positioning.fixes import solve_fixes
-from quadlog.positioning.links import COMMON_STD_M
-from quadlog.positioning.solve import refine
-from quadlog.positioning.tracking import Body, Starts, Tracked, TrackSettings, track_tag
 
 MIN_RANGES = 4
 """Three ranges agree with almost any order of their anchors."""
@@ -99,7 +99,6 @@ MIN_WALK_M = 0.5
 """A tag whose places scatter less stood still: what it seems to see from several sides is noise."""
 SHIFT_STD_M, PLACE_STD_M = 5.0, 0.05
 """Priors of a displacement, and of what reflections that depend on the place make of one."""
-LATE_STD = 2.0
 SHIFT_ROUNDS = 8
 
 
@@ -194,30 +193,12 @@ def fit_anchor_shift(checked: _CheckedTag, anchor: int) -> AnchorShift | None:
         priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
     )
     range_m = checked.epochs.range_m[with_it, anchor]
-    guess_m = _place_anchor(checked.place_m[with_it], problem.model.anchors_m[anchor], range_m, problem.range_std_m)
-    values = np.concatenate([estimate.values, guess_m, [0.0]])
+    anchor_m = problem.model.anchors_m[anchor]
+    guess, _ = refine_place(checked.place_m[with_it], range_m, anchor_m[:2], (float(anchor_m[2]), 1e-3))
+    values = np.concatenate([estimate.values, guess[:2] - anchor_m[:2], [0.0]])
     solved = refine(freed, estimate.knots, values, estimate.weights.lasts, SHIFT_ROUNDS)
     covariance_m2 = solved.covariance[n : n + 2, n : n + 2] + PLACE_STD_M**2 * np.eye(2)
     return AnchorShift(anchor, solved.values[n : n + 2], covariance_m2, float(np.ptp(checked.t_s[with_it])))
-
-
-def _place_anchor(place_m: Float, anchor_m: Float, range_m: Float, range_std_m: float) -> Float:
-    """(2,) displacement at which an anchor (3,) is at ranges (E,) from places (E, 3), but for one bias; robust."""
-    value = np.zeros(3)
-    prior = np.diag([SHIFT_STD_M**-2, SHIFT_STD_M**-2, COMMON_STD_M**-2])
-    for _ in range(15):
-        offset_m = place_m - anchor_m - np.append(value[:2], 0.0)
-        distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-9)
-        residual_m = range_m - distance_m - value[2]
-        spread_m = max(range_std_m, 1.4826 * float(np.median(np.abs(residual_m))))
-        weight = 1 / (1 + (residual_m / (LATE_STD * spread_m)) ** 2) ** 2
-        effect = np.column_stack([-offset_m[:, :2] / distance_m[:, None], np.ones(len(range_m))])
-        pull = effect.T @ (weight * residual_m) - prior @ value
-        step_m = np.linalg.solve((effect.T * weight) @ effect + prior, pull)
-        value = value + step_m
-        if np.abs(step_m).max() < 1e-3:
-            break
-    return value[:2]
 
 
 SIGNIFICANT_STD = 3.2

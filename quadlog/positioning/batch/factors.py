@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.motion import Motion
-from quadlog.positioning.spline import Sampling, Timeline
+from quadlog.positioning.batch.motion import Motion
+from quadlog.positioning.batch.spline import Sampling, Timeline
 
 HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
@@ -138,12 +138,14 @@ class TagRanges:
 class Border:
     """Where the global unknowns are: first the bias of each link, then what is named here, to `width` in all.
 
-    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays.
+    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays. delay: of
+    the ranges' stamps.
     """
 
     n_links: int
     width: int
     anchors: Int | None = None
+    delay: int | None = None
 
     def displaced(self, anchors_m: Float, values: Float) -> Float:
         """Anchors (A, 3) where the values (M,) of the globals have them."""
@@ -220,24 +222,32 @@ def covered(timeline: Timeline, t_s: Float) -> Int:
 
 
 class Turns:
-    """Turns between knots of a yaw in a frame of its own: psi_1 - psi_0 + drift dt. variance (K - 1,): of a turn;
-    column: of the drift.
+    """Turns between knots of a yaw in a frame of its own: scale turn = psi_1 - psi_0 + drift dt.
+
+    columns: of the drift, and of the scale, None where that is 1. variance (K - 1,): of a turn.
     """
 
-    def __init__(self, timeline: Timeline, way: Way, axes: Axes, column: int, variance: Float) -> None:
+    def __init__(
+        self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, int | None], variance: Float
+    ) -> None:
         assert axes.yaw is not None
         self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
-        self.column, self.weight = column, 1 / variance[self.interval]
+        self.drift, self.scale = columns
         self.dt_s = np.diff(timeline.t_s)[self.interval]
         self.turn_rad = np.diff(way.at(timeline.t_s)[1])[self.interval]
+        self.weight = 1 / variance[self.interval]
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
         """Rows, and one over their variances."""
         yaw_rad, n = knots[:, 0, self.yaw], len(self.interval)
-        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.column] * self.dt_s
+        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.drift] * self.dt_s
         local = np.zeros((4 * self.size, n))
         local[self.yaw], local[2 * self.size + self.yaw] = -1.0, 1.0
-        return Rows(self.interval, local, residual, np.full((1, n), self.column), self.dt_s[None]), self.weight
+        column, slope = np.full((1, n), self.drift), self.dt_s[None]
+        if self.scale is not None:
+            residual = residual + (values[self.scale] - 1) * self.turn_rad
+            column, slope = np.vstack([column, np.full((1, n), self.scale)]), np.vstack([slope, -self.turn_rad])
+        return Rows(self.interval, local, residual, column, slope), self.weight
 
 
 class Steps:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.factors import (
+from quadlog.positioning.batch.factors import (
     ERRORS_LAST_S,
     Axes,
     Border,
@@ -20,10 +20,10 @@ from quadlog.positioning.factors import (
     Turns,
     Way,
 )
-from quadlog.positioning.links import Deleted, bias_priors, delete_anchors
-from quadlog.positioning.motion import Track, lifting, turning, walking
-from quadlog.positioning.solve import Estimate, Factor, Past, Problem, solve
-from quadlog.positioning.spline import Timeline, make_timeline
+from quadlog.positioning.batch.links import Deleted, bias_priors, delete_anchors
+from quadlog.positioning.batch.motion import Track, lifting, turning, walking
+from quadlog.positioning.batch.solve import Estimate, Factor, Past, Problem, solve
+from quadlog.positioning.batch.spline import Timeline, make_timeline
 
 KNOT_S = 0.2
 """Between knots; ranges of a link are averaged from each to the next."""
@@ -95,7 +95,7 @@ class OdometrySteps:
 
     def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
         """Turns and steps between knots, the drift being in a column and the scale in the next."""
-        turns = Turns(timeline, self.way, axes, column, WALK_STD**2 * np.diff(timeline.t_s))
+        turns = Turns(timeline, self.way, axes, (column, None), WALK_STD**2 * np.diff(timeline.t_s))
         variance_m2 = step_variances(timeline, self.way.t_s, self.std_mps)
         return turns, Steps(timeline, self.way, axes, column + 1, variance_m2)
 

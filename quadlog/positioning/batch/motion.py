@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.spline import Timeline
+from quadlog.positioning.batch.spline import Timeline
 
 ACCELERATION_LASTS_S = 0.1
 """Correlation time of a walker's acceleration, about half a step."""

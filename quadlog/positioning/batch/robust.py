@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erfc, erfcx
 
 from quadlog.messages import Float, Int
 
@@ -16,6 +17,10 @@ LATE_STD, EARLY_STD = 3.0, 8.0
 """A single residual is half trusted so many std late or early."""
 CLIP_STD = 4.0
 HALF_TRUST_STD = 2.0
+SHARE_S, SHARE_PRIOR = 2.0, (0.3, 0.5)
+"""Over how long the share of late ranges of a link is taken for constant, and pseudo-counts of late and other ones."""
+DELAY_M, ODD_SHARE, ODD_SPAN_M = 0.4, 0.01, 20.0
+"""Mean delay of a late range; a range may be anything with this probability, over so wide a span."""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 
@@ -61,6 +66,28 @@ def link_medians(residual_m: Float, link: Int) -> Float:
     first = np.cumsum(n) - n
     middle: Float = (ordered[first + (n - 1).clip(0) // 2] + ordered[first + n // 2 * (n > 0)]) / 2
     return np.where(n > 0, middle, 0.0)
+
+
+def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:
+    """(N,) probability that a range was in line of sight: Gaussian then, and late by an exponential delay otherwise.
+
+    And the sum of -log of the densities. The share of late ranges of each link and SHARE_S is found by
+    expectation-maximisation.
+    """
+    slot = ((t_s - t_s.min()) / SHARE_S).astype(np.int64)
+    _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)
+    n = np.bincount(window)
+    z = (std_m / DELAY_M - residual_m / std_m) / np.sqrt(2)
+    gauss = np.exp(-0.5 * (residual_m / std_m) ** 2)
+    falling = np.exp(np.minimum(0.5 * (std_m / DELAY_M) ** 2 - residual_m / DELAY_M, 50.0)) * erfc(z)
+    late = np.where(z < 0, falling, gauss * erfcx(z.clip(0.0))) / (2 * DELAY_M)
+    gauss = gauss / (std_m * np.sqrt(2 * np.pi))
+    share = np.full(len(n), 0.2)
+    for _ in range(8):
+        sight, delayed = (1 - share[window]) * gauss, share[window] * late
+        total = sight + delayed + ODD_SHARE / ODD_SPAN_M
+        share = (np.bincount(window, delayed / total, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
+    return sight / total, float(-np.log(total).sum())
 
 
 def persistence(t_s: Float, link: Int, residual: Float, information: Float, free: float) -> float:

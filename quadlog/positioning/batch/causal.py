@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.factors import Axes, Moves
-from quadlog.positioning.motion import Track
-from quadlog.positioning.robust import lateness_weights, link_windows
-from quadlog.positioning.solve import Estimate, Factor, Past, refine
-from quadlog.positioning.spline import Timeline
-from quadlog.positioning.tracking import (
+from quadlog.positioning.batch.factors import Axes, Moves
+from quadlog.positioning.batch.motion import Track
+from quadlog.positioning.batch.robust import lateness_weights, link_windows
+from quadlog.positioning.batch.solve import Estimate, Factor, Past, refine
+from quadlog.positioning.batch.spline import Timeline
+from quadlog.positioning.batch.tracking import (
     KNOT_S,
     LONGEST_GAP_S,
     STAMP_STD_S,

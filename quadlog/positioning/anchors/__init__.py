@@ -1,0 +1,1 @@
+"""Where anchors stand: a survey by one walk, and a check of those that are configured."""

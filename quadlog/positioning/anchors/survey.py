@@ -1,0 +1,406 @@
+"""Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
+
+Anchors, what lasts of the odometry's errors and the delay of the ranges are global unknowns of the batch [Nguyen].
+Anchors enter it first where their own ranges single out one place (the idea of [Delama]); along the walk that they
+correct, the others follow. Mirror images are solved as well and compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from quadlog.errors import AnchorsNotObserved
+from quadlog.messages import Float, Int
+from quadlog.positioning.anchors.check import SurveyFaults
+from quadlog.positioning.anchors.frame import (
+    FramedAnchors,
+    find_faults,
+    misplaced,
+    place_in_frame,
+    reach_95,
+    relative_covariance,
+)
+from quadlog.positioning.anchors.walk import Walk
+from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps, Turns
+from quadlog.positioning.batch.motion import Motion
+from quadlog.positioning.batch.robust import sight_probabilities
+from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
+
+FEWEST_RANGES = 30
+LEAST_WAY_M = 3.0
+LEAST_ACROSS_M = 0.15
+"""A walk whose places scatter less than this about a line, rms, is a straight line."""
+CLEAR_RATIO = 1.1
+"""A place is singled out at once if the misfit of the next best one is larger by this factor."""
+RIVAL_RATIO = 1.5
+"""Places with a larger misfit than this are not tried once the walk is corrected."""
+CLEAR_COST = 6.0
+"""A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
+UNKNOWN_M = 1.0
+"""An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
+WIDER = np.array([1.05, 1.05, 1.25])
+"""Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
+
+A height reacts to range errors many times as strongly.
+"""
+NORMAL_95 = 1.96
+MOST_DRIFT_M, MOST_DRIFT_RAD = 0.1, 0.1
+"""With more random drift after 1 m of way the ranges contradict the odometry."""
+MOST_SCALE_STD = 8.0
+"""And if its turns are off by more: in std of what is usual."""
+BLIND_SHARE = 0.8
+"""A height is unobserved if its bound is still this share of the prior's."""
+BIAS_MEAN_M, COMMON_BIAS_STD_M, ANCHOR_BIAS_STD_M, LINK_BIAS_STD_M = 0.15, 0.15, 0.1, 0.05
+"""Priors of biases: of all links together, of one anchor's, of one link's. Real sets have 0 to 0.4 m."""
+DELAY_STD_S, ANYWHERE_M = 0.1, 300.0
+"""How far the clocks of ranges and odometry may be apart; and an anchor from where the walk begins."""
+DRIFT_SPREAD, LEAST_LOOSENESS, LARGEST_DRIFT = 0.7, 0.25, 0.2
+"""Std of the logarithm of the random drift: how well it is known before a log is seen. What is tried."""
+USUAL_STD_M, LEAST_STD_M, MOST_STD_M = 0.1, 0.05, 1.0
+"""Of ranges in line of sight, before it is estimated, and its bounds."""
+LOOSE, LOOSE_YAW = 1.0, 10.0
+"""Spectral density of the accelerations between knots. With 10 for x and y as well, the way between two knots is free
+by 0.08 m, ranges there say little, and the odometry's drift is taken for three times what it is. Robots turn on the
+spot: yaw stays free.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyedAnchor:
+    """An anchor by its index: position_m (3,) and its covariance_m2 (3, 3), bias_m and its std, ranges and late ones.
+
+    height_observed: whether its height is from ranges, not from the prior. why_not: why its place is not observed,
+    "" if it is.
+    """
+
+    index: int
+    position_m: Float
+    covariance_m2: Float
+    bias_m: float
+    bias_std_m: float
+    n_ranges: int
+    late_share: float
+    height_observed: bool
+    why_not: str = ""
+
+    @property
+    def bound_m(self) -> Float:
+        """(3,) half widths of the 95 % intervals of x, y and z."""
+        bound: Float = NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
+        return bound
+
+    @property
+    def radius_m(self) -> float:
+        """How far the 95 % ellipse of x and y reaches."""
+        return reach_95(self.covariance_m2)
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorSurvey:
+    """All anchors, and the odometry's errors: scales of way and turns, yaw drift, random drift (m, rad) after 1 m.
+
+    delay_s: by how much the ranges' stamps are too early by the odometry's clock. way_m: length of the way. start
+    (3,): x_m, y_m, yaw_rad of the first pose in the frame of the anchors; aligned_to: how many known anchors give
+    that frame, 0 where the first pose does. misplaced_m: index -> distance of known anchors from their surveyed
+    places, if larger than the bounds allow; mirrored: whether they fit the mirror image of the survey. faults: what is
+    wrong with known anchors, by index; None where no single fault explains it.
+    """
+
+    anchors: tuple[SurveyedAnchor, ...]
+    scale: float
+    turn_scale: float
+    yaw_drift_radps: float
+    delay_s: float
+    drift: tuple[float, float]
+    range_std_m: float
+    way_m: float
+    start: Float
+    aligned_to: int
+    misplaced_m: dict[int, float]
+    mirrored: bool
+    faults: SurveyFaults | None
+
+
+def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
+    """Places of all anchors, z above the floor; known_m (A, 2) has x and y of those that are known, NaN of the others.
+
+    Two known anchors and more give the frame: the survey is turned and shifted so that they fit best. Without them it
+    is base at the first pose. Raises AnchorsNotObserved where the walk shows none of the anchors.
+    """
+    _check_walk(walk)
+    counts = np.bincount(walk.ranges.anchor, minlength=walk.n_anchors)
+    heard = np.flatnonzero(counts >= FEWEST_RANGES)
+    if len(heard) == 0:
+        raise AnchorsNotObserved(
+            f"no anchor has {FEWEST_RANGES} ranges near an odometry pose", "record ranges and odometry at the same time"
+        )
+    solution, clear_share = _solve(walk.of_anchors(heard))
+    _check_odometry(solution)
+    if clear_share < 0.5 and _mirrored(solution).cost_above(solution) < CLEAR_COST:
+        raise AnchorsNotObserved(
+            "the walk and its mirror image fit the ranges equally well",
+            "walk a loop or an L that turns by 90 degrees, several metres each way",
+        )
+    solution, ambiguous = _check_mirrors(solution)
+    framed = place_in_frame(solution.anchors_m, solution.covariance, solution.drift, walk.odometry, known_m[heard])
+    anchors = _anchors(solution, framed, heard, ambiguous)
+    if not any(each.why_not == "" for each in anchors):
+        raise AnchorsNotObserved(
+            f"no anchor's place is known to {UNKNOWN_M:g} m: {anchors[0].why_not}",
+            "walk a longer loop, nearer to the anchors and around them",
+        )
+    misplaced_m, mirrored = misplaced(solution.anchors_m, framed, known_m[heard])
+    scale, turn_scale, yaw_drift_radps, delay_s = solution.estimate.values[-4:].tolist()
+    silent = tuple(_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES))
+    return AnchorSurvey(
+        anchors=tuple(sorted((*anchors, *silent), key=lambda each: each.index)),
+        scale=1 / scale,
+        turn_scale=turn_scale,
+        yaw_drift_radps=-yaw_drift_radps,
+        delay_s=delay_s,
+        drift=solution.drift,
+        range_std_m=solution.estimate.problem.range_std_m,
+        way_m=walk.way_m,
+        start=framed.start,
+        aligned_to=framed.aligned_to,
+        misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
+        mirrored=mirrored,
+        faults=_of_all(find_faults(framed, known_m[heard]), heard),
+    )
+
+
+def _of_all(faults: SurveyFaults | None, heard: Int) -> SurveyFaults | None:
+    """Faults of the anchors heard (B,), by their indices among all."""
+    if faults is None:
+        return None
+    return SurveyFaults(
+        tuple((int(heard[i]), int(heard[j])) for i, j in faults.swapped),
+        shifted=tuple(replace(each, anchor=int(heard[each.anchor])) for each in faults.shifted),
+    )
+
+
+def _check_walk(walk: Walk) -> None:
+    """Raises AnchorsNotObserved for a robot that hardly moves, and for a straight line."""
+    remedy = "walk a loop or an L of 10 m and more, several metres each way"
+    if walk.way_m < LEAST_WAY_M:
+        raise AnchorsNotObserved(f"the robot walks {walk.way_m:.1f} m only", remedy)
+    centred_m = walk.knots[:, 0, :2] - walk.knots[:, 0, :2].mean(axis=0)
+    across_m = float(np.linalg.svd(centred_m, compute_uv=False)[-1] / np.sqrt(len(centred_m)))
+    if across_m < LEAST_ACROSS_M:
+        raise AnchorsNotObserved(
+            f"the walk is a straight line to within {across_m:.2f} m, so every anchor has a mirror image", remedy
+        )
+
+
+def _check_odometry(solution: _Solution) -> None:
+    """Raises AnchorsNotObserved for ranges that fit the walk only if it is far from what the odometry says."""
+    drift_m, drift_rad = solution.drift
+    turn_scale = float(solution.estimate.values[-3])
+    off_std = abs(turn_scale - 1) / solution.walk.odometry.turn_scale_std
+    if drift_m > MOST_DRIFT_M or drift_rad > MOST_DRIFT_RAD or off_std > MOST_SCALE_STD:
+        raise AnchorsNotObserved(
+            f"the ranges contradict the odometry: they fit only if it drifts by {drift_m:.2f} m and "
+            f"{np.degrees(drift_rad):.0f} degrees after 1 m of way, and turns {turn_scale:.2f} times as far as it says",
+            "check its scale, the side to which it turns, its time stamps and x_m, y_m of the tag, or choose another "
+            "by topics.position",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """The estimate with a random drift that is `looseness` times the usual one.
+
+    Its globals are the biases of the links, the anchors, then scale of the way, scale of the turns, drift, delay.
+    """
+
+    walk: Walk
+    estimate: Estimate
+    looseness: float
+
+    @property
+    def drift(self) -> tuple[float, float]:
+        """In m and rad after 1 m of way."""
+        drift_m, drift_rad = self.walk.odometry.drift
+        return drift_m * self.looseness, drift_rad * self.looseness
+
+    @property
+    def anchors_m(self) -> Float:
+        """(A, 3)."""
+        return self.estimate.values[self.walk.ranges.n_links : -4].reshape(-1, 3)
+
+    @property
+    def covariance(self) -> Float:
+        """(3A + TA, 3A + TA) of the anchors' x, y, z, then of the links' biases."""
+        order = np.roll(np.arange(len(self.estimate.values) - 4), -self.walk.ranges.n_links)
+        return self.estimate.covariance[np.ix_(order, order)]
+
+    @property
+    def late(self) -> Float:
+        """(N,) the probability of each range being late."""
+        late = np.empty(len(self.walk.ranges.t_s))
+        late[self.estimate.problem.slots.order] = 1 - self.estimate.weights.knots
+        return late
+
+    def with_anchors(self, anchors_m: Float, knots: Float) -> _Solution:
+        """From other places (A, 3) and knots, all else being alike."""
+        values = self.estimate.values.copy()
+        values[self.walk.ranges.n_links : -4] = anchors_m.ravel()
+        return replace(self, estimate=solve(self.estimate.problem, knots, values, warm=True))
+
+    def cost_above(self, other: _Solution) -> float:
+        """By how much -log of the likelihood exceeds another solution's, with the larger persistence for both."""
+        lasts = max(self.estimate.weights.lasts, other.estimate.weights.lasts)
+        return _misfit(self.estimate, lasts) - _misfit(other.estimate, lasts)
+
+
+def _misfit(estimate: Estimate, lasts: float) -> float:
+    """-log of the likelihood with the globals and knots integrated out [Laplace], up to a constant.
+
+    `lasts` ranges count as one: estimates whose errors last differently cannot be compared otherwise.
+    """
+    problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
+    alike = replace(estimate.weights, lasts=lasts)
+    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorise()
+    seen = slots.range_t_s, slots.range_link, estimate.linear.residual_m, problem.range_std_m
+    cost = sight_probabilities(*seen)[1] / lasts + problem.stress(estimate.knots).sum() / 2
+    for each in problem.others:
+        rows, weight = each.linearise(estimate.knots, values)
+        cost += float((weight * rows.residual**2 - np.log(weight)).sum()) / 2
+    prior, off = problem.prior_information[-1], values - problem.mean
+    volume = 2 * np.log(factorised.chol[-1]).sum() + np.linalg.slogdet(factorised.schur + prior)[1]
+    return float(cost + off @ prior @ off / 2 + volume / 2)
+
+
+def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
+    """The first knot stays where it is; looseness multiplies the usual drift, std_m is that of ranges in sight."""
+    ranges, heights, odometry, timeline = walk.ranges, walk.heights, walk.odometry, walk.timeline
+    n, n_anchors, n_tags = ranges.n_links, walk.n_anchors, len(ranges.lever_m)
+    place = np.column_stack([np.zeros((n_anchors, 2)), heights.mean_m])
+    std = np.column_stack([np.full((n_anchors, 2), ANYWHERE_M), heights.std_m])
+    same_anchor = np.tile(np.eye(n_anchors), (n_tags, n_tags))
+    biases = COMMON_BIAS_STD_M**2 + ANCHOR_BIAS_STD_M**2 * same_anchor + LINK_BIAS_STD_M**2 * np.eye(n)
+    lasting = [odometry.scale_std, odometry.turn_scale_std, odometry.yaw_drift_std_radps, DELAY_STD_S]
+    mean = np.concatenate([np.full(n, BIAS_MEAN_M), place.ravel(), [1.0, 1.0, 0.0, 0.0]])
+    prior = block_diag(biases, np.diag(np.square(np.append(std.ravel(), lasting))))
+    pinned = Motion(LOOSE, start_std=1e-3, start_rate_std=2.0)
+    axes = Axes((pinned, pinned, Motion(LOOSE_YAW, 0.5, 0.0, 1e-4, 2.0)), yaw=2)
+    drift_m, drift_rad = (each * looseness for each in odometry.drift)
+    first = len(mean) - 4
+    others = (
+        Turns(timeline, walk.way, axes, (first + 2, first + 1), drift_rad**2 * walk.drifting_m),
+        Steps(timeline, walk.way, axes, first, drift_m**2 * walk.drifting_m),
+    )
+    border = Border(n, len(mean), n + 3 * np.arange(n_anchors), first + 3)
+    model, slots = RangeModel(axes, border, np.zeros((n_anchors, 3))), ranges.slots(timeline.t_s)
+    return Problem(timeline, model, slots, std_m, mean, prior[None], others, in_sight=True)
+
+
+def _likeliest(walk: Walk, anchors_m: Float, knots: Float) -> _Solution:
+    """From anchors (A, 3) and knots: with the likeliest random drift, one std more, and the std of ranges in sight."""
+    step, found = np.log(2.0), list[_Solution]()
+    loose = np.log(LEAST_LOOSENESS) + step * np.arange(20)
+    loose = loose[np.exp(loose) * max(walk.odometry.drift) <= LARGEST_DRIFT]
+    values = _problem(walk, 1.0, USUAL_STD_M).mean
+    values[walk.ranges.n_links : -4] = anchors_m.ravel()
+    for each in np.exp(loose).tolist():
+        found.append(_Solution(walk, solve(_problem(walk, each, USUAL_STD_M), knots, values, warm=True), each))
+        values, knots = found[-1].estimate.values, found[-1].estimate.knots
+    lasts = float(np.median([each.estimate.weights.lasts for each in found]))
+    costs = [_misfit(each.estimate, lasts) for each in found] + (loose / DRIFT_SPREAD) ** 2 / 2
+    best = int(np.argmin(costs))
+    # A parabola through the least three: its minimum, and its bend, which is one over the variance.
+    middle = min(max(best, 1), len(found) - 2)
+    before, least, after = costs[middle - 1 : middle + 2]
+    bend = max((before - 2 * least + after) / step**2, DRIFT_SPREAD**-2)
+    usual = loose[middle] + np.clip((before - after) / (2 * step * bend), -step, step) + bend**-0.5
+    estimate = found[best].estimate
+    sight, residual_m = estimate.weights.knots, estimate.linear.residual_m
+    spread_m = np.sqrt(float(sight @ residual_m**2) / max(float(sight.sum()), 1.0))
+    problem = _problem(walk, float(np.exp(usual)), float(np.clip(spread_m, LEAST_STD_M, MOST_STD_M)))
+    return _Solution(walk, solve(problem, estimate.knots, estimate.values, warm=True), float(np.exp(usual)))
+
+
+def _solve(walk: Walk) -> tuple[_Solution, float]:
+    """The batch of all anchors, and the share of those with one clear place, which come first and correct the walk."""
+    knots = walk.knots
+    found = walk.candidates(knots)
+    clear = np.array([len(misfit) == 1 or misfit[1] > CLEAR_RATIO * misfit[0] for _, misfit in found])
+    if clear.any() and not clear.all():
+        first = np.flatnonzero(clear)
+        places = np.array([found[index][0][0, :3] for index in first])
+        knots = _likeliest(walk.of_anchors(first), places, knots).estimate.knots
+        found = walk.candidates(knots)
+    return _likeliest(walk, np.array([places[0, :3] for places, _ in found]), knots), float(clear.mean())
+
+
+def _mirrored(solution: _Solution) -> _Solution:
+    """The batch that starts with all anchors reflected at the main axis of the walk."""
+    place_m = solution.estimate.knots[:, 0, :2]
+    centre_m = place_m.mean(axis=0)
+    _, _, axes = np.linalg.svd(place_m - centre_m)
+    anchors_m = solution.anchors_m.copy()
+    off_m = anchors_m[:, :2] - centre_m
+    anchors_m[:, :2] -= 2 * (off_m @ axes[1])[:, None] * axes[1]
+    return solution.with_anchors(anchors_m, solution.walk.knots)
+
+
+def _check_mirrors(solution: _Solution) -> tuple[_Solution, dict[int, str]]:
+    """The solution with every anchor at the best of its places along the corrected walk, and those with a rival."""
+    ambiguous: dict[int, str] = {}
+    for anchor, (places, misfits) in enumerate(solution.walk.candidates(solution.estimate.knots)):
+        now_m = solution.anchors_m[anchor, :2]
+        for place in places[misfits < RIVAL_RATIO * misfits[0]]:
+            if np.hypot(*(place[:2] - now_m)) < UNKNOWN_M:
+                continue
+            anchors_m = solution.anchors_m.copy()
+            anchors_m[anchor] = place[:3]
+            rival = solution.with_anchors(anchors_m, solution.estimate.knots)
+            apart_m = np.hypot(*(rival.anchors_m[anchor, :2] - now_m))
+            above = rival.cost_above(solution)
+            if apart_m < UNKNOWN_M / 2 or above > CLEAR_COST:
+                continue
+            if above < -CLEAR_COST:
+                solution = rival
+            else:
+                ambiguous[anchor] = f"a place {apart_m:.1f} m away fits its ranges as well"
+    return solution, ambiguous
+
+
+def _anchors(solution: _Solution, framed: FramedAnchors, index: Int, ambiguous: dict[int, str]) -> list[SurveyedAnchor]:
+    ranges, n = solution.walk.ranges, solution.walk.n_anchors
+    bias_m = solution.estimate.values[: ranges.n_links].reshape(-1, n).mean(axis=0)
+    wider = np.concatenate([np.tile(WIDER, n), np.full(len(framed.covariance) - 3 * n, WIDER[0])])
+    covariance = wider[:, None] * framed.covariance * wider
+    among = relative_covariance(covariance, framed.anchors_m, np.arange(n))
+    counts = np.bincount(ranges.anchor, minlength=n)
+    late = np.bincount(ranges.anchor, solution.late, minlength=n) / np.maximum(counts, 1)
+    anchors = []
+    for anchor in range(n):
+        rows = slice(3 * anchor, 3 * anchor + 3)
+        links = 3 * n + anchor + n * np.arange(len(ranges.lever_m))
+        block = covariance[rows, rows]
+        surveyed = SurveyedAnchor(
+            int(index[anchor]),
+            framed.anchors_m[anchor],
+            block,
+            float(bias_m[anchor]),
+            float(np.sqrt(covariance[np.ix_(links, links)].mean())),
+            int(counts[anchor]),
+            float(late[anchor]),
+            bool(np.sqrt(block[2, 2]) < BLIND_SHARE * solution.walk.heights.std_m[anchor]),
+            ambiguous.get(anchor, ""),
+        )
+        reach_m = reach_95(among[rows, rows])
+        if surveyed.why_not == "" and reach_m > UNKNOWN_M:
+            surveyed = replace(surveyed, why_not=f"its place among the others is known to {reach_m:.1f} m only")
+        anchors.append(surveyed)
+    return anchors
+
+
+def _silent(index: int, n_ranges: int) -> SurveyedAnchor:
+    nowhere, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
+    why = f"it has {n_ranges} ranges near an odometry pose, {FEWEST_RANGES} are needed"
+    return SurveyedAnchor(index, nowhere, unknown, np.nan, np.nan, n_ranges, np.nan, False, why)
