@@ -57,37 +57,37 @@ def find_heading(
         by_tags = None
     sensors = _orientations(data.streams, journal)
     aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags) for role, sensor in sensors.items()}
-    told = {role: each for role, each in aligned.items() if each.told.any()}
-    if "imu" in told and told["imu"].upside_down:
+    sensors = {role: each for role, each in aligned.items() if each.is_known.any()}
+    if "imu" in sensors and sensors["imu"].upside_down:
         journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     if by_tags is not None:
-        return _best_with_tags(journal, by_tags, told)
-    if not told:
+        return _best_with_tags(journal, by_tags, sensors)
+    if not sensors:
         _tell_course(journal, _why_course(aligned), course_std)
         return course, course_std
-    best = min(told, key=lambda role: np.median(told[role].yaw_std_rad))
-    if np.median(told[best].yaw_std_rad) > np.median(course_std):
-        std_deg = np.degrees(np.median(told[best].yaw_std_rad))
+    best = min(sensors, key=lambda role: np.median(sensors[role].yaw_std_rad))
+    if np.median(sensors[best].yaw_std_rad) > np.median(course_std):
+        std_deg = np.degrees(np.median(sensors[best].yaw_std_rad))
         _tell_course(journal, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
         return course, course_std
     journal.use(best)
-    _tell_choice(journal, best, told)
-    _tell_aligned(journal, best, told[best])
-    return told[best].yaw_rad, told[best].yaw_std_rad
+    _tell_choice(journal, best, sensors)
+    _tell_aligned(journal, best, sensors[best])
+    return sensors[best].yaw_rad, sensors[best].yaw_std_rad
 
 
-def _best_with_tags(journal: Journal, by_tags: TagsYaw, told: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
+def _best_with_tags(journal: Journal, by_tags: TagsYaw, sensors: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
     """The yaw of the tags, or that of the sensor that is known best once it is turned onto it."""
     tags_std = float(np.median(by_tags.std_rad))
-    best = min(told, key=lambda role: np.median(told[role].yaw_std_rad), default=None)
-    if best is None or np.median(told[best].yaw_std_rad) >= tags_std:
-        others = "" if best is None else f", better than {best} ({_median_deg(told[best].yaw_std_rad):.1f} degrees)"
+    best = min(sensors, key=lambda role: np.median(sensors[role].yaw_std_rad), default=None)
+    if best is None or np.median(sensors[best].yaw_std_rad) >= tags_std:
+        others = "" if best is None else f", better than {best} ({_median_deg(sensors[best].yaw_std_rad):.1f} degrees)"
         journal.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
         _warn_if_uncertain(journal, tags_std)
         return by_tags.yaw_rad, by_tags.std_rad
     journal.use(best)
-    _tell_choice(journal, best, told)
-    own = told[best]
+    _tell_choice(journal, best, sensors)
+    own = sensors[best]
     assert own.fit is not None
     journal.note(
         f"heading from {best}, turned by {np.degrees(own.fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
@@ -115,7 +115,7 @@ def _causal_heading(
     yaw_rad, std_rad = course_heading(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
     if by_tags is not None:
         yaw_rad, std_rad = by_tags.yaw_rad, by_tags.std_rad
-    used = [role for role, heading in aligned.items() if heading.told.any()]
+    used = [role for role, heading in aligned.items() if heading.is_known.any()]
     if not used:
         if by_tags is None:
             _tell_course(journal, _why_course(aligned), std_rad)
@@ -125,13 +125,13 @@ def _causal_heading(
         return yaw_rad, std_rad
     for role in reversed(used):
         journal.use(role)
-        told = aligned[role].told
-        yaw_rad = np.where(told, aligned[role].yaw_rad, yaw_rad)
-        std_rad = np.where(told, aligned[role].yaw_std_rad, std_rad)
+        known = aligned[role].is_known
+        yaw_rad = np.where(known, aligned[role].yaw_rad, yaw_rad)
+        std_rad = np.where(known, aligned[role].yaw_std_rad, std_rad)
     end_rad = float(std_rad[-1])
-    told_by = "the course" if by_tags is None else "the tags"
+    onto = "the course" if by_tags is None else "the tags"
     journal.note(
-        f"heading from {used[0]}, aligned to {told_by} up to each instant; std at the end "
+        f"heading from {used[0]}, aligned to {onto} up to each instant; std at the end "
         f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, end_rad)
@@ -153,7 +153,7 @@ def _orientations(streams: Streams, journal: Journal) -> dict[str, YawSensor]:
 
 
 def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
-    """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are told."""
+    """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are noted."""
     if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
         return None
     if imu.quat_xyzw is not None:
@@ -186,10 +186,10 @@ def _tell_course(journal: Journal, why: str, std_rad: Float) -> None:
     journal.warn(f"{why}: {COURSE_ONLY}; {known}")
 
 
-def _tell_choice(journal: Journal, best: str, told: Mapping[str, AlignedHeading]) -> None:
+def _tell_choice(journal: Journal, best: str, sensors: Mapping[str, AlignedHeading]) -> None:
     """Why this sensor and no other; and a warning where they contradict each other."""
-    own = told[best]
-    for role, other in told.items():
+    own = sensors[best]
+    for role, other in sensors.items():
         if role == best:
             continue
         own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))
