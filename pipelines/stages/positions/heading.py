@@ -57,37 +57,37 @@ def find_heading(
         by_tags = None
     sensors = _orientations(data.streams, journal)
     aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags) for role, sensor in sensors.items()}
-    sensors = {role: each for role, each in aligned.items() if each.is_known.any()}
-    if "imu" in sensors and sensors["imu"].upside_down:
+    usable = {role: each for role, each in aligned.items() if each.is_known.any()}
+    if "imu" in usable and usable["imu"].upside_down:
         journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     if by_tags is not None:
-        return _best_with_tags(journal, by_tags, sensors)
-    if not sensors:
+        return _best_with_tags(journal, by_tags, usable)
+    if not usable:
         _tell_course(journal, _why_course(aligned), course_std)
         return course, course_std
-    best = min(sensors, key=lambda role: np.median(sensors[role].yaw_std_rad))
-    if np.median(sensors[best].yaw_std_rad) > np.median(course_std):
-        std_deg = np.degrees(np.median(sensors[best].yaw_std_rad))
+    best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad))
+    if np.median(usable[best].yaw_std_rad) > np.median(course_std):
+        std_deg = np.degrees(np.median(usable[best].yaw_std_rad))
         _tell_course(journal, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
         return course, course_std
     journal.use(best)
-    _tell_choice(journal, best, sensors)
-    _tell_aligned(journal, best, sensors[best])
-    return sensors[best].yaw_rad, sensors[best].yaw_std_rad
+    _tell_choice(journal, best, usable)
+    _tell_aligned(journal, best, usable[best])
+    return usable[best].yaw_rad, usable[best].yaw_std_rad
 
 
-def _best_with_tags(journal: Journal, by_tags: TagsYaw, sensors: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
+def _best_with_tags(journal: Journal, by_tags: TagsYaw, usable: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
     """The yaw of the tags, or that of the sensor that is known best once it is turned onto it."""
     tags_std = float(np.median(by_tags.std_rad))
-    best = min(sensors, key=lambda role: np.median(sensors[role].yaw_std_rad), default=None)
-    if best is None or np.median(sensors[best].yaw_std_rad) >= tags_std:
-        others = "" if best is None else f", better than {best} ({_median_deg(sensors[best].yaw_std_rad):.1f} degrees)"
+    best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad), default=None)
+    if best is None or np.median(usable[best].yaw_std_rad) >= tags_std:
+        others = "" if best is None else f", better than {best} ({_median_deg(usable[best].yaw_std_rad):.1f} degrees)"
         journal.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
         _warn_if_uncertain(journal, tags_std)
         return by_tags.yaw_rad, by_tags.std_rad
     journal.use(best)
-    _tell_choice(journal, best, sensors)
-    own = sensors[best]
+    _tell_choice(journal, best, usable)
+    own = usable[best]
     assert own.fit is not None
     journal.note(
         f"heading from {best}, turned by {np.degrees(own.fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
@@ -186,10 +186,10 @@ def _tell_course(journal: Journal, why: str, std_rad: Float) -> None:
     journal.warn(f"{why}: {COURSE_ONLY}; {known}")
 
 
-def _tell_choice(journal: Journal, best: str, sensors: Mapping[str, AlignedHeading]) -> None:
+def _tell_choice(journal: Journal, best: str, usable: Mapping[str, AlignedHeading]) -> None:
     """Why this sensor and no other; and a warning where they contradict each other."""
-    own = sensors[best]
-    for role, other in sensors.items():
+    own = usable[best]
+    for role, other in usable.items():
         if role == best:
             continue
         own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))
