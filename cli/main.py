@@ -6,7 +6,6 @@ import importlib
 import os
 import platform
 import sys
-import time
 
 import click
 
@@ -103,7 +102,6 @@ def _open_closed_streams() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code."""
-    started_s = time.monotonic()
     try:
         exit_code = cli.main(arguments, prog_name="quadlog", standalone_mode=False)
         sys.stdout.flush()
@@ -112,7 +110,7 @@ def run(arguments: list[str]) -> int:
         error.show()
         return error.exit_code
     except (Interrupted, KeyboardInterrupt, click.Abort) as error:
-        say(f"quadlog: {_interrupted_words(error, arguments, started_s)}")
+        say(f"quadlog: {_interrupted_words(error, arguments)}")
         return ExitCode.FAILED
     except QuadlogError as error:
         say(f"quadlog: {clipped(error, _MAX_MESSAGE)}")
@@ -132,15 +130,11 @@ def run(arguments: list[str]) -> int:
         return ExitCode.FAILED
 
 
-def _interrupted_words(error: BaseException, arguments: list[str], started_s: float) -> str:
-    """The signal that interrupted a command, and what it has left."""
-    from quadlog.storage.atomic_write import complete_folders, remove_unfinished
+def _interrupted_words(error: BaseException, arguments: list[str]) -> str:
+    """The signal that interrupted a command, once nothing unfinished is left of it."""
+    from quadlog.storage.atomic_write import remove_unfinished
 
     remove_unfinished()
     words = str(error) if isinstance(error, Interrupted) else str(Interrupted(*error.args))
-    folders = complete_folders(started_s)
-    if folders:
-        others = f" and {len(folders) - 1} more" if len(folders) > 1 else ""
-        return f"{words}; the result in {folders[-1]}{others} is complete"
     goes_on = ", and --resume goes on" if arguments[:1] in (["replay"], ["sweep"]) else ""
     return f"{words}; nothing half-written was left{goes_on}"

@@ -38,14 +38,13 @@ def command(name: str, *arguments: str, **settings: Any) -> Callable[[Callable[.
     return click.command(name, epilog=examples(*(f"{name} {each}" for each in arguments)), **settings)
 
 
-def words(*choices: str) -> Complete:
-    """Completes these words."""
-    return lambda _ctx, _param, typed: [CompletionItem(each) for each in choices if each.startswith(typed)]
-
-
-def files(*choices: str) -> Complete:
+def files(*words: str) -> Complete:
     """Completes names of files and folders, and these words."""
-    return lambda ctx, param, typed: [*words(*choices)(ctx, param, typed), CompletionItem(typed, type="file")]
+    return lambda _ctx, _param, typed: [*_beginning(typed, words), CompletionItem(typed, type="file")]
+
+
+def _beginning(typed: str, words: Iterable[str]) -> list[CompletionItem]:
+    return [CompletionItem(word) for word in words if word.startswith(typed)]
 
 
 def all_planners() -> tuple[str, ...]:
@@ -122,7 +121,7 @@ def output_option(text: str, default: str | None = None, **settings: Any) -> Dec
 
 def planner_option(*names: str, help: str, **settings: Any) -> Decorator:  # noqa: A002 - as click calls it
     """An option that takes the name of a planner."""
-    complete: Complete = lambda ctx, param, typed: words(*all_planners())(ctx, param, typed)  # noqa: E731
+    complete: Complete = lambda _ctx, _param, typed: _beginning(typed, all_planners())  # noqa: E731
     return click.option(*names, type=planner_name, metavar="NAME", shell_complete=complete, help=help, **settings)
 
 

@@ -9,7 +9,6 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 
     from quadlog.pipelines.executor.progress import BatchCounts
 
-MAX_NAME, MAX_LINES = 20, 32
-"""Characters shown of a recording's name, and lines of workers."""
+MAX_NAME = 20
+"""Characters shown of a recording's name."""
 
 
 def say(text: object) -> None:
@@ -76,7 +75,7 @@ def open_progress() -> AbstractContextManager[BatchLines]:
 
 
 class Bars(BatchLines):
-    """A bar for each stage of a recording; of a batch one for the whole and one for each worker. Lines go above."""
+    """A bar for each stage of a recording, or one for a batch and what it has done last. Lines go above."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -93,8 +92,6 @@ class Bars(BatchLines):
             speed_estimate_period=3600,
         )
         self._first: TaskID | None = None  # the current stage, or the whole batch
-        self._workers: dict[str, tuple[TaskID, str]] = {}
-        self._changing = Lock()
 
     def __enter__(self) -> Bars:
         self._bars.start()
@@ -132,27 +129,20 @@ class Bars(BatchLines):
         self._first = self._bars.add_task("recordings", total=tally.recordings, words="")
 
     def hear(self, step: Mapping[str, Any]) -> None:
-        """Update the bar of a worker."""
-        worker, run = step["worker"], printable(step["run"])[:MAX_NAME]
-        shown = {"total": step["total"] or None, "completed": step["steps"]}
-        shown["words"] = f"{_rate(step['realtime_factor'])}  {worker}"
-        with self._changing:
-            if worker not in self._workers and len(self._workers) == MAX_LINES:
-                return
-            task = self._workers[worker][0] if worker in self._workers else self._bars.add_task("", words="")
-            self._workers[worker] = task, step["run"]
-            self._bars.update(task, description=f"{run:<{MAX_NAME}} {step['stage']:<9}", **shown)
+        """Show what a worker has done last."""
+        run, rate = printable(step["run"])[:MAX_NAME], _rate(step["realtime_factor"])
+        self._show(f"{run} {step['stage']} {step['steps']}/{step['total'] or '?'} {rate}")
 
     def finish(self, run: str, words: str) -> None:
-        """Remove the bar of the run's worker; print the outcome unless it is `done`."""
+        """Print the outcome unless it is `done`."""
         if words != "done":
             self.say(f"{run}: {words}")
-        with self._changing:
-            for worker in [worker for worker, (_, at) in self._workers.items() if at == run]:
-                self._bars.remove_task(self._workers.pop(worker)[0])
-            failed = f"{self._tally.failed} failed" if self._tally.failed else ""
-            assert self._first is not None, "a batch starts with expect"
-            self._bars.update(self._first, completed=self._tally.done, words=failed)
+        self._show(printable(run)[:MAX_NAME])
+
+    def _show(self, words: str) -> None:
+        failed = f"{self._tally.failed} failed, " if self._tally.failed else ""
+        assert self._first is not None, "a batch starts with expect"
+        self._bars.update(self._first, completed=self._tally.done, words=f"{failed}{words}")
 
 
 def _rate(factor: float | None) -> str:

@@ -50,7 +50,7 @@ def command(
     typed = ("quadlog", *sys.argv[1:])
     batch = plan_batch(recordings, output, config, ReplayOptions(**given), existing, typed, notes, not no_plots)
     if dry_run:
-        _print_plan(preview_batch(batch), [each.request.run.parent for each in batch], as_json)
+        _print_plan(preview_batch(batch), [each.run.parent for each in batch], as_json)
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:

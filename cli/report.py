@@ -25,7 +25,7 @@ def command(runs: tuple[Path, ...], side_by_side: bool, output: Path | None, for
     differ, the first instants at which results differ, and differences of metrics to the first run. Runs of one
     recording are paired instant by instant, and differences have 95 % intervals.
     """
-    from quadlog.pipelines.report import rebuild_reports, write_side_by_side
+    from quadlog.pipelines.evaluation.reports import rebuild_reports, write_side_by_side
 
     if side_by_side:
         if output is None:

@@ -58,7 +58,7 @@ def command(
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.
     """
-    from quadlog.pipelines.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
+    from quadlog.pipelines.simulation.simulate import DISTURBED_OVERRIDES, SimulateRequest, simulate
     from quadlog.results.text import values_text
 
     keys = {"controller": "simulation.controller", "terrain": "simulation.terrain", "speed": "pursuit.speed_mps"}

@@ -37,9 +37,9 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
     Commas separate values, except inside brackets and quotes: --set key=[1,2],[3,4].
     """
     existing, jobs, scheduler = options.how_to_run(given)
+    from quadlog.pipelines.batch.sweep import SweepRequest, make_grid, sweep
     from quadlog.pipelines.executor.machine import cores
     from quadlog.pipelines.request import ReplayOptions
-    from quadlog.pipelines.sweep import SweepRequest, make_grid, sweep
     from quadlog.results.studies.sweep import sweep_text
 
     path, overrides, preset = map(given.pop, ("config_path", "overrides", "preset"))

@@ -8,12 +8,10 @@ from typing import Any, get_args
 
 from quadlog.config.file import configure
 from quadlog.errors import UnknownName, UsageError
+from quadlog.pipelines.batch.batch import replay_alone
 from quadlog.pipelines.batch.plan import kept_names
-from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.replay import replay as replay_into
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.store import Store
 from quadlog.recordings.clock import Stamp
 from quadlog.results import STAGES
 from quadlog.results.run import Run, load_run
@@ -55,11 +53,11 @@ def replay(
     if force and resume:
         raise UsageError("force and resume exclude each other")
     existing = Existing.RESUME if resume else Existing.FORCE if force else Existing.REFUSE
-    path = to_path(recording)
+    path, there = to_path(recording), to_path(output)
     configured = configure(None if config is None else Path(config), preset=preset, settings=settings or {})
     request = ReplayRequest(
         recording=path,
-        run=to_path(output) / kept_names([path], to_path(output))[0],
+        run=there / kept_names([path], there)[0],
         config=configured.config,
         options=options,
         existing=existing,
@@ -67,10 +65,7 @@ def replay(
         notes=configured.notes,
         plots=plots,
     )
-    replay_into(request, Silent())
-    summarise(request.run.parent, Silent())
-    if isinstance(request.run, Path):
-        Store(request.run.parent).trim()
+    replay_alone(request, Silent())
     return load_run(request.run)
 
 

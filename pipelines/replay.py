@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
 from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
@@ -25,8 +25,8 @@ from quadlog.storage.atomic_write import is_full, is_part, new_folder
 from quadlog.storage.remote_path import RemotePath
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import Facts, Log, LogData
     from quadlog.pipelines.stages.control import WalkedBody
+    from quadlog.pipelines.stages.log import Facts, Log, LogData
     from quadlog.pipelines.stages.tracks import Tracks
 
 
@@ -43,8 +43,8 @@ class StageResults(NamedTuple):
 
 def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> StageResults:
     """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
-    from quadlog.pipelines.log import ingest
     from quadlog.pipelines.stages.control import resimulate
+    from quadlog.pipelines.stages.log import ingest
     from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
     from quadlog.pipelines.stages.plan import replan
     from quadlog.pipelines.stages.positions.position import locate
@@ -133,7 +133,7 @@ def _opened(request: ReplayRequest, journal: Journal) -> Iterator[Log]:
     journal.progress.begin("open", None)
     with ExitStack() as stack:
         with journal.clock.stage("ingest"):
-            from quadlog.pipelines.log import open_log
+            from quadlog.pipelines.stages.log import open_log
 
             log = stack.enter_context(open_log(request.recording, request.config, request.options))
         yield log
@@ -142,7 +142,7 @@ def _opened(request: ReplayRequest, journal: Journal) -> Iterator[Log]:
 def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) -> tuple[Doing, StageResults, float]:
     """Do the stages up to the last one that is wanted and that the log allows; also the seconds spent on compiling."""
     from quadlog.pipelines.executor.compilation import compilation, compiling_s
-    from quadlog.pipelines.log import read_log
+    from quadlog.pipelines.stages.log import read_log
 
     compiled_s = compiling_s()
     last, store = log.last_stage(), Store(request.run.parent)

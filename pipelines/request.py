@@ -43,7 +43,8 @@ class ReplayOptions:
 class ReplayRequest:
     """One recording and the folder its run goes to. notes: lines for run.json on how the config was made.
 
-    draws: whether the run gets a page. plots: whether also pictures in plots/.
+    draws: whether the run gets a page, and derived.mcap with its layout. plots: whether also pictures in plots/.
+    size_bytes: of the recording; in a batch the largest ones begin first.
     """
 
     recording: Path
@@ -55,6 +56,7 @@ class ReplayRequest:
     notes: tuple[str, ...] = ()
     draws: bool = True
     plots: bool = True
+    size_bytes: int = 0
 
 
 @dataclass(frozen=True, slots=True)

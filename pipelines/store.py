@@ -25,8 +25,8 @@ from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.config.version import package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound
-from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.results.record import RUN_FORMAT, own_files, read_object
 from quadlog.results.run import STORE
 from quadlog.storage.atomic_write import is_part, part_folder, remove_stale_parts, write_whole
@@ -120,7 +120,7 @@ class Doing:
             self.reused += tuple(name for name in stage.names if name != "ingest")
         kept = self._store.get(key, partial(self._fill, stage, inputs), self._run)
         self.keys |= dict.fromkeys(stage.names, key)
-        self.journal.add(Journal.from_json(kept["journal"]))
+        self.journal.add(kept["journal"])
         # From the run: another process may remove results that no finished run has.
         return Keyed(key, partial(stage.load, self._run, kept["state"]))
 

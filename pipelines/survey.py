@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ import tomli_w
 from quadlog.config.schema import Config
 from quadlog.errors import InvalidConfigValue, KnownAnchorsContradict, MissingInput, TooLarge
 from quadlog.geometry import seconds_since
-from quadlog.messages import Float, Int, RangeSeries
+from quadlog.messages import Int, RangeSeries
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.log import Log, LogData, open_log, read_log, tell_recording
 from quadlog.pipelines.request import ReplayOptions
+from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.log import Log, LogData, open_log, read_log, tell_recording
 from quadlog.pipelines.stages.positions.check_anchors import HEIGHT_STD_M, PRIORS, fault_warnings
 from quadlog.pipelines.stages.positions.position import robot_track
-from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
+from quadlog.pipelines.stages.positions.uwb import tags_of, with_carried_anchors
 from quadlog.pipelines.stages.positions.uwb_tags import body_tags_of, lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
@@ -125,7 +125,7 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
     tags = robot_tags(config, journal, ranges)
     start_ns = int(track.t_ns[0])
     measured, anchor_ids = usable_ranges(config, journal, ranges, tags, start_ns)
-    heights = height_prior(config, anchor_ids, tags, given_heights)
+    heights = height_prior(config, anchor_ids, float(np.mean(measured.height_m)), given_heights)
     doubtful: np.ndarray | None = None  # poses of the lidar, where a scan does not tell all of the motion
     if track.source == "lidar" and data.tracker is not None:
         doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED
@@ -220,12 +220,6 @@ def robot_tags(config: Config, journal: Journal, ranges: RangeSeries) -> tuple[i
     return tags
 
 
-def tag_heights(config: Config, tags: Sequence[int]) -> Float:
-    """(T,) heights of tags above the floor, as configured."""
-    own = {tag.id: tag.height_m for tag in config.uwb.tags if tag.height_m is not None}
-    return np.array([own.get(tag, config.uwb.tag_height_m) for tag in tags])
-
-
 def usable_ranges(
     config: Config, journal: Journal, ranges: RangeSeries, tags: tuple[int, ...], start_ns: int
 ) -> tuple[TagRanges, Int]:
@@ -248,13 +242,15 @@ def usable_ranges(
     if len(tags) * len(anchor_ids) > MOST_LINKS:
         raise TooLarge("survey: links between the robot's tags and anchors", len(tags) * len(anchor_ids), MOST_LINKS)
     tag = np.argsort(tags)[np.searchsorted(np.sort(tags), ranges.tag[usable])]
-    levers_m, heights_m = np.array([lever_of(config, tag) for tag in tags]), tag_heights(config, tags)
+    infos = tags_of(config, ranges)
+    levers_m = np.array([lever_of(config, tag) for tag in tags])
+    heights_m = np.array([infos[tag].height_m for tag in tags])
     seen = seconds_since(ranges.t_ns[usable], start_ns), tag, np.asarray(anchor, np.int64), ranges.range_m[usable]
     return TagRanges(*seen, levers_m, heights_m, len(anchor_ids)), anchor_ids
 
 
 def height_prior(
-    config: Config, anchor_ids: Int, tags: tuple[int, ...], given: Mapping[int | None, float]
+    config: Config, anchor_ids: Int, tag_height_m: float, given: Mapping[int | None, float]
 ) -> HeightPrior:
     """Expected heights: as given, else as configured, else above the tag. Raises InvalidConfigValue for unknown ids."""
     ids = anchor_ids.tolist()
@@ -264,8 +260,7 @@ def height_prior(
     heights = {each.id: each.z_m for each in config.uwb.anchors} | {
         key: value for key, value in given.items() if key is not None
     }
-    usual_m = float(np.mean(tag_heights(config, tags))) + ABOVE_TAG_M
-    everywhere = given.get(None)
+    usual_m, everywhere = tag_height_m + ABOVE_TAG_M, given.get(None)
     mean_m = np.array([heights.get(each, usual_m if everywhere is None else everywhere) for each in ids])
     std_m = np.array([HEIGHT_STD_M if each in heights or everywhere is not None else ABOVE_TAG_STD_M for each in ids])
     return HeightPrior(mean_m, std_m)

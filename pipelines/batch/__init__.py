@@ -1,1 +1,1 @@
-"""Many recordings, one replay each."""
+"""Many replays: of many recordings, or of one with many settings."""

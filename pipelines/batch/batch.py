@@ -16,7 +16,7 @@ from queue import Empty
 from typing import Any
 
 from quadlog import errors
-from quadlog.pipelines.batch.plan import Planned, existing_runs
+from quadlog.pipelines.batch.plan import existing_runs
 from quadlog.pipelines.batch.summary import note_failure, summarise
 from quadlog.pipelines.executor.machine import is_out_of_memory
 from quadlog.pipelines.executor.pool import Workers, open_executor
@@ -71,15 +71,17 @@ class BatchOutcome:
         return lines if left <= 0 else [*lines, f"  and {left} more, which {table} lists with their reasons"]
 
 
-def replay_alone(planned: Planned, progress: Progress) -> BatchOutcome:
+def replay_alone(request: ReplayRequest, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
-    outcome = replay(planned.request, progress)
-    summarise(planned.request.run.parent, progress)
-    _trim([planned], [outcome])
+    outcome = replay(request, progress)
+    summarise(request.run.parent, progress)
+    trim_stores([request], [outcome])
     return BatchOutcome((outcome,))
 
 
-def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines) -> BatchOutcome:
+def replay_batch(
+    batch: Sequence[ReplayRequest], jobs: int, scheduler: str | None, progress: BatchLines
+) -> BatchOutcome:
     """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster, and summarise them.
 
     An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
@@ -89,29 +91,29 @@ def replay_batch(batch: Sequence[Planned], jobs: int, scheduler: str | None, pro
     for outcome in outcomes:
         if outcome.failed and not outcome.refused:
             note_failure(outcome)
-    for folder in sorted({each.request.run.parent for each in batch}):
+    for folder in sorted({each.run.parent for each in batch}):
         try:
             summarise(folder, progress)
         except errors.QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
-    _trim(batch, outcomes)
+    trim_stores(batch, outcomes)
     return BatchOutcome(outcomes)
 
 
-def _trim(batch: Sequence[Planned], outcomes: Sequence[ReplayOutcome]) -> None:
+def trim_stores(batch: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome]) -> None:
     """Remove results that no run has, but for those of replays that failed, with which `--resume` goes on."""
     kept: set[str] = set()
-    for each, outcome in zip(batch, outcomes, strict=True):
+    for request, outcome in zip(batch, outcomes, strict=True):
         if outcome.failed:
             with suppress(errors.QuadlogError, OSError):  # the recording cannot be read: there are no results of it
-                kept |= {*planned_keys(each.request).values()}
-    for folder in {each.request.run.parent for each in batch}:
+                kept |= {*planned_keys(request).values()}
+    for folder in {each.run.parent for each in batch}:
         if isinstance(folder, Path):
             Store(folder).trim(kept)
 
 
 def replay_all(
-    batch: Sequence[Planned], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
+    batch: Sequence[ReplayRequest], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
 ) -> tuple[ReplayOutcome, ...]:
     """The outcome of each recording, in their order. Raises as replay_batch.
 
@@ -123,7 +125,7 @@ def replay_all(
                 progress.say(workers.greeting)
             return _Batch(batch, workers, progress, repeats).replay()
     finally:  # the workers have ended, and may have been killed
-        for run in (each.request.run for each in batch if isinstance(each.request.run, Path)):
+        for run in (each.run for each in batch if isinstance(each.run, Path)):
             with suppress(OSError):
                 remove_stale_parts(run.parent / STORE)
 
@@ -174,7 +176,7 @@ def _peak_words(peak_mb: float | None) -> str:
 class _Batch:
     """The state of a batch while it runs. halted: why no more recordings are started; empty while they are."""
 
-    def __init__(self, batch: Sequence[Planned], workers: Workers, progress: BatchLines, repeats: bool) -> None:
+    def __init__(self, batch: Sequence[ReplayRequest], workers: Workers, progress: BatchLines, repeats: bool) -> None:
         self._batch, self._workers, self._progress, self._repeats = batch, workers, progress, repeats
         self._outcomes: dict[int, ReplayOutcome] = {}
         self._running: dict[Future[Any], int] = {}
@@ -187,9 +189,9 @@ class _Batch:
         """The outcomes, in the order of the recordings. Ctrl-C is reported with the number done, and raised again."""
         there = existing_runs(self._batch)
         for number, each in enumerate(self._batch):
-            if each.request.existing is Existing.REFUSE and each.request.run in there:
-                why = str(errors.RunExists(each.request.run))
-                self._outcomes[number] = ReplayOutcome.of_failure(each.request, why, refused=True)
+            if each.existing is Existing.REFUSE and each.run in there:
+                why = str(errors.RunExists(each.run))
+                self._outcomes[number] = ReplayOutcome.of_failure(each, why, refused=True)
         todo = [number for number in range(len(self._batch)) if number not in self._outcomes]
         self._tally = BatchCounts(len(todo))
         self._progress.expect(self._tally)
@@ -207,7 +209,7 @@ class _Batch:
         if self._halted:
             self._end(number, "")
             return
-        request = self._batch[number].request
+        request = self._batch[number]
         refuses = request.existing is Existing.REFUSE
         request = replace(request, existing=Existing.RESUME) if refuses else request
         if self._workers.address:  # of workers with another working folder
@@ -256,7 +258,7 @@ class _Batch:
             self._halt(str(error) or "the scheduler has ended, or dropped what it was given")
             self._end(number, "")
         except Exception as error:
-            self._end(number, _failure_words(error, self._batch[number].request.run, self._peak_mb.get(number)))
+            self._end(number, _failure_words(error, self._batch[number].run, self._peak_mb.get(number)))
         else:
             if full:
                 self._halt(f"disk full ({outcome.reason.removesuffix(f'; {GOES_ON}')})")
@@ -264,7 +266,7 @@ class _Batch:
 
     def _end(self, number: int, ended: ReplayOutcome | str, warnings: Sequence[str] = ()) -> None:
         """ended: the outcome, or why there is none."""
-        request = self._batch[number].request
+        request = self._batch[number]
         if isinstance(ended, str):
             begun = "stopped" if number in self._peak_mb else "not started"
             words = f"{begun}: {self._halted}; {GOES_ON}" if self._halted else ended

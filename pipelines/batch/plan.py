@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -50,14 +49,6 @@ def _place(recording: Path | str) -> str:
     return text if "://" in text else str(Path(text).absolute())
 
 
-@dataclass(frozen=True, slots=True)
-class Planned:
-    """A recording, where its run goes, and its size."""
-
-    request: ReplayRequest
-    size_bytes: int
-
-
 def plan_batch(
     arguments: Sequence[str],
     output: Path,
@@ -67,7 +58,7 @@ def plan_batch(
     command: tuple[str, ...],
     notes: tuple[str, ...] = (),
     plots: bool = True,
-) -> list[Planned]:
+) -> list[ReplayRequest]:
     """What would run, and where to; nothing is written. notes, plots: see ReplayRequest.
 
     Raises RecordingNotFound for an argument without recordings, CannotWrite for an output that is no folder.
@@ -75,29 +66,29 @@ def plan_batch(
     recordings = find_recordings(arguments)
     if output.exists() and not output.is_dir():
         raise CannotWrite(output, "is no folder")
-    requests = [
-        ReplayRequest(recording, output / name, config, options, existing, command, notes=notes, plots=plots)
-        for recording, name in zip(recordings, kept_names(recordings, output), strict=True)
+    how: dict[str, Any] = {"existing": existing, "command": command, "notes": notes, "plots": plots}
+    return [
+        ReplayRequest(path, output / name, config, options, size_bytes=input_bytes(own_files(path)), **how)
+        for path, name in zip(recordings, kept_names(recordings, output), strict=True)
     ]
-    return [Planned(request, input_bytes(own_files(request.recording))) for request in requests]
 
 
-def preview_batch(batch: Sequence[Planned]) -> list[dict[str, Any]]:
+def preview_batch(batch: Sequence[ReplayRequest]) -> list[dict[str, Any]]:
     """A row of `--dry-run --json` for each recording: run, resume (with stages to reuse), replace, skip or refuse.
 
     Only the recordings of runs that are resumed are looked at.
     """
     there, rows = existing_runs(batch), []
     for each in batch:
-        request, (action, reused) = each.request, _preview(each.request, each.request.run in there)
-        where = {"action": action, "recording": str(request.recording), "run": str(request.run)}
+        action, reused = _preview(each, each.run in there)
+        where = {"action": action, "recording": str(each.recording), "run": str(each.run)}
         rows.append(where | {"size_bytes": each.size_bytes, "reused_stages": list(reused)})
     return rows
 
 
-def existing_runs(batch: Sequence[Planned]) -> set[Path]:
+def existing_runs(batch: Sequence[ReplayRequest]) -> set[Path]:
     """Run folders of the batch that exist and hold more than a failure; lists each output folder once."""
-    runs = {each.request.run for each in batch}
+    runs = {each.run for each in batch}
     there = {entry for folder in {run.parent for run in runs} if folder.is_dir() for entry in folder.iterdir()} & runs
     return {run for run in there if not run.is_dir() or any(not is_absent(entry.name) for entry in run.iterdir())}
 

@@ -1,1 +1,1 @@
-"""Metrics, checks and references of saved runs."""
+"""Metrics, checks, references and pages of saved runs."""

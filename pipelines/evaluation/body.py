@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,7 @@ from quadlog.results.tables import (
 )
 
 if TYPE_CHECKING:
+    from quadlog.control.locomotion.robot import Robot
     from quadlog.positioning.leg_odometry import LegGeometry
     from quadlog.simulation.robot.height_field import HeightField
 
@@ -42,23 +43,11 @@ _ROWS = 1 << 16
 """Heights are computed of so many rows at a time: at 1 kHz the feet of an hour would be 1 GB."""
 
 
-@dataclass(frozen=True, slots=True)
-class KnownBody:
-    """The robot that both bodies are, as the configuration says: its mass and legs."""
-
-    mass_kg: float
-    geometry: LegGeometry
-
-
-def known_body(config: Config) -> KnownBody | None:
+def known_robot(config: Config) -> Robot | None:
     """None where no robot is configured: its mass and legs would be a guess. Raises UnknownName and UnusableRobot."""
-    if not config.robot.model_fields_set & {"model", "preset"}:
-        return None
     from quadlog.pipelines.stages.positions.legs import robot_of
-    from quadlog.positioning.leg_odometry import LegGeometry
 
-    robot = robot_of(config)
-    return KnownBody(robot.mass_kg, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m))
+    return robot_of(config) if config.robot.model_fields_set & {"model", "preset"} else None
 
 
 def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
@@ -158,9 +147,11 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
     )
 
 
-def compare_bodies(run: Path, geometry: LegGeometry | None, ground: HeightField | None) -> dict[str, BodySeries]:
+def compare_bodies(run: Path, robot: Robot | None, ground: HeightField | None) -> dict[str, BodySeries]:
     """Logged and, where there is one with joints, resimulated. Raises NotARun."""
-    bodies = {"logged": logged_body(run, geometry)}
+    from quadlog.pipelines.stages.positions.legs import geometry_of
+
+    bodies = {"logged": logged_body(run, None if robot is None else geometry_of(robot))}
     resimulated = resimulated_body(run, ground) if has_table(run, "control") else None
     return bodies if resimulated is None else bodies | {"resimulated": resimulated}
 

@@ -20,7 +20,7 @@ from quadlog.results.find_runs import failed_recordings, find_runs, refuse_exist
 from quadlog.results.record import read_metrics
 from quadlog.results.run import Run
 from quadlog.results.tables import start_ns
-from quadlog.results.text import RunAtWorst, WorstInstant, explain_text
+from quadlog.results.text import explain_text, print_table
 from quadlog.storage.atomic_write import new_folder, write_whole
 
 _NS = 1_000_000_000
@@ -28,25 +28,27 @@ _NS = 1_000_000_000
 
 def explain_runs(name: str, runs: Sequence[MeasuredRun], reference: references.Reference | None) -> str:
     """The metric explained, with the three worst instants of each run."""
-    return explain_text(name, [_at_worst(name, run, reference) for run in runs])
+    return explain_text(name, {run.label: _at_worst(name, run, reference) for run in runs})
 
 
-def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | None) -> RunAtWorst:
-    measured = run.metrics.get(name)
+def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | None) -> list[str]:
+    measured, unit = run.metrics.get(name), CATALOGUE[name].unit
     if measured is None:
-        return RunAtWorst(run.label, None, 0, ())
+        return ["has no such metric"]
+    known = f"{f'{measured.value:.6g} {unit}'.rstrip()}, n = {measured.n}"
     try:
-        samples = _samples(name, run.path, reference)
-        first_ns, instants = start_ns(run.path), list[WorstInstant]()
-        if samples is not None:
-            for at in worst_of(name, samples):
-                t_ns, value = int(samples.t_ns[at]), float(samples.values[at])
-                instants.append(WorstInstant(t_ns, (t_ns - first_ns) / _NS, value))
+        samples, first_ns = _samples(name, run.path, reference), start_ns(run.path)
         details = _dimensions(name, run.path, reference)
     except QuadlogError as error:
-        return RunAtWorst(run.label, measured.value, measured.n, (), f"worst instants unknown: {error}")
-    why = "a run saves no samples of it" if samples is None else "never above zero"
-    return RunAtWorst(run.label, measured.value, measured.n, instants, why, details)
+        return [f"{known}; worst instants unknown: {error}"]
+    if samples is None:
+        return [f"{known}; a run saves no samples of it", *details]
+    worst = [(int(samples.t_ns[at]), float(samples.values[at])) for at in worst_of(name, samples)]
+    if not worst:
+        return [f"{known}; never above zero", *details]
+    rows = [(t_ns, f"{(t_ns - first_ns) / _NS:.3f}", f"{value:.6g}") for t_ns, value in worst]
+    table = print_table(("t_ns", "s from start", f"sample {unit}".rstrip()), rows).splitlines()
+    return [f"{known}; worst, at least 1 s apart:", *table, *details]
 
 
 def _dimensions(name: str, run: Path, reference: references.Reference | None) -> list[str]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,8 +44,7 @@ class _Run:
         return references.Reference.read(self.path / "reference.tum", references.OnTime(planar=None))
 
 
-@dataclass(frozen=True, slots=True)
-class _Source:
+class _Source(NamedTuple):
     """Saved files, the metrics whose samples they hold, and how they are read from them."""
 
     files: tuple[str, ...]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,8 @@ from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
 from quadlog.pipelines.stages.positions import uwb, uwb_tags
-from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.positioning.dilution import CHI2_95, ellipse_95
-from quadlog.positioning.locate import Located, TagResult, locate
+from quadlog.positioning.locate import Located, TagResult
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams, gather
@@ -37,16 +35,12 @@ def uwb_diagnostics(
         streams = gather(recording, uwb=roles.topics("uwb"), reference=reference, odometry=odometry)
         if streams.ranges is None:
             return empty, ["anchors are configured, but the recording has no UWB ranges"]
-        tags = uwb.tags_of(config, streams.ranges)
-        body = uwb_tags.body_tags_of(config, list(tags))
-        if len(body) == 1 and config.uwb.odometry:  # as in a replay, so that both have the same residuals
-            x_m, y_m = uwb_tags.lever_of(config, body[0])
-            tags[body[0]] = replace(tags[body[0]], body_motion=uwb.odometry_motion(streams), x_m=x_m, y_m=y_m)
-        anchors, settings = uwb.anchors_of(config), uwb.settings_of(config)
-        located = locate(streams.ranges, anchors, list(tags.values()), settings)
+        # With odometry as in a replay, so that both have the same residuals.
+        located, body = uwb.locate_each(config, streams.ranges, uwb.odometry_motion(streams) if odometry else None)
     except QuadlogError as error:
         return empty, [f"UWB: {error}"]
-    role_of = {tag: role for role, tag in uwb_tags.roles_of(config, list(tags)).items()} | dict.fromkeys(body, "robot")
+    tags = [each.tag for each in located.tags]
+    role_of = {tag: role for role, tag in uwb_tags.roles_of(config, tags).items()} | dict.fromkeys(body, "robot")
     robot = body[0] if body else None
     errors = uwb_tags.errors_of_tags(located, uwb_tags.levers_on_robot(config, robot), streams.reference)
     found = {
@@ -55,10 +49,7 @@ def uwb_diagnostics(
         "uwb_body": body if len(body) > 1 else [],
     }
     first_ns = int(streams.ranges.t_ns.min())
-    levers_m = {tag: uwb_tags.lever_of(config, tag) for tag in body}
-    places = []
-    if whole:
-        places = fault_warnings(check_located(located, anchors, settings, levers_m, streams.odometry), anchors)
+    places = uwb.place_faults(config, located, body, streams.odometry) if whole else []
     lost = [f"{each.topic}: {each.detail}" for each in streams.losses]
     return found, [*streams.warnings, *lost, *uwb.located_warnings(located, config, first_ns), *places]
 

@@ -77,16 +77,10 @@ class StageClock:
         self._now_s: Callable[[], float] = lambda: time.perf_counter() - compiling_s()
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time of the block towards a stage."""
-        with self.laps(name):
-            yield
+    def stage(self, *names: str) -> Iterator[Callable[[str], None]]:
+        """Count the time of the block towards stages: call the yielded function with the one that has just worked.
 
-    @contextmanager
-    def laps(self, *names: str) -> Iterator[Callable[[str], None]]:
-        """Split the time of the block between stages: call the yielded function with the stage that has just worked.
-
-        What is left at the end counts towards the first stage. Memory is looked at once, so that laps may be short.
+        What is left at the end counts towards the first. Memory is looked at once, so that laps may be short.
         """
         last_s = self._now_s()
 

@@ -1,1 +1,1 @@
-"""What `quadlog simulate` is made of: where to walk, by what robot and controller, and the folder of one walk."""
+"""`quadlog simulate` and `synthesize`: where to walk, by what robot and controller, and the folder of one walk."""

@@ -128,14 +128,6 @@ PLANES = ("course", "flat")
 MARGIN_M = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class Remarks:
-    """Notes and warnings about a run's ground."""
-
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
 def find_course(name: str, config: Config) -> Course:
     """The course of that name, or the path of a file, at the configured speed or, without one, at its own.
 
@@ -187,15 +179,15 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
     return ground
 
 
-def ground_remarks(course: Course, config: Config) -> Remarks:
+def ground_remarks(course: Course, config: Config) -> tuple[list[str], list[str]]:
     """Notes and warnings on the ground of a course, the same for all seeds. Raises as make_ground does."""
     terrain = config.simulation.terrain
     if terrain in (*PLANES, *BANDS_M):
-        return Remarks()
+        return [], []
     seen = _seen(terrain)
     beyond, file = seen.beyond(course.path_m), describe_input(seen.run / "ground.npz")
-    notes = (f"the ground is what {seen.run} saw (ground.npz, SHA-256 {file.sha256})",)
-    return Remarks(notes, () if beyond is None else (beyond,))
+    notes = [f"the ground is what {seen.run} saw (ground.npz, SHA-256 {file.sha256})"]
+    return notes, [] if beyond is None else [beyond]
 
 
 def _seen(terrain: str) -> SeenGround:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quadlog.config.control import DisturbancesConfig, MpcConfig, Pursuit, Simulation, Wbc
+from quadlog.config.control import Simulation
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
 from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
@@ -55,39 +55,19 @@ def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
         turning_share=config.mpc.turning_share,
-        mpc=mpc_settings(config.mpc),
-        wbc=replace(wbc_settings(config.wbc), torque_limit_nm=robot.torque_limit_nm),
+        mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
+        wbc=WbcSettings(torque_limit_nm=robot.torque_limit_nm, **config.wbc.model_dump()),
     )
-
-
-def mpc_settings(mpc: MpcConfig) -> MpcSettings:
-    """[mpc]."""
-    return MpcSettings(**mpc.model_dump(exclude={"every_s", "turning_share"}))
-
-
-def wbc_settings(wbc: Wbc) -> WbcSettings:
-    """[wbc]."""
-    return WbcSettings(**wbc.model_dump())
-
-
-def disturbance_settings(disturbances: DisturbancesConfig) -> DisturbanceSettings:
-    """[simulation.disturbances]."""
-    return DisturbanceSettings(**disturbances.model_dump())
-
-
-def fuzzy_settings(pursuit: Pursuit) -> FuzzySettings:
-    """[pursuit.fuzzy], about [pursuit] lookahead_m."""
-    fuzzy = pursuit.fuzzy.model_dump()
-    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
-    return FuzzySettings(l0_m=pursuit.lookahead_m, **lambdas, **fuzzy)
 
 
 def lookahead_control(config: Config) -> LookaheadControl:
     """The controller's. A new one for every walk: it remembers its last error."""
-    parts = config.simulation.parts
-    if parts is not None and parts.fuzzy:
-        return FuzzyLookahead(fuzzy_settings(config.pursuit))
-    return FixedLookahead(config.pursuit.lookahead_m)
+    parts, l0_m = config.simulation.parts, config.pursuit.lookahead_m
+    if parts is None or not parts.fuzzy:
+        return FixedLookahead(l0_m)
+    fuzzy = config.pursuit.fuzzy.model_dump()
+    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
+    return FuzzyLookahead(FuzzySettings(l0_m=l0_m, **lambdas, **fuzzy))
 
 
 def check_rate(rate_hz: float) -> None:
@@ -131,7 +111,7 @@ def walk_once(
 ) -> SimulatedWalk:
     """Walk the course; the seed draws what disturbs. Raises what a user's robot model raises."""
     rng = np.random.default_rng([seed, _DISTURBS])
-    disturbances = disturbance_settings(config.simulation.disturbances)
+    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
     pursuit = config.pursuit
     robot: WalkingRobot | UnicycleRobot
     model = None
@@ -212,7 +192,11 @@ def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
         leg_mass_spread=trot.leg_mass_spread,
         hip_offset_m=trot.hip_offset_m,
     )
-    peak_m = planned_peak_m(plan, trot.foot_curve_k) if curve == "3d-curve" else 0.0
+    peak_m = 0.0
+    if curve == "3d-curve":  # of right fore and left hind leg, by the planned robot, which does not know its payload
+        model, k = trotting.trot_model(plan), trot.foot_curve_k
+        inertia_kgm2 = trotting.hip_inertia_kgm2(model)
+        peak_m = lateral_peak_m(trotting.gravity_moment_nm(model), k, inertia_kgm2, trotting.PERIOD_S)
     first = FIRST_PAIRS.index(trot.first_pair)
     try:
         asides_m = np.where((trotting.PAIRS == 1) | (trot.lateral == "same"), peak_m, -peak_m)
@@ -220,12 +204,6 @@ def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
     except trotting.OutOfReach as error:
         raise InvalidConfigValue("simulation.trot.foot_curve_k", str(error), "simulate trot-32s") from None
     return PlannedTrot(robot, targets, draw.of_pair(first), peak_m)
-
-
-def planned_peak_m(plan: trotting.TrotRobot, k: float) -> float:
-    """The peak of y(t) of right fore and left hind leg by the planned robot, which does not know its payload."""
-    model = trotting.trot_model(plan)
-    return lateral_peak_m(trotting.gravity_moment_nm(model), k, trotting.hip_inertia_kgm2(model), trotting.PERIOD_S)
 
 
 def trot_metrics(trotted: TrottedCurve) -> Metrics:

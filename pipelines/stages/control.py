@@ -15,10 +15,10 @@ from quadlog.mapping.grid import crop, window_at
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages import plan as planning
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.replan import Replanner
@@ -28,6 +28,7 @@ from quadlog.simulation.contacts import Contact
 from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
+from quadlog.simulation.robot.disturbances import DisturbanceSettings
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -118,7 +119,7 @@ def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[Map
 def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
     """A robot with a body, on the run's own ground where feet can stand on it, else on a plane; or one without."""
     rng = np.random.default_rng([seed, *b"resimulation"])
-    disturbances = walks.disturbance_settings(config.simulation.disturbances)
+    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
     if not config.simulation.has_body:
         return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
     walks.check_rate(config.pursuit.rate_hz)
@@ -130,12 +131,6 @@ def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed
 
 
 def _settings(config: Config) -> PursuitSettings:
-    pursuit, robot = config.pursuit, config.robot
-    return PursuitSettings(
-        speed_mps=SPEED_MPS if pursuit.speed_mps is None else pursuit.speed_mps,
-        max_yaw_rate_radps=pursuit.max_yaw_rate_radps,
-        rate_hz=pursuit.rate_hz,
-        body_length_m=robot.length_m,
-        body_width_m=robot.width_m,
-        clear_chord=pursuit.clear_chord,
-    )
+    speed_mps = SPEED_MPS if config.pursuit.speed_mps is None else config.pursuit.speed_mps
+    same = {name: getattr(config.pursuit, name) for name in ("max_yaw_rate_radps", "rate_hz", "clear_chord")}
+    return PursuitSettings(speed_mps, body_length_m=config.robot.length_m, body_width_m=config.robot.width_m, **same)

@@ -20,8 +20,8 @@ from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import LogOddsMemory, Memory, ScanMemory
 from quadlog.mapping.placing import ScanPlacer
 from quadlog.messages import Float, Int
-from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.log import LogData
+from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, ReducedScan, Scanner, WholeScan
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
@@ -41,7 +41,7 @@ MAPPING = (
 @stage("filter", reads=FILTERING, load=lambda folder, _: folder)
 def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
-    with journal.clock.laps("filter"):
+    with journal.clock.stage("filter"):
         for _ in _filtered(folder, journal, config, data, tracks.robot, Scanner(config, seed, data, maps=False)):
             pass
 
@@ -52,7 +52,7 @@ def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
     shape = config.grid.size_cells, config.grid.size_cells
     with (
-        journal.clock.laps("filter", "map") as lap,
+        journal.clock.stage("filter", "map") as lap,
         MapsWriter(folder / "maps.npz", config.grid.cell_m, shape) as maps,
     ):
         mapper, scanner = _Mapper(config, tracks.target, maps), Scanner(config, seed, data, maps=True)

@@ -13,7 +13,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.mapping.grid import window_at
 from quadlog.messages import NS_PER_S
-from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.protocol import Planner

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import gc
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,13 @@ from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics
-from quadlog.pipelines.evaluation.body import compare_bodies, known_body, write_bodies
+from quadlog.pipelines.evaluation.body import compare_bodies, known_robot, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
-from quadlog.pipelines.log import Log
 from quadlog.pipelines.replay import StageResults
 from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.simulation.courses import walkable_ground
+from quadlog.pipelines.stages.log import Log
 from quadlog.pipelines.stages.positions.uwb import with_anchors
 from quadlog.pipelines.store import Doing, run_key
 from quadlog.planning.registry import planner_plugin, planner_type
@@ -27,7 +27,7 @@ from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import LossRecord, PluginRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
@@ -69,13 +69,14 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     """Write what the stages that ran allow, `run.json` last. Returns the metrics as saved."""
     journal, request = done.journal, done.request
     journal.progress.begin("report", 4)
+    gc.freeze()  # a replay holds much that drawing need not search for garbage again and again
     with journal.clock.stage("report"):
         run = Run.create(folder, _record(done))
         metrics = _metrics(folder, done)
         run.write("metrics", saved_metrics(metrics))
         journal.progress.advance()
         results = Run(folder, _record(done))
-        if done.tracks is not None:
+        if request.draws and done.tracks is not None:
             write_derived(results)
             write_layout(results)
         journal.progress.advance()
@@ -90,6 +91,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     if request.draws:
         write_run_page(Run(folder, _record(done)), drawings)
     journal.progress.advance()
+    gc.unfreeze()
     run.finish(_record(done))
     return saved_metrics(metrics)
 
@@ -116,11 +118,11 @@ def _of_bodies(run: Path, done: Finished, effort: Metrics) -> Metrics:
     """body.parquet, gait.parquet and the metrics of bodies that no samples give; nothing without a logged body."""
     if not (has_table(run, "joints") and has_table(run, "poses")):
         return {}
-    known, body = known_body(done.config), done.body
+    known, body = known_robot(done.config), done.body
     if known is None:
         done.journal.note("no logged_cost_of_transport and no height of the body: set robot.preset or robot.model")
     ground = None if body is None else walkable_ground(run, done.config.simulation.friction)[0]
-    bodies = compare_bodies(run, None if known is None else known.geometry, ground)
+    bodies = compare_bodies(run, known, ground)
     masses_kg = {
         "logged": math.nan if known is None else known.mass_kg,
         "resimulated": math.nan if body is None else body.mass_kg,
@@ -165,7 +167,7 @@ def _record(done: Finished) -> RunRecord:
         recorded_s=done.recorded_s,
         topics=_topics(done),
         counts=dict(journal.counts),
-        losses=[LossRecord(**asdict(loss)) for loss in journal.losses],
+        losses=list(journal.losses),
         warnings=journal.warnings,
         notes=[*request.notes, *journal.notes],
         stages=[

@@ -27,7 +27,7 @@ from quadlog.positioning.lidar_odometry import (
 from quadlog.recordings.roles import Roles
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
 
 
 def even_sample(count: int, wanted: int) -> set[int]:

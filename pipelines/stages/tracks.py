@@ -10,7 +10,8 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int
-from quadlog.results.tables import has_table, read_table
+from quadlog.results.tables import TABLES, has_table, read_table, write_table
+from quadlog.storage.formats.tum import write_tum
 
 TARGET_GAP_S = 1.0
 """Positions of the target are interpolated over gaps of at most this."""
@@ -50,6 +51,25 @@ class RobotTrack:
         spreads = covariance_m2, yaw_std_rad
         return cls(poses["t_ns"], xy_m, poses["yaw_rad"], source, frame_id, *spreads, poses["z_m"], tilt_rad)
 
+    def columns(self) -> dict[str, Any]:
+        """Those of poses.parquet."""
+        x_m, y_m = self.xy_m.T
+        roll_rad, pitch_rad = (np.nan, np.nan) if self.tilt_rad is None else self.tilt_rad.T
+        places = {"t_ns": self.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": self.yaw_rad, "source": self.source}
+        z_m = np.nan if self.z_m is None else self.z_m
+        return places | {"z_m": z_m, "roll_rad": roll_rad, "pitch_rad": pitch_rad}
+
+    def write(self, folder: Path) -> None:
+        """poses.parquet and trajectory.tum, with the stds that there are. Raises CannotWrite."""
+        write_table(folder / "poses.parquet", TABLES["poses"], self.columns())
+        if self.covariance_m2 is not None and self.yaw_std_rad is not None:
+            axes = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
+            spread = {f"cov_{name}_m2": self.covariance_m2[:, *at] for name, at in axes.items()}
+            instants = {"t_ns": self.t_ns, "yaw_std_rad": self.yaw_std_rad}
+            write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], instants | spread)
+        x_m, y_m = self.xy_m.T
+        write_tum(folder / "trajectory.tum", self.t_ns, x_m, y_m, self.yaw_rad, self.z_m, self.tilt_rad)
+
     def poses_at(self, t_ns: Int, max_gap_s: float) -> Float:
         """(M, 3) x_m, y_m, yaw_rad at instants (M,), NaN where no pose is near enough."""
         if self.source == "fixed":
@@ -79,6 +99,11 @@ class TargetTrack:
         """As `position` has saved it. Raises NotARun."""
         target = read_table(run, "target")
         return cls(target["t_ns"], np.column_stack([target["x_m"], target["y_m"]]), "".join(target["source"][:1]))
+
+    def write(self, folder: Path) -> None:
+        """target.parquet. Raises CannotWrite."""
+        columns = {"t_ns": self.t_ns, "x_m": self.xy_m[:, 0], "y_m": self.xy_m[:, 1], "source": self.source}
+        write_table(folder / "target.parquet", TABLES["target"], columns)
 
     @property
     def has_body(self) -> bool:

@@ -112,20 +112,16 @@ class Ratio(Claim):
     whole: Where = field(default_factory=dict)
     pair: Sequence[str] = ("seed",)
     statistic: Statistic = GEOMETRIC_MEAN
+    compare: Callable[[Float, Float], Float] = np.divide
 
     def values(self, walks: pd.DataFrame) -> Float:
-        """(N,) quotients."""
-        part, whole = self._pairs(walks)
-        return part / whole
-
-    def _pairs(self, walks: pd.DataFrame) -> tuple[Float, Float]:
-        """(N,) the column of both sides, of pairs that have both."""
+        """(N,) of the pairs that have both."""
         if self.column not in walks:
-            return np.empty(0), np.empty(0)
+            return np.empty(0)
         sides = (select(walks, {**self.where, **side}) for side in (self.part, self.whole))
         columns = [side.set_index(list(self.pair))[self.column] for side in sides]
         both = pd.concat(columns, axis=1, join="inner").dropna().to_numpy(float)
-        return both[:, 0], both[:, 1]
+        return self.compare(both[:, 0], both[:, 1])
 
 
 @dataclass(frozen=True)
@@ -133,11 +129,7 @@ class Change(Ratio):
     """A column of the walks `part` less that of the walks `whole`, paired likewise."""
 
     statistic: Statistic = MEAN
-
-    def values(self, walks: pd.DataFrame) -> Float:
-        """(N,) part less whole."""
-        part, whole = self._pairs(walks)
-        return part - whole
+    compare: Callable[[Float, Float], Float] = np.subtract
 
 
 def order(quantity: str, column: str, where: Where, part: Where, whole: Where, printed: float, of: str) -> Ratio:

@@ -17,8 +17,7 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.tables import TABLES
 from quadlog.pipelines.tables.claims import StudyTable
 from quadlog.results.page.blocks import write_page
-from quadlog.results.page.papers import papers_page
-from quadlog.results.studies.papers import PAGE, PaperTable, prepare_folder, write_table
+from quadlog.results.studies.papers import PAGE, PaperTable, papers_page, prepare_folder, write_table
 
 
 def open_executor(tasks: int) -> Executor:
@@ -34,7 +33,8 @@ def measure_tables(
     How many cores there are changes nothing in them. Raises WorkerDied when one is killed.
     """
     progress.begin("walks", sum(len(table.study.points) for table in tables.values()))
-    futures = {name: table.study.submit(executor) for name, table in tables.items()}
+    # The walks of the last tables take longest, and would leave cores idle at the end.
+    futures = {name: tables[name].study.submit(executor) for name in reversed([*tables])}
     for name, table in tables.items():
         figures = []
         for future in futures[name]:

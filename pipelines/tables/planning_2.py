@@ -96,8 +96,6 @@ CELLS = np.array(
     ]
 )
 """Table 2, (2, 9): searched by A* and by IA*."""
-PRINTED_RATIO = np.array([7.12, 8.60, 9.41, 5.86, 7.35, 11.57, 5.5, 7.14, 6.15])
-"""Table 2, (9,): of the cells. Three are cut off, not rounded, and one has a single digit."""
 CELL_RATIO = CELLS[0] / CELLS[1]
 """(9,) what the printed totals give."""
 RUNS = tuple(CELL_RATIO.tolist())

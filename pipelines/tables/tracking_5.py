@@ -7,8 +7,8 @@ from dataclasses import asdict
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.pipelines.simulate import walk_metrics
 from quadlog.pipelines.simulation.courses import find_course, make_ground
+from quadlog.pipelines.simulation.simulate import walk_metrics
 from quadlog.pipelines.simulation.walk import walk_once
 from quadlog.pipelines.tables.claims import Claim, Figures, Group, Study, StudyTable, Where, grid, held_out_seeds, order
 from quadlog.pipelines.tables.judge import SHARE, SIZE, not_comparable

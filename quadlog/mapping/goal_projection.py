@@ -6,6 +6,7 @@ then blocked by the growth alone, and no planner could start there.
 
 from __future__ import annotations
 
+from functools import cache
 from heapq import heappop, heappush
 from typing import NamedTuple
 
@@ -130,13 +131,16 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
     return Projection(on_margin or _nearest(reachable, crossing), projected=True)
 
 
+STRAIGHT = ndimage.generate_binary_structure(2, 1)
+
+
 def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
     """Free cells (rows, cols) bool connected to the start, which must be free.
 
     A diagonal step needs both cells beside it free, so two straight steps do
     as well: 8-connected without cutting corners reaches what 4-connected does.
     """
-    regions, _ = ndimage.label(~blocked)
+    regions, _ = ndimage.label(~blocked, STRAIGHT)
     reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
     return reachable
 
@@ -169,6 +173,7 @@ def _nearest_on_margin(reachable: Grid, crossing: Cell) -> Cell | None:
     return _as_cell(margin[candidates[np.argmin(steps)]])
 
 
+@cache
 def _margin(shape: tuple[int, ...]) -> Int:
     """The window's outermost cells (M, 2), each once, counter-clockwise from (0, 0)."""
     rows, cols = shape

@@ -89,7 +89,8 @@ def _lattice_cell_of(xy_m: Float, cell_m: float) -> Int:
     xy_m = np.asarray(xy_m, dtype=np.float64)
     if not np.isfinite(xy_m).all():
         raise ValueError("a position that is not finite lies in no cell")
-    return np.clip(np.floor(xy_m / cell_m), -FARTHEST_CELL, FARTHEST_CELL).astype(np.int64)
+    # Not clip, which takes twice as long for a single point.
+    return np.maximum(np.minimum(np.floor(xy_m / cell_m), FARTHEST_CELL), -FARTHEST_CELL).astype(np.int64)
 
 
 # Grown in whole blocks, so that a walking robot does not copy the map with every scan.

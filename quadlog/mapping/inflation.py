@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy import ndimage
 
@@ -14,7 +16,16 @@ def inflate(occupied: Grid, radius_cells: float) -> Grid:
     if not occupied.any():
         return occupied.copy()
     # Slightly more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
-    grown: Grid = ndimage.distance_transform_edt(~occupied) <= radius_cells + 1e-9
+    reach = radius_cells + 1e-9
+    grown, wide, width = occupied.copy(), occupied.copy(), 0
+    # Rows of the disc from its edge to its middle, each at least as wide as the last: much faster than distances.
+    for up in range(int(min(reach, len(occupied))), -1, -1):
+        while math.hypot(width + 1, up) <= reach and width < occupied.shape[1]:
+            width += 1
+            wide[:, width:] |= occupied[:, :-width]
+            wide[:, :-width] |= occupied[:, width:]
+        grown[up:] |= wide[: len(wide) - up]
+        grown[: len(wide) - up] |= wide[up:]
     return grown
 
 

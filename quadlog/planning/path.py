@@ -20,9 +20,11 @@ CORNER = 1e-9
 
 def resample(points: Float, count: int) -> Float:
     """(count, 2): points of a polyline (K, 2) at equal fractions of its length, its ends included."""
-    arc = arc_lengths(points)
+    arc, resampled = arc_lengths(points), np.empty((count, 2))
     wanted = np.linspace(0.0, arc[-1], count)
-    return np.stack([np.interp(wanted, arc, points[:, axis]) for axis in (0, 1)], axis=1)
+    for axis in (0, 1):
+        resampled[:, axis] = np.interp(wanted, arc, points[:, axis])
+    return resampled
 
 
 def turning(points: Float) -> tuple[float, float]:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
 
 from quadlog.geometry import rotation_from_quat, seconds_since, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
@@ -187,6 +186,8 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
         rpy = np.column_stack([roll, pitch, np.unwrap(yaw_from_quat(given))])
         source = AttitudeSource.IMU
     else:
+        from scipy.signal import lfilter  # half a second to import, for logs without an orientation alone
+
         turned = np.nan_to_num(imu.angular_radps) * np.diff(imu_s, prepend=imu_s[0])[:, None]
         keeps = float(np.exp(-np.median(np.diff(imu_s)) / LEVELLING_S))
         rpy = np.column_stack([lfilter([1.0], [1.0, -keeps], turned[:, :2], axis=0), np.cumsum(turned[:, 2])])

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -152,7 +151,7 @@ _BLOCK_BYTES = 1 << 20
 _MAX_CELLS_PER_SIDE = 16384
 
 
-class MapsWriter:
+class MapsWriter(ExitStack[bool | None]):
     """Writes maps one by one into `maps.npz`, which appears when the `with` block ends without an error.
 
     Members: blocks `occupied_bits_000000 (maps of the block, rows, ceil(columns / 8))` of numpy.packbits rows,
@@ -160,15 +159,15 @@ class MapsWriter:
     """
 
     def __init__(self, path: Path, cell_m: float, shape: tuple[int, int]) -> None:
+        super().__init__()
         self.path, self.cell_m, self.shape = path, cell_m, shape
         self._t_ns: list[int] = []
         self._origin_m: list[tuple[float, float]] = []
         self._block: list[NDArray[np.uint8]] = []
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack:
-            self._archive = stack.enter_context(_write_npz(self.path))
-            self._stack = stack.pop_all()
+        self._archive = self.enter_context(_write_npz(self.path))
+        self.push(self._finish)
         return self
 
     def append(self, t_ns: int, origin_m: Float, occupied: NDArray[np.bool_]) -> None:
@@ -181,18 +180,15 @@ class MapsWriter:
         if len(self._block) == _maps_per_block(self.shape):
             self._write_block()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with self._stack:
-            if error is not None:
-                raise error
-            if self._block:
-                self._write_block()
-            _add(self._archive, "t_ns", np.array(self._t_ns, np.int64))
-            _add(self._archive, "origin_m", np.array(self._origin_m, np.float64).reshape(-1, 2))
-            _add(self._archive, "cell_m", np.array(self.cell_m, np.float64))
-            _add(self._archive, "shape", np.array(self.shape, np.int64))
+    def _finish(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            return
+        if self._block:
+            self._write_block()
+        _add(self._archive, "t_ns", np.array(self._t_ns, np.int64))
+        _add(self._archive, "origin_m", np.array(self._origin_m, np.float64).reshape(-1, 2))
+        _add(self._archive, "cell_m", np.array(self.cell_m, np.float64))
+        _add(self._archive, "shape", np.array(self.shape, np.int64))
 
     def _write_block(self) -> None:
         first = len(self._t_ns) - len(self._block)
@@ -293,7 +289,8 @@ class MapSequence:
             last_row, last_column = (row + self.shape[0] - 1) // coarse, (column + self.shape[1] - 1) // coarse
             covered[row // coarse : last_row + 1, column // coarse : last_column + 1] += 1
             at_row, at_column = np.nonzero(self.occupied(index))
-            occupied.flat[np.unique((at_row + row) // coarse * size[1] + (at_column + column) // coarse)] += 1
+            places = (at_row + row) // coarse * size[1] + (at_column + column) // coarse
+            occupied.flat[places if coarse == 1 else np.unique(places)] += 1
         share = np.where(covered > 0, occupied / np.maximum(covered, 1), np.nan)
         return Occupancy(share, self.origin_m[sane].min(axis=0), self.cell_m * coarse)
 

@@ -59,20 +59,19 @@ def bound_names(run: Run) -> tuple[str, ...]:
 
 def check_run(run: Run, bounds: Mapping[str, Mapping[str, ExpectedRange | None]]) -> RunCheck:
     """Check the run's metrics against the bounds of its names; None takes away a bound. Raises NotARun."""
-    names = bound_names(run)
-    mine: dict[str, ExpectedRange | None] = {}
-    for name in ("", *names):
-        mine |= bounds.get(name, {})
-    checks = [_check(metric, bound, run.metric(metric)) for metric, bound in mine.items() if bound is not None]
+    names, checks = bound_names(run), []
+    mine = {metric: bound for name in ("", *names) for metric, bound in bounds.get(name, {}).items()}
+    for metric, bound in mine.items():
+        if bound is not None:
+            found, value = {"metric": metric, **bound.model_dump(exclude_none=True)}, run.metric(metric)
+            found |= {"holds": bound.holds(value)} | ({} if value is None else {"value": value})
+            if value is None:
+                found["reason"] = "not measured"
+            elif not found["holds"]:
+                low = bound.min is not None and value < bound.min
+                found["reason"] = f"{value!r} is {f'below min {bound.min!r}' if low else f'above max {bound.max!r}'}"
+            checks.append(found)
     return RunCheck(str(run.path), names[-1], checks)
-
-
-def _check(metric: str, bound: ExpectedRange, value: float | None) -> dict[str, Any]:
-    found = {"metric": metric, **bound.model_dump(exclude_none=True), "holds": bound.holds(value)}
-    if value is None:
-        return found | {"reason": "not measured"}
-    broken = f"below min {bound.min!r}" if value < found.get("min", value) else f"above max {bound.max!r}"
-    return found | {"value": value} | ({} if found["holds"] else {"reason": f"{value!r} is {broken}"})
 
 
 def check_text(runs: Sequence[RunCheck]) -> str:

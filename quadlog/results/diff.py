@@ -168,16 +168,12 @@ def _frame(run: Run, name: str) -> DataFrame:
     if stem == "maps" and (maps := run.maps) is not None:
         places = DataFrame(maps.origin_m, columns=["origin_x_m", "origin_y_m"]).assign(t_ns=maps.t_ns)
         packed = (hashlib.blake2b(np.packbits(of).tobytes(), digest_size=8).hexdigest() for *_, of in maps)
-        places = places.assign(occupied=[int(of.sum()) for *_, of in maps], cells=list(packed))
-        return places.assign(cell_m=maps.cell_m, shape=f"{maps.shape[0]} by {maps.shape[1]}")
+        same: dict[str, Any] = {"cell_m": maps.cell_m, "shape": f"{maps.shape[0]} by {maps.shape[1]}"}
+        return places.assign(occupied=[int(of.sum()) for *_, of in maps], cells=list(packed), **same)
     if name == "metrics.json":
-        metrics = {key: of for key, of in run.metrics.items() if key not in TIMINGS}
-        return DataFrame(
-            [{f"{key}.{part}": getattr(of, part) for key, of in metrics.items() for part in ("value", "n")}]
-        )
-    if suffix == "yaml":
-        text = (run.path / name).read_text("utf-8", "replace")
-        return DataFrame([dict(line.partition(": ")[::2] for line in text.splitlines())])
+        kept = ((f"{key}.{part}", getattr(of, part)) for key, of in run.metrics.items() for part in ("value", "n")
+                if key not in TIMINGS)  # fmt: skip
+        return DataFrame([dict(kept)])
     if suffix == "npz":
         arrays = {key: Series(array.ravel()) for key, array in (run.arrays(stem) or {}).items()}
         return DataFrame(arrays).rename(columns={"t_ns": "at_ns"})

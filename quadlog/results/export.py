@@ -7,23 +7,16 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
-from quadlog.errors import CannotWrite, MissingProgram, NotARun, UnknownName, csv_cell
-from quadlog.storage.atomic_write import whole_file, write_whole
+from quadlog.errors import MissingProgram, NotARun, UnknownName, csv_cell
+from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
 
 if TYPE_CHECKING:
     from quadlog.results.run import Run
 
 Files = Mapping[Path, Callable[[Path], object]]
 """The files of an export, and what writes each of them whole."""
-
-
-class Exporter(NamedTuple):
-    """files(run, output): what is to be written. suffix: end of the output's name where none is given."""
-
-    files: Callable[..., Files]
-    suffix: str
 
 
 def export_run(run: Path, to: str, output: Path | None = None, force: bool = False, **options: Any) -> list[Path]:
@@ -38,17 +31,13 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    loaded = load_run(run)
-    output = output or Path(f"{loaded.path.resolve().name}-{EXPORTERS[to].suffix}")
-    files = EXPORTERS[to].files(loaded, output, **options)
+    (find, suffix), loaded = EXPORTERS[to], load_run(run)
+    files = find(loaded, output or Path(f"{loaded.path.resolve().name}-{suffix}"), **options)
     for path in files:
         refuse_existing(path, force)
     for path, write in files.items():
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CannotWrite(path, error.strerror or str(error)) from error
-        write(path)
+        with new_folder(path.parent):
+            write(path)
     return [*files]
 
 
@@ -66,19 +55,18 @@ def _copy(source: Path, path: Path) -> None:
 
 def _csv(run: Run, output: Path) -> Files:
     """Every table, numbers in full precision, an empty field where there is no value."""
-    return {output / f"{name}.csv": partial(_write_csv, run, name) for name in _tables(run)}
-
-
-def _write_csv(run: Run, name: str, path: Path) -> None:
     from pandas import DataFrame
 
     from quadlog.results.tables import read_table
 
-    # A spreadsheet must not take texts of a recording for formulas.
-    columns = read_table(run.path, name).items()
-    table = {key: [*map(csv_cell, cells)] if cells.dtype == object else cells for key, cells in columns}
-    with whole_file(path) as part:
-        DataFrame(table).to_csv(part, index=False, lineterminator="\n")
+    def write(path: Path) -> None:
+        # A spreadsheet must not take texts of a recording for formulas.
+        columns = read_table(run.path, path.stem).items()
+        table = {key: [*map(csv_cell, cells)] if cells.dtype == object else cells for key, cells in columns}
+        with whole_file(path) as part:
+            DataFrame(table).to_csv(part, index=False, lineterminator="\n")
+
+    return {output / f"{name}.csv": write for name in _tables(run)}
 
 
 def _tables(run: Run) -> list[str]:
@@ -108,8 +96,8 @@ def _film(run: Run, output: Path, to: str) -> Files:
 
     def write(path: Path) -> None:
         with TemporaryDirectory(prefix="quadlog-") as folder:
-            film(scene, Path(folder, f"film.{to}"))
-            _copy(Path(folder, f"film.{to}"), path)
+            film(scene, made := Path(folder, f"film.{to}"))
+            _copy(made, path)
 
     return {output: write}
 
@@ -127,13 +115,13 @@ def _figures(run: Run, output: Path, picture: Literal["png", "pdf", "svg"] = "pd
     return {output / f"{name}.{picture}": write for name in drawings}
 
 
-_MAP = {"map.pgm": "map.pgm", "map.yaml": "map.yaml"}
-EXPORTERS = {
-    "csv": Exporter(_csv, "csv"),
-    "figures": Exporter(_figures, "figures"),
-    "gif": Exporter(partial(_film, to="gif"), "walk.gif"),
-    "mcap": Exporter(_mcap, "derived.mcap"),
-    "mp4": Exporter(partial(_film, to="mp4"), "walk.mp4"),
-    "rosmap": Exporter(partial(_saved, names=_MAP), "rosmap"),
-    "tum": Exporter(partial(_saved, names={"trajectory.tum": ""}), "trajectory.tum"),
+EXPORTERS: dict[str, tuple[Callable[..., Files], str]] = {
+    "csv": (_csv, "csv"),
+    "figures": (_figures, "figures"),
+    "gif": (partial(_film, to="gif"), "walk.gif"),
+    "mcap": (_mcap, "derived.mcap"),
+    "mp4": (partial(_film, to="mp4"), "walk.mp4"),
+    "rosmap": (partial(_saved, names={"map.pgm": "map.pgm", "map.yaml": "map.yaml"}), "rosmap"),
+    "tum": (partial(_saved, names={"trajectory.tum": ""}), "trajectory.tum"),
 }
+"""files(run, output, ...) of each format, and the end of the output's name where none is given."""

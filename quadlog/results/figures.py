@@ -80,11 +80,11 @@ def tracking_error(run: Run) -> list[Panel] | None:
         series = _series(control, f"{column}, distance, resim")
         eta_m, sigma_m = run.metric(mean), run.metric(deviation)
         if series and eta_m is not None and len(control) > 1:
-            ends = control["seconds"].to_numpy()[[0, -1]]
+            ends, ones = control["seconds"].to_numpy()[[0, -1]], np.ones(2)
             if sigma_m is not None:
-                low, high = np.full(2, max(eta_m - sigma_m, 0.0)), np.full(2, eta_m + sigma_m)
+                low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
-            series.append(Series("mean η", "text", ends, np.full(2, eta_m), variant=1))
+            series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
         panels.append(Panel(what, series, zero=True, marks=changes))
     side = _series(control, "cross_track_m, cross-track, resim")
     panels.append(Panel("cross-track error, left + (m)", side, marks=changes))
@@ -169,15 +169,12 @@ def uwb_error(run: Run) -> list[Panel] | None:
 
 def scan_side(run: Run) -> list[Panel] | None:
     """The strip of one scan about the robot, from the right."""
-    points = scan_points(run)
-    if not points:
-        return None
     series = []
-    for name, xyz_m in points.items():
+    for name, xyz_m in (scan_points(run) or {}).items():
         near = xyz_m[np.abs(xyz_m[:, 1]) <= STRIP_M]
-        near = near[np.argsort(near[:, 0])]
         if len(near):
-            series.append(Series(name, CLASSES.get(name, "soft"), near[:, 0], near[:, 2], "points"))
+            x_m, _, z_m = near[np.argsort(near[:, 0])].T
+            series.append(Series(name, CLASSES.get(name, "soft"), x_m, z_m, "points"))
     return with_curves([Panel("height (m)", series, "forward (m)")])
 
 
@@ -254,7 +251,7 @@ def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:
     folder = run / "plots"
     if folder.is_symlink():
         raise CannotWrite(folder, "is a link; pictures are not written through it")
-    wanted = {figure.name: drawings[figure.name] for figure in FIGURES if figure.saved and figure.name in drawings}
+    wanted = {of.name: drawings[of.name] for of in FIGURES if of.saved and of.name in drawings}
     try:
         for old in folder.glob("*.png"):
             old.unlink(missing_ok=True)

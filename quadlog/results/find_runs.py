@@ -8,6 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 from typing import cast
 
@@ -21,14 +22,11 @@ from quadlog.storage.remote_path import RemotePath, copy_object
 FAILED = "failed.json"
 """The reason why a recording was not replayed. A folder without other files counts as absent."""
 # Files that quadlog writes into a run folder; `--force` removes only these.
-FAILED = "failed.json"
-"""The reason why a recording was not replayed. A folder without other files counts as absent."""
 OWN_FILES = frozenset(
     {
         *(f"{name}.parquet" for name in TABLES if name != "summary"),
         *(file for files in STAGE_FILES.values() for file in files),
-        *("run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json"),
-        FAILED,
+        *("run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json", FAILED),
     }
 )
 
@@ -58,18 +56,13 @@ def run_names(recordings: Sequence[Path]) -> list[str]:
     """
     short = [run_name(path.resolve().name if path.is_dir() else stem(path)) for path in recordings]
     often = Counter(name.casefold() for name in short)
-    names = [
-        name if often[name.casefold()] == 1 else run_name(path.name)
-        for name, path in zip(short, recordings, strict=True)
-    ]
-    taken: set[str] = set()
-    for i, name in enumerate(names):
-        number = 2
-        while names[i].casefold() in taken:
-            names[i] = f"{name}-{number}"
-            number += 1
-        taken.add(names[i].casefold())
-    return names
+    taken: dict[str, str] = {}
+    for name, path in zip(short, recordings, strict=True):
+        unique = name if often[name.casefold()] == 1 else run_name(path.name)
+        numbered = chain([unique], (f"{unique}-{number}" for number in count(2)))
+        found = next(each for each in numbered if each.casefold() not in taken)
+        taken[found.casefold()] = found
+    return [*taken.values()]
 
 
 _DEEPEST = 3  # runs/RECORDING, or runs/COURSE-CONTROLLER/seed-000
@@ -186,12 +179,17 @@ def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str]) -> Pat
 
     Raises as runs_here.
     """
-    top = scratch / run_name(remote.name)
-    if not remote.is_web() and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
+    top, web = scratch / run_name(remote.name), remote.is_web()
+    if web and not (remote / "run.json").is_file():
+        raise NotARun(str(remote), "is no finished run: it has no run.json")
+    if not web and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
         fetch({_SUMMARY: remote / _SUMMARY}, top)
-    for run in _runs_at(remote):
+    for run in [remote] if web else cast(list[RemotePath], find_runs([cast(Path, remote)])):
         inside = [run_name(name) for name in run.url.removeprefix(remote.url.rstrip("/")).strip("/").split("/") if name]
-        fetch(_files_at(run, names), top.joinpath(*inside))
+        # A web server cannot list files, so each that a run may have is tried.
+        there = (run / name for name in sorted(names)) if web else run.iterdir()
+        found = {file.name: file for file in there if file.name in names and file.is_file()}
+        fetch(found, top.joinpath(*inside))
     return top
 
 
@@ -202,7 +200,8 @@ def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
         if each.name in OWN_FILES and each.is_file():
             found[each.name] = each
         elif each.name == PLOTS and each.is_dir():
-            found |= {f"{PLOTS}/{plot.name}": plot for plot in each.iterdir() if _is_plot(plot)}
+            plots = (of for of in each.iterdir() if of.suffix == ".png" and of.name == run_name(of.name))
+            found |= {f"{PLOTS}/{plot.name}": plot for plot in plots if plot.is_file()}
     return found
 
 
@@ -216,24 +215,6 @@ def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         copy_object(each, target)
-
-
-def _runs_at(remote: RemotePath) -> list[RemotePath]:
-    if remote.is_web():
-        if not (remote / "run.json").is_file():
-            raise NotARun(str(remote), "is no finished run: it has no run.json")
-        return [remote]
-    return [cast(RemotePath, run) for run in find_runs([cast(Path, remote)])]
-
-
-def _files_at(run: RemotePath, names: Collection[str]) -> dict[str, RemotePath]:
-    """The files of these names. A web server cannot list files, so each that a run may have is tried."""
-    there = (run / name for name in sorted(names)) if run.is_web() else run.iterdir()
-    return {file.name: file for file in there if file.name in names and file.is_file()}
-
-
-def _is_plot(path: RemotePath) -> bool:
-    return path.suffix == ".png" and path.name == run_name(path.name) and path.is_file()
 
 
 def refuse_existing(path: Path, force: bool) -> None:

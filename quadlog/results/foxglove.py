@@ -154,10 +154,8 @@ def _scans(samples: Table) -> Stream:
     """The sample scans whose pose is known: points in base with label and colour of their class, and that pose."""
     kinds = fox.PackedElementFieldNumericType
     places = [(4 * k, kinds.Float32) for k in range(3)] + [(12 + k, kinds.Uint8) for k in range(5)]
-    fields = [
-        fox.PackedElementField(name=name, offset=at, type=kind)
-        for name, (at, kind) in zip(_FIELDS, places, strict=True)
-    ]
+    named = zip(_FIELDS, places, strict=True)
+    fields = [fox.PackedElementField(name=name, offset=at, type=kind) for name, (at, kind) in named]
     colors = np.array([_rgba(CLASSES.get(name.lower(), "soft")) for name in samples["classes"].tolist()])
     points = np.empty(len(samples["label"]), _POINT)
     points["xyz"], points["label"] = samples["xyz_m"], samples["label"]
@@ -175,7 +173,7 @@ def _paths(paths: Table, columns: list[str], color: str) -> Stream:
     form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color(color)}
     for t, rows in zip(t_ns[first].tolist(), np.split(places, first[1:]), strict=True):
         points = [fox.Point3(x=x, y=y, z=0.0) for x, y in rows[np.isfinite(rows).all(axis=1)].tolist()]
-        line = fox.LinePrimitive(pose=_pose(0.0, 0.0, 0.0), points=points, **form)
+        line = fox.LinePrimitive(pose=_pose(), points=points, **form)
         entity = fox.SceneEntity(timestamp=_time(t), frame_id="map", id="path", lines=[line])
         yield t, fox.SceneUpdate(entities=[entity])
 
@@ -213,7 +211,7 @@ def _log(run: Run) -> Stream:
             yield run.start_ns, fox.Log(**form, message=text, name=name)
 
 
-def _pose(x: float, y: float, z: float) -> fox.Pose:
+def _pose(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> fox.Pose:
     return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=fox.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
 
 
@@ -241,23 +239,16 @@ def write_layout(run: Run) -> Path:
     for tag in () if fixes is None else fixes["tag"].sort_values().unique().tolist():
         form = {"visible": True, "type": "axis", "axisScale": 0.2, "color": COLORS["fix"]}
         panels["3D!scene"]["topics"][f"/quadlog/uwb/fix/{tag}"] = form
-    plots = {
-        title: [(f"{topic}.{part}", name) for part, name in zip("xyz", columns, strict=False)]
-        for title, _, topic, columns in PLOTTED
-    }
+    plots = {title: [*zip(of, (f"{topic}.{part}" for part in "xyz"))] for title, _, topic, of in PLOTTED}  # noqa: B905
     if ranges is not None:
         links = sorted({*zip(ranges["tag"].tolist(), ranges["anchor"].tolist(), strict=True)})
-        named = [(f"{RESIDUAL}/{tag}/{anchor}.x", f"tag {tag}, anchor {anchor}") for tag, anchor in links]
-        plots["Range residuals (m)"] = named
-    axes: dict[str, Any] = {"xAxisVal": "timestamp", "showXAxisLabels": True, "showYAxisLabels": True, "isSynced": True}
-    clock = {"timestampMethod": "receiveTime"}
-    axes |= {"showLegend": True, "legendDisplay": "floating"}
+        plots["Range residuals (m)"] = [(f"tag {tag}, anchor {of}", f"{RESIDUAL}/{tag}/{of}.x") for tag, of in links]
+    shown = dict.fromkeys(("showXAxisLabels", "showYAxisLabels", "isSynced", "showLegend"), True)
+    axes = {"xAxisVal": "timestamp", **shown, "legendDisplay": "floating"}
+    curve = {"enabled": True, "timestampMethod": "receiveTime"}
     for number, (title, curves) in enumerate(plots.items()):
-        shown = [
-            {"value": value, "label": label, "color": COLORS[look(k)["color"]], "enabled": True, **clock}
-            for k, (value, label) in enumerate(curves)
-        ]
-        panels[f"Plot!{number}"] = {"foxglovePanelTitle": title, "paths": shown, **axes}
+        named = [{"value": at, "label": of, "color": COLORS[look(k)["color"]]} for k, (of, at) in enumerate(curves)]
+        panels[f"Plot!{number}"] = {"foxglovePanelTitle": title, "paths": [of | curve for of in named], **axes}
     scene, column, *others = panels
     for number, plot in enumerate(others, start=2):
         column = {"direction": "column", "first": plot, "second": column, "splitPercentage": 100 / number}

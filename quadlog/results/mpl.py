@@ -55,10 +55,8 @@ def render(
     sizes: dict[Any, Any] = {"font.size": point_size, "legend.fontsize": 0.9 * point_size, "axes.titlesize": point_size}
     with rc_context({**_STYLE, **sizes}):
         scale = width_in / WIDTH_IN, point_size / POINT_SIZE
-        picture = (
-            _scene_picture(drawing, *scale) if isinstance(drawing, view.Scene) else _panel_picture(drawing, *scale)
-        )
-        content = io.BytesIO()
+        made = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
+        picture, content = made(drawing, *scale), io.BytesIO()  # type: ignore[arg-type]
         picture.savefig(content, format=to, dpi=150, metadata=_NO_DATE[to])
     return content.getvalue()
 
@@ -95,8 +93,12 @@ def _legend_shape(panel: view.Panel, room: int) -> tuple[int, int]:
 
 def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -> None:
     for series in panel.series:
-        long = panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s
-        _draw_series(axes, banded_by(series, panel.period_s) if long else series, bool(panel.rows))
+        if panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s:
+            # The band from the least to the largest value in each period of x.
+            starts = np.flatnonzero(np.diff(np.floor(series.x / panel.period_s), prepend=-np.inf))
+            least, most = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
+            series = replace(series, x=series.x[starts], y=least, upper=most, style="band")
+        _draw_series(axes, series, bool(panel.rows))
     for x in panel.marks.tolist():
         axes.axvline(x, color=view.COLORS["soft"], linewidth=0.6, linestyle=":")
     if panel.robust:
@@ -107,30 +109,17 @@ def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -
     elif panel.zero:
         axes.set_ylim(bottom=0)
     if panel.log:
-        _set_log(axes, "x" if panel.rows else "y")
-    axes.set_title(panel.what, loc="left", pad=title_pad)
+        axis = axes.xaxis if panel.rows else axes.yaxis
+        axes.set(**{"xscale" if panel.rows else "yscale": "log"})
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(LogFormatter())
+    axes.set_title(panel.what, loc="left", pad=title_pad, y=1.0)  # a given y spares matplotlib a search
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
     elif not panel.lane:
-        legend = axes.legend(
-            loc="lower right", bbox_to_anchor=(1, 1), ncols=columns, borderaxespad=0.1, handlelength=1.4
-        )
-        _enlarge(legend)
-
-
-def banded_by(series: view.Series, period: float) -> view.Series:
-    """The band from the least to the largest value in each period of x."""
-    starts = np.flatnonzero(np.diff(np.floor(series.x / period), prepend=-np.inf))
-    low, high = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
-    return replace(series, x=series.x[starts], y=low, upper=high, style="band")
-
-
-def _set_log(axes: Axes, which: Literal["x", "y"]) -> None:
-    axes.set(**{f"{which}scale": "log"})
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(LogFormatter())
+        where: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
+        _enlarge(axes.legend(ncols=columns, handlelength=1.4, **where))
 
 
 def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
@@ -217,9 +206,8 @@ def _draw(layer: view.Layer, axes: Axes, scene: view.Scene, instant: float | Non
                 _draw_marks(axes, layer, instant)
         case view.Track():
             if layer.trail:
-                axes.plot(
-                    layer.x, layer.y, DASHES[layer.variant % 4], zorder=2.5, color=color, lw=1.8, label=layer.label
-                )
+                look: dict[str, Any] = {"zorder": 2.5, "color": color, "lw": 1.8, "label": layer.label}
+                axes.plot(layer.x, layer.y, DASHES[layer.variant % 4], **look)
             if layer.shape != "dot" or instant is not None:
                 _draw_body(axes, layer, scene.body, instant)
 
@@ -298,11 +286,7 @@ def film(scene: view.Scene, path: Path) -> None:
     """The scene as .gif or .mp4: at most MOST_FRAMES frames, evenly over its time. Still layers are drawn once."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
-    moving = [
-        of
-        for of in scene.layers
-        if isinstance(of, view.Windows | view.Track) or getattr(of, "seconds", None) is not None
-    ]
+    moving = [layer for layer in scene.layers if getattr(layer, "seconds", None) is not None]
     still = replace(scene, layers=[layer for layer in scene.layers if layer not in moving])
     left, right, bottom, top = scene.extent
     start, end = scene.span or (0.0, 0.0)

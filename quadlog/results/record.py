@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any, cast
@@ -32,6 +32,7 @@ from quadlog.config.file import without_retired
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
+from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.file_names import recording_files
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_object import ObjectInfo
@@ -86,15 +87,6 @@ class TopicRecord(Record):
     why: str
 
 
-class LossRecord(Record):
-    """Something lost from the recording: a stable cause, and a line of text."""
-
-    cause: str
-    detail: str
-    topic: str | None = None
-    count: int | None = None
-
-
 class StageRecord(Record):
     """A stage that ran: wall seconds, and the process's peak memory when it ended."""
 
@@ -132,7 +124,7 @@ class RunRecord(Record):
     recorded_s: float
     topics: Sequence[TopicRecord] = ()
     counts: Mapping[str, int] = {}
-    losses: Sequence[LossRecord] = ()
+    losses: Sequence[Loss] = ()
     warnings: Sequence[str] = ()
     notes: Sequence[str] = ()
     stages: Sequence[StageRecord] = ()
@@ -209,11 +201,9 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
 
 def is_finished(run: Path) -> bool:
     """Whether the run in a folder is complete and can be read."""
-    try:
-        read_record(run)
-    except (NotARun, UnknownRunFormat):
-        return False
-    return True
+    with suppress(NotARun, UnknownRunFormat):
+        return bool(read_record(run))
+    return False
 
 
 def write_record(run: Path, record: RunRecord, *, finished: bool) -> None:

@@ -26,25 +26,9 @@ from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
 from quadlog.results.find_runs import OWN_FILES, fetch, fetch_runs, is_absent
-from quadlog.results.record import (
-    RunRecord,
-    SavedMetric,
-    read_metrics,
-    read_record,
-    to_json,
-    write_record,
-)
+from quadlog.results.record import RunRecord, SavedMetric, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import (
-    check_name,
-    is_part,
-    move_folder,
-    new_folder,
-    note_complete,
-    part_folder,
-    uninterrupted,
-    write_whole,
-)
+from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -84,6 +68,7 @@ class Run:
         self.record = read_record(self.path) if record is None else record
         self.notes: list[str] = []
         self._tables: dict[str, DataFrame | None] = {}
+        self._trajectories: dict[str, PoseSeries | None] = {}
         self._remote: RemotePath | None = None
 
     @classmethod
@@ -113,7 +98,6 @@ class Run:
     def finish(self, record: RunRecord) -> None:
         """Mark the run as complete by its record, the last file. Raises CannotWrite."""
         write_record(self.path, record, finished=True)
-        note_complete(self.path / "run.json")
         self.record = record
 
     def has(self, name: str) -> bool:
@@ -171,7 +155,9 @@ class Run:
 
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""
-        return read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
+        if name not in self._trajectories:
+            self._trajectories[name] = read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
+        return self._trajectories[name]
 
     @cached_property
     def maps(self) -> MapSequence | None:
@@ -199,9 +185,6 @@ class Run:
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) in seconds since the start of the run."""
         return seconds_since(t_ns, self.start_ns)
-
-    def __repr__(self) -> str:
-        return f"<quadlog run {self.path}>"
 
 
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
@@ -232,7 +215,7 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
                 with uninterrupted():
                     new = path.parent / STORE / f"{_NEW}{path.name}"
                     shutil.rmtree(new, ignore_errors=True)
-                    move_folder(part, new)
+                    part.rename(new)
                     settle(path)
             except OSError as error:
                 raise CannotWrite(path, error.strerror or str(error)) from error
@@ -271,8 +254,8 @@ def settle(path: Path) -> None:
     try:
         if new.is_dir():
             if path.is_dir() and not old.exists():
-                move_folder(path, old)
-            move_folder(new, path)
+                path.rename(old)
+            new.rename(path)
         if old.is_dir() and path.is_dir():
             for entry in [*old.glob("plots/*"), *old.iterdir()]:
                 name = entry.relative_to(old)
@@ -283,6 +266,6 @@ def settle(path: Path) -> None:
                     entry.rename(path / name)
             shutil.rmtree(old, ignore_errors=True)
         elif old.is_dir():
-            move_folder(old, path)
+            old.rename(path)
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error

@@ -243,9 +243,8 @@ def _errors(run: Run) -> Iterator[view.Layer]:
     if control is not None and control["ref_x_m"].notna().any():
         seconds, *ends = view.break_gaps(*columns_of(control, "seconds x_m ref_x_m y_m ref_y_m"))
         x, y = (np.stack(pair, axis=1).ravel() for pair in (ends[:2], ends[2:]))
-        yield view.Lines(
-            "distance to the path", "bad", np.arange(0, len(x) + 1, 2), x, y, seconds, shown=0, measured=True
-        )
+        first = np.arange(0, len(x) + 1, 2)
+        yield view.Lines("distance to the path", "bad", first, x, y, seconds, shown=0, measured=True)
 
 
 def _contacts(run: Run) -> Iterator[view.Layer]:
@@ -257,8 +256,7 @@ def _contacts(run: Run) -> Iterator[view.Layer]:
 
 def _moments(run: Run) -> list[view.Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
-    contacts = []
-    table = run.table("contacts")
+    contacts, table = [], run.table("contacts")
     if table is not None:
         rows = zip(*columns_of(table, "seconds cause collision"), strict=True)
         contacts = [view.Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
@@ -296,15 +294,13 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
     seconds, tags, bound_m, x_m, y_m = columns_of(track, "seconds tag bound_m error_x_m error_y_m")
     error_m = np.hypot(x_m, y_m)
     beyond = np.divide(error_m, bound_m, out=np.zeros(len(track)), where=bound_m > 0)
-    if beyond.max(initial=0.0) > 1:
-        at = int(beyond.argmax())
-        words = f"{sig(float(beyond[at]), 2)} × the bound"
-        yield view.Moment(float(seconds[at]), "farthest outside of the 95 % bound", words, "", (LATE,))
+    if (most := float(beyond.max(initial=0.0))) > 1:
+        at, words = float(seconds[beyond.argmax()]), f"{sig(most, 2)} × the bound"
+        yield view.Moment(at, "farthest outside of the 95 % bound", words, "", (LATE,))
     known = np.unique(tags).tolist()
     for tag in known if len(known) > 1 else []:
-        at = int(np.where(tags == tag, error_m, -1.0).argmax())
-        words = f"{sig(float(error_m[at]))} m"
-        yield view.Moment(float(seconds[at]), f"worst error of tag {tag}", words, f"tag {tag}", (LATE,))
+        at, name = int(np.where(tags == tag, error_m, -1.0).argmax()), f"tag {tag}"
+        yield view.Moment(float(seconds[at]), f"worst error of {name}", f"{sig(float(error_m[at]))} m", name, (LATE,))
 
 
 _ROLES = {

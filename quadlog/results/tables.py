@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -92,12 +91,8 @@ TABLES: dict[str, pa.Schema] = {
 }
 
 # Columns that may be left out when writing, and are then null.
-OPTIONAL = frozenset(
-    {
-        *("optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"),
-        *(*_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES),
-    }
-)
+OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"}
+OPTIONAL |= {*_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
@@ -117,7 +112,7 @@ LARGEST = 1e150
 """The largest finite number of a table; squares of larger ones overflow."""
 
 
-class TableWriter:
+class TableWriter(ExitStack[bool | None]):
     """A table that grows batch by batch and appears, whole, when its `with` block ends without an error.
 
     Columns are checked by name and type against the schema; ValueError or
@@ -125,6 +120,7 @@ class TableWriter:
     """
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
+        super().__init__()
         self.path, self.schema = path, schema
         self._rows: list[Mapping[str, Any]] = []
         self._pending = schema.empty_table()
@@ -132,18 +128,13 @@ class TableWriter:
     def __enter__(self) -> Self:
         texts = [field.name for field in self.schema if field.type == pa.string()]
         form: dict[str, Any] = {"compression": "zstd", "use_dictionary": texts, "write_page_checksum": True}
-        with ExitStack() as stack:
-            part = stack.enter_context(whole_file(self.path))
-            self._parquet = stack.enter_context(pq.ParquetWriter(part, self.schema, **form))
-            self._stack = stack.pop_all()
+        part = self.enter_context(whole_file(self.path))
+        self._parquet = self.enter_context(pq.ParquetWriter(part, self.schema, **form))
+        self.push(self._finish)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with self._stack:
-            if error is not None:
-                raise error
+    def _finish(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
             self._add_rows()
             self._write_groups(smallest=1)
 

@@ -279,42 +279,11 @@ def _spread(name: str, runs: Mapping[str, Mapping[str, float]]) -> tuple[Any, ..
     return name, over.mean, ends_text(over.interval, 2), min(values), max(values), over.runs
 
 
-class WorstInstant(NamedTuple):
-    """A time stamp, seconds since the start of the run, and the sample."""
-
-    t_ns: int
-    since_start_s: float
-    value: float
-
-
-class RunAtWorst(NamedTuple):
-    """A run's value and its worst instants, the worst first; why_none: the reason if there are none.
-
-    details: further lines on what is behind the value.
-    """
-
-    label: str
-    value: float | None
-    n: int
-    instants: Sequence[WorstInstant]
-    why_none: str = ""
-    details: Sequence[str] = ()
-
-
-def explain_text(name: str, runs: Sequence[RunAtWorst]) -> str:
-    """Meaning, formula, source, unit and what n counts, of a metric of the catalogue; then each run."""
+def explain_text(name: str, runs: Mapping[str, Sequence[str]]) -> str:
+    """Meaning, formula, source, unit and what n counts, of a metric of the catalogue; then the lines of each run."""
     entry = CATALOGUE[name]
     facts = {"formula": entry.formula, "source": entry.source, "unit": entry.unit or "none", "n counts": entry.counted}
     lines = [f"{name}: {entry.meaning}", *(f"  {title:<9} {what}" for title, what in facts.items())]
-    for run in runs:
-        lines += ["", f"{printable(run.label)}: "]
-        if run.value is None:
-            lines[-1] += "has no such metric"
-            continue
-        why = "worst, at least 1 s apart:" if run.instants else run.why_none
-        lines[-1] += f"{f'{run.value:.6g} {entry.unit}'.rstrip()}, n = {run.n}; {why}"
-        rows = [(each.t_ns, f"{each.since_start_s:.3f}", f"{each.value:.6g}") for each in run.instants]
-        header = ("t_ns", "s from start", f"sample {entry.unit}".rstrip())
-        table = print_table(header, rows).splitlines() if rows else []
-        lines += [f"  {line}" for line in [*table, *run.details]]
+    for label, (first, *more) in runs.items():
+        lines += ["", f"{printable(label)}: {first}", *(f"  {line}" for line in more)]
     return "\n".join(lines) + "\n"

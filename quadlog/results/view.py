@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -289,12 +289,12 @@ def thin_evenly(length: int, most: int) -> Array:
 
 def robust_limits(panel: Panel) -> tuple[float, float, int]:
     """Limits of y from the 1st to the 99th percentile with a margin, 0 among them, and how many samples lie beyond."""
-    values = np.concatenate([series.y for series in panel.series] or [np.zeros(1)])
+    values = np.concatenate([np.zeros(0), *(series.y for series in panel.series)])
     values = values[np.isfinite(values)]
     if not len(values):
         return -1.0, 1.0, 0
-    low, high = np.percentile(values, [1, 99])
-    low, high = min(float(low), 0.0), max(float(high), 0.0)
+    low, high = np.percentile(values, [1, 99]).tolist()
+    low, high = min(low, 0.0), max(high, 0.0)
     margin = 0.25 * ((high - low) or 1.0)
     low, high = 0.0 if panel.zero and low == 0 else low - margin, high + margin
     return low, high, int(((values < low) | (values > high)).sum())
@@ -305,9 +305,8 @@ def extent_of(*points: tuple[Array, Array], margin: float = 0.5) -> tuple[float,
     box = []
     for axis in (0, 1):
         values = np.concatenate([np.asarray(each[axis], float).ravel() for each in points])
-        values = values[np.isfinite(values)]
-        low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
-        box += [low - margin, high + margin]
+        values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
+        box += [float(values.min()) - margin, float(values.max()) + margin]
     return box[0], box[1], box[2], box[3]
 
 
@@ -316,12 +315,11 @@ def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
     merged: dict[str, Panel] = {}
     for number, (name, panels) in enumerate(runs.items()):
         for panel in panels:
-            one, added = merged.setdefault(panel.what, replace(panel, series=(), marks=np.empty(0))), []
+            one = merged.setdefault(panel.what, replace(panel, series=[], marks=np.empty(0)))
             for place, series in enumerate(of for of in panel.series if of.style != "band"):
                 keep = thin_evenly(len(series.x), MOST_COMPARED)
                 look_of = {"color": look(number)["color"], "variant": place, "label": f"{name}: {series.label}"}
-                added.append(replace(series, x=series.x[keep], y=series.y[keep], **look_of))
-            merged[panel.what] = replace(one, series=(*one.series, *added))
+                cast(list[Series], one.series).append(replace(series, x=series.x[keep], y=series.y[keep], **look_of))
     return list(merged.values())
 
 

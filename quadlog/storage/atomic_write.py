@@ -25,7 +25,6 @@ _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
 _unfinished: set[Path] = set()
 _new_folders: set[Path] = set()
-_complete_s: dict[Path, float] = {}
 _TRIES = 10
 
 
@@ -47,8 +46,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         _begin(part, path)
         yield part
         _publish(part, path)
-        if path.name == "report.html":
-            note_complete(path)
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError) and is_full(error):
@@ -88,13 +85,6 @@ def part_folder(parent: Path) -> Iterator[Path]:
         _unfinished.discard(part)
 
 
-def move_folder(folder: Path, target: Path) -> None:
-    """Rename a folder whose files were written whole. Raises OSError."""
-    folder.rename(target)
-    for path in [path for path in _complete_s if path.is_relative_to(folder)]:
-        _complete_s[target / path.relative_to(folder)] = _complete_s.pop(path)
-
-
 def _remove(part: Path) -> None:
     if part.is_dir() and not part.is_symlink():
         shutil.rmtree(part, ignore_errors=True)
@@ -122,17 +112,6 @@ def new_folder(path: Path) -> Iterator[None]:
         _remove_empty(path)
         raise
     _new_folders.discard(path)
-
-
-def note_complete(path: Path) -> None:
-    """Note that a file was written when all others of its folder were; beside a run.json a page is not the last."""
-    _complete_s[path] = time.monotonic()
-
-
-def complete_folders(since_s: float) -> list[Path]:
-    """The folders whose last file this process has written since that time.monotonic(), and which are still there."""
-    last = [path for path, written_s in _complete_s.items() if written_s >= since_s and path.is_file()]
-    return [path.parent for path in last if path.name == "run.json" or not (path.parent / "run.json").exists()]
 
 
 def remove_unfinished() -> None:

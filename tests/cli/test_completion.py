@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from typing import get_args
 
 import pytest
 from click.shell_completion import BashComplete
 
 from quadlog.cli.main import COMMANDS, cli
-from quadlog.config.control import Simulation
-from quadlog.config.file import PRESETS
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.results import STAGES
@@ -30,16 +27,10 @@ def completed(typed):
     ("typed", "choices"),
     [
         ("", COMMANDS),
-        ("compare", ["compare-planners"]),
         ("replay --until ", STAGES),
-        ("replay --preset ", PRESETS),
         ("replay --planner ", PLANNER_NAMES),
-        ("replay --controller ", get_args(Simulation.model_fields["controller"].annotation)),
-        ("compare-planners --planner ", PLANNER_NAMES),
         ("compare-planners --leader mt", ["mt_d_star_lite"]),
-        ("synthesize f", ["follow", "forest"]),
         ("tables planning-e", ["planning-ea"]),
-        ("replay --dry", ["--dry-run"]),
     ],
 )
 def test_choices(typed, choices):
@@ -49,9 +40,9 @@ def test_choices(typed, choices):
 @pytest.mark.parametrize(
     ("typed", "words"),
     [
-        *((f"{command} wa", []) for command in ("info", "replay", "replay -c", "compare-planners", "report")),
+        ("info wa", []),
+        ("replay -c wa", []),
         ("compare-planners f", ["forest:"]),
-        ("simulate ", ["line", "circle", "s-curve", "trot-32s"]),
         ("simulate line --terrain 3", ["3cm"]),
     ],
 )

@@ -25,8 +25,10 @@ def test_without_an_output_the_result_is_named_after_the_run(follow, tmp_path, m
     monkeypatch.chdir(tmp_path)
     listed = ok("export", follow, "--to", to).splitlines()
     assert listed
-    assert all(Path(line).is_file() for line in listed)
-    assert [path.name for path in tmp_path.iterdir()] == [f"follow-{EXPORTERS[to].suffix}"]
+    for path in map(Path, listed):
+        saved = {"tum": "trajectory.tum", "mcap": "derived.mcap"}.get(to, path.name)
+        assert path.is_file() if to in ("csv", "gif", "mp4") else path.read_bytes() == (follow / saved).read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == [f"follow-{EXPORTERS[to][1]}"]
     assert "--force" in refused(1, "export", follow, "--to", to)
     ok("export", follow, "--to", to, "--force")
 

@@ -78,7 +78,9 @@ def test_a_sample_is_said_and_full_reads_all(tmp_path, quadlog):
         assert (code, err, "--full reads all" in out) == (0, "", sampled)
 
 
-def test_init_writes_a_config_that_loads_and_overwrites_none(ranging, tmp_path, monkeypatch, ok, refused):
+def test_init_writes_a_config_that_loads_overwrites_none_and_reports_damage_as_info_does(
+    ranging, tmp_path, monkeypatch, ok, quadlog, refused
+):
     monkeypatch.chdir(tmp_path)
     assert ok("init", ranging) == "quadlog.toml\n"
     assert load_config(Path("quadlog.toml")).topics.uwb == ["/gtec"]
@@ -89,15 +91,10 @@ def test_init_writes_a_config_that_loads_and_overwrites_none(ranging, tmp_path, 
     assert Path("quadlog.toml").read_text() == "keep"
     ok("init", ranging, "--force")
     assert Path("quadlog.toml").read_text() == text
-
-
-def test_init_reports_damage_as_info_does(ranging, tmp_path, quadlog):
     ranging.write_bytes(ranging.read_bytes()[:-30])
     info = quadlog("info", ranging)
     assert (info.code, "lost: " in info.err) == (3, True)
-    output = tmp_path / "new.toml"
-    assert quadlog("init", ranging, "-o", output) == (3, f"{output}\n", info.err)
-    assert load_config(output).topics.uwb == ["/gtec"]
+    assert quadlog("init", ranging, "--force") == (3, "quadlog.toml\n", info.err)
 
 
 @pytest.fixture(scope="module")
@@ -123,8 +120,6 @@ def test_the_health_of_ranges_fits_a_terminal(info):
     assert link[:3] == ["0", "0", str(row["n"])]
     assert float(link[3]) == pytest.approx(row["residual_m"], rel=1e-3)
     assert link[-1] == "applied"
-    robot, person = below(lines, "tag", "role")
-    assert (robot[:4], person[:2]) == (["0", "robot", "600", "598"], ["1", "person"])
     fixes, track = below(lines, "tag", "RMSE")
     assert (fixes[:2], track[:2]) == (["0", "fixes"], ["0", "track"])
     assert float(track[2]) == pytest.approx(info["uwb_tags"][0]["track_error"]["rmse_m"], rel=1e-3)
@@ -132,13 +127,8 @@ def test_the_health_of_ranges_fits_a_terminal(info):
     assert sum("the ranges favour" in line for line in lines) == 2
 
 
-def test_what_is_rejected_or_missing_says_so_and_long_tables_are_cut(info):
+def test_what_is_rejected_says_so_and_long_tables_are_cut(info):
     row = info["uwb"][0] | {"bias_applied": False, "why_not": "known to 0.09 m only"}
-    off = row | {"bias_m": None, "bias_std_m": None, "why_not": info["uwb_tags"][0]["calibration"]}
-    few = info | {"uwb": [row, off], "links": info["links"] * 10, "tf": info["tf"] * 9}
-    text = "\n".join(info_lines(few))
+    text = "\n".join(info_lines(info | {"uwb": [row], "links": info["links"] * 10, "tf": info["tf"] * 9}))
     assert "not applied: known to 0.09 m only" in " ".join(text.split())
-    assert "weak path" not in text
     assert "  and 40 more, all of them in --json\n" in text
-    weak = "\n".join(info_lines(info | {"uwb": [row | {"weak_first_path_share": 0.125}]}))
-    assert all(words in weak for words in ("weak path", "12.5"))

@@ -53,15 +53,12 @@ def test_one_run_is_value_interval_unit_and_n_in_a_terminal(runs, ok):
 
 
 def test_a_condition_that_holds_is_exit_code_4(runs, quadlog):
-    done = quadlog("metrics", runs, "--fail-if", "eta_m > 0.5")
-    assert (done.code, done.err) == (0, "")
+    assert quadlog("metrics", runs, "--fail-if", "eta_m > 0.5")[::2] == (0, "")
     done = quadlog("metrics", runs, "--fail-if", "eta_m>0.25", "--fail-if", "sigma_m>1", "--format", "json")
-    assert done.code == 4
-    json.loads(done.out)
-    lines = done.err.splitlines()
-    assert lines[0] == f"--fail-if {runs}/walk-0: sigma_m > 1: unknown, the run has no sigma_m"
-    assert f"--fail-if {runs}/walk-2: eta_m > 0.25 holds: 0.3" in lines[2]
-    assert len(lines) == 4
+    assert (done.code, len(json.loads(done.out))) == (4, 3)
+    first, _, third, _ = done.err.splitlines()
+    assert first == f"--fail-if {runs}/walk-0: sigma_m > 1: unknown, the run has no sigma_m"
+    assert f"--fail-if {runs}/walk-2: eta_m > 0.25 holds: 0.3" in third
 
 
 @pytest.mark.parametrize(
@@ -69,10 +66,8 @@ def test_a_condition_that_holds_is_exit_code_4(runs, quadlog):
     [
         (["--fail-if", "eta>0.3"], "unknown metric 'eta'; did you mean eta_m?"),
         (["--fail-if", "eta_m ~ 0.3"], "condition 'eta_m ~ 0.3': write NAME OPERATOR NUMBER"),
-        (["--explain", "etam"], "unknown metric 'etam'; did you mean eta_m?"),
         (["--explain", "eta_m", "--format", "json"], "--explain prints text"),
         (["--t-offset", "1e300"], "are finite seconds"),
-        (["--t-max-diff", "-1"], "--t-max-diff"),
     ],
 )
 def test_wrong_usage(runs, refused, arguments, words):

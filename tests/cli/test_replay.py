@@ -42,38 +42,18 @@ def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     ("arguments", "code", "says"),
     [
         ("--force --resume", 2, "exclude each other"),
-        ("--until mapp", 2, "mapp"),
         ("--set uwb.tag_heigth_m=1", 1, "did you mean uwb.tag_height_m"),
         ("--planner a_star", 2, "'a_star' is not one of 'astar', "),
         ("--controller mpc", 2, "'mpc' is not one of 'fpmw', 'fpm', 'pmw', 'kinematic', 'none'"),
-        ("--preset papers", 2, "'paper"),
         ("--planner astar --set planner.name=lpa_star", 2, "--planner astar and --set planner."),
-        ("--controller fpm --set simulation.controller=none", 2, "--controller fpm and --set simulation."),
         ("--set topics.lidar=/points", 1, "/lidar/points"),
         ("--set topics.lidar=/odom", 1, "/odom is nav_msgs/msg/Odometry"),
         ("--scheduler tcp://127.0.0.1:1 --jobs 2", 2, "--scheduler and --jobs exclude each other"),
-        ("--scheduler no:address", 1, "no:address"),
     ],
 )
 def test_mistakes_name_the_remedy(tmp_path, refused, arguments, code, says):
     assert says in refused(code, "replay", *FOLLOW, "-o", tmp_path / "runs", *arguments.split())
     assert not (tmp_path / "runs" / "follow" / "run.json").exists()
-
-
-def test_a_preset_outranks_the_file_of_init_and_says_what_it_replaced(tmp_path, quadlog, ok):
-    toml, output = tmp_path / "quadlog.toml", ["--until", "ingest", "--duration", "1", "--preset", "paper"]
-    ok("init", FOLLOW[0], "-o", toml)
-    records = []
-    for name in ("defaults", "changed"):
-        done = quadlog("replay", "--no-plots", FOLLOW[0], "-c", toml, "-o", tmp_path / name, *output)
-        assert done.code == 0
-        records.append(json.loads((tmp_path / name / "follow" / "run.json").read_text()))
-        said = [line for line in done.err.splitlines() if line.startswith("preset paper")]
-        assert [note for note in records[-1]["notes"] if note.startswith("preset paper")] == said
-        toml.write_text(toml.read_text().replace('# method = "gauss_newton"', 'method = "huber"'))
-    assert [each["config"]["uwb"]["method"] for each in records] == ["paper", "paper"]
-    assert said == [f'preset paper replaces keys of {toml}: uwb.method = "paper" instead of "huber"']
-    assert not any(note.startswith("preset") for note in records[0]["notes"])
 
 
 def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_says_what_is_left(tmp_path, two, quadlog, ok):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import glob
 import os
-import re
-import resource
 import shutil
 import signal
 import subprocess
@@ -14,10 +12,7 @@ import time
 
 import pytest
 
-from quadlog.cli.main import run
-from quadlog.results.page import planners as comparison_page
 from quadlog.results.record import is_finished
-from quadlog.results.studies import planners as comparison_text
 from tests.cli.conftest import FOLLOW
 
 # They would take hours.
@@ -33,17 +28,15 @@ REPLAY = ["replay", *FOLLOW, "-o", "runs", "--no-plots"]
 NIGHTLY = pytest.mark.nightly
 
 
-def ended(words, number, place, begun, group=False, **options):
+def ended(words, number, place, begun, group=False):
     """Exit code and lines on stderr of a command that gets the signal once there is such a file. No clock decides."""
     command = [sys.executable, "-m", "quadlog", *words]
-    process = subprocess.Popen(
-        command, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, **options
-    )
-    while begun and not glob.glob(f"{place}/**/{begun}", recursive=True, include_hidden=True):  # noqa: PTH207 - folders come and go
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    process = subprocess.Popen(command, cwd=place, text=True, start_new_session=True, **pipes)
+    while not glob.glob(f"{place}/**/{begun}", recursive=True, include_hidden=True):  # noqa: PTH207 - folders come and go
         assert process.poll() is None, process.communicate()
         time.sleep(0.005)
-    if begun:
-        (os.killpg if group else os.kill)(process.pid, number)
+    (os.killpg if group else os.kill)(process.pid, number)
     _, err = process.communicate()  # ends when the last process that could write has ended
     assert "Traceback" not in err
     return process.returncode, err.splitlines()
@@ -52,7 +45,6 @@ def ended(words, number, place, begun, group=False, **options):
 @pytest.mark.parametrize(
     ("name", "number", "words"),
     [
-        ("synthesize", signal.SIGTERM, "interrupted by SIGTERM"),
         ("synthesize", signal.SIGHUP, "interrupted by SIGHUP"),
         ("compare-planners", signal.SIGINT, "interrupted"),
     ],
@@ -61,15 +53,6 @@ def test_a_stopped_command_says_so_in_a_line_and_leaves_nothing(name, number, wo
     code, lines = ended(ENDLESS[name].split(), number, tmp_path, "*")
     assert (code, lines) == (1, [f"quadlog: {words}; nothing half-written was left"])
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", ENDLESS)
-def test_the_next_start_removes_what_a_killed_one_left(name, tmp_path, monkeypatch, capsys):
-    assert ended(ENDLESS[name].split(), signal.SIGKILL, tmp_path, "*") == (-signal.SIGKILL, [])
-    monkeypatch.chdir(tmp_path)
-    assert run(SHORT[name].split()) == 0, capsys.readouterr().err
-    assert not list(tmp_path.rglob("*.part"))
 
 
 @pytest.mark.parametrize(
@@ -107,31 +90,3 @@ def test_a_signal_stops_all_workers_and_leaves_what_resume_goes_on_from(tmp_path
     assert not [*(tmp_path / "runs").rglob("*.part"), *(tmp_path / "runs").rglob("run.json")]
     monkeypatch.chdir(tmp_path)
     ok(*two, "--jobs", "1", "--until", "ingest", "--resume")
-
-
-@pytest.mark.nightly
-def test_a_disk_without_room_ends_the_batch_in_one_line_and_resume_goes_on(tmp_path, two, ok, monkeypatch):
-    """A limit on the size of files stands for the disk: more than the page has, less than a run's ranges."""
-    words, size = [*two, "--jobs", "1", "--until", "position"], (40_000, 40_000)
-    limit = {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, size)}
-    code, lines = ended(words, None, tmp_path, None, **limit)
-    err = "\n".join(lines)
-    assert (code, err.count("\nstopping: disk full") + err.startswith("stopping: disk full")) == (1, 1)
-    # One task is given out ahead, so the second may have begun by the time the first has failed.
-    assert re.search(r"b\.mcap: (not started|stopped): disk full", err), err
-    assert "--resume goes on" in err
-    assert not any(map(is_finished, (tmp_path / "runs").iterdir()))
-    monkeypatch.chdir(tmp_path)
-    ok(*words, "--resume")
-
-
-def test_an_interrupt_after_the_last_file_says_that_the_result_is_complete(tmp_path, monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.chdir(tmp_path)
-    assert comparison_page.format_rows is comparison_text.format_rows  # imported before it is replaced
-    monkeypatch.setattr(comparison_text, "format_rows", interrupted)  # what is printed on stdout in the end
-    assert run(SHORT["compare-planners"].split()) == 1
-    assert capsys.readouterr().err == "quadlog: interrupted; the result in out is complete\n"
-    assert (tmp_path / "out" / "report.html").is_file()

@@ -43,17 +43,13 @@ def test_json_is_a_list_of_metrics_and_set_is_stronger_than_disturbed(path, tmp_
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (["bend.csv", "--controller", "none"], 2, "none"),
         (["bend.csv", "--terrain", "9cm"], 2, "9cm"),
-        (["bend.csv", "--seeds", "0"], 2, "--seeds"),
         (["bend.csv", "--set", "simulation.controller=none"], 2, "without a controller"),
         (["bend.csv", "--controller", "pmw", "--set", "simulation.controller=kinematic"], 2, "differ"),
         (["bend.csv", "--terrain", "3cm", "--set", "simulation.terrain=6cm"], 2, "--terrain 3cm and --set simulation."),
-        (["bend.csv", "--speed", "0.4", "--set", "pursuit.speed_mps=0.5"], 2, "--speed 0.4 and --set pursuit."),
         (["lin"], 1, "trot-32s"),
         (["bad.csv"], 1, "line 2"),
         (["trot-32s", "--controller", "fpm"], 2, "trot-32s takes no"),
-        (["trot-32s", "--disturbed"], 2, "trot-32s takes no"),
         (["trot-32s", "--set", "simulation.trot.payload=1"], 1, "simulation.trot.payload_kg"),
     ],
 )
@@ -64,7 +60,7 @@ def test_mistakes(path, tmp_path, monkeypatch, refused, arguments, code, says):
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize("name", ["1", "true", "3cm", 'a "b" c', "'", "[x]", "./run", "../run"])
+@pytest.mark.parametrize("name", ["true", "3cm", 'a "b" c', "[x]", "../run"])
 def test_a_run_folder_is_a_terrain_whatever_it_is_called(tmp_path, name, monkeypatch):
     assert set(TERRAINS) == {"flat", *BANDS_M}
     (tmp_path / "here").mkdir()

@@ -8,8 +8,9 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from quadlog.recordings.containers.container import Loss
 from quadlog.results.find_runs import OWN_FILES
-from quadlog.results.record import LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import RunRecord, StageRecord, TopicRecord
 from quadlog.results.studies.papers import COLUMNS
 from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.tables import METRIC_NAMES, TABLES
@@ -68,8 +69,8 @@ def test_the_keys_of_run_json_are_those_told():
     listed = re.findall(r"^\| (`.*?) \| (.*) \|$", SECTIONS["run.json"], re.MULTILINE)
     meaning = {name: text for cell, text in listed for name in re.findall(r"`(\w+)`", cell)}
     assert set(meaning) == RunRecord.model_fields.keys()
-    for key, kind in (("topics", TopicRecord), ("losses", LossRecord), ("stages", StageRecord)):
-        assert re.findall(r"`(\w+)`", meaning[key]) == list(kind.model_fields)
+    for key, kind in (("topics", TopicRecord), ("losses", Loss), ("stages", StageRecord)):
+        assert re.findall(r"`(\w+)`", meaning[key]) == list(kind.__annotations__)
 
 
 def test_the_columns_of_a_papers_table_are_those_told():

@@ -9,14 +9,13 @@ from typing import Any
 
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.sources import CompareOptions
+from quadlog.pipelines.evaluation.reports import write_side_by_side
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.report import write_side_by_side
 from quadlog.results.page.blocks import Page, write_page
-from quadlog.results.page.papers import papers_page
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page, write_sweep_page
 from quadlog.results.run import Run
-from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict
+from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict, papers_page
 from quadlog.results.studies.sweep import SweepRow, write_sweep_table
 from quadlog.results.tables import TABLES, write_table
 from tests.lab.runs import KINDS

@@ -21,7 +21,7 @@ from mcap.writer import Writer
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.pipelines.batch import batch
-from quadlog.pipelines.batch.plan import Planned, plan_batch
+from quadlog.pipelines.batch.plan import plan_batch
 from quadlog.pipelines.executor.pool import Workers
 from quadlog.pipelines.executor.progress import BatchLines, Silent, send_to
 from quadlog.pipelines.replay import replay
@@ -130,10 +130,12 @@ def season_config() -> Config:
 
 
 @pytest.fixture(scope="session")
-def planned(season: Path, season_config: Config) -> Callable[..., list[Planned]]:
+def planned(season: Path, season_config: Config) -> Callable[..., list[ReplayRequest]]:
     """Plans to replay all of `season`, or what of it is named, into a folder, without plots."""
 
-    def plan(output: Path, *names: str, until: str = "ingest", existing: Existing = Existing.REFUSE) -> list[Planned]:
+    def plan(
+        output: Path, *names: str, until: str = "ingest", existing: Existing = Existing.REFUSE
+    ) -> list[ReplayRequest]:
         arguments = [str(season / name) for name in names] or [str(season)]
         options = ReplayOptions(until=until)
         return plan_batch(arguments, output, season_config, options, existing, ("quadlog",), plots=False)
@@ -142,7 +144,7 @@ def planned(season: Path, season_config: Config) -> Callable[..., list[Planned]]
 
 
 @pytest.fixture(scope="session")
-def replayed_season(planned: Callable[..., list[Planned]], once: Once) -> Path:
+def replayed_season(planned: Callable[..., list[ReplayRequest]], once: Once) -> Path:
     """All of `season` until positions, one after the other in a worker; not to be changed."""
 
     def make(output: Path) -> Path:

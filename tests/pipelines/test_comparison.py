@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +19,6 @@ from quadlog.config.file import load_config
 from quadlog.errors import (
     ExitCode,
     MissingInput,
-    NotARun,
-    UnreadableConfig,
 )
 from quadlog.mapping.inflation import INFLATIONS
 from quadlog.pipelines.comparison.compare import CompareOutcome, ask_everything, compare, scenarios_of
@@ -195,8 +192,7 @@ def some_queries(blocked, graph, count, rng):
         yield start, goal, nx.dijkstra_path_length(graph, start, goal)
 
 
-@pytest.mark.parametrize("costs", ["exact", "integer"])
-def test_costs_of_a_scen_are_the_listed_ones(static, costs):
+def test_costs_of_a_scen_are_the_listed_ones(static):
     """Planners that are optimal, asked in cells of 1 and the root of 2, find the lengths that networkx finds."""
     rng = np.random.default_rng(4)
     blocked = rng.random((14, 19)) < 0.25
@@ -204,43 +200,14 @@ def test_costs_of_a_scen_are_the_listed_ones(static, costs):
     source = static(blocked, queries)
     assert source.count == 12
     names = ["astar", "dijkstra", "mt_d_star_lite", "ea_star"]
-    replans = ask_everything(source, names, Rules(costs=costs), Silent()).columns
+    replans = ask_everything(source, names, EXACT, Silent()).columns
     scenarios = scenarios_of(source, replans)
     optimal = np.isin(scenarios["planner"], OPTIMAL)
     assert_allclose(scenarios["listed_cost"], [each[2] for each in queries] * 4, rtol=0, atol=1e-12)
     assert scenarios["found"].all()
-    if costs == "exact":
-        assert_allclose(scenarios["cost"][optimal], scenarios["listed_cost"][optimal], rtol=0, atol=1e-5)
-        assert_allclose(replans["cost"], scenarios["cost"], rtol=0, atol=1e-9)
-    else:
-        # Each planner's path is the cheapest in tens and fourteens; its length is in cells all the same.
-        whole = graph_of(blocked, (10, 14))
-        best = [nx.dijkstra_path_length(whole, start, goal) for start, goal, _ in queries]
-        assert_array_equal(replans["cost"][optimal], best * 3)
-        assert (scenarios["cost"] >= scenarios["listed_cost"] - 1e-9).all()
-        assert (scenarios["cost"] < 1.02 * scenarios["listed_cost"] + 1e-9)[optimal].all()
+    assert_allclose(scenarios["cost"][optimal], scenarios["listed_cost"][optimal], rtol=0, atol=1e-5)
+    assert_allclose(replans["cost"], scenarios["cost"], rtol=0, atol=1e-9)
     assert (scenarios["cost"] >= scenarios["listed_cost"] - 1e-9).all()
-
-
-@pytest.mark.parametrize(
-    ("lines", "ends", "cost"),
-    [
-        (["..@", "...", "@.."], ((1, 0), (2, 1)), 2.0),  # a diagonal needs both cells beside it
-        (["..@", "...", "@.."], ((1, 0), (2, 1)), math.sqrt(2)),  # unless corners are cut
-        (["..", ".@"], ((0, 0), (1, 1)), "goal blocked"),
-        (["@.", ".."], ((0, 0), (1, 1)), "start blocked"),
-        (["..@", ".@.", "@.."], ((0, 0), (2, 2)), "unreachable"),
-    ],
-)
-def test_a_query_has_its_cost_or_says_why_not(static, lines, ends, cost):
-    rules = Rules(costs="exact", corner_cutting=cost == math.sqrt(2))
-    columns = ask_everything(static(lines, ends), ["astar", "dijkstra", "lpa_star"], rules, Silent()).columns
-    if isinstance(cost, str):
-        assert (set(columns["why_not"]), columns["found"].any()) == ({cost}, False)
-        for name in ("cost", "optimal_cost", "length_m", "turn_rad"):
-            assert np.isnan(columns[name]).all(), name
-    else:
-        assert_allclose([columns["length_m"], columns["cost"]], cost)
 
 
 def test_rows_count_from_the_top(static):
@@ -295,11 +262,6 @@ def test_a_recording_asks_what_its_run_asks(recorded, planned_run, tmp_path):
         recording_source(blind, "cut.mcap", load_config(None, environ={}), tmp_path / "blind", 0, Silent())
 
 
-@pytest.fixture
-def own_run(planned_run, tmp_path):
-    return shutil.copytree(planned_run, tmp_path / "walk")
-
-
 def test_its_questions_are_those_of_the_stage_plan(planned_run):
     """The stage's planner, asked again, does and costs the same, in the same cells."""
     columns = ask_everything(run_source(planned_run, "walk"), ["ia_star"], Rules(), Silent()).columns
@@ -313,18 +275,3 @@ def test_its_questions_are_those_of_the_stage_plan(planned_run):
     for end in ("start", "goal"):
         for axis, cell in (("x", "col"), ("y", "row")):
             assert_array_equal(columns[f"{end}_{cell}"], np.floor(plans[f"{end}_{axis}_m"] / cell_m), end)
-
-
-@pytest.mark.parametrize(
-    ("gone", "error", "says"),
-    [
-        ("maps.npz", NotARun, "has no maps.npz"),
-        ("poses.parquet", NotARun, "has no poses.parquet"),
-        ("target.parquet", MissingInput, "walk has no target to plan to; replay with  --set topics.target=ahead"),
-        ("config.toml", UnreadableConfig, "No such file"),
-    ],
-)
-def test_a_run_with_a_file_missing_names_it(own_run, gone, error, says):
-    (own_run / gone).unlink()
-    with pytest.raises(error, match=says):
-        run_source(own_run, "walk")

@@ -26,20 +26,8 @@ SHORT = {"config": CONFIG, "settings": SETTINGS, "duration_s": np.float32(1.5), 
 def test_it_leaves_what_the_command_leaves_prints_nothing_and_needs_force_or_resume(tmp_path, capfd):
     run = quadlog.replay(str(FOLLOW), output=tmp_path / "runs", plots=False, **SHORT)
     assert capfd.readouterr() == ("", "")
-    words = [
-        "replay",
-        str(FOLLOW),
-        "-c",
-        str(CONFIG),
-        "--duration",
-        "1.5",
-        "--until",
-        "plan",
-        "--seed",
-        "3",
-        "--no-plots",
-    ]
-    words += ["--no-plots", "--planner", "astar", "--set", "grid.size_cells=120", "-o", str(tmp_path)]
+    words = ["replay", str(FOLLOW), "-c", str(CONFIG), "-o", str(tmp_path), "--planner", "astar", "--no-plots"]
+    words += ["--set", "grid.size_cells=120", *["--duration", "1.5", "--until", "plan", "--seed", "3"]]
     assert run_command(words) == 0
     command = quadlog.load_run(tmp_path / "follow")
     assert {path.name for path in run.path.iterdir()} == {path.name for path in command.path.iterdir()}
@@ -88,12 +76,3 @@ def test_what_a_caller_can_mend_is_one_line(tmp_path, options, error, said):
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
     assert not list(tmp_path.glob("runs/*/*"))
-
-
-def test_settings_count_more_than_the_file_and_the_environment(tmp_path, monkeypatch):
-    monkeypatch.setenv("QUADLOG_GRID__CELL_M", "0.3")
-    config = tmp_path / "own.toml"
-    config.write_text(CONFIG.read_text() + "\n[grid]\ncell_m = 0.2\nmin_points = 2\n")
-    options = {"output": tmp_path / "runs", "duration_s": 1, "until": "ingest"}
-    run = quadlog.replay(FOLLOW, config=config, settings={"grid.cell_m": 0.25}, **options)
-    assert (run.config.grid.cell_m, run.config.grid.min_points) == (0.25, 2)

@@ -6,24 +6,19 @@ import json
 import os
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, Writer
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
-from quadlog.geometry import transform_from_rpy
-from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.info import describe_recording, mount_of, propose_config
+from quadlog.pipelines.info import describe_recording, propose_config
 from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
 from quadlog.results.tables import read_table
@@ -184,29 +179,6 @@ def test_damage_is_found_in_the_sample_or_by_full_and_makes_info_read_on_where_n
     assert any("no message of the sample can be read" in line for line in info["warnings"])
 
 
-class Steps(Silent):
-    """How far a progress bar would have come."""
-
-    total, done = None, 0
-
-    def begin(self, stage: str, total: int | None) -> None:
-        self.total = total
-
-    def advance(self, recorded_s: float | None = None) -> None:
-        self.done += 1
-
-
-def test_without_message_indexes_all_is_read_and_said(many, tmp_path):
-    with many.open("rb") as source:
-        rows = ((c.topic, s.name, m.data, m.log_time) for s, c, m in make_reader(source).iter_messages())
-        path = write(tmp_path / "bare.mcap", rows, index_types=IndexType.ALL & ~IndexType.MESSAGE)
-    steps = Steps()
-    info = describe_recording(path, Config(), open_progress=lambda: nullcontext(steps))
-    assert (info["sampled"], info["messages_read"]) == (False, COUNT)
-    assert any("list 0 of" in line and "all of the recording was read" in line for line in info["warnings"])
-    assert (steps.total, steps.done) == (100, 100)
-
-
 @pytest.fixture(scope="module")
 def follow():
     return describe_recording(FIXTURES / "follow.mcap", load_config(FIXTURES / "follow.toml", environ={}))
@@ -246,14 +218,6 @@ def test_only_the_robots_tag_is_compared_with_the_robots_truth_and_its_ellipse_i
     assert from_axes == pytest.approx(0.1 * robot["hdop_median"], rel=0.02)
     bare = describe_recording(FIXTURES / "follow.mcap", Config())
     assert (bare["uwb"], bare["uwb_tags"]) == ([], [])
-
-
-def test_a_mount_gives_its_transform_back():
-    mount = mount_of(transform_from_rpy(np.array([0.2, -0.1, 0.45]), 0.02, -0.3, 1.5))
-    assert (mount["x_m"], mount["y_m"], mount["z_m"]) == (0.2, -0.1, 0.45)
-    back = Rotation.from_euler("ZYX", [mount["yaw_deg"], mount["pitch_deg"], mount["roll_deg"]], degrees=True)
-    assert (back * Rotation.from_euler("ZYX", [1.5, -0.3, 0.02]).inv()).magnitude() < 2e-5
-    Config.model_validate({"lidar": {"mount": mount}})
 
 
 @with_datasets

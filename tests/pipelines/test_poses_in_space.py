@@ -9,19 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from evo import main_ape, main_rpe
-from evo.core import metrics as evo_metrics
-from evo.core import sync
-from evo.core.trajectory import Plane
-from evo.tools import file_interface
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
-from quadlog.geometry import roll_pitch_from_quat, seconds_since
-from quadlog.lidar.levelling import tilt_at, up_in_base
+from quadlog.geometry import seconds_since
 from quadlog.messages import UwbRanges
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference
@@ -34,26 +26,12 @@ from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.forest import ANCHORS_M
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS, TF_STATIC_TOPIC, UWB_TOPIC
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
-
-
-@given(st.floats(-3.1, 3.1), st.floats(-0.6, 0.6), st.floats(-0.3, 0.3))
-def test_angles_are_those_of_scipy(yaw_rad: float, pitch_rad: float, roll_rad: float) -> None:
-    quat_xyzw = Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad]).as_quat()[None]
-    np.testing.assert_allclose(roll_pitch_from_quat(quat_xyzw), [[roll_rad, pitch_rad]], atol=1e-9)
-    t_ns = np.array([0, 200_000_001])
-    tilt_rad = tilt_at(t_ns, up_in_base(t_ns[:1], quat_xyzw))
-    np.testing.assert_allclose(tilt_rad, [[roll_rad, pitch_rad], [np.nan, np.nan]], atol=1e-9)
+from tests.pipelines.evaluation.test_reference import by_evo as of_evo
 
 
 def by_evo(run: Path, *, planar: bool) -> list[float]:
     """rmse of ATE and RPE of trajectory.tum against reference.tum."""
-    read = file_interface.read_tum_trajectory_file
-    part, plane = evo_metrics.PoseRelation.translation_part, Plane.XY if planar else None
-    found = []
-    for tool, extra in ((main_ape.ape, {}), (main_rpe.rpe, {"delta": 1, "delta_unit": evo_metrics.Unit.frames})):
-        pair = sync.associate_trajectories(*(read(str(run / f"{name}.tum")) for name in ("reference", "trajectory")))
-        found.append(tool(*pair, part, project_to_plane=plane, **extra).stats["rmse"])
-    return found
+    return list(of_evo(run / "reference.tum", run, OnTime(planar=planar)).values())
 
 
 def replayed(lias_site: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any) -> ReplayOutcome:

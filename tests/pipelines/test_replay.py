@@ -14,9 +14,9 @@ from evo.tools import file_interface
 
 from quadlog.config.file import load_config
 from quadlog.errors import EmptyWindow, MissingInput
-from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import finished_outcome, replay
-from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
+from quadlog.pipelines.request import Existing
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic.follow import synthesize
@@ -129,32 +129,6 @@ def test_a_wall_taken_for_the_ground_is_said_and_is_no_ground(replayed):
     assert np.nanpercentile(np.abs(height_m), 99) < 0.4  # walls of 1.5 m and more, when they are counted as ground
 
 
-@pytest.mark.parametrize(
-    ("until", "last_file"), [("ingest", "config.toml"), ("filter", "scans.parquet"), ("map", "maps.npz")]
-)
-def test_every_stage_can_be_the_last(until, last_file, replayed):
-    run = replayed(until=until, duration_s=0.5).run
-    assert (run / last_file).is_file()
-    assert (run / "run.json").is_file()
-    assert not (run / "control.parquet").exists()
-
-
-def test_control_and_report_know_the_number_of_their_steps(replayed):
-    steps, totals = [], {}
-
-    class Counting(Silent):
-        def begin(self, stage, total):
-            steps.append(stage)
-            totals[stage] = total
-
-        def advance(self, recorded_s=None):
-            steps.append(steps[-1])
-
-    replayed("simulation.controller=kinematic", until="report", duration_s=0.5, progress=Counting())
-    for stage in ("control", "report"):
-        assert steps.count(stage) - 1 == totals[stage] > 1
-
-
 def test_start_and_duration_cut_the_recording_by_the_clock_that_is_chosen(replayed):
     first_s = {}
     for stamp in ("header", "log"):
@@ -222,18 +196,6 @@ def test_what_was_seen_stays_in_the_map_until_it_is_seen_through(replayed):
         pairs = [(a, b) for a, b in pairwise(maps) if (a.origin_m == b.origin_m).all()]
         kept[memory] = np.mean([(a.occupied & b.occupied).sum() / a.occupied.sum() for a, b in pairs])
     assert kept["log_odds"] > 0.9 > kept["scan"]
-
-
-def test_a_truncated_recording_is_replayed_as_far_as_it_goes(tmp_path):
-    damaged = tmp_path / "follow.mcap"
-    damaged.write_bytes((FIXTURES / "follow.mcap").read_bytes()[:2_500_000])
-    config = load_config(FIXTURES / "follow.toml", environ={})
-    request = ReplayRequest(damaged, tmp_path / "run", config, ReplayOptions(until="map"), plots=False)
-    outcome = replay(request, kept := Kept())
-    assert outcome.exit_code == 3
-    assert any(line.startswith("lost: ") for line in kept.lines)
-    assert "truncated" in json.loads((outcome.run / "run.json").read_text())["losses"][0]["cause"]
-    assert 5 < len(read_table(outcome.run, "scans")["t_ns"]) < 60
 
 
 NO_WALK = "simulation.controller=none"

@@ -17,9 +17,9 @@ import pytest
 from quadlog.cli.main import run as run_cli
 from quadlog.config.file import load_config
 from quadlog.errors import NotARun
+from quadlog.pipelines.evaluation.reports import rebuild_reports
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
-from quadlog.pipelines.report import rebuild_reports
 from quadlog.results.tables import read_table
 from quadlog.results.text import value_text
 from tests.lab.runs import change_json

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from quadlog.config.file import load_config
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
-from quadlog.pipelines.stages.maps import deskewed
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.tf_tree import TransformTree
@@ -81,26 +80,3 @@ def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, known, late_ns,
     scan = scanner(*settings, **known).classified(T_NS + late_ns, cloud(roll_deg=8.0))
     assert np.degrees(np.arccos(scan.row["ground_nz"])) == pytest.approx(expected_deg, abs=0.3)
     assert scan.not_levelled is (NotLevelled.STALE if late_ns else None)
-
-
-def test_an_empty_cloud_shows_nothing():
-    seen = scanner(imu=tilted(0.0))
-    empty = seen.classified(T_NS, PointCloud(T_NS, "lidar", np.empty((0, 3), np.float32)))
-    assert (empty.level, empty.row["n_raw"], empty.row["ground_found"], empty.shows_nothing) == (None, 0, False, True)
-    scan = seen.classified(T_NS, cloud())
-    assert (scan.level, scan.row["n_raw"], scan.row["n_valid"]) == (True, 14400, 14400)
-    assert scan.row["n_ground"] + scan.row["n_obstacle"] + scan.row["n_outlier"] == 14400
-
-
-def test_points_are_put_where_they_were_at_the_scans_instant():
-    """A robot that walks at 2 m/s and turns at 1 rad/s sees the origin of map, from where it is in every slot."""
-    slot_s = np.linspace(0, 0.1, 32)
-    slot_pose = np.column_stack([1 + 2 * slot_s, np.full(32, 3.0), slot_s])
-    x_m, y_m, yaw_rad = slot_pose.T
-    seen_m = np.column_stack(
-        [-np.cos(yaw_rad) * x_m - np.sin(yaw_rad) * y_m, np.sin(yaw_rad) * x_m - np.cos(yaw_rad) * y_m, slot_s]
-    )
-    moved_m = deskewed(seen_m, np.arange(32, dtype=np.uint8), np.array([1.0, 3.0, 0.5]), slot_pose)
-    expected_m = Rotation.from_euler("z", -0.5).apply([-1.0, -3.0, 0.0])
-    np.testing.assert_allclose(moved_m[:, :2], np.tile(expected_m[:2], (32, 1)), atol=1e-6)
-    np.testing.assert_allclose(moved_m[:, 2], slot_s, atol=1e-6)

@@ -12,18 +12,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from quadlog.mapping.grid import Window
-from quadlog.mapping.inflation import inflate_square
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.tables import TABLES, planning_1
+from quadlog.pipelines.tables import TABLES
 from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Study, StudyTable, grid, order
-from quadlog.pipelines.tables.following_2 import SPEED_MPS, follow_world
 from quadlog.pipelines.tables.judge import MEAN, beyond, number
 from quadlog.pipelines.tables.make_tables import measure_tables
-from quadlog.pipelines.tables.planning_2 import CELL_RATIO, PAPER, PRINTED_RATIO
-from quadlog.planning.registry import make_planner
 from quadlog.results.studies.papers import PaperTable, Verdict, csv_text
-from quadlog.simulation.worlds.world import Rectangle, World, rectangles_in, standing
 
 ROOT = Path(__file__).parents[2]
 SHARES = ("arrived", "touched", "clean", "fallen", "above")
@@ -100,11 +94,6 @@ def test_nothing_is_confirmed_by_noise_of_the_printed_size_and_errata_are_found(
     }
 
 
-def test_fig_3_by_hand():
-    rows = {row.quantity: row.ours for row in table("foot-torque").rows}
-    assert rows["tau 1, abduction (N m)"] == pytest.approx(0.07 * 0.5 * 9.81)
-
-
 WALKS = pd.DataFrame(
     [
         {"who": who, "k": k, "seed": seed, "m": base + 0.1 * seed, "fallen": float(seed == 2)}
@@ -167,36 +156,3 @@ def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     (row,) = made.rows
     assert (row.ours, made.command) == (3.0, "quadlog tables one --fast --seed 5")
     assert MEAN.interval(pd.DataFrame(walks)["m"][3:].to_numpy()) == (row.low, row.high)
-
-
-def ground(goal_m, boxes=()):
-    window = Window(-60, -60, 0.1, (120, 120))
-    return World(
-        window, rectangles_in(window, [Rectangle(*box) for box in boxes]), np.array([0.05, 0.05]), standing(*goal_m)
-    )
-
-
-def test_a_straight_way_takes_its_length_over_the_speed():
-    world = ground((5.05, 0.05))
-    found = planning_1.pursue(world, make_planner("astar"))
-    assert found["arrived"] == found["clean"] == 1.0
-    assert found["length_m"] == pytest.approx(5.0 - planning_1.AT_GOAL_M, abs=0.05)
-    assert found["time_s"] == pytest.approx(found["length_m"] / world.speed_mps, abs=2 * planning_1.TICK_S)
-
-
-def test_a_person_walks_evenly_round_the_trees_the_same_way_for_every_preset():
-    world = follow_world(0.2, 0, PAPER.dilation, 0)
-    track_of = world.goal
-    legs_m = np.hypot(*np.diff(track_of.xy_m, axis=0).T)
-    np.testing.assert_allclose(legs_m / np.diff(track_of.t_ns) * 1e9, SPEED_MPS, rtol=1e-6)
-    way = world.window.cell_of(track_of.xy_m)
-    assert not inflate_square(world.occupied, 3)[way[:, 1], way[:, 0]].any()
-    assert np.abs(np.diff(way, axis=0)).max() == 1
-    assert np.hypot(*(track_of.xy_m[0] - world.start_xy_m)) <= 4.15
-    np.testing.assert_array_equal(follow_world(0.2, 0, "euclidean", 0).goal.xy_m, track_of.xy_m)
-    assert not np.array_equal(follow_world(0.2, 1, PAPER.dilation, 0).goal.at(10**10), track_of.at(10**10))
-
-
-def test_the_printed_ratios_are_cut_off_where_the_errata_say_so():
-    cut = [run + 1 for run in range(9) if round(CELL_RATIO[run], 2) != PRINTED_RATIO[run]]
-    assert cut == [4, 5, 6, 7]

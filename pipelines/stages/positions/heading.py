@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
-from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading.heading import (
@@ -28,7 +28,7 @@ from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
 
 COURSE_ONLY = "heading is the direction of travel"
 UNCERTAIN_HEADING_RAD = np.radians(5.0)
@@ -60,41 +60,24 @@ def find_heading(
     usable = {role: each for role, each in aligned.items() if each.is_known.any()}
     if "imu" in usable and usable["imu"].upside_down:
         journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
-    if by_tags is not None:
-        return _best_with_tags(journal, by_tags, usable)
-    if not usable:
-        _tell_course(journal, _why_course(aligned), course_std)
-        return course, course_std
-    best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad))
-    if np.median(usable[best].yaw_std_rad) > np.median(course_std):
-        std_deg = np.degrees(np.median(usable[best].yaw_std_rad))
-        _tell_course(journal, f"the yaw of {best} fits the course to {std_deg:.0f} degrees only", course_std)
-        return course, course_std
-    journal.use(best)
-    _tell_choice(journal, best, usable)
-    _tell_aligned(journal, best, usable[best])
-    return usable[best].yaw_rad, usable[best].yaw_std_rad
-
-
-def _best_with_tags(journal: Journal, by_tags: TagsYaw, usable: Mapping[str, AlignedHeading]) -> tuple[Float, Float]:
-    """The yaw of the tags, or that of the sensor that is known best once it is turned onto it."""
-    tags_std = float(np.median(by_tags.std_rad))
+    base_std = course_std if by_tags is None else by_tags.std_rad
     best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad), default=None)
-    if best is None or np.median(usable[best].yaw_std_rad) >= tags_std:
-        others = "" if best is None else f", better than {best} ({_median_deg(usable[best].yaw_std_rad):.1f} degrees)"
-        journal.note(f"heading from the lever arms of the tags, known to {np.degrees(tags_std):.1f} degrees{others}")
-        _warn_if_uncertain(journal, tags_std)
-        return by_tags.yaw_rad, by_tags.std_rad
-    journal.use(best)
-    _tell_choice(journal, best, usable)
-    own = usable[best]
-    assert own.fit is not None
+    if best is not None and np.median(usable[best].yaw_std_rad) <= np.median(base_std):
+        journal.use(best)
+        _tell_choice(journal, best, usable)
+        _tell_aligned(journal, best, usable[best], by_tags)
+        return usable[best].yaw_rad, usable[best].yaw_std_rad
+    best_deg = 0.0 if best is None else _median_deg(usable[best].yaw_std_rad)
+    if by_tags is None:
+        why = f"the yaw of {best} fits the course to {best_deg:.0f} degrees only" if best else _why_course(aligned)
+        _tell_course(journal, why, course_std)
+        return course, course_std
+    others = f", better than {best} ({best_deg:.1f} degrees)" if best else ""
     journal.note(
-        f"heading from {best}, turned by {np.degrees(own.fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
-        f"to {_median_deg(own.yaw_std_rad):.1f} degrees, the tags' own to {np.degrees(tags_std):.1f} degrees"
+        f"heading from the lever arms of the tags, known to {_median_deg(by_tags.std_rad):.1f} degrees{others}"
     )
-    _warn_if_uncertain(journal, float(np.median(own.yaw_std_rad)))
-    return own.yaw_rad, own.yaw_std_rad
+    _warn_if_uncertain(journal, float(np.median(by_tags.std_rad)))
+    return by_tags.yaw_rad, by_tags.std_rad
 
 
 def _median_deg(std_rad: Float) -> float:
@@ -203,9 +186,16 @@ def _tell_choice(journal: Journal, best: str, usable: Mapping[str, AlignedHeadin
             )
 
 
-def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading) -> None:
+def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading, by_tags: TagsYaw | None) -> None:
     fit, std, drift = heading.fit, float(np.median(heading.yaw_std_rad)), ""
     assert fit is not None
+    if by_tags is not None:
+        journal.note(
+            f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
+            f"to {np.degrees(std):.1f} degrees, the tags' own to {_median_deg(by_tags.std_rad):.1f} degrees"
+        )
+        _warn_if_uncertain(journal, std)
+        return
     if abs(fit.drift_radps) > 2 * np.sqrt(fit.covariance[1, 1]) > 0:
         drift = f", its drift of {np.degrees(fit.drift_radps) * 60:.1f} degrees a minute taken out"
     journal.note(

@@ -9,14 +9,14 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.messages import JointSeries
-from quadlog.pipelines.journal import Journal
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
-from quadlog.positioning.leg_odometry import better_foot_order
+from quadlog.positioning.leg_odometry import LegGeometry, better_foot_order, leg_track
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
     from quadlog.positioning.leg_odometry import LegTrack
 
 LEGS_FRAME = "legs_start"
@@ -34,10 +34,12 @@ def track_legs(data: LogData) -> LegTrack | None:
     joints = data.streams.joints
     if joints is None or not np.isfinite(joints.position_rad).any():
         return None
-    from quadlog.positioning.leg_odometry import LegGeometry, leg_track
+    return leg_track(joints, geometry_of(robot_of(data.config)), data.streams.imu)
 
-    robot = robot_of(data.config)
-    return leg_track(joints, LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m), data.streams.imu)
+
+def geometry_of(robot: Robot) -> LegGeometry:
+    """What legs need of a robot to be measured by."""
+    return LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m)
 
 
 def robot_of(config: Config) -> Robot:

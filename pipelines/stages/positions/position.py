@@ -15,8 +15,8 @@ from quadlog.geometry import roll_pitch_from_quat, seconds_since, wrap_angle, ya
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.metrics.alignment import find_frame_offset
-from quadlog.pipelines.journal import Journal
-from quadlog.pipelines.log import LogData
+from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
@@ -31,7 +31,7 @@ from quadlog.recordings.formatting import several
 from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
-from quadlog.storage.formats.tum import read_tum, write_tum, write_tum_poses
+from quadlog.storage.formats.tum import read_tum, write_tum_poses
 
 AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
@@ -73,9 +73,13 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         data = replace(data, streams=replace(data.streams, reference=reference))
         if uwb is not None:
             write_uwb(folder, data, uwb)
-        _write_tracks(folder, robot, target, reference)
+        robot.write(folder)
+        if target is not None:
+            target.write(folder)
+        if reference is not None:
+            write_tum_poses(folder / "reference.tum", reference.t_ns, reference.position_m, reference.quat_xyzw)
         if other is not None:
-            write_table(folder / "other_poses.parquet", TABLES["other_poses"], _pose_columns(other))
+            write_table(folder / "other_poses.parquet", TABLES["other_poses"], other.columns())
         write_joints(folder, data, journal)
     journal.lose(data.log.recording.losses)
     words = "nothing is followed" if target is None else f"target from {target.source}"
@@ -296,32 +300,6 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
     series = data.streams.target
     journal.use("target")
     return TargetTrack(series.t_ns, series.position_m[:, :2], topics.target)
-
-
-COVARIANCES = {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1)}
-
-
-def _write_tracks(folder: Path, robot: RobotTrack, target: TargetTrack | None, reference: PoseSeries | None) -> None:
-    x_m, y_m = robot.xy_m.T
-    write_table(folder / "poses.parquet", TABLES["poses"], _pose_columns(robot))
-    if robot.covariance_m2 is not None and robot.yaw_std_rad is not None:
-        spread = {f"cov_{axes}_m2": robot.covariance_m2[:, *at] for axes, at in COVARIANCES.items()}
-        instants = {"t_ns": robot.t_ns, "yaw_std_rad": robot.yaw_std_rad}
-        write_table(folder / "pose_uncertainty.parquet", TABLES["pose_uncertainty"], instants | spread)
-    write_tum(folder / "trajectory.tum", robot.t_ns, x_m, y_m, robot.yaw_rad, robot.z_m, robot.tilt_rad)
-    if target is not None:
-        columns = {"t_ns": target.t_ns, "x_m": target.xy_m[:, 0], "y_m": target.xy_m[:, 1], "source": target.source}
-        write_table(folder / "target.parquet", TABLES["target"], columns)
-    if reference is not None:
-        write_tum_poses(folder / "reference.tum", reference.t_ns, reference.position_m, reference.quat_xyzw)
-
-
-def _pose_columns(track: RobotTrack) -> dict[str, object]:
-    x_m, y_m = track.xy_m.T
-    tilt_rad = np.full((len(x_m), 2), np.nan) if track.tilt_rad is None else track.tilt_rad
-    columns = {"t_ns": track.t_ns, "x_m": x_m, "y_m": y_m, "yaw_rad": track.yaw_rad, "source": track.source}
-    columns |= {"z_m": np.nan if track.z_m is None else track.z_m}
-    return columns | {"roll_rad": tilt_rad[:, 0], "pitch_rad": tilt_rad[:, 1]}
 
 
 def robot_track(data: LogData, journal: Journal) -> RobotTrack:

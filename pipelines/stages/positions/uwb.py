@@ -12,8 +12,8 @@ import numpy as np
 
 from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
-from quadlog.messages import Float, RangeSeries, UwbRanges
-from quadlog.pipelines.journal import Journal
+from quadlog.messages import Float, PoseSeries, RangeSeries, UwbRanges
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.positions import uwb_tags
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
@@ -33,7 +33,7 @@ from quadlog.results.arrays import ARRAYS, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.log import LogData
+    from quadlog.pipelines.stages.log import LogData
 
 DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 MOST_DESCRIBED = 10
@@ -181,21 +181,15 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         journal.warn("anchors are configured, but the recording has no UWB ranges")
         return None
     _tell_places(data, journal)
-    tags = tags_of(config, ranges)
-    robot, motion = uwb_tags.body_tags_of(config, list(tags)), _body_motion(data) if config.uwb.odometry else None
-    if len(robot) == 1 and motion is not None:
-        x_m, y_m = uwb_tags.lever_of(config, robot[0])
-        tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
+    motion = _body_motion(data) if config.uwb.odometry else None
+    (located, robot), body = locate_each(config, ranges, motion), None
     if robot and motion is not None and motion.source == "odometry":
         journal.use("odometry")
-    anchors, settings = anchors_of(config), settings_of(config)
-    located, body = locate(ranges, anchors, list(tags.values()), settings), None
     if len(robot) > 1:
-        located, body = solve_body(config, located, robot, anchors, settings, motion)
+        located, body = solve_body(config, located, robot, anchors_of(config), settings_of(config), motion)
         tell_body(journal, body)
     tell_roles(config, journal, located)
-    levers_m = {tag: uwb_tags.lever_of(config, tag) for tag in robot}
-    for text in fault_warnings(check_located(located, anchors, settings, levers_m, data.streams.odometry), anchors):
+    for text in place_faults(config, located, robot, data.streams.odometry):
         journal.warn(text)
     counts = located.counts
     journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
@@ -205,9 +199,25 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
     for text in _located_notes(located, config):
         journal.note(text)
     by_id = {result.tag: result for result in located.tags}
-    roles = uwb_tags.roles_of(config, list(tags))
+    roles = uwb_tags.roles_of(config, list(by_id))
     journal.use("uwb")
     return UwbPositions(located, by_id.get(roles.get("robot", -1)), by_id.get(roles.get("person", -1)), body)
+
+
+def locate_each(config: Config, ranges: RangeSeries, motion: BodyMotion | None) -> tuple[Located, list[int]]:
+    """Every tag located by itself, with the robot's motion where it carries one; and the tags that it carries."""
+    tags = tags_of(config, ranges)
+    robot = uwb_tags.body_tags_of(config, list(tags))
+    if len(robot) == 1 and motion is not None:
+        x_m, y_m = uwb_tags.lever_of(config, robot[0])
+        tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
+    return locate(ranges, anchors_of(config), list(tags.values()), settings_of(config)), robot
+
+
+def place_faults(config: Config, located: Located, robot: list[int], odometry: PoseSeries | None) -> list[str]:
+    """A line for each anchor that seems to stand elsewhere. robot: the tags that it carries."""
+    anchors, levers_m = anchors_of(config), {tag: uwb_tags.lever_of(config, tag) for tag in robot}
+    return fault_warnings(check_located(located, anchors, settings_of(config), levers_m, odometry), anchors)
 
 
 def _tell_places(data: LogData, journal: Journal) -> None:

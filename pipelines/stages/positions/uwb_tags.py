@@ -16,7 +16,7 @@ from quadlog.positioning.dilution import DilutionMap, map_dilution, radius_95
 from quadlog.recordings.formatting import listed
 
 if TYPE_CHECKING:  # what locates takes half a second to load, and `quadlog metrics` needs none of it
-    from quadlog.pipelines.journal import Journal
+    from quadlog.pipelines.stages.journal import Journal
     from quadlog.positioning.body import LocatedBody
     from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion
     from quadlog.positioning.locate import Anchors, Located, LocateSettings

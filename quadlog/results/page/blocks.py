@@ -178,10 +178,8 @@ def render(page: Page) -> bytes:
     """The page in UTF-8."""
     scripts = [_own_file(name) for name in (*(_SCRIPTS if page.pack else ()), "table.js")]
     styles = [_own_file(name) for name in _STYLES]
-    policy = (
-        f"default-src 'none'; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
-        "base-uri 'none'; form-action 'none'"
-    )
+    policy = f"default-src 'none'; style-src {_hashes(styles)}; script-src {_hashes(scripts)}; "
+    policy += "base-uri 'none'; form-action 'none'"
     # Only files of this package and escaped data are inserted as they are.
     inside = {"styles": list(map(Markup, styles)), "scripts": list(map(Markup, scripts))}
     data = htmlsafe_json_dumps(page.pack.finish(), separators=(",", ":"), allow_nan=False) if page.pack else None

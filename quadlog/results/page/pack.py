@@ -140,7 +140,11 @@ class Pack:
     def _layer(self, layer: view.Layer) -> dict[str, Any]:
         match layer:
             case view.Raster():
-                return self._described(layer) | self._raster(layer)
+                share = (layer.values - layer.low) / ((layer.high - layer.low) or 1.0)
+                # 0 for none, 1 to 255 from low to high.
+                codes = np.where(np.isfinite(share), 1 + np.rint(254 * np.clip(np.nan_to_num(share), 0, 1)), 0)
+                shape = dict(zip(("rows", "columns"), codes.shape, strict=True))
+                return self._described(layer) | shape | {"cells": self._bytes(codes.astype(np.uint8).tobytes())}
             case view.Windows():
                 return self._windows(layer)
             case view.Lines():
@@ -149,13 +153,6 @@ class Pack:
                 return self._track(layer)
         middle = None if layer.seconds is None or layer.until is None else (layer.seconds + layer.until) / 2
         return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label, middle))
-
-    def _raster(self, layer: view.Raster) -> dict[str, Any]:
-        """Values as bytes: 0 for none, 1 to 255 from low to high."""
-        share = (layer.values - layer.low) / ((layer.high - layer.low) or 1.0)
-        codes = np.where(np.isfinite(share), 1 + np.rint(254 * np.clip(np.nan_to_num(share), 0, 1)), 0)
-        rows, columns = codes.shape
-        return {"rows": rows, "columns": columns, "cells": self._bytes(codes.astype(np.uint8).tobytes())}
 
     def _windows(self, layer: view.Windows) -> dict[str, Any]:
         """Maps as bits along x, each as its exclusive or with the map before.

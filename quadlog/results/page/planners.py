@@ -141,13 +141,10 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
             panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
             pack.add(f"answers-{number}", panels, group)
             charts.append(blocks.Drawn(f"answers-{number}", f"Each {sample.step}", caption))
-        cells = next(iter(answers.values()))
-        hardest = int(np.nanargmax(cells[names[0]])) + 1
+        hardest = int(np.nanargmax(next(iter(answers.values()))[names[0]])) + 1
         scene = blocks.Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-        view = [
-            blocks.Beside(scene, charts) if charts else scene,
-            *([blocks.Text(caption)] if sample.stride > 1 else []),
-        ]
+        view = [blocks.Beside(scene, charts) if charts else scene]
+        view += [blocks.Text(caption)] if sample.stride > 1 else []
     return [*(view or charts), planner_table(comparison, number)]
 
 
@@ -262,8 +259,6 @@ def _interval(row: PlannerRow) -> Interval | None:
 
 def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
-    found: dict[str, State] = {}
-    for row in comparison.rows:
-        low, high = (row.planner != comparison.baseline and _interval(row)) or (1.0, 1.0)
-        found[row.planner] = "good" if low > 1 else "bad" if high < 1 else ""
-    return found
+    others = {row.planner: _interval(row) if row.planner != comparison.baseline else None for row in comparison.rows}
+    ends = {name: interval or (1.0, 1.0) for name, interval in others.items()}
+    return {name: "good" if low > 1 else "bad" if high < 1 else "" for name, (low, high) in ends.items()}

@@ -116,15 +116,15 @@ def metric_table(run: Run) -> Table:
     rows = []
     for name in [*(n for n in known if n in run.metrics or n in bounds), *(n for n in run.metrics if n not in known)]:
         metric, bound = run.metrics.get(name), bounds.get(name)
-        meaning = CATALOGUE[name].meaning if name in CATALOGUE else ""
+        meaning = f"{CATALOGUE[name].meaning if name in CATALOGUE else ''}."
         cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
         if metric is not None:
             value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric.value, bound)
             interval, samples = Cell(interval_text(name, metric)), Cell(count(metric.n), metric.n)
             cells = [Cell(value, metric.value, state=state), interval, samples]
-        below = f"{meaning}. Expected {bound.words}." if bound is not None else f"{meaning}."
-        row = Cell(label_of(name), below=below, state=cells[0].state), Cell(name, code=True), *cells
-        rows.append([*row, Cell(known.get(name, ""))])
+        below = meaning if bound is None else f"{meaning} Expected {bound.words}."
+        first = Cell(label_of(name), below=below, state=cells[0].state)
+        rows.append([first, Cell(name, code=True), *cells, Cell(known.get(name, ""))])
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
                Column("95 % interval", True, help=COVERAGE), Column("samples", True, True),
                Column("theme", wide=True)]  # fmt: skip
@@ -136,10 +136,8 @@ def metric_table(run: Run) -> Table:
 def frame_table(frame: DataFrame, heads: Mapping[str, str], name: str, note: str = "") -> Table:
     """The columns of a frame that have a head; texts to the left, numbers to the right, `seconds` as links."""
     text = {column: frame[column].dtype.kind not in "fiu" for column in heads if frame[column].astype(str).any()}
-    rows = [
-        [_cell(column, row[column], text[column]) for column in text]
-        for row in frame.head(MOST_ROWS).to_dict("records")
-    ]
+    shown = frame.head(MOST_ROWS).to_dict("records")
+    rows = [[_cell(column, row[column], text[column]) for column in text] for row in shown]
     if len(frame) > MOST_ROWS:
         note = f"{note} The first {MOST_ROWS} of {count(len(frame))} rows.".strip()
     return Table([Column(heads[column], not text[column]) for column in text], rows, name, note)
@@ -149,7 +147,7 @@ def _cell(column: str, value: Any, is_text: bool) -> Cell:
     if is_text:
         return Cell({True: "yes", False: "no"}.get(value, str(value)))
     number = float(value) if np.isfinite(value) else None
-    shown = percent(number) if column.endswith("_share") else sig(number)
+    shown = percent(number) if column.endswith("share") else sig(number)
     return Cell(shown, number, seconds=number if column == "seconds" else None)
 
 
@@ -188,52 +186,46 @@ def _torques(run: Run) -> Iterator[Table]:
 
 
 def _lost(run: Run) -> Iterator[Any]:
-    lines = []
-    for loss in run.record.losses:
-        topic, times = f" on {loss.topic}" if loss.topic else "", f", {count(loss.count)} ×" if loss.count else ""
-        lines.append(f"{loss.cause}{topic}{times}: {loss.detail}")
+    lines = [
+        f"{of.cause}{f' on {of.topic}' if of.topic else ''}{f', {count(of.count)} ×' if of.count else ''}: {of.detail}"
+        for of in run.record.losses
+    ]
     if lines:
         yield blocks.Notes("Lost from the recording", lines, "bad")
     if run.record.warnings or run.notes:
         yield blocks.Notes("Warnings", [*run.record.warnings, *run.notes])
 
 
-def _records(rows: Sequence[Mapping[str, Any]], heads: Mapping[str, str], name: str, note: str = "") -> Iterator[Table]:
+def _records(rows: Sequence[Mapping[str, Any]], name: str, note: str = "") -> list[Table]:
+    """Rows of text and numbers below their names."""
     from pandas import DataFrame
 
-    if rows:
-        yield frame_table(DataFrame(rows), heads, name, note)
+    return [frame_table(DataFrame(rows), {key: key for key in rows[0]}, name, note)] if rows else []
 
 
 def _topics(run: Run) -> Iterator[Any]:
-    heads = {name: name for name in ("role", "topic", "type", "messages", "why")}
-    yield from _records([topic.model_dump() for topic in run.record.topics], heads, "topics-used")
+    yield from _records([of.model_dump() for of in run.record.topics], "topics-used")
     if run.record.notes:
-        yield blocks.Details("Choices that affected the result", [blocks.Text(note) for note in run.record.notes])
+        yield blocks.Details("Choices that affected the result", [*map(blocks.Text, run.record.notes)])
 
 
 def _made(run: Run) -> Iterator[Any]:
     record = run.record
     total_s = sum(stage.seconds for stage in record.stages) or 1.0
-    heads = {"name": "stage", "seconds_": "time (s)", "time_share": "share", "peak_memory_mb": "peak memory (MB)"}
     stages = [
-        {**stage.model_dump(), "seconds_": round(stage.seconds, 2), "time_share": stage.seconds / total_s}
-        for stage in record.stages
-    ]
+        {"stage": of.name, "time (s)": round(of.seconds, 2), "share": of.seconds / total_s,
+         "peak memory (MB)": of.peak_memory_mb} for of in record.stages
+    ]  # fmt: skip
     note = f"Start-up, imports and compilation, took {record.startup_s:.1f} s more."
-    yield from _records(stages, heads, "stages", note)
+    yield from _records(stages, "stages", note)
     yield blocks.Text(shlex.join(record.command), code=True)
     kind, value = record.input.fingerprint or ("no fingerprint", "")
     size = file_size(record.input.size_bytes)
     yield blocks.Text(f"Input: {record.input.path}, {size}, {kind} {value}. Seed {record.seed}.")
-    config = run.path / "config.toml"
-    if config.is_file():
-        yield blocks.Details(
-            "Configuration", [blocks.Text(config.read_text(encoding="utf-8", errors="replace"), code=True)]
-        )
+    if (config := run.path / "config.toml").is_file():
+        text = config.read_text(encoding="utf-8", errors="replace")
+        yield blocks.Details("Configuration", [blocks.Text(text, code=True)])
     versions = {**{key: str(value) for key, value in sorted(record.host.items())}, **record.packages}
     rows = [{"package": name, "version": value} for name, value in versions.items()]
-    yield blocks.Details(
-        "Versions and host", list(_records(rows, {"package": "package", "version": "version"}, "versions"))
-    )
+    yield blocks.Details("Versions and host", _records(rows, "versions"))
     yield blocks.Text("[Following], [Planning], [Tracking] and [Foot] are the papers listed in docs/references.md.")

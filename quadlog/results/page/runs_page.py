@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -54,8 +54,7 @@ COLUMNS = 6
 END_WORDS: dict[int, tuple[str, State]] = {0: ("done", ""), 1: ("failed", "bad"), 3: ("with loss", "warn")}
 
 
-@dataclass(frozen=True, slots=True)
-class Listed:
+class Listed(NamedTuple):
     """A run of the list. name: of its folder; exit_code, reason: how its replay ended; metrics: its values by name."""
 
     name: str
@@ -65,15 +64,14 @@ class Listed:
     run: Run | None
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
+class Compared(NamedTuple):
     """Runs that are drawn over each other: by name, whether they share a clock, and what differs between the first
     and each other one. first_differences: instants at which results part.
     """
 
     runs: Mapping[str, Run]
     shares_clock: bool
-    paired: Mapping[str, Mapping[str, PairedDifference]] = field(default_factory=dict)
+    paired: Mapping[str, Mapping[str, PairedDifference]] = {}
     first_differences: Sequence[Moment] = ()
 
 
@@ -105,14 +103,9 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
     drawn = _over_each_other(compared, pack)
     said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
     statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
+    first: list[Any] = [blocks.Verdict([*_better(compared), *statuses])]
     sections = [
-        blocks.Section(
-            "",
-            [
-                blocks.Verdict([*_better(compared), *statuses]),
-                *([blocks.Notes("Not comparable", notes)] if notes else []),
-            ],
-        ),
+        blocks.Section("", first + ([blocks.Notes("Not comparable", notes)] if notes else [])),
         blocks.Section("Paths and curves", drawn, pack.thinned),
         blocks.Section("Metrics", [compared_metrics(compared)]),
         blocks.Section("Settings that differ", settings_table(compared.runs)),
@@ -133,11 +126,11 @@ def _opened(folder: Path, name: str) -> Run | None:
 
 def _ends(rows: Sequence[Listed]) -> list[Sentence]:
     """How many runs ended how."""
-    found = []
-    for code, (word, state) in END_WORDS.items():
-        many = sum(row.exit_code == code for row in rows)
-        if many:
-            found.append(Sentence(word.capitalize(), f"{count(many)} of {count(len(rows))} runs.", state or "good"))
+    often = Counter(row.exit_code for row in rows)
+    found = [
+        Sentence(word.capitalize(), f"{count(often[code])} of {count(len(rows))} runs.", state or "good")
+        for code, (word, state) in END_WORDS.items() if often[code]
+    ]  # fmt: skip
     return sorted(found, key=lambda line: STATES.index(line.state))
 
 
@@ -186,7 +179,7 @@ def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:
     short = [re.sub(r"[^,/=]+=", "", name) for name in compared.runs]  # of a sweep the values alone
     names = short if len(set(short)) == len(short) else list(compared.runs)
     runs, charts = dict(zip(names, compared.runs.values(), strict=True)), []
-    for figure in (figure for figure in FIGURES if figure.compared):
+    for figure in (figure for figure in FIGURES if figure.compared and figure.make is not walk_scene):
         made = {name: figure.make(run) for name, run in runs.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
         if panels:
@@ -210,11 +203,10 @@ def compared_metrics(compared: Compared) -> Table:
         cells = [Cell(label_of(metric), below=metric)]
         for name in names:
             of, paired = found.get(name), compared.paired.get(name, {}).get(metric)
-            if of is None:
-                cells.append(Cell(NONE))
-                continue
-            below = interval_text(metric, of) if paired is None else _difference_text(metric, paired)
-            cells.append(Cell(value_text(metric, of.value, of.unit), of.value, below, state=_judged(metric, paired)))
+            below = "" if of is None else interval_text(metric, of)
+            below = below if paired is None else _difference_text(metric, paired)
+            text, value = (NONE, None) if of is None else (value_text(metric, of.value, of.unit), of.value)
+            cells.append(Cell(text, value, below, state=_judged(metric, paired)))
         alike = len(found) == len(names) and len({of.value for of in found.values()}) == 1
         if found:
             (same if alike else rows).append(cells)
@@ -227,9 +219,7 @@ def compared_metrics(compared: Compared) -> Table:
 def _difference_text(name: str, paired: PairedDifference) -> str:
     if paired.same:
         return "the same"
-    unit = CATALOGUE[name].unit
-    sign = "+" if paired.difference > 0 else ""
-    text = f"{sign}{value_text(name, paired.difference, unit, 2)}"
+    text = "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
     return text if paired.interval is None else f"{text} [{sig(paired.interval[0], 2)}, {sig(paired.interval[1], 2)}]"
 
 
@@ -269,10 +259,8 @@ def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
     for name in chosen_metrics(rows, 4):
         values = np.array([row.metrics[name] for row in rows if name in row.metrics])
         if len(values) > 1:
-            mean, std = (
-                value_text(name, float(of), CATALOGUE[name].unit) for of in (values.mean(), values.std(ddof=1))
-            )
-            text = f"{mean} ± {std} (mean and standard deviation of {len(values)} runs)."
+            both = (value_text(name, float(of), CATALOGUE[name].unit) for of in (values.mean(), values.std(ddof=1)))
+            text = f"{' ± '.join(both)} (mean and standard deviation of {len(values)} runs)."
             found.append(Sentence(label_of(name), text))
     return found
 
@@ -301,11 +289,8 @@ def write_sweep_page(folder: Path) -> Path:
     """report.html of a sweep, from its sweep.parquet. Raises NotARun, CannotWrite."""
     rows = read_sweep_table(folder)
     summary = summarise_sweep(rows)
-    findings = [
-        Sentence("Best", f"{label_of(name)}: {summary.settings[summary.best[name]].label}, beyond chance.", "good")
-        for name in summary.varying
-        if name in summary.best
-    ]
+    best = {name: summary.settings[summary.best[name]].label for name in summary.varying if name in summary.best}
+    findings = [Sentence("Best", f"{label_of(name)}: {of}, beyond chance.", "good") for name, of in best.items()]
     listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
     title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
     settings = blocks.Section("Settings", [_settings_values(summary), *map(blocks.Text, summary.notes())])

@@ -78,11 +78,8 @@ def _recorded(run: Run) -> Iterator[Sentence]:
         yield from _missing(run, poses)
     if plans is not None:
         failed = int((~plans["found"]).sum())
-        words = f"{count(failed)} of {count(len(plans))} replans found no path."
-        if not failed:
-            words = (
-                f"All {count(len(plans))} replans found a path." if len(plans) > 1 else "The only replan found a path."
-            )
+        every = f"All {count(len(plans))} replans" if len(plans) > 1 else "The only replan"
+        words = f"{count(failed)} of {count(len(plans))} replans found no path." if failed else f"{every} found a path."
         yield Sentence("Planning", words, "bad" if failed > 0.1 * len(plans) else "warn" if failed else "good")
 
 
@@ -118,15 +115,13 @@ def _simulated(run: Run) -> Iterator[Sentence]:
         return
     where = f"along {run.record.options['course']}" if run.simulated else "on the recorded maps"
     states: list[State] = ["good"]
-    text = f"The simulated robot walked {sig(walked_m(control))} m {where}"
-    if control["fallen"].any():
-        text += f" and fell at {control['seconds'][control['fallen']].min():.1f} s"
-        states.append("bad")
-    elif run.simulated and run.metric("lateral_drift_m") is None and run.metric("completion_time_s") is None:
-        text += " and did not reach its end"
-        states.append("bad")
-    else:
-        text += " without a fall"
+    fell = control["fallen"].any()
+    ends = ("lateral_drift_m", "completion_time_s")
+    short = run.simulated and not fell and run.metrics.keys().isdisjoint(ends)
+    how = " and did not reach its end" if short else " without a fall"
+    how = f" and fell at {control['seconds'][control['fallen']].min():.1f} s" if fell else how
+    states += ["bad"] * bool(fell or short)
+    text = f"The simulated robot walked {sig(walked_m(control))} m {where}{how}"
     hits = [] if contacts is None else contacts["seconds"][contacts["collision"]].tolist()
     clearance_m = run.metric("clearance_min_m")
     if hits:
@@ -189,11 +184,8 @@ def _bound_m(run: Run) -> float | None:
 
 def _bounds(run: Run) -> Iterator[Sentence]:
     bounds = bounds_of(run)
-    broken = [
-        f"{label_of(name)}{'' if run.metric(name) is not None else ' (not measured)'}"
-        for name, bound in bounds.items()
-        if bound.state == "bad"
-    ]
+    bad = [name for name, bound in bounds.items() if bound.state == "bad"]
+    broken = [label_of(name) + " (not measured)" * (run.metric(name) is None) for name in bad]
     if broken:
         do = "do" if len(broken) > 1 else "does"
         yield Sentence("Expected", f"{len(broken)} of {len(bounds)} bounds {do} not hold: {', '.join(broken)}.", "bad")
@@ -203,9 +195,7 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 def _losses(run: Run) -> Iterator[Sentence]:
     causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), run.record.warnings
-    lost = "" if run.simulated else "Nothing was lost."
-    if causes:
-        lost = f"Part was lost ({', '.join(causes[:3])})."
+    lost = f"Part was lost ({', '.join(causes[:3])})." if causes else "" if run.simulated else "Nothing was lost."
     of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
     warning = f"Warning: {warnings[0].rstrip('.')}{of}." if warnings else ""
     if words := f"{lost} {warning}".strip():

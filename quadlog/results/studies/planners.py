@@ -69,8 +69,7 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
 
 MOST_QUESTIONS = 1200
 MOST_BYTES = 8 << 20
-"""Of maps, a bit a cell, and of corners of paths: what a page can hold."""
-CORNER_BYTES = 8
+"""Of maps, a bit a cell: what a page can hold."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,10 +99,9 @@ class QuestionSample:
     """
 
     def __init__(self, step: str = "replan", row_zero_on_top: bool = False, sources: int = 1) -> None:
-        self.step, self.stride, self.kept = step, 1, dict[int, ShownQuestion]()
-        self.asked = self._bytes = 0
+        self.step, self.stride, self.kept, self.asked = step, 1, dict[int, ShownQuestion](), 0
         self.unit = "cells" if row_zero_on_top else "m"
-        self._most = MOST_QUESTIONS // sources, MOST_BYTES // sources
+        self._sources = sources
         self._last: tuple[tuple[Bool, ...], NDArray[np.uint8]] = ((), np.empty(0, np.uint8))
 
     def add(self, number: int, at: tuple[int, int], query: Query, occupied: Bool, paths: Mapping[str, Cells]) -> None:
@@ -112,24 +110,23 @@ class QuestionSample:
         occupied (rows, columns): the map before obstacles were grown.
         """
         self.asked = max(self.asked, number + 1)
-        if number % self.stride:
-            return
         window = query.window
-        if number not in self.kept:
+        if number % self.stride == 0 and number not in self.kept:
             coarse = max(1, math.ceil(math.sqrt(occupied.size / MOST_CELLS)))
             start, goal = self._places(window, np.array([query.start, query.goal]))
             bits, columns = self._bits(occupied, query.blocked, coarse), -(-occupied.shape[1] // coarse)
             place = (window.origin_m, window.cell_m * coarse)
             self.kept[number] = ShownQuestion(at, bits, columns, *place, start, goal, {})
-        for name, cells in paths.items():
-            self.kept[number].paths[name] = corners = self._places(window, _corners(cells))
-            self._bytes += CORNER_BYTES * len(corners)
-        while len(self.kept) > 1 and (len(self.kept) > self._most[0] or self._bytes > self._most[1]):
-            self.stride *= 2
-            self.kept = {each: shown for each, shown in self.kept.items() if each % self.stride == 0}
-            maps = {id(shown.bits): shown.bits.nbytes for shown in self.kept.values()}
-            corners_left = sum(len(path) for shown in self.kept.values() for path in shown.paths.values())
-            self._bytes = sum(maps.values()) + CORNER_BYTES * corners_left
+            while len(self.kept) > 1 and self._share() > 1 / self._sources:
+                self.stride *= 2
+                self.kept = {each: shown for each, shown in self.kept.items() if each % self.stride == 0}
+        if number in self.kept:
+            self.kept[number].paths.update((name, self._places(window, _corners(of))) for name, of in paths.items())
+
+    def _share(self) -> float:
+        """The share of the page's room that is taken."""
+        maps = {id(shown.bits): shown.bits.nbytes for shown in self.kept.values()}
+        return max(len(self.kept) / MOST_QUESTIONS, sum(maps.values()) / MOST_BYTES)
 
     def _bits(self, occupied: Bool, blocked: Bool, coarse: int) -> NDArray[np.uint8]:
         """The map of a question; the same object while questions are about the same arrays."""
@@ -137,7 +134,6 @@ class QuestionSample:
         if tuple(map(id, layers)) != tuple(map(id, self._last[0])):
             turned = [layer[::-1] if self.unit == "cells" else layer for layer in layers]
             self._last = layers, np.stack([np.packbits(_coarse(layer, coarse), axis=1) for layer in turned])
-            self._bytes += self._last[1].nbytes
         return self._last[1]
 
     def _places(self, window: Window, cells: NDArray[np.integer]) -> Float:

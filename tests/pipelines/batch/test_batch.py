@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
@@ -153,19 +152,6 @@ def test_a_run_that_somebody_finishes_meanwhile_is_not_touched(planned, tmp_path
     assert json.loads((tmp_path / "runs" / "walk.db3" / "run.json").read_text())["options"]["until"] == "ingest"
 
 
-@pytest.mark.usefixtures("in_this_process")
-def test_the_run_of_another_recording_keeps_its_place_and_row(planned, season, season_config, tmp_path):
-    output = tmp_path / "runs"
-    replay_alone(planned(output, "walk.bag")[0], Silent())
-    before = summary_of(output).loc["walk"]
-    shutil.copy(season / "walk.db3", tmp_path / "walk.db3")
-    arguments = (output, season_config, ReplayOptions(until="ingest"), Existing.RESUME, ())
-    batch = plan_batch([str(tmp_path / "walk.db3")], *arguments)
-    assert actions(batch) == ["refuse"]
-    assert f"is the run of {season / 'walk.bag'}" in replay_all(batch).runs[0].reason
-    assert summary_of(output).loc["walk"].equals(before)
-
-
 def test_somebody_elses_report_and_folder_are_left_alone(planned, tmp_path):
     (tmp_path / "report.html").write_text("my thesis")
     assert replay_alone(planned(tmp_path, "walk.bag")[0], kept := Kept()).exit_code == 0
@@ -211,12 +197,6 @@ def instead(monkeypatch, raised):
     return begun
 
 
-def full_disk():
-    error = CannotWrite("fixes.parquet", "No space left on device")
-    error.__cause__ = OSError(errno.ENOSPC, "No space left on device")
-    return error
-
-
 @pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(
     ("error", "words"),
@@ -234,22 +214,3 @@ def test_an_error_is_one_recordings_and_only_a_bug_has_a_traceback(
     assert [run.failed for run in outcome.runs] == [True, True, False, False]
     assert re.fullmatch(words, outcome.runs[1].reason)
     assert ("Traceback" in capsys.readouterr().err) == words.startswith("a bug")
-
-
-@pytest.mark.usefixtures("in_this_process")
-def test_a_full_disk_ends_the_batch_and_the_rest_can_be_resumed(planned, tmp_path, monkeypatch):
-    batch, lines = planned(tmp_path / "runs"), []
-    names = [each.request.run.name for each in sorted(batch, key=lambda each: -each.size_bytes)]
-    begun = instead(monkeypatch, {names[1]: full_disk()})
-    outcome = replay_all(batch, lines=lines)
-    assert begun == names[:2]
-    reasons = {run.run.name: run.reason for run in outcome.runs}
-    assert reasons[names[0]] == ""
-    assert all(reasons[name].startswith("not started: disk full") for name in names[2:])
-    assert all(reasons[name].endswith("--resume goes on") for name in names[2:])
-    (said,) = [line for line in lines if line.startswith("stopping: disk full")]
-    assert said.count("--resume goes on") == 1
-    assert set(summary_of(tmp_path / "runs").index) == set(names)
-    monkeypatch.setattr(batch_module, "replay", really_replay)
-    again = replay_all(planned(tmp_path / "runs", existing=Existing.RESUME))
-    assert [run.failed for run in again.runs] == [True, False, False, False]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from quadlog.errors import InvalidConfigValue, UnknownConfigKey, UsageError
-from quadlog.pipelines.sweep import make_grid, split_values
+from quadlog.pipelines.batch.sweep import make_grid, split_values
 from quadlog.results.find_runs import run_name
 
 

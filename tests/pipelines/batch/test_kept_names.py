@@ -8,7 +8,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadlog.pipelines.batch.plan import kept_names
-from quadlog.results.find_runs import run_names
 
 RECORD = {"quadlog_version": "0", "command": [], "config": {}, "options": {}, "seed": 0, "recorded_s": 1.0}
 RECORD |= {"host": {}, "packages": {}}
@@ -26,16 +25,6 @@ def replayed(output: Path, recordings: list[Path]) -> dict[Path, str]:
 
 
 A, B, C = (Path(f"/season/{each}/rec.mcap") for each in "abc")
-
-
-def test_a_relative_path_is_the_same_recording_and_a_damaged_run_is_nobodys(tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert kept_names([A, B], tmp_path / "none") == run_names([A, B])
-    before = replayed(tmp_path / "runs", [Path("b/rec.mcap"), Path("c/rec.mcap")])
-    assert replayed(tmp_path / "runs", [tmp_path / "c/rec.mcap"]) == {tmp_path / "c/rec.mcap": "rec.mcap-2"}
-    assert before[Path("c/rec.mcap")] == "rec.mcap-2"
-    (tmp_path / "runs" / "rec.mcap-2" / "run.json").write_text('{"run_format": 2}')
-    assert kept_names([tmp_path / "c/rec.mcap"], tmp_path / "runs") == ["rec"]
 
 
 ANY = [A, B, C, Path("/x/rec.bag"), Path("/x/rec-2.mcap"), Path("/x/Rec.db3")]

@@ -5,10 +5,6 @@ from __future__ import annotations
 import json
 import resource
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
@@ -21,7 +17,7 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
 from quadlog.pipelines.executor.progress import Kept, Silent
-from quadlog.pipelines.replay import finished_outcome, planned_keys, replay, reusable_stages
+from quadlog.pipelines.replay import finished_outcome, replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Store
 from tests.pipelines.conftest import FIXTURES, cut, fixture_request, results_of
@@ -86,7 +82,9 @@ def test_a_longer_run_goes_on_where_a_shorter_one_ended(until, then, count, fres
 )
 def test_a_recording_is_not_read_for_stages_that_need_nothing_of_it(sets, fresh, monkeypatch, tmp_path):
     replay(ask(tmp_path / "run", *sets, until="map"), Silent())
-    monkeypatch.setattr("quadlog.pipelines.log.read_log", Mock(side_effect=AssertionError("the recording is read")))
+    monkeypatch.setattr(
+        "quadlog.pipelines.stages.log.read_log", Mock(side_effect=AssertionError("the recording is read"))
+    )
     outcome, reused = resumed(ask(tmp_path / "run", *sets, until="control"))
     assert reused == ALL[:3]
     monkeypatch.undo()
@@ -184,59 +182,6 @@ def test_what_only_the_clouds_show_is_kept_where_they_are_not_read_again(tmp_pat
     assert (two.reused, two.exit_code, two.reason) == (ALL[:4], 3, one.reason)
     assert "1 messages could not be decoded" in two.reason
     assert results_of(two.run) == results_of(one.run)
-
-
-CHILD = f"""
-from pathlib import Path
-import sys
-sys.path.insert(0, {str(Path(__file__).parents[3])!r})
-from tests.pipelines.batch.test_resume import Silent, ask, replay
-replay(ask(Path(sys.argv[1]), duration_s=None), Silent())
-"""
-
-
-def started(run: Path) -> subprocess.Popen[str]:
-    """A replay of the whole recording, which is busy for some seconds."""
-    words = [sys.executable, "-c", CHILD, str(run)]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def await_result(process: subprocess.Popen[str], run: Path, stage: str) -> None:
-    key = planned_keys(ask(run, duration_s=None))[stage]
-    while not Store(run.parent).has(key):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.002)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("last", ["position", "plan"])
-def test_a_killed_replay_goes_on_behind_its_last_stage(last, fresh, tmp_path):
-    """SIGKILL at once when a result is there: amid the next stage, wherever that is by then."""
-    run, request = tmp_path / "runs" / "run", ask(tmp_path / "runs" / "run", duration_s=None)
-    process = started(run)
-    await_result(process, run, last)
-    process.kill()
-    process.communicate()
-    assert (process.returncode, run.exists()) == (-signal.SIGKILL, False)
-    reused = reusable_stages(request)
-    assert reused[: ALL.index(last) + 1] == ALL[: ALL.index(last) + 1]
-    assert replay(request, Silent()).reused == reused
-    assert results_of(run) == results_of(fresh(duration_s=None))  # and nothing that was half-written
-    Store(run.parent).trim()
-    assert not list(run.parent.rglob("*.part"))
-
-
-@pytest.mark.nightly
-def test_two_processes_in_one_folder_end_with_the_results_of_one(fresh, tmp_path):
-    """A retry while the one that was taken for dead still writes: neither crashes, and either's results are right."""
-    run = tmp_path / "runs" / "run"
-    first = started(run)
-    await_result(first, run, "position")
-    for process in (first, started(run)):
-        _, err = process.communicate()
-        assert (process.returncode, "Traceback" in err) == (0, False), err
-    assert not list(run.parent.rglob("*.part"))
-    assert results_of(run) == results_of(fresh(duration_s=None))
 
 
 @pytest.mark.nightly

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 import time
@@ -21,10 +20,10 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.config.version import package_versions
 from quadlog.pipelines import store as module
-from quadlog.pipelines.log import ingest
 from quadlog.pipelines.replay import planned_keys
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.control import resimulate
+from quadlog.pipelines.stages.log import ingest
 from quadlog.pipelines.stages.maps import filter_and_map
 from quadlog.pipelines.stages.plan import replan
 from quadlog.pipelines.stages.positions.position import locate
@@ -64,13 +63,6 @@ def test_a_result_is_made_once_and_linked_into_runs_read_only_or_copied(number, 
     assert store.get("k", Mock(side_effect=AssertionError), run) == {"state": "one"}
 
 
-def test_what_fails_leaves_nothing(store, run):
-    with pytest.raises(ValueError):
-        store.get("k", Mock(side_effect=ValueError), run)
-    assert not [path for path in (*store.folder.rglob("*"), *run.iterdir()) if path.is_file()]
-    assert not store.has("k")
-
-
 def test_of_two_that_need_a_result_at_a_time_one_makes_it(store, run):
     made, other = [], run.with_name("other")
     other.mkdir()
@@ -84,18 +76,6 @@ def test_of_two_that_need_a_result_at_a_time_one_makes_it(store, run):
         results = list(pool.map(lambda each: store.get("k", slowly, each), [run, other]))
     assert (len(made), results) == (1, [{"state": "one"}] * 2)
     assert (run / "a.csv").samefile(other / "a.csv")
-
-
-def test_without_locks_the_result_of_a_faster_process_is_as_good(store, run, monkeypatch):
-    def slowly(folder: Path) -> None:
-        fill("mine")(folder)
-        (run.parent / "other").mkdir()
-        Store(run.parent).get("k", fill("theirs"), run.parent / "other")
-
-    monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))))
-    assert store.get("k", slowly, run) == {"state": "mine"}
-    assert (run / "a.csv").read_text() == "mine"
-    assert (store.folder / "k" / "a.csv").read_text() == "theirs"
 
 
 def test_what_no_run_has_is_removed_but_for_what_is_to_stay(store, run):

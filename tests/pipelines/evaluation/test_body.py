@@ -9,8 +9,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.control.locomotion.robot import GRAVITY_MPS2
-from quadlog.metrics.walking import JOINTS, BodySeries
-from quadlog.pipelines.evaluation.body import write_bodies
+from quadlog.metrics.walking import JOINTS
 from quadlog.pipelines.evaluation.metrics import measure_runs
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
@@ -66,22 +65,6 @@ def test_the_logged_body_is_the_one_that_walked(run, walked):
     true_height_m = rows["position_m"][moves, 2].mean() + robot.standing_height_m
     assert walked_gait["height_mean_m"] == pytest.approx(true_height_m, abs=0.005)
     assert walked_gait["pitch_mean_rad"] == pytest.approx(rows["rpy_rad"][moves, 1].mean(), abs=0.02)
-
-
-def test_the_cost_of_transport_counts_rows_at_rest_and_none_of_unknown_power(tmp_path):
-    row = np.arange(1000)
-    body = BodySeries(
-        t_ns=row * 5_000_000,
-        speed_mps=np.where(row < 600, 0.5, 0.0),
-        torque_nm=np.ones((1000, 12)),
-        stance=np.ones((1000, 4)),
-        power_w=np.where(row < 100, np.nan, 60.0),
-        height_m=np.full(1000, 0.3),
-        pitch_rad=np.zeros(1000),
-    )
-    cost = write_bodies(tmp_path, {"logged": body}, {"logged": 12.0}, np.nan)["logged_cost_of_transport"]
-    assert cost.n == 900
-    assert cost.value == pytest.approx(900 * 60 / (12 * GRAVITY_MPS2 * 500 * 0.5))
 
 
 def test_the_resimulated_body_is_that_of_the_tables_and_metrics(run, walked):

@@ -58,21 +58,6 @@ def test_what_the_tables_give_again_is_what_the_replay_said(lean_run):
         assert each.unit == CATALOGUE[name].unit
 
 
-@pytest.mark.parametrize(
-    ("table", "metric", "damage"),
-    [("control", "eta_m", b""), ("fixes", "uwb_residual_m", b""), ("plans", "expanded_total", b"PAR1 no table PAR1")],
-)
-def test_where_a_table_is_damaged_the_saved_values_remain(run, table, metric, damage):
-    (run / f"{table}.parquet").write_bytes(damage)
-    outcome = measure(run)
-    assert len(outcome.problems) == 1
-    assert f"{table}.parquet" in outcome.problems[0]
-    assert outcome.exit_code is ExitCode.WITH_LOSS
-    found = outcome.runs[0].metrics
-    assert (found[metric].value, found[metric].summary) == (read_metrics(run)[metric]["value"], None)
-    assert found["ate_rmse_m"].summary is not None
-
-
 def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
     broken = shutil.copytree(run, run.with_name("broken"))
     unfinish(broken)

@@ -1,22 +1,16 @@
 from __future__ import annotations
 
-import re
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from quadlog.config.file import load_config
-from quadlog.errors import NotARun, TooSteep, UnknownName
+from quadlog.errors import NotARun, TooSteep
 from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.pipelines.simulation.courses import (
     LEAST_POINTS,
     MARGIN_M,
-    NEAR_M,
-    SeenGround,
     ground_remarks,
     make_ground,
     seen_ground,
@@ -60,8 +54,8 @@ def test_a_run_folder_is_the_ground_it_saw(tmp_path):
     )
     again = make_ground("bend", BEND, config, 5)
     assert again.height_m.tobytes() == ground.height_m.tobytes()
-    assert ground_remarks(BEND, config).warnings == ()
-    assert "SHA-256" in ground_remarks(BEND, config).notes[0]
+    notes, warnings = ground_remarks(BEND, config)
+    assert ("SHA-256" in notes[0], warnings) == (True, [])
 
 
 def test_steep_ground_is_refused_where_the_course_goes_and_let_be_elsewhere(tmp_path):
@@ -72,66 +66,6 @@ def test_steep_ground_is_refused_where_the_course_goes_and_let_be_elsewhere(tmp_
     height_m[30:, 36:] = 4.0
     with pytest.raises(TooSteep, match="choose another terrain"):
         make_ground("bend", BEND, _config(_run(tmp_path / "run", height_m)), 0)
-
-
-def test_what_is_no_terrain_is_refused_with_the_choices(tmp_path):
-    for ask in (lambda config: make_ground("bend", BEND, config, 0), lambda config: ground_remarks(BEND, config)):
-        with pytest.raises(UnknownName, match="3cm, 6cm, a run folder, course, flat"):
-            ask(_config("simulation.terrain=9cm"))
-        with pytest.raises(NotARun, match="saw no ground"):
-            ask(_config(f"simulation.terrain={tmp_path}"))
-        with pytest.raises(NotARun, match=f"none of its cells holds {LEAST_POINTS} points"):
-            ask(_config(_run(tmp_path / "empty", np.full((4, 4), np.nan))))
-
-
-def _seen(run: Path) -> SeenGround:
-    seen = seen_ground(run)
-    assert seen is not None
-    return seen
-
-
-def test_cells_that_were_seen_often_enough_are_taken_and_the_rest_is_as_the_nearest(tmp_path):
-    height_m, count = np.zeros((20, 20)), np.full((20, 20), LEAST_POINTS)
-    height_m[:, 10:] = 0.02
-    height_m[4, 4], count[4, 4] = 9.0, LEAST_POINTS - 1
-    height_m[15, 4] = 9.0  # alone, and no step
-    height_m[5, 5] = np.nan
-    seen = _seen(_write(tmp_path, height_m, count))
-    assert len(seen.seen_m) == 400 - 2
-    at = [-2 + 4.5 * CELL_M, -2 + 4.5 * CELL_M]
-    assert not (np.abs(seen.seen_m - at).max(axis=1) < 1e-9).any()
-    heights = seen.ground.height_at(np.array([at, [-1.1, 1.1], [-1.0, 1.0], [1.0, 1.0]]))
-    np.testing.assert_allclose(heights, [0.0, 0.0, 0.0, 0.02], atol=1e-7)
-
-
-@given(
-    st.lists(st.tuples(st.floats(-8, 8), st.floats(-8, 8)), min_size=2, max_size=5, unique=True),
-    st.integers(0, 2**32 - 1),
-)
-def test_what_lies_beyond_is_as_long_as_brute_force_finds(tmp_path, points, seed):
-    path_m = np.array(points)
-    length_m = np.hypot(*np.diff(path_m, axis=0).T).sum()
-    if length_m < 0.2:
-        return
-    count = np.where(np.random.default_rng(seed).random((20, 20)) < 0.05, LEAST_POINTS, 0)
-    count[0, 0] = LEAST_POINTS
-    seen = _seen(_write(tmp_path, np.zeros((20, 20)), count))
-    rows, cols = np.nonzero(count)
-    centres_m = -2 + CELL_M * (np.stack([cols, rows], axis=1) + 0.5)
-    fine = np.concatenate([np.linspace(a, b, max(int(np.hypot(*(b - a)) / 0.01), 2)) for a, b in pairwise(path_m)])
-    away_m = np.hypot(*(fine[:, None] - centres_m).transpose(2, 0, 1)).min(axis=1)
-    said = seen.beyond(path_m)
-    if said is None:
-        # Nothing but what lies between the middles of pieces of 0.1 m.
-        longest = max(map(len, "".join(np.where(away_m > NEAR_M, "x", " ")).split()), default=0)
-        assert longest * 0.01 < 0.12
-        return
-    found = re.match(r"([\d.]+) of the course's ([\d.]+) m, the first at \((\S+), (\S+)\) m", said)
-    assert found is not None
-    beyond_m, whole_m, x_m, y_m = map(float, found.groups())
-    assert whole_m == pytest.approx(length_m, abs=0.06)
-    assert beyond_m == pytest.approx((away_m > NEAR_M).mean() * length_m, abs=0.3 + 0.05 * length_m)
-    assert np.hypot(*(centres_m - [x_m, y_m]).T).min() > NEAR_M - 0.2
 
 
 def _walked(run: Path, y_m: float) -> Path:

@@ -15,9 +15,10 @@ from mcap.reader import SeekingReader
 from mcap_protobuf.decoder import DecoderFactory
 
 from quadlog.config.schema import Config
+from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
-from quadlog.results.record import InputRecord, LossRecord, RunRecord, StageRecord, TopicRecord
+from quadlog.results.record import InputRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -28,6 +29,7 @@ CONFIG: dict[str, Any] = {
     "uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]},
     "planner": {"name": "ia_star"},
 }
+CLOUD = "sensor_msgs/msg/PointCloud2"
 ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
 
 BROWSER_FLAGS = [
@@ -64,17 +66,9 @@ def tiny_record() -> RunRecord:
         input=InputRecord(path="walk.mcap", size_bytes=1234, sha256="ab" * 32),
         seed=0,
         recorded_s=4.0,
-        topics=[
-            TopicRecord(
-                role="lidar",
-                topic="/points",
-                type="sensor_msgs/msg/PointCloud2",
-                messages=40,
-                why="the only point cloud",
-            )
-        ],
+        topics=[TopicRecord(role="lidar", topic="/points", messages=40, why="the only point cloud", type=CLOUD)],
         counts={"scans": 40, "scans_without_pose": 0},
-        losses=[LossRecord(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
+        losses=[Loss(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
         warnings=["no heading source: yaw is the course"],
         stages=[
             StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0),
@@ -99,14 +93,9 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
         _write_scans(path, t_ns, robot_m)
         _write_plans(path, t_ns, robot_m)
         _write_control(path, t_ns, robot_m, yaw_rad)
-        run.write(
-            "metrics",
-            {
-                "eta_m": {"value": np.float64(0.123), "n": 200, "unit": "m"},
-                "fallen": {"value": 0, "n": 1, "unit": ""},
-                "ate_rmse_m": {"value": float("nan"), "n": 0, "unit": "m"},
-            },
-        )
+        eta_m, fallen = {"value": np.float64(0.123), "n": 200, "unit": "m"}, {"value": 0, "n": 1, "unit": ""}
+        none = {"value": float("nan"), "n": 0, "unit": "m"}
+        run.write("metrics", {"eta_m": eta_m, "fallen": fallen, "ate_rmse_m": none})
         write_derived(run)
         write_layout(run)
         run.finish(tiny_record)

@@ -78,6 +78,8 @@ def test_an_error_in_the_middle_or_a_wrong_map_leaves_nothing(tmp_path: Path) ->
     for wrong in (np.zeros((4, 5), bool), np.zeros((4, 4))):
         with pytest.raises(ValueError, match="a map is bool"), MapsWriter(tmp_path / "m", 0.1, (4, 4)) as writer:
             list(map(partial(writer.append, 0, np.zeros(2)), (np.zeros((4, 4), bool), wrong)))
+    with pytest.raises(ValueError, match=r"count .* does not fit"):
+        write_arrays(tmp_path, "ground", SOUND["ground"] | {"count": [[1], [2]]})
     assert [each.name for each in tmp_path.iterdir()] == []
 
 
@@ -95,12 +97,9 @@ MAPS: dict[str, Any] = {
     [
         ({"t_ns": None}, NotARun, "has no t_ns"),
         ({"t_ns": np.zeros(2)}, NotARun, "t_ns is float64"),
-        ({"t_ns": np.array([None, None])}, NotARun, "t_ns"),  # a pickle, never opened
         ({"origin_m": np.zeros((3, 2))}, (NotARun, TooLarge), "origin_m"),
-        ({"origin_m": np.full((2, 2), np.nan)}, NotARun, "without a place"),
         ({"cell_m": np.array(0.0)}, NotARun, "without a place"),
         ({"shape": np.array([4, 1 << 40])}, TooLarge, "cells on a side"),
-        ({"shape": np.array([0, 4])}, TooLarge, "cells on a side"),
         ({"occupied_bits_000000": np.zeros((2, 4, 2), np.uint8)}, NotARun, "occupied_bits_000000 is"),
         ({"occupied_bits_000000": np.zeros(100_000_000, np.uint8)}, TooLarge, "100000128"),
     ],
@@ -138,10 +137,8 @@ def test_arrays_come_back_and_the_same_have_the_same_bytes(tmp_path: Path, name:
     [
         ("dilution", {"cell_m": np.array(0.0)}, "without a place or a size"),
         ("dilution", {"hdop": np.zeros((0, 3))}, "without a place or a size"),
-        ("dilution", {"hdop": np.zeros(3)}, "hdop is"),
         ("dilution", {"hdop": np.array([[{}]], dtype=object)}, "hdop"),
         ("ground", {"count": np.zeros((3, 2), np.int64)}, "count is"),
-        ("cloud_samples", {"offset": np.array([0, 1, 9])}, "offset does not fit"),
         ("cloud_samples", {"offset": np.array([0, 3, 2])}, "offset does not fit"),
         ("cloud_samples", {"label": np.full(2, 7, np.uint8)}, "a label without a class"),
         ("cloud_samples", None, ""),
@@ -158,9 +155,3 @@ def test_arrays_that_contradict_each_other_are_damage(tmp_path: Path, name: str,
         np.savez(path, **(read_arrays(tmp_path, name) | changed))
     with pytest.raises(NotARun, match=rf"{name}\.npz: is damaged: .*{match}"):
         read_arrays(tmp_path, name)
-
-
-def test_what_does_not_fit_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"count .* does not fit"):
-        write_arrays(tmp_path, "ground", SOUND["ground"] | {"count": [[1], [2]]})
-    assert list(tmp_path.iterdir()) == []

@@ -10,22 +10,6 @@ from quadlog.results.export import export_run
 from quadlog.results.tables import TABLES, read_table, write_table
 
 
-@pytest.mark.parametrize(
-    ("to", "written", "original"),
-    [
-        ("tum", "out", "trajectory.tum"),
-        ("mcap", "out", "derived.mcap"),
-        ("rosmap", "out/map.pgm", "map.pgm"),
-        ("rosmap", "out/map.yaml", "map.yaml"),
-    ],
-)
-def test_a_file_is_what_the_run_holds(tiny_run: Path, tmp_path: Path, to: str, written: str, original: str) -> None:
-    before = sorted([each.name for each in tiny_run.iterdir()])
-    assert tmp_path / "new" / written in export_run(tiny_run, to, tmp_path / "new" / "out")
-    assert (tmp_path / "new" / written).read_bytes() == (tiny_run / original).read_bytes()
-    assert sorted([each.name for each in tiny_run.iterdir()]) == before
-
-
 def test_csv_keeps_every_digit_and_names_are_no_formulas(tiny_run: Path, tmp_path: Path) -> None:
     poses = read_table(tiny_run, "poses")
     poses["source"][:] = '=HYPERLINK("http://x")'

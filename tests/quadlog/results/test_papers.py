@@ -11,10 +11,16 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from quadlog.errors import AlreadyExists, CannotWrite
 from quadlog.results.page.blocks import render
-from quadlog.results.page.papers import papers_page
-from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict, prepare_folder, write_table
+from quadlog.results.studies.papers import (
+    PaperRow,
+    PaperTable,
+    RowGroup,
+    Verdict,
+    papers_page,
+    prepare_folder,
+    write_table,
+)
 
 YES, NO, OPEN, OTHER = Verdict.YES, Verdict.NO, Verdict.UNDECIDED, Verdict.NOT_COMPARABLE
 HOSTILE = "</td><script>alert(1)</script>"
@@ -74,16 +80,6 @@ def test_a_claim_counts_once_whatever_the_number_of_settings(settings: list[Verd
     assert table(rows=(*rows, PaperRow("another", 1.0, 2.0, reproduces=NO))).claims == {"it": claim, "another": NO}
 
 
-@pytest.mark.parametrize(
-    "numbers", [{"ours": float("nan")}, {"ours": 1.0, "paper": float("inf")}, {"ours": 1.0, "low": 0.5}]
-)
-def test_what_is_no_number_never_becomes_a_row_and_a_quantity_is_named_once(numbers: dict[str, float]) -> None:
-    with pytest.raises(AssertionError):
-        PaperRow("a (m)", **numbers)  # type: ignore[arg-type]
-    with pytest.raises(AssertionError, match="quantity"):
-        table(rows=(PaperRow("a", 1.0), PaperRow("a", 2.0)))
-
-
 def test_a_table_is_its_files_the_same_each_time_and_a_picture_has_what_can_be_compared(tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     for _ in range(2):
@@ -100,14 +96,3 @@ def test_a_table_is_its_files_the_same_each_time_and_a_picture_has_what_can_be_c
     assert heights[0] < heights[1]
     write_table(folder, table("none", (ROWS[0], ROWS[4])), [])
     assert not (folder / "none.png").exists()
-
-
-@pytest.mark.parametrize("name", ["report.html", *FILES])
-def test_nothing_is_overwritten_without_force(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_text("mine")
-    with pytest.raises(AlreadyExists, match="--force"):
-        prepare_folder(tmp_path, ["one"], force=False)
-    prepare_folder(tmp_path, ["one"], force=True)
-    assert (tmp_path / name).read_text() == "mine"
-    with pytest.raises(CannotWrite, match=name):
-        prepare_folder(tmp_path / name, ["one"], force=True)

@@ -11,7 +11,6 @@ from quadlog.errors import AlreadyExists, CannotWrite, NotARun
 from quadlog.results.find_runs import OWN_FILES, find_runs
 from quadlog.results.record import RunRecord, is_finished
 from quadlog.results.run import Run, check_place, load_run, new_run, settle
-from quadlog.storage.atomic_write import complete_folders
 from tests.lab.runs import begin_run
 
 
@@ -31,14 +30,13 @@ def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tin
     assert json.loads((run.path / "run.json").read_text())["finished"] is False
     assert tomllib.loads((run.path / "config.toml").read_text())["planner"]["name"] == "astar"
     assert find_runs([tmp_path]) == [run.path]
-    assert run.path not in complete_folders(0.0)
     with pytest.raises(NotARun, match="is an unfinished run"):
         load_run(run.path)
-    with pytest.raises(AlreadyExists):
+    with pytest.raises(AlreadyExists, match=r"--force.*--resume"):
         check_place(run.path)
+    check_place(run.path, replace=True)
     run.finish(tiny_record)
     assert load_run(run.path).record.to_dict() == tiny_record.to_dict()
-    assert complete_folders(0.0)[-1] == run.path
 
 
 @pytest.mark.parametrize("name", ["notes.md", "config.toml", "run.json", "map.pgm", "poses.parquet"])
@@ -53,25 +51,6 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path: Path, name: str, 
         new_run(tmp_path / name / "deeper").__enter__()
 
 
-def test_a_run_of_another_format_can_be_replaced(tiny_run: Path) -> None:
-    (tiny_run / "run.json").write_text('{"run_format": 2, "quadlog_version": "9"}')
-    with pytest.raises(AlreadyExists, match=r"--force.*--resume"):
-        check_place(tiny_run)
-    check_place(tiny_run, replace=True)
-
-
-@pytest.mark.parametrize("names", [[], ["failed.json"]])
-def test_a_folder_with_a_failure_alone_counts_as_absent(
-    tmp_path: Path, tiny_record: RunRecord, names: list[str]
-) -> None:
-    for name in names:
-        (tmp_path / "run").mkdir()
-        (tmp_path / "run" / name).write_text("{}")
-    with new_run(tmp_path / "run") as place:
-        Run.create(place, tiny_record).finish(tiny_record)
-    assert sorted(content(tmp_path / "run")) == ["config.toml", "run.json"]
-
-
 def interrupted(*_: object) -> None:
     raise KeyboardInterrupt
 
@@ -84,7 +63,8 @@ def replaced(run: Path, record: RunRecord) -> None:
 def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     tiny_run: Path, tmp_path: Path, tiny_record: RunRecord, left_part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("plots/ranges.png", f"plots/{left_part}", "plots/mine.svg", "notes.md", "mine/run.json"):
+    ours = ("failed.json", "plots/ranges.png", f"plots/{left_part}")
+    for name in (*ours, "plots/mine.svg", "notes.md", "mine/run.json"):
         (tiny_run / name).parent.mkdir(exist_ok=True)
         (tiny_run / name).write_bytes(b"x")
     precious = tmp_path / "precious"
@@ -101,7 +81,6 @@ def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     left = {path.relative_to(tiny_run).as_posix() for path in tiny_run.rglob("*") if path.is_file()}
     assert left == {"plots/mine.svg", "notes.md", "mine/run.json", "run.json", "config.toml"}
     assert precious.exists()
-    assert complete_folders(0.0)[-1] == tiny_run
     assert not (tiny_run.parent / ".stages").exists()
     (tmp_path / "link").symlink_to(tiny_run)
     with pytest.raises(CannotWrite, match="symbolic link"):

@@ -5,7 +5,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from aiohttp import web as http
 
@@ -26,11 +25,6 @@ from quadlog.storage.remote_path import to_path
 REQUIRED: dict[str, Any] = {"quadlog_version": "1", "config": Config(), "options": {}, "seed": 0, "recorded_s": 1.0}
 
 
-def test_a_record_comes_back(tiny_run: Path, tiny_record: RunRecord) -> None:
-    assert read_record(tiny_run).to_dict() == tiny_record.to_dict() == json.loads((tiny_run / "run.json").read_text())
-    assert tiny_record.packages["numpy"] == np.__version__
-
-
 def test_a_name_that_is_no_text_comes_back_and_secrets_are_not_saved(tmp_path: Path) -> None:
     typed = ["quadlog", "replay", "https://me:SECRET@h/x?sig=SECRET", "\udcff", "-o", "s3://b/runs"]
     record = RunRecord(command=typed, input=InputRecord(path="\udcff", size_bytes=1, sha256="ab"), **REQUIRED)
@@ -44,15 +38,13 @@ LONG = "x\n" * 5000
 DAMAGE: list[dict[str, Any]] = [
     *({"config": each} for each in (3, None, [[1] * 1000], {LONG: 1}, {"planner": {"name": LONG}})),
     *({"config": {"uwb": {"anchors": [[[each] * 99]]}}} for each in (1, "x", None)),
-    *({"counts": each} for each in ({LONG: "x"}, {"scans": 1.5}, [1])),
-    *({"input": each} for each in (None, [], {}, {"path": 3, "size_bytes": 1}, {"size_bytes": 1})),
+    *({"counts": {LONG: "x"}}, {"input": {"path": 3, "size_bytes": 1}}, {"input": {"size_bytes": 1}}),
     *({"seed": LONG}, {"command": LONG}, {"losses": [LONG]}),
 ]
 BYTES = (b"", b"{", b"{}", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"config":' * 9000)
 NUMBERS = ("1" + "0" * 400, "1" * 5000, str(2**64), str(-(2**63) - 1), "1e999", "Infinity", "NaN")
 SOUND = {"value": 2, "n": 5, "unit": "m"}
-WRONG: list[dict[str, Any]] = [{"n": -1}, {"n": 1.5}, {"unit": 3}, {"value": True}, {"value": None}, {"value": []}]
-WRONG += [{name: "x"} for name in ("value", "n", "low", "high", "worst", "worst_t_ns")]
+WRONG: list[dict[str, Any]] = [{"n": -1}, {"n": 1.5}, {"unit": 3}, {"value": True}, {"value": None}, {"low": "x"}]
 METRICS = ("", "{", "[]", "[" * 100_000, '{"eta_m": 3}', json.dumps({"x\n" * 5000: {}}))
 
 
@@ -138,25 +130,9 @@ def test_a_file_behind_a_url_has_size_and_etag(web: Any) -> None:
         describe_input(to_path(f"{web.url}/gone"))
 
 
-async def endless(request: http.Request) -> http.StreamResponse:
-    """A file whose size is not said."""
-    response = http.StreamResponse(headers={"ETag": '"x"'})
-    await response.prepare(request)
-    await response.write(b"12345")
-    return response
-
-
-@pytest.mark.parametrize(
-    ("answer", "same"),
-    [
-        (lambda _: http.Response(body=b"12345", headers={"Last-Modified": "Sun, 22 Nov 2026 07:19:15 GMT"}), True),
-        (lambda _: http.Response(body=b"12345"), False),
-        (endless, False),
-    ],
-    ids=["date", "neither date nor ETag", "no size"],
-)
-def test_only_what_is_known_to_be_the_same_is(web: Any, answer: Any, same: bool) -> None:
-    web.answer = answer
+@pytest.mark.parametrize(("headers", "same"), [({"Last-Modified": "Sun, 22 Nov 2026 07:19:15 GMT"}, True), ({}, False)])
+def test_only_what_is_known_to_be_the_same_is(web: Any, headers: dict[str, str], same: bool) -> None:
+    web.answer = lambda _: http.Response(body=b"12345", headers=headers)
     first, second = (describe_input(to_path(f"{web.url}/walk.mcap")) for _ in range(2))
     assert (first.identity == second.identity) is same
 

@@ -18,7 +18,6 @@ from quadlog.results.tables import (
     TABLES,
     TableWriter,
     read_table,
-    start_ns,
     write_table,
 )
 
@@ -85,43 +84,39 @@ def test_columns_are_checked_by_name(tmp_path: Path) -> None:
     del good["y_m"]
     with pytest.raises(ValueError, match=r"missing: \['y_m'\]"):
         write_table(tmp_path / "poses.parquet", TABLES["poses"], good)
-    with (
-        pytest.raises(ValueError, match=r"missing: \['source'\]"),
-        TableWriter(tmp_path / "poses.parquet", TABLES["poses"]) as table,
-    ):
-        table.add_row(dict.fromkeys(("x_m", "yaw_rad", "z_m", "roll_rad", "pitch_rad"), 0.0) | {"t_ns": 1, "y_m": None})
+    writer = TableWriter(tmp_path / "poses.parquet", TABLES["poses"])
+    rows = [{name: values[0] for name, values in of.items()} for of in (poses(3), good)]
+    with pytest.raises(ValueError, match=r"missing: \['y_m'\]"), writer as table:
+        list(map(table.add_row, rows))
     assert [each.name for each in tmp_path.iterdir()] == []
 
 
 def test_columns_that_a_summary_of_before_lacks_are_without_values(tmp_path: Path) -> None:
     lacked = (*COST_NAMES, "worker", "duty_factor")
     before = pa.schema([each for each in TABLES["summary"] if each.name not in lacked])
-    write_table(
-        tmp_path / "summary.parquet", before, {"recording": ["a", "b"], "exit_code": [0, 1], "reason": ["", "x"]}
-    )
+    rows = {"recording": ["a", "b"], "exit_code": [0, 1], "reason": ["", "x"]}
+    write_table(tmp_path / "summary.parquet", before, rows)
     back = read_table(tmp_path, "summary")
     assert list(back) == TABLES["summary"].names
-    assert np.isnan(back["eta_m"]).all()  # left out on writing
     assert back["worker"].tolist() == ["", ""]
-    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in (*COST_NAMES, "duty_factor"))
-    without_reason = pa.schema([each for each in before if each.name != "reason"])
-    write_table(tmp_path / "summary.parquet", without_reason, {"recording": ["a"], "exit_code": [0]})
-    with pytest.raises(NotARun, match="has no column reason"):
-        read_table(tmp_path, "summary")
+    assert all(np.isnan(back[name]).all() and len(back[name]) == 2 for name in ("eta_m", *COST_NAMES, "duty_factor"))
 
 
-def test_foreign_tables_are_refused(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"t_ns": [1.5], "x": [1]}), tmp_path / "poses.parquet")
-    with pytest.raises(NotARun, match="has no column t_ns of type int64"):
-        read_table(tmp_path, "poses")
-    holes = {"t_ns": [1, None], "x_m": [1.0, 2.0], "y_m": [1.0, 2.0], "yaw_rad": [1.0, 2.0], "source": ["a", "b"]}
-    pq.write_table(pa.table(holes), tmp_path / "poses.parquet")
-    with pytest.raises(NotARun, match="t_ns has missing values"):
-        read_table(tmp_path, "poses")
-    columns = {"t_ns": [1], "x_m": [1.0], "y_m": [1.0], "yaw_rad": [1.0]}
-    odd = pa.array([b"\xff\xfe"]).view(pa.string())
-    pq.write_table(pa.table(columns | {"source": odd}), tmp_path / "poses.parquet")
-    with pytest.raises(NotARun, match=r"poses\.parquet: is damaged"):
+POSE = {"t_ns": [1], "x_m": [1.0], "y_m": [1.0], "yaw_rad": [1.0], "source": ["a"]}
+
+
+@pytest.mark.parametrize(
+    ("columns", "match"),
+    [
+        ({"t_ns": [1.5], "x": [1]}, "has no column t_ns of type int64"),
+        (POSE | {"t_ns": pa.array([None], pa.int64())}, "t_ns has missing values"),
+        (POSE | {"source": pa.array([b"\xff\xfe"]).view(pa.string())}, r"poses\.parquet: is damaged"),
+        ({key: of for key, of in POSE.items() if key != "source"}, "has no column source"),
+    ],
+)
+def test_foreign_tables_are_refused(tmp_path: Path, columns: Any, match: str) -> None:
+    pq.write_table(pa.table(columns), tmp_path / "poses.parquet")
+    with pytest.raises(NotARun, match=match):
         read_table(tmp_path, "poses")
 
 
@@ -130,13 +125,3 @@ def test_a_table_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypat
     monkeypatch.setattr(tables, "_MAX_VALUES", 799)
     with pytest.raises(TooLarge, match="800"):
         read_table(tmp_path, "poses")
-
-
-def test_a_run_starts_at_the_first_instant_of_its_sound_tables(tmp_path: Path) -> None:
-    columns = {"x_m": 0.0, "y_m": 0.0, "source": "uwb"}
-    write_table(tmp_path / "target.parquet", TABLES["target"], columns | {"t_ns": [7, 9]})
-    write_table(tmp_path / "poses.parquet", TABLES["poses"], poses(2) | {"t_ns": [3, 5]})
-    assert start_ns(tmp_path) == 3
-    (tmp_path / "fixes.parquet").write_bytes(b"damaged")
-    assert start_ns(tmp_path) == 3
-    assert start_ns(tmp_path / "none") == 0

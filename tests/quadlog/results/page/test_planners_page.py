@@ -100,40 +100,32 @@ def test_the_map_and_the_charts_have_every_answer_of_the_table(kind, questions, 
 
 
 def test_the_table_has_the_rows_of_planners_parquet_and_the_forest_plot_their_ratios(walks):
-    page = (walks / "report.html").read_text()
     saved = pq.read_table(walks / "planners.parquet").to_pylist()
-    table = re.search(r'<table id="planners-0">.*?</table>', page, re.DOTALL)
+    table = re.search(r'<table id="planners-0">.*?</table>', (walks / "report.html").read_text(), re.DOTALL)
     assert table is not None
     for text, row in zip(re.findall(r"<tr>(<th scope=\"row\".*?)</tr>", table[0], re.DOTALL), saved, strict=True):
         assert f">{row['planner']}</th>" in text.replace("<small>", "</th>")
         values = [float(value) for value in re.findall(r'data-value="([^"]*)"', text)]
-        wanted = [row[name] for name in ("ratio_expanded", "us_median", "success_rate", "suboptimality_mean")]
-        assert values[:4] == wanted
+        assert values[:4] == [row[key] for key in ("ratio_expanded", "us_median", "success_rate", "suboptimality_mean")]
     data, columns = drawn(walks / "report.html")
     (panel,) = data["charts"]["ratios-0"]["panels"]
     ratios = {row["planner"]: row["ratio_expanded"] for row in saved if row["planner"] != "astar"}
     assert panel["rows"] == sorted(ratios, key=ratios.__getitem__, reverse=True)
-    shown = {series["label"]: columns[series["x"]] for series in panel["series"] if not series["variant"]}
-    for name, ratio in ratios.items():
-        assert shown[name] == pytest.approx([ratio], rel=1e-3)  # two episodes are too few for an interval
-
-
-def asked(count: int, side: int, *, passes: int = 1, sources: int = 1) -> QuestionSample:
-    """A sample of that many questions, each on a map of its own, whose cell (0, 0) says whether its number is odd."""
-    sample = QuestionSample(sources=sources)
-    for name, number in itertools.product(range(passes), range(count)):
-        occupied = np.zeros((side, side), dtype=bool)
-        occupied[0, 0] = number % 2
-        query = Query(Window(number, 0, 0.1, occupied.shape), occupied, (0, 0), (1, 1), False, np.empty((0, 2), int))
-        sample.add(number, (0, number), query, occupied, {str(name): np.array([[0, number % side], [1, 0]])})
-    return sample
+    shown = {of["label"]: columns[of["x"]].item() for of in panel["series"] if not of["variant"]}
+    assert shown == pytest.approx(ratios, rel=1e-3)  # two episodes are too few for an interval
 
 
 @pytest.mark.parametrize(("count", "side", "sources", "stride"), [
     (MOST_QUESTIONS, 8, 1, 1), (2 * MOST_QUESTIONS + 1, 8, 1, 4), (MOST_QUESTIONS, 8, 4, 4), (129, 1024, 1, 4),
 ])  # fmt: skip
 def test_every_kth_question_is_kept_with_its_own_map(count, side, sources, stride):
-    sample = asked(count, side, passes=2, sources=sources)
+    """The cell (0, 0) of each map says whether its number is odd."""
+    sample = QuestionSample(sources=sources)
+    for name, number in itertools.product("01", range(count)):
+        occupied = np.zeros((side, side), dtype=bool)
+        occupied[0, 0] = number % 2
+        query = Query(Window(number, 0, 0.1, occupied.shape), occupied, (0, 0), (1, 1), False, np.empty((0, 2), int))
+        sample.add(number, (0, number), query, occupied, {name: np.array([[0, number % side], [1, 0]])})
     assert sample.stride == stride
     assert [shown.at[1] for shown in sample.kept.values()] == list(range(0, count, stride))
     assert all(set(shown.paths) == {"0", "1"} for shown in sample.kept.values())

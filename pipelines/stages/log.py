@@ -17,9 +17,9 @@ from quadlog.errors import MAX_LISTED, AmbiguousTopic, EmptyWindow, MissingInput
 from quadlog.lidar.levelling import UpSeries
 from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.journal import Journal
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
+from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import Recording, open_configured

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Self
+from typing import Any
 
 from quadlog.pipelines.executor.progress import Progress, Silent, StageClock
 from quadlog.recordings.containers.container import Loss
@@ -54,18 +54,18 @@ class Journal:
         """Topics that played a role; by default those detected for it."""
         self.topics[role] = topics
 
-    def add(self, page: Journal) -> None:
-        """Everything of a stage."""
-        for text in page.warnings:
+    def add(self, kept: Mapping[str, Any]) -> None:
+        """Everything of a stage, as `to_json` of its page gave it."""
+        for text in kept["warnings"]:
             self.warn(text)
-        for text in page.notes:
+        for text in kept["notes"]:
             self.note(text)
-        self.lose(page.losses)
-        self.counts |= page.counts
-        self.topics |= page.topics
-        for name, seconds in page.clock.seconds.items():
+        self.lose(Loss(**each) for each in kept["losses"])
+        self.counts |= kept["counts"]
+        self.topics |= {role: tuple(topics) for role, topics in kept["topics"].items()}
+        for name, seconds in kept["seconds"].items():
             self.clock.seconds[name] = self.clock.seconds.get(name, 0.0) + seconds
-        self.clock.peak_memory_mb |= page.clock.peak_memory_mb
+        self.clock.peak_memory_mb |= kept["peak_memory_mb"]
 
     def _add(self, lines: list[str], text: str, before: str = "") -> None:
         if text not in lines:
@@ -78,17 +78,8 @@ class Journal:
             self.progress.say(line)
 
     def to_json(self) -> dict[str, Any]:
-        """As `from_json` reads it."""
+        """As `add` takes it."""
         names = ("warnings", "notes", "counts", "topics")
         clock = {"seconds": self.clock.seconds, "peak_memory_mb": self.clock.peak_memory_mb}
         losses = [asdict(each) for each in self.losses]
         return {name: getattr(self, name) for name in names} | {"losses": losses} | clock
-
-    @classmethod
-    def from_json(cls, kept: dict[str, Any]) -> Self:
-        """What `to_json` gave."""
-        journal = cls(warnings=kept["warnings"], notes=kept["notes"], counts=kept["counts"])
-        journal.losses = [Loss(**each) for each in kept["losses"]]
-        journal.topics = {role: tuple(topics) for role, topics in kept["topics"].items()}
-        journal.clock.seconds, journal.clock.peak_memory_mb = kept["seconds"], kept["peak_memory_mb"]
-        return journal

@@ -15,15 +15,14 @@ from typing import Any
 
 from quadlog.config.file import Configured, configure
 from quadlog.errors import AlreadyExists, CannotWrite, InvalidConfigValue, RunExists, UsageError
-from quadlog.pipelines.batch.batch import BatchOutcome, replay_all
-from quadlog.pipelines.batch.plan import Planned, existing_runs
+from quadlog.pipelines.batch.batch import BatchOutcome, replay_all, trim_stores
+from quadlog.pipelines.batch.plan import existing_runs
 from quadlog.pipelines.executor.progress import BatchLines
 from quadlog.pipelines.replay import planned_keys, refuse_another
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.pipelines.store import Store
+from quadlog.pipelines.store import Store, log_key
 from quadlog.results.find_runs import run_name
 from quadlog.results.page.runs_page import write_sweep_page
-from quadlog.results.record import input_bytes, own_files
 from quadlog.results.studies.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
@@ -146,20 +145,19 @@ def sweep(
     Raises, before anything is written, RecordingNotFound, AlreadyExists, CannotWrite and RunOfAnother; ClusterUnusable
     and VersionsDiffer.
     """
-    size_bytes = input_bytes(own_files(request.recording))
-    batch = [Planned(_request_of(request, each), size_bytes) for each in request.grid]
+    batch = [_request_of(request, each) for each in request.grid]
     _check_output(request, batch)
-    keys = {key for each in batch for key in planned_keys(each.request).values()}
+    log_key(request.recording, request.options)  # raises RecordingNotFound
     if request.existing is Existing.FORCE:
-        Store(request.output).forget(keys)
-        batch = [replace(each, request=replace(each.request, existing=Existing.REPLACE)) for each in batch]
+        Store(request.output).forget(key for each in batch for key in planned_keys(each).values())
+        batch = [replace(each, existing=Existing.REPLACE) for each in batch]
     outcomes = replay_all(batch, jobs, scheduler, progress, repeats=False)
     rows = []
     for each, outcome in zip(request.grid, outcomes, strict=True):
         metrics = {name: float(metric["value"]) for name, metric in outcome.metrics.items()}
         exit_code, reason = int(outcome.exit_code), outcome.reason
         rows.append(SweepRow(each.values, each.seed, each.name, exit_code, reason, metrics))
-    Store(request.output).trim(keys)
+    trim_stores(batch, outcomes)
     with new_folder(request.output):  # not there where every run failed before its folder
         write_sweep_table(request.output, rows)
         write_sweep_page(request.output)
@@ -167,20 +165,13 @@ def sweep(
     return rows, BatchOutcome(tuple(replace(outcome, recording=Path(each.name)) for each, outcome in named))
 
 
-def _request_of(request: SweepRequest, combination: Combination) -> ReplayRequest:
-    return ReplayRequest(
-        recording=request.recording,
-        run=request.output / combination.name,
-        config=combination.configured.config,
-        options=replace(request.options, seed=combination.seed),
-        existing=request.existing,
-        command=request.command,
-        notes=combination.configured.notes,
-        draws=False,
-    )
+def _request_of(request: SweepRequest, each: Combination) -> ReplayRequest:
+    (config, notes), options = each.configured, replace(request.options, seed=each.seed)
+    how = request.existing, request.command, notes
+    return ReplayRequest(request.recording, request.output / each.name, config, options, *how, draws=False)
 
 
-def _check_output(request: SweepRequest, batch: Sequence[Planned]) -> None:
+def _check_output(request: SweepRequest, batch: Sequence[ReplayRequest]) -> None:
     """Raises AlreadyExists, CannotWrite and RunOfAnother where the sweep would replace what it must not."""
     output = request.output
     if output.exists() and not output.is_dir():
@@ -195,5 +186,5 @@ def _check_output(request: SweepRequest, batch: Sequence[Planned]) -> None:
             raise RunExists(min(there))
     if request.existing is Existing.RESUME:
         for each in batch:
-            if each.request.run in there:
-                refuse_another(each.request)
+            if each.run in there:
+                refuse_another(each)
