@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import zlib
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -138,16 +138,7 @@ def measure(who: str, seed: int) -> dict[str, float]:
     return {"m": seed + len(who), "nothing": float("nan")}
 
 
-class AtOnce(Executor):
-    """Runs a task when it is handed in."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
-@pytest.mark.parametrize("executor", [AtOnce(), ThreadPoolExecutor(2)])
+@pytest.mark.parametrize("executor", [ThreadPoolExecutor(1), ThreadPoolExecutor(2)])
 def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     study = Study(measure, grid(who=["a", "bb"], seed=range(3)))
     made = StudyTable("Title", "Caption.", "Sizes.", study, [Group("G", "T", [Claim("m (m)", "m", {"who": "bb"})])])

@@ -6,6 +6,7 @@ import errno
 import subprocess
 import sys
 import time
+from unittest.mock import Mock
 
 import pyarrow as pa
 import pytest
@@ -76,13 +77,6 @@ def compile_something() -> None:
     njit(lambda x: x + 1)(1)
 
 
-class Ended:
-    """A process that has ended."""
-
-    def wait(self, _: float | None = None) -> None: ...
-    def kill(self) -> None: ...
-
-
 @pytest.mark.parametrize(("cores", "parent", "helps"), [(2, None, True), (1, None, False), (2, "a batch", False)])
 def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_of_a_stage(
     monkeypatch, cores, parent, helps
@@ -90,7 +84,7 @@ def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_
     said, started = [], []
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
-    monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Ended())
+    monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Mock())
     clock, before_s, began_s = StageClock(), compiling_s(), time.perf_counter()
     with compilation(("position", "map", "control"), CONFIG, said.append) as before, clock.stage("map"):
         before("map")

@@ -178,9 +178,6 @@ def test_the_s_curve_brings_its_ground_and_its_speed_unless_given_others(tmp_pat
     )
     assert not (faster.run / "ground.npz").exists()
     assert faster.metrics["completion_time_s"]["value"] < run.metrics["completion_time_s"]["value"]
-    own = tmp_path / "s-curve.csv"  # a file of that name is another course
-    own.write_text("0,0\n0.5,0\n")
-    assert not (walk(request_of(own, tmp_path / "own", KINEMATIC)).run / "ground.npz").exists()
 
 
 def test_a_walk_on_the_ground_of_another_is_that_walk(walked, path, tmp_path):
