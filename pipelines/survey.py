@@ -346,8 +346,8 @@ def _anchor_table(anchor_id: int, anchor: SurveyedAnchor, z_given: bool) -> str:
         return f"# anchor {anchor_id} is not surveyed: {anchor.why_not}\n"
     lines = ["[[uwb.anchors]]", f"id = {anchor_id}"]
     for axis, value, bound in zip("xyz", anchor.position_m, anchor.bound_m, strict=True):
-        told = axis != "z" or anchor.height_observed or z_given
-        guess = "" if told else ", a guess: not observed on this walk"
+        observed = axis != "z" or anchor.height_observed or z_given
+        guess = "" if observed else ", a guess: not observed on this walk"
         lines.append(f"{axis}_m = {value:.4f}  # +- {bound:.3f}{guess}")
     lines.append(f"bias_m = {anchor.bias_m:.4f}  # +- {1.96 * anchor.bias_std_m:.3f}")
     return "\n".join(lines) + "\n"

@@ -120,5 +120,5 @@ def _owner(entry_point: metadata.EntryPoint) -> tuple[str, str]:
         about: Any = entry_point.dist.metadata if entry_point.dist else None
     except FileNotFoundError:  # from the backport, which answers instead of the standard library once it is imported
         about = None
-    told = {} if about is None else {"name": about.get("Name"), "version": about.get("Version")}
-    return told.get("name") or "an unnamed distribution", told.get("version") or "?"
+    known = {} if about is None else {"name": about.get("Name"), "version": about.get("Version")}
+    return known.get("name") or "an unnamed distribution", known.get("version") or "?"

@@ -159,7 +159,7 @@ class _Pairing:
 
 
 def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
-    """The offset with what is known of its error, or why it is not told."""
+    """The offset with what is known of its error, or why it is unknown."""
     later, earlier = (pairing.partner_m(offset_s + shift_s) for shift_s in (_DERIVATIVE_S, -_DERIVATIVE_S))
     partner_m = pairing.partner_m(offset_s)
     known = np.isfinite(partner_m + later + earlier).all(axis=1)

@@ -199,10 +199,10 @@ def _starts(tags: Sequence[TagResult], arms_m: Float, rows: _BodyRows, *, smooth
     centre_m, arm_m = np.nansum(places_m, axis=0) / n[:, None], heard.T @ arms_m / n[:, None]
     off_m, off_arm_m = np.nan_to_num(places_m - centre_m), (arms_m[:, None] - arm_m) * heard[:, :, None]
     sine = (off_arm_m[:, :, 0] * off_m[:, :, 1] - off_arm_m[:, :, 1] * off_m[:, :, 0]).sum(axis=0)
-    told = np.flatnonzero(heard.sum(axis=0) >= 2)
+    seen = np.flatnonzero(heard.sum(axis=0) >= 2)
     t_s, yaw_rad = seconds_since(known_ns, int(rows.t_ns[0])), np.zeros(len(known_ns))
-    if len(told):
-        yaw_rad = np.interp(t_s, t_s[told], np.unwrap(np.arctan2(sine, (off_arm_m * off_m).sum(axis=(0, 2)))[told]))
+    if len(seen):
+        yaw_rad = np.interp(t_s, t_s[seen], np.unwrap(np.arctan2(sine, (off_arm_m * off_m).sum(axis=(0, 2)))[seen]))
     pose = np.column_stack([centre_m - turned(yaw_rad, arm_m), yaw_rad])[heard.any(axis=0)]
     return Starts(t_s[heard.any(axis=0)], pose)
 

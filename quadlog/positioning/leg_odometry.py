@@ -173,7 +173,7 @@ def _levelled(vectors: Float, rpy_rad: Float) -> Float:
 
 
 def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
-    """(N, 3) roll, pitch and unwrapped yaw at instants (N,), and what tells them."""
+    """(N, 3) roll, pitch and unwrapped yaw at instants (N,), and the sensor that measured them."""
     if imu is None or len(imu) < 2 or len(t_ns) == 0:
         return np.zeros((len(t_ns), 3)), AttitudeSource.FEET
     start_ns = int(imu.t_ns[0])
@@ -196,7 +196,7 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
 
 
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
-    """(N, 4) in 0..1 how sure it is that a foot carries, and what tells it of each foot."""
+    """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
     carries = np.empty((len(joints), 4))
     source = np.empty((len(joints), 4), dtype=np.int8)
     load_n = np.empty((len(joints), 4))
@@ -207,8 +207,8 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
         lifted_m = feet_m[..., 2] - np.fmin.reduce(feet_m[..., 2], axis=1, keepdims=True)
         carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
     source[:] = ContactSource.HEIGHT
-    for kind, told in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
-        share = share_of_usual(told)
+    for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
+        share = share_of_usual(load)
         known: NDArray[np.bool_] = np.isfinite(share)
         carries[known] = _logistic((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
         source[known] = kind
@@ -278,7 +278,7 @@ def _steps(
 
 
 def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
-    """(M, 4) in 0..1: how well the motion that each foot tells (M, 4, 3) fits that of all of them, over a while."""
+    """(M, 4) in 0..1: how well the motion that each foot shows (M, 4, 3) fits that of all of them, over a while."""
     window = max(round(SMOOTHED_S / float(np.median(step_s))), 1)
     way_m = uniform_filter1d((weight[..., None] * moves_m).sum(axis=1), window, axis=0, mode="nearest")
     lasted_s = uniform_filter1d(weight.sum(axis=1) * step_s, window, mode="nearest")

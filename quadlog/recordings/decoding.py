@@ -74,7 +74,7 @@ class BodyDecoder(NamedTuple):
 _LOW_STATE = BodyDecoder(unitree.decode_low_state, unitree.low_state_ways)
 _HIGH_STATE = BodyDecoder(unitree.decode_high_state, unitree.high_state_ways)
 
-# A quadruped's joints, which are told by configuration too, and what else is in the same message.
+# A quadruped's joints, which the configuration can name too, and what else is in the same message.
 BODY: dict[str, BodyDecoder] = {
     "sensor_msgs/msg/JointState": BodyDecoder(joints.decode_joint_state, joints.joint_state_ways),
     "unitree_go/msg/LowState": _LOW_STATE,

@@ -368,7 +368,7 @@ class Recording(ClosedOnExit):
         topic = raw.channel.topic
         try:
             decoded = self._decode(raw, points=points)
-        except UnknownJoints:  # of another machine; `detect_roles` tells of a topic of nothing else
+        except UnknownJoints:  # of another machine; `detect_roles` reports a topic of nothing else
             return ()
         except DecodeError as error:
             reading.failed[topic] = reading.failed.get(topic, 0) + 1

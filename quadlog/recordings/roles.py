@@ -707,7 +707,7 @@ def _settle(
     ambiguous: dict[str, tuple[tuple[str, ...], ...]],
     unused: dict[str, str],
 ) -> None:
-    """The best candidate plays the role, if there is one best; the others are told why not."""
+    """The best candidate plays the role, if there is one best; for the others the reason is noted."""
     best = max((each.rank for each in candidates), default=0)
     top = [each for each in candidates if each.rank == best]
     if best > 0 and len(top) == 1:

@@ -57,17 +57,17 @@ def find_heading(
         by_tags = None
     sensors = _orientations(data.streams, journal)
     aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags) for role, sensor in sensors.items()}
-    told = {role: each for role, each in aligned.items() if each.told.any()}
-    if "imu" in told and told["imu"].upside_down:
+    usable = {role: each for role, each in aligned.items() if each.is_known.any()}
+    if "imu" in usable and usable["imu"].upside_down:
         journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
     base_std = course_std if by_tags is None else by_tags.std_rad
-    best = min(told, key=lambda role: np.median(told[role].yaw_std_rad), default=None)
-    if best is not None and np.median(told[best].yaw_std_rad) <= np.median(base_std):
+    best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad), default=None)
+    if best is not None and np.median(usable[best].yaw_std_rad) <= np.median(base_std):
         journal.use(best)
-        _tell_choice(journal, best, told)
-        _tell_aligned(journal, best, told[best], by_tags)
-        return told[best].yaw_rad, told[best].yaw_std_rad
-    best_deg = 0.0 if best is None else _median_deg(told[best].yaw_std_rad)
+        _tell_choice(journal, best, usable)
+        _tell_aligned(journal, best, usable[best], by_tags)
+        return usable[best].yaw_rad, usable[best].yaw_std_rad
+    best_deg = 0.0 if best is None else _median_deg(usable[best].yaw_std_rad)
     if by_tags is None:
         why = f"the yaw of {best} fits the course to {best_deg:.0f} degrees only" if best else _why_course(aligned)
         _tell_course(journal, why, course_std)
@@ -98,7 +98,7 @@ def _causal_heading(
     yaw_rad, std_rad = course_heading(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
     if by_tags is not None:
         yaw_rad, std_rad = by_tags.yaw_rad, by_tags.std_rad
-    used = [role for role, heading in aligned.items() if heading.told.any()]
+    used = [role for role, heading in aligned.items() if heading.is_known.any()]
     if not used:
         if by_tags is None:
             _tell_course(journal, _why_course(aligned), std_rad)
@@ -108,13 +108,13 @@ def _causal_heading(
         return yaw_rad, std_rad
     for role in reversed(used):
         journal.use(role)
-        told = aligned[role].told
-        yaw_rad = np.where(told, aligned[role].yaw_rad, yaw_rad)
-        std_rad = np.where(told, aligned[role].yaw_std_rad, std_rad)
+        known = aligned[role].is_known
+        yaw_rad = np.where(known, aligned[role].yaw_rad, yaw_rad)
+        std_rad = np.where(known, aligned[role].yaw_std_rad, std_rad)
     end_rad = float(std_rad[-1])
-    told_by = "the course" if by_tags is None else "the tags"
+    onto = "the course" if by_tags is None else "the tags"
     journal.note(
-        f"heading from {used[0]}, aligned to {told_by} up to each instant; std at the end "
+        f"heading from {used[0]}, aligned to {onto} up to each instant; std at the end "
         f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, end_rad)
@@ -136,7 +136,7 @@ def _orientations(streams: Streams, journal: Journal) -> dict[str, YawSensor]:
 
 
 def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
-    """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are told."""
+    """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are noted."""
     if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
         return None
     if imu.quat_xyzw is not None:
@@ -169,10 +169,10 @@ def _tell_course(journal: Journal, why: str, std_rad: Float) -> None:
     journal.warn(f"{why}: {COURSE_ONLY}; {known}")
 
 
-def _tell_choice(journal: Journal, best: str, told: Mapping[str, AlignedHeading]) -> None:
+def _tell_choice(journal: Journal, best: str, usable: Mapping[str, AlignedHeading]) -> None:
     """Why this sensor and no other; and a warning where they contradict each other."""
-    own = told[best]
-    for role, other in told.items():
+    own = usable[best]
+    for role, other in usable.items():
         if role == best:
             continue
         own_deg, other_deg = (np.degrees(np.median(each.yaw_std_rad)) for each in (own, other))

@@ -135,9 +135,9 @@ def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, a
     share = np.full(len(anchor_ids), np.nan)
     if gap_db is None:
         return share
-    told = (ranges.tag == tag) & np.isfinite(gap_db)
+    known = (ranges.tag == tag) & np.isfinite(gap_db)
     for index, anchor in enumerate(anchor_ids):
-        mine_db = gap_db[told & (ranges.anchor == anchor)]
+        mine_db = gap_db[known & (ranges.anchor == anchor)]
         if len(mine_db):
             share[index] = np.mean(mine_db > WEAK_FIRST_PATH_DB)
     return share

@@ -144,7 +144,7 @@ class AlignedHeading:
     upside_down: bool = False
 
     @property
-    def told(self) -> np.ndarray:
+    def is_known(self) -> np.ndarray:
         """(T,) bool, whether it was known how the sensor is turned."""
         return np.isfinite(self.spread_rad)
 
@@ -180,9 +180,9 @@ def align_yaw(
     since = [int(np.searchsorted(track.t_ns, over_ns[count - 1])) if causal else 0 for count in counts]
     for count, begin, end in zip(counts, since, [*since, n][1:], strict=True):
         fit = fit_offset(differences.until(count), sensor.drift)
-        if fit.told or causal:
+        if fit.agrees or causal:
             offset[begin:end] = fit.at(t_s[begin:end])
-        if fit.told:
+        if fit.agrees:
             std[begin:end], spread[begin:end] = np.hypot(fit.std_at(t_s[begin:end]), constant_std), fit.spread_rad
     if causal and not np.isfinite(spread).any():
         fit = None

@@ -61,7 +61,7 @@ class YawOffset:
     covariance: (2, 2) of both, in rad and s; walk_std: of the sensor's random walk, in rad per root second, which
     comes on top. first_s, last_s: what the differences span. spread_rad: half of them lie within that of the fit.
     askew_share: of the groups that lie more than 60 degrees off, where the course is not where the carrier looked.
-    told: whether the differences agree at all.
+    agrees: whether the differences agree with one offset.
     """
 
     middle_s: float
@@ -73,7 +73,7 @@ class YawOffset:
     walk_std: float
     spread_rad: float
     askew_share: float
-    told: bool
+    agrees: bool
 
     def at(self, t_s: Float) -> Float:
         """(T,) what to add at instants (T,)."""
@@ -104,7 +104,7 @@ def fit_offset(differences: CourseDifferences, drift: SensorDrift) -> YawOffset:
     away_s = differences.t_s - middle_s
     design = np.stack([np.ones_like(away_s), away_s], axis=1)[:, : 1 if drift.rate_std_radps == 0 else 2]
     fitted = _start(differences, away_s, drift.rate_std_radps)[: design.shape[1]]
-    # What a look is worth beside the prior is only told by the residuals of a fit: first there is hardly a prior.
+    # What a look is worth beside the prior only shows in the residuals of a fit: first there is hardly a prior.
     inflation = LEAST_INFLATION
     for _ in range(2):
         fitted, residual = _descend(differences, design, fitted, _prior(drift.rate_std_radps, inflation, len(fitted)))
@@ -121,7 +121,7 @@ def fit_offset(differences: CourseDifferences, drift: SensorDrift) -> YawOffset:
         walk_std=drift.walk_std,
         spread_rad=float(np.median(np.abs(residual))),
         askew_share=float(np.mean(np.abs(residual) > ASKEW_RAD)),
-        told=_agree(residual, differences.weight),
+        agrees=_agree(residual, differences.weight),
     )
 
 

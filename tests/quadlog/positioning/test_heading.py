@@ -129,9 +129,9 @@ def test_a_causal_yaw_is_what_was_known_then_and_is_known_ever_better(kind):
 
     got = align_yaw(walked, sensor(600), causal=True)
     assert np.abs(wrap_angle(got.yaw_rad - yaw))[300:].max() < np.radians(4)
-    assert not got.told[0]
+    assert not got.is_known[0]
     assert got.yaw_std_rad[0] == UNKNOWN
-    assert got.yaw_std_rad[-1] < got.yaw_std_rad[np.argmax(got.told)] / 2
+    assert got.yaw_std_rad[-1] < got.yaw_std_rad[np.argmax(got.is_known)] / 2
     for count in (397, 400):
         before = align_yaw(first(walked, count), sensor(count), causal=True)
         np.testing.assert_array_equal(before.yaw_std_rad, got.yaw_std_rad[:count])
@@ -143,11 +143,11 @@ def test_standing_noise_and_empty_sensors_tell_nothing(lab, causal):
     for seed in range(3):
         stood = located(lab, lambda t_s: np.tile([3.0, 3.0], (len(t_s), 1)), seed, 20.0, smooth=not causal)
         got = align_yaw(stood, YawSensor(stood.t_ns, np.sin(np.arange(len(stood)) / 60)), causal=causal)
-        assert not np.any(got.told)
+        assert not np.any(got.is_known)
         np.testing.assert_array_equal(got.yaw_std_rad, UNKNOWN)
     none = gyro_sensor(np.empty(0, dtype=np.int64), np.empty(0))
     for walked in (curved()[0], track(np.empty((0, 2)))):
-        assert not align_yaw(walked, none, causal=causal).told.any()
+        assert not align_yaw(walked, none, causal=causal).is_known.any()
     still = track(np.zeros((5, 2)))
     got = align_yaw(still, YawSensor(still.t_ns, np.full(5, 0.3)), causal=causal)
     np.testing.assert_allclose(got.yaw_rad, 0.3)
@@ -238,9 +238,9 @@ def test_differences_all_over_the_circle_tell_nothing():
     told = 0
     for seed in range(100):
         random = np.random.default_rng(seed).uniform(-np.pi, np.pi, 100)
-        told += fit_offset(CourseDifferences(0.2 * np.arange(100), random, np.ones(100)), SensorDrift()).told
+        told += fit_offset(CourseDifferences(0.2 * np.arange(100), random, np.ones(100)), SensorDrift()).agrees
     assert told <= 5
-    assert fit_offset(line(0.5, 0.0, 100, 0.7), SensorDrift()).told
+    assert fit_offset(line(0.5, 0.0, 100, 0.7), SensorDrift()).agrees
 
 
 def test_a_third_of_steps_backwards_turns_nothing_and_is_counted():
