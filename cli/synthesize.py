@@ -18,19 +18,18 @@ STEPS = click.IntRange(min=16, max=4000)
 @options.command(
     "synthesize",
     "follow -o walk.mcap --config-output walk.toml",
-    "forest -o forest.bag --duration 60 --seed 7",
+    "forest -o forest.mcap --duration 60 --seed 7",
     "follow -o walk.mcap --body --config-output walk.toml",
 )
 @click.argument("scenario", type=click.Choice(list(SCENARIOS)))
 @options.output_option("Recording to write.", required=True)
-@click.option("--format", "container", type=click.Choice(["mcap", "bag", "db3"]), help="Default: by the extension.")
 @click.option("--duration", "duration_s", type=SECONDS, default=20.0, metavar="S", help="Length of the recording.")
 @options.SEED
 @click.option("--azimuth-steps", type=STEPS, default=1875, metavar="N", help="Steps per lidar sweep (16 beams).")
 @click.option("--body", is_flag=True, help="Simulate a quadruped on the path; adds /joint_states and foot forces.")
 @click.option("--config-output", type=options.LOCAL_PATH, help="Also write the quadlog.toml for its replay.")
 @options.FORCE
-def command(output: Path, container: str | None, config_output: Path | None, force: bool, **what: Any) -> None:
+def command(output: Path, config_output: Path | None, force: bool, **what: Any) -> None:
     """Write a recording with known ground truth.
 
     A robot follows a walking person among:
@@ -46,7 +45,7 @@ def command(output: Path, container: str | None, config_output: Path | None, for
 
     recording = make_recording(**what)
     with open_progress() as progress:
-        counts = synthesize(recording, output, container, config_output, force, progress)
+        counts = synthesize(recording, output, config_output, force, progress)
     click.echo(f"{output}: {sum(counts.values())} messages, {what['duration_s']:g} s")
     for topic, count in sorted(counts.items()):
         click.echo(f"  {topic}  {count}")

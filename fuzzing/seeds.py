@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType
 
 from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.simulation.sensors.lidar import SimulatedScan
-from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, Definition, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
 from tests.lab import recordings as lab
 
 BASE_NS = lab.BASE_NS
@@ -27,7 +27,7 @@ class Encoded(NamedTuple):
 
     topic: str
     type_name: str
-    definition: Definition
+    definition: tuple[str, str]
     t_ns: int
     payload: bytes
 
@@ -61,12 +61,12 @@ def walk(ros: int) -> tuple[Encoded, ...]:
 
 
 def _encode(ros: int, scene: list[tuple[str, Message | SimulatedScan]]) -> tuple[Encoded, ...]:
-    encoder = RosEncoder(1 if ros == 1 else 2)
+    encoder = RosEncoder()
     found = []
     for i, (topic, message) in enumerate(scene):
-        name = TYPE_NAMES[type(message)]
-        t_ns, payload = BASE_NS + i * 10_000_000, encoder.encode(message, i)
-        found.append(Encoded(topic, name, encoder.definition(name), t_ns, payload))
+        name, cdr = TYPE_NAMES[type(message)], encoder.encode(message)
+        payload, text, digest = lab.in_ros1(name, cdr) if ros == 1 else (cdr, encoder.definition(name), "")
+        found.append(Encoded(topic, name, (text, digest), BASE_NS + i * 10_000_000, payload))
     return tuple(found)
 
 

@@ -140,7 +140,7 @@ def definition_seeds() -> list[bytes]:
         for each in seeds.encoded(ros):
             if each.type_name in _TYPES and len(each.payload) < 256:
                 head = bytes([_TYPES.index(each.type_name), ros - 1, len(each.payload)])
-                found.append(head + each.payload + each.definition.text.encode())
+                found.append(head + each.payload + each.definition[0].encode())
     return found
 
 
@@ -159,7 +159,7 @@ def _channels() -> tuple[Channel, ...]:
     found = []
     for ros in (1, 2):
         for each in seeds.encoded(ros):
-            text = each.definition.text.encode()
+            text = each.definition[0].encode()
             found.append(Channel(each.topic, each.type_name, *_DEFINED[ros - 1], text))
     bare = ("gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange", "livox_ros_driver2/msg/CustomMsg")
     bare += ("nlink_parser/msg/LinktrackNodeframe2", "nlink_parser/msg/LinktrackAnchorframe0", "sensor_msgs/msg/Range")

@@ -17,7 +17,7 @@ from quadlog.simulation.sensors.lidar import SimulatedScan
 from quadlog.simulation.synthetic import recording as synthetic
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.registry import SCENARIOS
-from quadlog.simulation.synthetic.writer import WRITERS, write_recording
+from quadlog.simulation.synthetic.writer import write_recording
 from quadlog.storage.atomic_write import whole_file, write_whole
 
 CONFIG_HEADER = "# For the replay of this synthesized recording; the anchors' biases are left for it to estimate.\n\n"
@@ -41,30 +41,22 @@ def make_recording(
 def synthesize(
     recording: synthetic.SynthesizedRecording,
     output: Path,
-    container: str | None = None,
     config_output: Path | None = None,
     force: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, int]:
     """Write a recording, and where asked the config that replays it; both appear whole. Returns messages per topic.
 
-    container: a key of WRITERS, None for what the output's extension says.
     Raises UsageError, AlreadyExists and CannotWrite.
     """
-    extension = output.suffix.lower().removeprefix(".")
-    if container is not None and container not in WRITERS:
-        raise UnknownName("format", container, WRITERS)
-    container = container or extension
-    if container not in WRITERS:
-        raise UsageError(f"{output}: its extension names no container; use .{', .'.join(WRITERS)} or --format")
-    if extension in WRITERS and extension != container:
-        raise UsageError(f"{output}: --format {container} does not fit the extension .{extension}")
     for path in (output, *([config_output] if config_output else [])):
         refuse_existing(path, force)
         if not path.parent.is_dir():
             raise CannotWrite(path, "its folder does not exist")
+    if output.suffix.lower() != ".mcap":
+        raise UsageError(f"{output}: recordings are written as .mcap")
     with whole_file(output) as part:
-        counts = write_recording(WRITERS[container](part), _watched(recording, progress or Progress()))
+        counts = write_recording(part, _watched(recording, progress or Progress()))
     if config_output is not None:
         write_whole(config_output, recording_config(recording).encode())
     return counts

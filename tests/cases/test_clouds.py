@@ -21,13 +21,12 @@ from tests.lab.clouds import (
     SCANS,
     SOURCES,
     Points,
-    Row,
     encoded,
     from_obstacle,
     rows,
     sensed,
-    written,
 )
+from tests.lab.recordings import Row, written
 
 BAD = (2, 3, 7, 11)
 FALSE_SHARE = {"range_image": 0.005, "paper": 0.02}

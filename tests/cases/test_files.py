@@ -13,21 +13,22 @@ from mcap.writer import Writer
 from quadlog.recordings.containers.open import open_container
 from quadlog.simulation.synthetic.recording import LIDAR_TOPIC, START_NS
 from quadlog.simulation.synthetic.ros_encoding import RosEncoder
-from tests.lab.clouds import SCANS, SOURCES, Row, rows, stamped, written
+from tests.lab.clouds import SCANS, SOURCES, rows, stamped
+from tests.lab.recordings import Row, written
 
 HOUR_NS, MINUTE_NS, S_NS = 3_600_000_000_000, 60_000_000_000, 1_000_000_000
 
 
 def in_chunks(path: Path, chunk_bytes: int, before_end: Callable[[Writer], None] = lambda writer: None) -> Path:
     """An MCAP with chunks of about a size; before_end may change what its summary will say."""
-    encoder = RosEncoder(2)
+    encoder = RosEncoder()
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk_bytes)
         writer.start("ros2", "test")
         channels: dict[str, int] = {}
         for topic, log_ns, type_name, payload in rows():
             if topic not in channels:
-                schema = writer.register_schema(type_name, "ros2msg", encoder.definition(type_name).text.encode())
+                schema = writer.register_schema(type_name, "ros2msg", encoder.definition(type_name).encode())
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
             writer.add_message(channels[topic], log_ns, payload, log_ns)
         before_end(writer)
@@ -84,12 +85,12 @@ class File(NamedTuple):
 
 
 FILES = {
-    "bag": File(lambda folder: written(folder / "r.bag", rows(ros_version=1))),
+    "bag": File(lambda folder: written(folder / "r.bag", rows())),
     "db3": File(lambda folder: written(folder / "r.db3", rows())),
     "split": File(lambda folder: split(folder / "walk")),
     "a stray stamp": File(one(lambda log_ns, scan: stamped(scan, log_ns + 2 * HOUR_NS)), 15, "more than an hour from"),
     "a stamp of 0": File(one(lambda _, scan: stamped(scan, 0)), warning="1 messages have the stamp 0"),
-    "not to be decoded": File(one(lambda _, scan: RosEncoder(2).encode(scan, 0)[:200]), 15, losses=(("decode", 1),)),
+    "not to be decoded": File(one(lambda _, scan: RosEncoder().encode(scan)[:200]), 15, losses=(("decode", 1),)),
     "a broken cloud": File(lambda folder: with_a_broken_cloud(folder / "r.mcap"), 15, losses=(("crc", 1),)),
     "fewer than promised": File(
         lambda folder: in_chunks(folder / "r.mcap", 99_999, one_more_promised), losses=(("count", 1),)

@@ -15,7 +15,7 @@ from quadlog.messages import Imu, Odometry, Pose, UwbRanges
 from quadlog.pipelines.evaluation.reference import compare_with_own_reference
 from quadlog.pipelines.stages.tracks import RobotTrack
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
-from quadlog.simulation.synthetic.writer import WRITERS, write_recording
+from quadlog.simulation.synthetic.writer import write_recording
 
 START_NS = 1_767_225_600_000_000_000
 ANCHORS_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
@@ -156,7 +156,7 @@ def located(tmp_path: Path, replayed: Any) -> Callable[..., tuple[Any, RobotTrac
 
     def go(made: Made, *settings: str) -> tuple[Any, RobotTrack, np.ndarray]:
         anchors = ", ".join(f"{{ id = {i}, x_m = {x}, y_m = {y}, z_m = {z} }}" for i, (x, y, z) in enumerate(ANCHORS_M))
-        write_recording(WRITERS["mcap"](tmp_path / "walk.mcap"), made.messages())
+        write_recording(tmp_path / "walk.mcap", made.messages())
         flags = [word for each in settings for word in ("--set", each)]
         done = replayed(tmp_path / "walk.mcap", "--until", "position", *flags, config=CONFIG.format(anchors=anchors))
         robot = RobotTrack.read(done.run)

@@ -31,7 +31,7 @@ from quadlog.simulation.synthetic.recording import (
     UWB_TOPIC,
     SynthesizedMessage,
 )
-from quadlog.simulation.synthetic.writer import McapRecording, write_recording
+from quadlog.simulation.synthetic.writer import write_recording
 
 JOINTS, SCANS = {JOINT_TOPIC, IMU_TOPIC}, {TF_STATIC_TOPIC, LIDAR_TOPIC, IMU_TOPIC}
 MODEL, LIDAR = "robot.model=tracking", "topics.position=lidar"
@@ -156,7 +156,7 @@ def test_where_the_robot_was_is_taken_from_what_is_there(name, tmp_path, walks, 
     case = CASES[name]
     walk, messages = walks[case.body]
     heard = (each for each in messages if each.topic in case.topics)
-    write_recording(McapRecording(tmp_path / "walk.mcap"), case.change(heard))
+    write_recording(tmp_path / "walk.mcap", case.change(heard))
     flags = [word for each in case.settings for word in ("--set", each)]
     config = recording_config(walk) if case.site else ""
     done = replayed(tmp_path / "walk.mcap", "--until", case.until, *flags, config=config)
@@ -186,7 +186,7 @@ def test_a_scan_that_was_lost_is_in_no_map(tmp_path, walks, replayed, monkeypatc
         take(self, t_ns, xyz_m[: 5 if len(self) % 8 == 7 else None], offset_ns)
 
     monkeypatch.setattr(LidarOdometry, "take", blind)
-    write_recording(McapRecording(tmp_path / "walk.mcap"), (m for m in walks[False][1] if m.topic in SCANS))
+    write_recording(tmp_path / "walk.mcap", (m for m in walks[False][1] if m.topic in SCANS))
     done = replayed(tmp_path / "walk.mcap", "--until", "map", "--set", "lidar.deskew=false")
     assert (done.code, done.record["counts"]["scans_without_pose"]) == (3, 6)
     assert len(done.table("poses")["t_ns"]) == 44
@@ -208,7 +208,7 @@ def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walks):
     """Twelve seconds show little: the bounds have to say so, and hold."""
     walked, messages = walks[True]
     heard = (each for each in messages if each.topic in JOINTS | {UWB_TOPIC})
-    write_recording(McapRecording(tmp_path / "walk.mcap"), heard)
+    write_recording(tmp_path / "walk.mcap", heard)
     (tmp_path / "c.toml").write_text('[[uwb.tags]]\nid = 0\nrole = "robot"\nx_m = -0.2\ny_m = 0.0\nheight_m = 0.6\n')
     config = load_config(tmp_path / "c.toml", [MODEL], {})
     found = survey_recording(tmp_path / "walk.mcap", config, ReplayOptions(), {None: 1.2}, Silent())

@@ -13,7 +13,7 @@ import pytest
 from quadlog.cli.main import run as run_cli
 from quadlog.messages import UwbRanges
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
-from quadlog.simulation.synthetic.writer import McapRecording, write_recording
+from quadlog.simulation.synthetic.writer import write_recording
 from tests.lab.strangers import START_NS, Log, header, message
 
 HOUR_NS, TICK_NS = 3600 * 10**9, 50_000_000
@@ -57,7 +57,7 @@ def written(frames: Iterable[Frame]) -> Write:
             SynthesizedMessage("/uwb", log_ns, UwbRanges(stamp_ns, tag, np.arange(len(range_m)), range_m))
             for log_ns, stamp_ns, tag, range_m in ordered
         )
-        write_recording(McapRecording(path.with_suffix(".mcap")), messages)
+        write_recording(path.with_suffix(".mcap"), messages)
         return path.with_suffix(".mcap")
 
     return write

@@ -44,7 +44,7 @@ WRITES = {
     "check --junit": "check RUN --expect bounds.toml --junit OUT",
     "init": "init LOG -o OUT",
     "survey": "survey LOG -o OUT",
-    "synthesize": "synthesize follow --format mcap -o OUT",
+    "synthesize": "synthesize follow -o OUT",
     "synthesize --config-output": "synthesize follow -o new.mcap --config-output OUT",
     "report": "report RUN OTHER --side-by-side -o OUT",
 }

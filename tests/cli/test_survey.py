@@ -12,7 +12,7 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.geometry import quat_from_yaw
 from quadlog.messages import Odometry, UwbRanges
-from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.pipelines.simulation.synthesize import write_recording
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
 from quadlog.storage.formats.tum import read_tum
 
@@ -89,7 +89,7 @@ def circle(tmp_path):
             ranges = UwbRanges(t_ns, tags[step % len(tags)], np.arange(len(anchors_m)), range_m)
             topics = {"/odom": pose, "/nlink_linktrack_tagframe0": ranges}
             messages += [SynthesizedMessage(topic, t_ns, message) for topic, message in topics.items()]
-        write_recording(WRITERS["mcap"](tmp_path / "circle.mcap"), iter(messages))
+        write_recording(tmp_path / "circle.mcap", iter(messages))
         return tmp_path / "circle.mcap"
 
     return write

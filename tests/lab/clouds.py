@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, TF_STATIC_TOPIC
 from quadlog.simulation.synthetic.ros_encoding import POINT, TYPE_NAMES, RosEncoder
-from quadlog.simulation.synthetic.writer import WRITERS
+from tests.lab.recordings import Row
 from tests.lab.strangers import STORE, header, message
 
 RECORDING = synthesize(seed=0, duration_s=1.6, azimuth_steps=240)
@@ -24,8 +23,6 @@ SOURCES = ["--until", "map", "--set", f"topics.position={ROBOT_TRUTH_TOPIC}", "-
 """Of a replay of the recording, as far as its maps."""
 
 Points = np.ndarray
-Row = tuple[str, int, str, bytes]
-"""Topic, log time, type and payload."""
 
 
 def sensed(scan: Any) -> Points:
@@ -54,11 +51,9 @@ Change = Callable[[int, int, Any], tuple[int, Any]]
 """Of the n-th cloud: log time and scan -> log time, and scan or payload (None: left out)."""
 
 
-def rows(
-    change: Change = lambda n, log_ns, scan: (log_ns, scan), ros_version: int = 2, beside_ns: int = 0
-) -> list[Row]:
+def rows(change: Change = lambda n, log_ns, scan: (log_ns, scan), beside_ns: int = 0) -> list[Row]:
     """The messages in the order in which they are written; beside_ns is added to all stamps but the clouds'."""
-    encoder, made, n = RosEncoder(ros_version), [], 0
+    encoder, made, n = RosEncoder(), [], 0
     for topic, log_ns, content in RECORDING.messages():
         if topic not in WANTED:
             continue
@@ -69,25 +64,13 @@ def rows(
         elif beside_ns:
             changed = replace(content, stamp_ns=content.stamp_ns + beside_ns)
         if changed is not None:
-            payload = changed if isinstance(changed, bytes) else encoder.encode(changed, 0)
+            payload = changed if isinstance(changed, bytes) else encoder.encode(changed)
             made.append((topic, log_ns, type_name, payload))
     return made
 
 
 def stamped(scan: Any, stamp_ns: int) -> Any:
     return replace(scan, cloud=replace(scan.cloud, stamp_ns=stamp_ns))
-
-
-def written(path: Path, messages: list[Row]) -> Path:
-    writer = WRITERS[path.suffix[1:]](path)
-    encoder, known = RosEncoder(writer.ros_version), set()
-    for topic, log_ns, type_name, payload in messages:
-        if topic not in known:
-            known.add(topic)
-            writer.add_topic(topic, type_name, encoder.definition(type_name))
-        writer.write(topic, log_ns, 0, payload)
-    writer.close()
-    return path
 
 
 def from_obstacle(obstacle: Obstacle, places_m: np.ndarray) -> np.ndarray:

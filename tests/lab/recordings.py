@@ -6,6 +6,7 @@ import random
 import sqlite3
 import struct
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +14,9 @@ from typing import Any
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from quadlog.simulation.synthetic.ros_encoding import RosEncoder
 
 Message = tuple[str, int, bytes]
 BASE_NS = 1_700_000_000 * 10**9
@@ -100,6 +104,37 @@ def fill_db3(
         [(topics[topic], t_ns, payload) for topic, t_ns, payload in messages],
     )
     connection.commit()
+
+
+Row = tuple[str, int, str, bytes]
+"""Topic, log time, type and CDR payload."""
+
+
+@cache
+def _store(ros: Stores, type_name: str) -> Any:
+    store = get_typestore(ros)
+    if type_name not in store.fielddefs:
+        text = RosEncoder().definition(type_name)
+        store.register({type_name: get_types_from_msg(text, type_name)[type_name]})
+    return store
+
+
+def in_ros1(type_name: str, payload: bytes) -> tuple[bytes, str, str]:
+    """A CDR payload as ROS 1 has it, and the definition and digest that a bag embeds."""
+    converted = _store(Stores.ROS2_HUMBLE, type_name).cdr_to_ros1(payload, type_name)
+    return bytes(converted), *_store(Stores.ROS1_NOETIC, type_name).generate_msgdef(type_name, ros_version=1)
+
+
+def written(path: Path, rows: Sequence[Row]) -> Path:
+    """A recording of messages of the encoder's types, in the container that its extension names."""
+    encoder, messages, types = RosEncoder(), [], {}
+    for topic, t_ns, name, cdr in rows:
+        payload, *described = in_ros1(name, cdr) if path.suffix == ".bag" else (cdr, encoder.definition(name), "")
+        types[topic] = (name, *described)
+        messages.append((topic, t_ns, payload))
+    if path.suffix == ".mcap":
+        return mcap(path, messages, types=types, chunk_size=1 << 20)
+    return {".bag": bag, ".db3": db3}[path.suffix](path, messages, types=types)
 
 
 def build(form: str, path: Path, messages: Sequence[Message], **options: Any) -> Path:

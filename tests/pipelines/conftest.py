@@ -26,7 +26,9 @@ from quadlog.pipelines.executor.pool import Workers
 from quadlog.pipelines.executor.progress import BatchLines, Silent, send_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
+from quadlog.pipelines.simulation.synthesize import make_recording
+from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
+from tests.lab.recordings import written
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 SHORT_S = 3.0
@@ -112,8 +114,13 @@ def season(once: Once) -> Path:
 
     def make(folder: Path) -> Path:
         recording = make_recording("follow", seed=1, duration_s=1.0, azimuth_steps=90)
+        encoder = RosEncoder()
+        messages = [
+            (each.topic, each.log_time_ns, TYPE_NAMES[type(each.message)], encoder.encode(each.message))
+            for each in recording.messages()
+        ]
         for suffix in ("mcap", "bag", "db3"):
-            synthesize(recording, folder / f"walk.{suffix}")
+            written(folder / f"walk.{suffix}", messages)
         (folder / "broken.bag").write_text("not a bag at all")
         return folder
 

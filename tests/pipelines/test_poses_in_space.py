@@ -20,7 +20,7 @@ from quadlog.pipelines.evaluation.reference import OnTime, Reference
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
-from quadlog.pipelines.simulation.synthesize import WRITERS, write_recording
+from quadlog.pipelines.simulation.synthesize import write_recording
 from quadlog.results.tables import read_table
 from quadlog.simulation.synthetic import forest
 from quadlog.simulation.synthetic.forest import ANCHORS_M
@@ -84,7 +84,7 @@ def test_heights_that_uwb_solves_and_the_tilt_of_the_imu_are_those_of_the_walk(t
         for each in messages
         if isinstance(each.message, UwbRanges) and each.message.tag == 0
     ]
-    write_recording(WRITERS["mcap"](path), sorted(messages, key=lambda each: each.log_time_ns))
+    write_recording(path, sorted(messages, key=lambda each: each.log_time_ns))
     anchors = [dict(zip(("id", "x_m", "y_m", "z_m"), (i, *at), strict=True)) for i, at in enumerate(ANCHORS_M.tolist())]
     tags = [{"id": tag, "role": "robot", "height_m": height_m, "x_m": -0.2} for tag in (0, 7)[:n_tags]]
     config = Config.model_validate({"uwb": {"anchors": anchors, "tags": tags, "height": "solved"}})

@@ -1,9 +1,9 @@
-"""Encode quadlog's messages as ROS 1 and ROS 2 payloads, with the definitions that the recording embeds."""
+"""Encode quadlog's messages as ROS 2 payloads, with the definitions that the recording embeds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -30,45 +30,29 @@ TYPE_NAMES: dict[type, str] = {
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")])
 """A velodyne driver's point: 22 bytes, time in seconds relative to the header's stamp."""
 
-_TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
 _POINT_FIELD_TYPES = {"f4": 7, "u2": 4}
 _LINKTRACK_TAG_ROLE = 2
 _LINKTRACK_ANCHORS = 8
 _LINKTRACK_VOLTAGE = 4.9
 
 
-class Definition(NamedTuple):
-    """A type's definition as text, and its digest: MD5 in ROS 1, RIHS01 in ROS 2."""
-
-    text: str
-    digest: str
-
-
 class RosEncoder:
-    """Encodes for one version of ROS. LinkTrack frames carry a header in both, as in the ROS 2 port."""
+    """Encodes messages as CDR. LinkTrack frames carry a header, as in the ROS 2 port of their driver."""
 
-    def __init__(self, version: Literal[1, 2]) -> None:
-        self.version = version
-        self._store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    def __init__(self) -> None:
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
         package, _, name = LINKTRACK.split("/")
         text = (BUNDLED / package / "msg" / f"{name}.msg").read_text(encoding="utf-8")
         self._store.register(get_types_from_msg(HEADER_FIELD + text, LINKTRACK))
-        if version == 1:
-            # rosbags has the tf2_msgs definitions for ROS 2 only.
-            self._store.register(get_types_from_msg(_TF_MESSAGE, TYPE_NAMES[Transforms]))
 
-    def definition(self, type_name: str) -> Definition:
-        """What the recording embeds for a type."""
-        text, md5 = self._store.generate_msgdef(type_name, ros_version=self.version)
-        return Definition(text, md5 if self.version == 1 else self._store.hash_rihs01(type_name))
+    def definition(self, type_name: str) -> str:
+        """The text that the recording embeds for a type."""
+        return self._store.generate_msgdef(type_name, ros_version=2)[0]
 
-    def encode(self, message: Message | SimulatedScan, sequence: int) -> bytes:
-        """The payload of a message, the sequence-th of its topic (ROS 1 headers say so)."""
+    def encode(self, message: Message | SimulatedScan) -> bytes:
+        """The payload of a message."""
         type_name = TYPE_NAMES[type(message)]
-        filled = self._make(type_name, _FIELDS[type(message)](message, sequence))
-        if self.version == 1:
-            return bytes(self._store.serialize_ros1(filled, type_name))
-        return bytes(self._store.serialize_cdr(filled, type_name))
+        return bytes(self._store.serialize_cdr(self._make(type_name, _FIELDS[type(message)](message)), type_name))
 
     def _make(self, type_name: str, fields: Fields) -> Any:
         """A message from its fields, nested messages as dictionaries too; arrays that are not given are zeros."""
@@ -87,11 +71,9 @@ class RosEncoder:
         return self._store.types[type_name](**values)
 
 
-def _header(stamp_ns: int | None, frame_id: str, sequence: int) -> Fields:
-    """ROS 2 has no `seq`."""
+def _header(stamp_ns: int | None, frame_id: str) -> Fields:
     assert stamp_ns is not None
     return {
-        "seq": sequence,
         "stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9},
         "frame_id": frame_id,
     }
@@ -105,7 +87,7 @@ def _pose_fields(pose: Pose | Odometry) -> Fields:
     return {"position": _named(pose.position_m), "orientation": _named(pose.quat_xyzw, "xyzw")}
 
 
-def _scan(scan: SimulatedScan, sequence: int) -> Fields:
+def _scan(scan: SimulatedScan) -> Fields:
     cloud = scan.cloud
     points = np.empty(len(cloud.xyz_m), dtype=POINT)
     for axis, name in enumerate("xyz"):
@@ -114,7 +96,7 @@ def _scan(scan: SimulatedScan, sequence: int) -> Fields:
     points["intensity"], points["ring"], points["time"] = scan.intensity, cloud.ring, cloud.offset_ns * 1e-9
     assert POINT.fields is not None
     return {
-        "header": _header(cloud.stamp_ns, cloud.frame_id, sequence),
+        "header": _header(cloud.stamp_ns, cloud.frame_id),
         "height": 1,
         "width": len(points),
         "fields": [
@@ -129,14 +111,14 @@ def _scan(scan: SimulatedScan, sequence: int) -> Fields:
     }
 
 
-def _uwb_ranges(ranges: UwbRanges, sequence: int) -> Fields:
+def _uwb_ranges(ranges: UwbRanges) -> Fields:
     """The module's own position, velocity and IMU fields stay zero."""
     assert ranges.stamp_ns is not None
     distances = np.zeros(_LINKTRACK_ANCHORS, dtype=np.float32)  # 0: no range
     distances[ranges.anchor] = ranges.range_m
     clock_ms = ranges.stamp_ns // 10**6 % 2**32
     return {
-        "header": _header(ranges.stamp_ns, "map", sequence),
+        "header": _header(ranges.stamp_ns, "map"),
         "role": _LINKTRACK_TAG_ROLE,
         "id": ranges.tag,
         "local_time": clock_ms,
@@ -146,35 +128,35 @@ def _uwb_ranges(ranges: UwbRanges, sequence: int) -> Fields:
     }
 
 
-def _imu(imu: Imu, sequence: int) -> Fields:
+def _imu(imu: Imu) -> Fields:
     assert imu.quat_xyzw is not None
     return {
-        "header": _header(imu.stamp_ns, imu.frame_id, sequence),
+        "header": _header(imu.stamp_ns, imu.frame_id),
         "orientation": _named(imu.quat_xyzw, "xyzw"),
         "angular_velocity": _named(imu.angular_radps),
         "linear_acceleration": _named(imu.linear_mps2),
     }
 
 
-def _pose(pose: Pose, sequence: int) -> Fields:
-    return {"header": _header(pose.stamp_ns, pose.frame_id, sequence), "pose": _pose_fields(pose)}
+def _pose(pose: Pose) -> Fields:
+    return {"header": _header(pose.stamp_ns, pose.frame_id), "pose": _pose_fields(pose)}
 
 
-def _odometry(odometry: Odometry, sequence: int) -> Fields:
+def _odometry(odometry: Odometry) -> Fields:
     twist = {"linear": _named(odometry.linear_mps), "angular": _named(odometry.angular_radps)}
     return {
-        "header": _header(odometry.stamp_ns, odometry.frame_id, sequence),
+        "header": _header(odometry.stamp_ns, odometry.frame_id),
         "child_frame_id": odometry.child_frame_id,
         "pose": {"pose": _pose_fields(odometry)},
         "twist": {"twist": twist},
     }
 
 
-def _transforms(transforms: Transforms, sequence: int) -> Fields:
+def _transforms(transforms: Transforms) -> Fields:
     return {
         "transforms": [
             {
-                "header": _header(pose.stamp_ns, pose.frame_id, sequence),
+                "header": _header(pose.stamp_ns, pose.frame_id),
                 "child_frame_id": pose.child_frame_id,
                 "transform": {"translation": _named(pose.position_m), "rotation": _named(pose.quat_xyzw, "xyzw")},
             }
@@ -191,9 +173,9 @@ _JOINT_NAMES = [
 """As in Unitree's robot descriptions; the effort of a foot is its force, as some drivers have it."""
 
 
-def _joint_states(joints: JointStates, sequence: int) -> Fields:
+def _joint_states(joints: JointStates) -> Fields:
     return {
-        "header": _header(joints.stamp_ns, "", sequence),
+        "header": _header(joints.stamp_ns, ""),
         "name": _JOINT_NAMES,
         "position": np.concatenate([joints.position_rad, np.zeros(4)]),
         "velocity": np.concatenate([joints.velocity_radps, np.zeros(4)]),
@@ -201,7 +183,7 @@ def _joint_states(joints: JointStates, sequence: int) -> Fields:
     }
 
 
-_FIELDS: dict[type, Callable[[Any, int], Fields]] = {
+_FIELDS: dict[type, Callable[[Any], Fields]] = {
     SimulatedScan: _scan,
     UwbRanges: _uwb_ranges,
     Imu: _imu,
