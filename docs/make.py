@@ -48,7 +48,7 @@ Every key of `quadlog.toml`. `make docs` writes this page from the models in `qu
 out of date. `quadlog init RECORDING` writes a file with the keys that a recording can use: what was detected is filled
 in, defaults are comments.
 
-Precedence, lowest to highest: defaults, file, `--preset`, environment, `--set` and options for single keys such as
+Precedence, lowest to highest: defaults, file, `--preset`, `--set` and options for single keys such as
 `--planner`. An option and a `--set` of the same key that differ are a usage error. An unknown key is refused by name,
 with the nearest valid one; keys of the file that the preset replaced are listed on stderr and in `run.json`.
 

@@ -39,7 +39,7 @@ def replay(
 ) -> Run:
     """Replay one recording into a run folder below `output`, and load it. Prints nothing. Both may be URLs.
 
-    config: a quadlog.toml. settings: keys that override the file and the environment: `{"planner.name": "astar"}` or
+    config: a quadlog.toml. settings: keys that override the file: `{"planner.name": "astar"}` or
     `{"planner": {"name": "astar"}}`. plots: in plots/, beside the page. The other arguments are the options of
     `quadlog replay` of the same names. Choices, warnings and losses are in the run's `record`; a damaged recording
     that can be read in part is no error.

@@ -28,13 +28,13 @@ def toml(folder: Path, data: bytes) -> None:
     path = folder / "case.toml"
     path.write_bytes(text)
     if kind == 0:
-        config = load_config(path, environ={})
+        config = load_config(path)
         path.write_text(commented_toml(config))
-        expect(load_config(path, environ={}) == config, "a configuration does not come back as it was written")
+        expect(load_config(path) == config, "a configuration does not come back as it was written")
     elif kind == 1:
         read_bounds(path)
     else:
-        load_config(None, [text.decode("utf-8", "replace")], environ={})
+        load_config(None, [text.decode("utf-8", "replace")])
 
 
 def toml_seeds() -> list[bytes]:

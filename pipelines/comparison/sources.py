@@ -240,7 +240,7 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
 
     given: tables of a configuration that replace the run's own keys.
     """
-    maps, config = load_maps(run), load_config(run / "config.toml", environ={}, settings=given)
+    maps, config = load_maps(run), load_config(run / "config.toml", settings=given)
     if not has_table(run, "target"):
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
     robot, target = RobotTrack.read(run), TargetTrack.read(run)

@@ -205,7 +205,7 @@ def _trajectory_of_poses(run: Path) -> tuple[PoseSeries, str]:
 def _tag_height_is_default(run: Path) -> bool:
     """Whether nothing in the run's configuration gives the height of the robot's tags, from which base's follows."""
     path = run / "config.toml"
-    uwb = (load_config(path, environ={}) if path.is_file() else Config()).uwb
+    uwb = (load_config(path) if path.is_file() else Config()).uwb
     own = [tag.height_m for tag in uwb.tags if tag.role == "robot"]
     return uwb.tag_height_m == UwbConfig().tag_height_m and (not own or None in own)
 

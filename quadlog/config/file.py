@@ -1,10 +1,9 @@
-"""Where a configuration comes from: defaults < file < preset < environment < --set and flags; and how it is written."""
+"""Where a configuration comes from: defaults < file < preset < --set and flags; and how it is written."""
 
 from __future__ import annotations
 
 import difflib
 import json
-import os
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +26,6 @@ from quadlog.errors import (
 )
 from quadlog.metrics.catalogue import CATALOGUE
 
-ENVIRONMENT_PREFIX = "QUADLOG_"
 MAX_FILE_BYTES = 1 << 20
 MAX_DEPTH = 4
 
@@ -75,18 +73,16 @@ class Configured(NamedTuple):
 def load_config(
     path: Path | None = None,
     overrides: Sequence[str] = (),
-    environ: Mapping[str, str] = os.environ,
     preset: str | None = None,
     settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> Config:
     """The effective configuration; see `configure`."""
-    return configure(path, overrides, environ, preset, settings).config
+    return configure(path, overrides, preset, settings).config
 
 
 def configure(
     path: Path | None = None,
     overrides: Sequence[str] = (),
-    environ: Mapping[str, str] = os.environ,
     preset: str | None = None,
     settings: Mapping[str, Any] = MappingProxyType({}),
     flags: Sequence[Flag] = (),
@@ -108,7 +104,6 @@ def configure(
     for flag in given:
         _refuse_contradiction(flag, typed)
     later = [
-        *_environment_layers(environ),
         *typed,
         *(Layer(f"{flag.name} {flag.value}", _nest(flag.key.split("."), flag.value, flag.name)) for flag in given),
         *(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items()),
@@ -230,16 +225,6 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise UnreadableConfig(path, error.strerror or "cannot be read") from None
     except (ValueError, RecursionError) as error:  # ValueError also for an integer of too many digits
         raise UnreadableConfig(path, f"not TOML: {error}") from None
-
-
-def _environment_layers(environ: Mapping[str, str]) -> list[Layer]:
-    """QUADLOG_SECTION__KEY; names without two underscores (QUADLOG_DATASETS) are not ours to read."""
-    layers = []
-    for name in sorted(environ):
-        if name.startswith(ENVIRONMENT_PREFIX) and "__" in name:
-            keys = name.removeprefix(ENVIRONMENT_PREFIX).lower().split("__")
-            layers.append(Layer(name, _nest(keys, _parse_value(environ[name]), name)))
-    return layers
 
 
 def _override_layer(override: str) -> Layer:

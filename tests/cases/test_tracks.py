@@ -210,7 +210,7 @@ def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walks):
     heard = (each for each in messages if each.topic in JOINTS | {UWB_TOPIC})
     write_recording(tmp_path / "walk.mcap", heard)
     (tmp_path / "c.toml").write_text('[[uwb.tags]]\nid = 0\nrole = "robot"\nx_m = -0.2\ny_m = 0.0\nheight_m = 0.6\n')
-    config = load_config(tmp_path / "c.toml", [MODEL], {})
+    config = load_config(tmp_path / "c.toml", [MODEL])
     found = survey_recording(tmp_path / "walk.mcap", config, ReplayOptions(), {None: 1.2}, Silent())
     assert found.source == "legs"
     start = walked.site.robot.at(np.array([(found.start_ns - START_NS) * 1e-9]))

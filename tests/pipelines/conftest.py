@@ -38,7 +38,7 @@ Once = Callable[[str, Callable[[Path], Any]], Any]
 
 def fixture_request(run: Path, **options: object) -> ReplayRequest:
     """The committed recording's first seconds, into the folder `run`."""
-    config = load_config(FIXTURES / "follow.toml", environ={})
+    config = load_config(FIXTURES / "follow.toml")
     chosen = replace(ReplayOptions(duration_s=SHORT_S), **options)  # type: ignore[arg-type]
     return ReplayRequest(FIXTURES / "follow.mcap", run, config, chosen)
 
@@ -133,7 +133,7 @@ def season_config() -> Config:
     rows = [(0, 1.0, 1.0, 1.15), (1, 20.0, 1.2, 1.2), (2, 17.5, 15.8, 1.26), (3, 1.2, 14.8, 1.22)]
     anchors = ", ".join(f"{{id={i}, x_m={x}, y_m={y}, z_m={z}}}" for i, x, y, z in rows)
     settings = ["topics.reference=/truth/robot/pose", "simulation.controller=kinematic"]
-    return load_config(None, [f"uwb.anchors=[{anchors}]", *settings], {})
+    return load_config(None, [f"uwb.anchors=[{anchors}]", *settings])
 
 
 @pytest.fixture(scope="session")

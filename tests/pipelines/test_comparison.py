@@ -247,7 +247,7 @@ def recorded(tmp_path: Path) -> Callable[..., Path]:
 
 
 def test_a_recording_asks_what_its_run_asks(recorded, planned_run, tmp_path):
-    config = load_config(FIXTURES / "follow.toml", environ={})
+    config = load_config(FIXTURES / "follow.toml")
     path = recorded(1.0, lambda topic: True)
     source, loss = recording_source(path, "cut.mcap", config, tmp_path / "run", 0, Silent())
     assert (source.name, loss) == ("cut.mcap", "")
@@ -259,7 +259,7 @@ def test_a_recording_asks_what_its_run_asks(recorded, planned_run, tmp_path):
         assert_array_equal(columns[name], of_run[name][:count], name)
     blind = recorded(0.5, lambda topic: topic != "/lidar/points")
     with pytest.raises(MissingInput, match=r"cut\.mcap: no topic is fit to be the lidar"):
-        recording_source(blind, "cut.mcap", load_config(None, environ={}), tmp_path / "blind", 0, Silent())
+        recording_source(blind, "cut.mcap", load_config(None), tmp_path / "blind", 0, Silent())
 
 
 def test_its_questions_are_those_of_the_stage_plan(planned_run):

@@ -181,7 +181,7 @@ def test_damage_is_found_in_the_sample_or_by_full_and_makes_info_read_on_where_n
 
 @pytest.fixture(scope="module")
 def follow():
-    return describe_recording(FIXTURES / "follow.mcap", load_config(FIXTURES / "follow.toml", environ={}))
+    return describe_recording(FIXTURES / "follow.mcap", load_config(FIXTURES / "follow.toml"))
 
 
 def test_links_and_errors_are_those_of_a_replay(follow, whole_run):

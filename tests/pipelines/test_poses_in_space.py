@@ -37,7 +37,7 @@ def by_evo(run: Path, *, planar: bool) -> list[float]:
 def replayed(lias_site: Any, folder: Path, quat_xyzw: Any, position_m: Any, t_ns: Any) -> ReplayOutcome:
     """A real walk whose poses come from a file, against the recording's motion capture."""
     write_tum_poses(folder / "poses.tum", t_ns, position_m, quat_xyzw)
-    config = load_config(None, [f"topics.position={folder / 'poses.tum'}"], {})
+    config = load_config(None, [f"topics.position={folder / 'poses.tum'}"])
     options = ReplayOptions(until="position", duration_s=12.0)
     request = ReplayRequest(lias_site.folder / "lias_fast.mcap", folder / "run", config, options, plots=False)
     return replay(request, Silent())

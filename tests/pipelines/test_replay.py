@@ -40,7 +40,7 @@ def replayed(tmp_path):
     count = iter(range(100))
 
     def go(*sets, preset=None, progress=None, **options):
-        config = load_config(FIXTURES / "follow.toml", list(sets), {}, preset=preset)
+        config = load_config(FIXTURES / "follow.toml", list(sets), preset=preset)
         request = fixture_request(tmp_path / str(next(count)), **({"until": "position"} | options))
         return replay(replace(request, config=config, plots=False), progress or Silent())
 
@@ -87,7 +87,7 @@ def test_run_json_and_the_page_say_how_the_run_came_about(short_run, replayed):
 
 
 def test_the_effective_config_gives_the_same_run(short_run, tmp_path):
-    config = load_config(short_run.run / "config.toml", environ={})
+    config = load_config(short_run.run / "config.toml")
     replay(replace(fixture_request(tmp_path / "again"), config=config, plots=False), Silent())
     there = {name: each for name, each in results_of(short_run.run).items() if not name.startswith("plots/")}
     assert there == results_of(tmp_path / "again")
@@ -146,7 +146,7 @@ def test_a_replay_that_cannot_work_says_so_and_harms_no_earlier_run(tmp_path):
     nothing = replace(request, options=replace(request.options, start_s=100.0), existing=Existing.FORCE)
     with pytest.raises(EmptyWindow, match=r"lasts 12\.0 s"):
         replay(nothing, Silent())
-    without = load_config(FIXTURES / "follow.toml", ["topics.position=tf"], {})
+    without = load_config(FIXTURES / "follow.toml", ["topics.position=tf"])
     for folder in (tmp_path / "run", tmp_path / "new"):
         with pytest.raises(MissingInput, match=r"topics\.position = 'tf'"):
             replay(replace(request, run=folder, config=without, existing=Existing.FORCE), Silent())

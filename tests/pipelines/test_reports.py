@@ -47,7 +47,7 @@ def test_the_page_of_a_folder_has_the_runs_that_are_in_it_now(located_run, tmp_p
 @pytest.fixture(scope="module")
 def runs(short_run: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The short run and one of the same seconds with other settings; not to be changed."""
-    config = load_config(FIXTURES / "follow.toml", ["planner.name=astar", "simulation.controller=kinematic"], {})
+    config = load_config(FIXTURES / "follow.toml", ["planner.name=astar", "simulation.controller=kinematic"])
     request = replace(fixture_request(tmp_path_factory.mktemp("other") / "follow"), config=config, plots=False)
     return SimpleNamespace(a=short_run.run, b=replay(request, Silent()).run)
 

@@ -22,7 +22,7 @@ MOUNT_M = 0.4
 
 def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, moving: Float | None = None) -> Scanner:
     """What classifies clouds, beside (N, 4) orientations 20 ms apart about T_NS; moving: those of base in map by tf."""
-    config, mount, tree = load_config(None, list(settings), {}), np.eye(4), TransformTree()
+    config, mount, tree = load_config(None, list(settings)), np.eye(4), TransformTree()
     mount[2, 3] = MOUNT_M
     if moving is not None:
         values = np.concatenate([np.zeros((len(moving), 3)), moving], axis=1)

@@ -58,4 +58,4 @@ def test_a_flag_pasted_into_a_shell_names_the_very_same_topics(names: list[str])
     assert flag.isprintable()
     option, override = shlex.split(flag)
     assert option == "--set"
-    assert load_config(None, [override], environ={}).topics.uwb == names
+    assert load_config(None, [override]).topics.uwb == names

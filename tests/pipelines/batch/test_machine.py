@@ -70,7 +70,7 @@ def test_lack_of_memory_is_recognised_in_whatever_form_and_nothing_else(error):
     assert is_out_of_memory(error) == (error in LACKS)
 
 
-CONFIG = load_config(None, ["simulation.controller=fpmw"], {})
+CONFIG = load_config(None, ["simulation.controller=fpmw"])
 
 
 def compile_something() -> None:

@@ -33,7 +33,7 @@ def replayed(folder: Path, force: bool) -> None:
 def simulated(folder: Path, force: bool, course: str = "") -> None:
     path = folder.parent / "path.csv"
     path.write_text("0,0\n0.5,0\n")
-    config = load_config(None, [] if course else ["simulation.controller=kinematic"], {})
+    config = load_config(None, [] if course else ["simulation.controller=kinematic"])
     request = SimulateRequest(course or str(path), config, output=folder / "runs", force=force, plots=False)
     simulate(request, 1, Silent())
 

@@ -28,7 +28,7 @@ RECORDING = FIXTURES / "follow.mcap"
 
 def ask(run: Path, *sets: str, existing: Existing = Existing.RESUME, **options: Any) -> ReplayRequest:
     """A request for one second of the recording and a robot without a body, which is quick, and without plots."""
-    config = load_config(FIXTURES / "follow.toml", ["simulation.controller=kinematic", *sets], {})
+    config = load_config(FIXTURES / "follow.toml", ["simulation.controller=kinematic", *sets])
     made = fixture_request(run, **({"duration_s": 1.0} | options))
     return replace(made, config=config, existing=existing, plots=False)
 
@@ -170,7 +170,7 @@ def test_what_only_the_clouds_show_is_kept_where_they_are_not_read_again(tmp_pat
         keep=lambda schema, _: schema == "sensor_msgs/msg/PointCloud2",
         changed=lambda count, data: data[:100] if count == 2 else data,
     )
-    config = load_config(settings={"topics.target": "fixed", "simulation.controller": "kinematic"}, environ={})
+    config = load_config(settings={"topics.target": "fixed", "simulation.controller": "kinematic"})
 
     def go(name: str, until: str) -> ReplayOutcome:
         request = ask(tmp_path / name / "run", duration_s=None, until=until)

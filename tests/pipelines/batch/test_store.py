@@ -95,7 +95,7 @@ STAGES = (ingest, locate, filter_and_map, replan, resimulate)
 def keys(config: Config | None = None, **options: Any) -> list[str]:
     """Of `ingest`, and of each result behind it."""
     chosen = replace(ReplayOptions(), **options)
-    request = ReplayRequest(FIXTURES / "follow.mcap", Path("run"), config or load_config(environ={}), chosen)
+    request = ReplayRequest(FIXTURES / "follow.mcap", Path("run"), config or load_config(), chosen)
     return list(dict.fromkeys(planned_keys(request).values()))
 
 
@@ -116,7 +116,7 @@ def leaves(model: BaseModel, prefix: str = "") -> dict[str, object]:
 
 def test_every_key_counts_from_the_stage_that_reads_it():
     """A stage is given the keys that it names and no others; another value of one changes its result's key."""
-    for name in leaves(load_config(environ={})):
+    for name in leaves(load_config()):
         assert any(name == read or name.startswith(f"{read}.") for stage in STAGES for read in stage.reads), name
     first = {
         "grid.dilation_m=0.51": 3,
@@ -125,7 +125,7 @@ def test_every_key_counts_from_the_stage_that_reads_it():
         "lidar.mount.x_m=1.0": 0,
     }
     for setting, count in first.items():
-        assert unchanged(keys(), keys(load_config(None, [setting], {}))) == count
+        assert unchanged(keys(), keys(load_config(None, [setting]))) == count
 
 
 def test_options_and_seeds_start_where_they_count_and_how_far_to_go_is_in_no_key():
@@ -133,7 +133,7 @@ def test_options_and_seeds_start_where_they_count_and_how_far_to_go_is_in_no_key
     for options in ({"stamp": "log"}, {"start_s": 0.0}, {"duration_s": 9.0}):
         assert unchanged(whole, keys(**options)) == 0
     assert unchanged(whole, keys(seed=1)) == 4  # the first stage that draws numbers
-    paper = load_config(settings={"lidar.method": "paper"}, environ={})
+    paper = load_config(settings={"lidar.method": "paper"})
     assert unchanged(keys(paper), keys(paper, seed=1)) == 2
     for until, count in (("ingest", 1), ("position", 2), ("map", 3), ("plan", 4), ("control", 5)):
         assert keys(until=until) == whole[:count]
@@ -156,7 +156,7 @@ def test_another_version_of_quadlog_of_a_package_or_of_the_machine_starts_anew(n
 
 def test_files_and_plugins_that_the_configuration_names_count_by_their_content(tmp_path, install):
     path = tmp_path / "poses.tum"
-    track = load_config(settings={"topics.position": str(path)}, environ={})
+    track = load_config(settings={"topics.position": str(path)})
     found = [keys(track)]
     for text in ("0 0 0 0 0 0 0 1\n", "0 1 0 0 0 0 0 1\n"):
         path.write_text(text)
@@ -165,7 +165,7 @@ def test_files_and_plugins_that_the_configuration_names_count_by_their_content(t
     assert unchanged(found[0], found[1]) == unchanged(found[1], found[2]) == 0
     model, included = tmp_path / "robot.xml", tmp_path / "legs.xml"
     model.write_text('<mujoco><include file="legs.xml"/></mujoco>')
-    robot, found = load_config(settings={"robot.model": str(model)}, environ={}), []
+    robot, found = load_config(settings={"robot.model": str(model)}), []
     for name in "aab":
         text = f'<mujoco><worldbody><body name="{name}"><geom size="1"/></body></worldbody></mujoco>'
         included.write_text(text)

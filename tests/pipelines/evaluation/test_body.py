@@ -25,7 +25,7 @@ def run(walked: SynthesizedRecording, tmp_path_factory: pytest.TempPathFactory) 
     """A replay of the walk with the config that `synthesize` writes; not to be changed."""
     folder = tmp_path_factory.mktemp("body")
     synthesize(walked, folder / "walk.mcap", config_output=folder / "walk.toml")
-    config = load_config(folder / "walk.toml", environ={})
+    config = load_config(folder / "walk.toml")
     request = ReplayRequest(folder / "walk.mcap", folder / "run", config, ReplayOptions(), draws=False)
     assert replay(request, Silent()).exit_code == 0
     return folder / "run"

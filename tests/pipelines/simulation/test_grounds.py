@@ -26,7 +26,7 @@ BEND = Course("bend", np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]), 0.6)
 
 
 def _config(*given):
-    return load_config(None, given, {})
+    return load_config(None, given)
 
 
 def _write(run: Path, height_m, count=None, origin_m=(-2.0, -2.0), cell_m=CELL_M) -> Path:

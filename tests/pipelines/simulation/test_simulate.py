@@ -25,7 +25,7 @@ KINEMATIC = "simulation.controller=kinematic"
 
 
 def request_of(course: Path | str, output: Path, *settings: str, **options) -> SimulateRequest:
-    config = load_config(None, ["pursuit.lookahead_m=0.6", *settings], {})
+    config = load_config(None, ["pursuit.lookahead_m=0.6", *settings])
     return SimulateRequest(str(course), config, output=output, **({"plots": False} | options))
 
 
@@ -115,7 +115,7 @@ def test_metrics_are_those_of_the_table(walked, trotted):
 
 def test_the_written_config_gives_the_same_walk(walked, trotted, path, tmp_path, three_steps):
     for course, runs, last in ((str(path), [walked], "derived.mcap"), ("trot-32s", trotted, "trajectory.tum")):
-        config = load_config(runs[0].run / "config.toml", [], {})
+        config = load_config(runs[0].run / "config.toml", [])
         again = simulate(SimulateRequest(course, config, output=tmp_path, plots=False), 1, Silent())
         for before, after in zip(runs, again, strict=True):
             for name in ("control.parquet", "config.toml", last):
@@ -235,7 +235,7 @@ def test_seeds_of_a_trot_have_folders_below_its_curves_and_the_curve_is_the_only
 
 
 def trot(*keys: str):
-    return load_config(None, [f"simulation.trot.{key}" for key in keys], {}).simulation
+    return load_config(None, [f"simulation.trot.{key}" for key in keys]).simulation
 
 
 EXACT = ("friction_spread=0", "foot_radius_spread=0", "posture_spread_deg=0")

@@ -20,21 +20,20 @@ from quadlog.errors import (
 )
 
 
-def test_precedence_is_defaults_file_environment_set(tmp_path):
+def test_precedence_is_defaults_file_set(tmp_path):
     path = tmp_path / "quadlog.toml"
     path.write_text("[uwb]\nrange_std_m = 0.2\ntag_height_m = 0.7\nepoch_s = 0.1\n")
-    environ = {"QUADLOG_UWB__TAG_HEIGHT_M": "0.8", "QUADLOG_UWB__EPOCH_S": "0.2", "QUADLOG_DATASETS": "/somewhere"}
-    config = load_config(path, ["uwb.epoch_s=0.3"], environ)
+    config = load_config(path, ["uwb.epoch_s=0.3"])
     assert config.uwb.range_std_m == 0.2
-    assert config.uwb.tag_height_m == 0.8
+    assert config.uwb.tag_height_m == 0.7
     assert config.uwb.epoch_s == 0.3
     assert config.uwb.method == Config().uwb.method
 
 
 def test_nested_tables_are_reached_and_topic_names_need_no_quotes():
     settings = ["lidar.mount.z_m=0.4", "topics.lidar=/points", 'topics.uwb=["/a", "/b"]']
-    config = load_config(None, settings, {"QUADLOG_LIDAR__MOUNT__YAW_DEG": "90"})
-    assert (config.lidar.mount.z_m, config.lidar.mount.yaw_deg) == (0.4, 90)
+    config = load_config(None, settings)
+    assert config.lidar.mount.z_m == 0.4
     assert (config.topics.lidar, config.topics.uwb) == ("/points", ["/a", "/b"])
 
 
@@ -49,7 +48,7 @@ def test_nested_tables_are_reached_and_topic_names_need_no_quotes():
 )
 def test_unknown_keys_are_refused_with_the_nearest(override, nearest):
     with pytest.raises(UnknownConfigKey) as caught:
-        load_config(None, [override], {})
+        load_config(None, [override])
     assert caught.value.nearest is not None
     assert caught.value.nearest.startswith(nearest)
     assert f"--set {override}" in str(caught.value)
@@ -59,18 +58,18 @@ def test_unknown_key_of_an_anchor_names_its_place_and_file(tmp_path):
     path = tmp_path / "quadlog.toml"
     path.write_text("[[uwb.anchors]]\nid = 0\nx_m = 0.0\ny = 1.0\n")
     with pytest.raises((UnknownConfigKey, InvalidConfigValue)) as caught:
-        load_config(path, [], {})
+        load_config(path)
     assert str(path) in str(caught.value)
     assert "uwb.anchors.0.y" in str(caught.value)
 
 
 def test_values_out_of_bounds_and_unknown_presets_say_where_they_came_from():
-    with pytest.raises(InvalidConfigValue, match=r"QUADLOG_GRID__CELL_M: grid\.cell_m"):
-        load_config(None, [], {"QUADLOG_GRID__CELL_M": "-1"})
+    with pytest.raises(InvalidConfigValue, match=r"--set grid\.cell_m=-1: grid\.cell_m"):
+        load_config(None, ["grid.cell_m=-1"])
     with pytest.raises(InvalidConfigValue, match="id 3 appears more than once"):
-        load_config(None, ["uwb.tags=[{id=3}, {id=3}]"], {})
+        load_config(None, ["uwb.tags=[{id=3}, {id=3}]"])
     with pytest.raises(UnknownName, match="paper"):
-        load_config(preset="papers", environ={})
+        load_config(preset="papers")
 
 
 @pytest.mark.parametrize(
@@ -82,7 +81,7 @@ def test_unreadable_files_are_named(tmp_path, content, error):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(error, match="No such file" if content is None else "not TOML|exceeds"):
-        load_config(path, [], {})
+        load_config(path)
 
 
 def _sample() -> Config:
@@ -101,23 +100,22 @@ def _sample() -> Config:
 def test_a_written_configuration_reads_back_the_same(tmp_path, config):
     path = tmp_path / "quadlog.toml"
     path.write_text(commented_toml(config))
-    assert load_config(path, [], {}) == config
+    assert load_config(path) == config
 
 
 @pytest.mark.parametrize(
-    ("environ", "overrides", "flags", "method", "noted"),
+    ("overrides", "flags", "method", "noted"),
     [
-        ({}, [], [], "paper", True),
-        ({"QUADLOG_UWB__METHOD": "linear"}, [], [], "linear", False),
-        ({"QUADLOG_UWB__METHOD": "linear"}, ["uwb.method=weighted"], [], "weighted", False),
-        ({"QUADLOG_UWB__METHOD": "linear"}, [], [Flag("--method", "uwb.method", "weighted")], "weighted", False),
-        ({}, ["uwb.method=paper"], [], "paper", False),
+        ([], [], "paper", True),
+        (["uwb.method=weighted"], [], "weighted", False),
+        ([], [Flag("--method", "uwb.method", "weighted")], "weighted", False),
+        (["uwb.method=paper"], [], "paper", False),
     ],
 )
-def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, environ, overrides, flags, method, noted):
+def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, overrides, flags, method, noted):
     path = tmp_path / "quadlog.toml"
     path.write_text('[uwb]\nmethod = "huber"\nsmooth = false\ncalibrate = true\nrange_std_m = 0.2\n')
-    config, notes = configure(path, overrides, environ, "paper", flags=flags)
+    config, notes = configure(path, overrides, "paper", flags=flags)
     assert (config.uwb.method, config.uwb.calibrate, config.uwb.range_std_m) == (method, False, 0.2)
     replaced = ['uwb.method = "paper" instead of "huber"'] * noted + ["uwb.calibrate = false instead of true"]
     assert notes == (f"preset paper replaces keys of {path}: {', '.join(replaced)}",)
@@ -126,24 +124,21 @@ def test_a_preset_overrides_only_the_file_and_reports_replaced_keys(tmp_path, en
 @pytest.mark.parametrize("before", ["paper", "b1", "go1"])
 def test_a_robots_preset_over_an_effective_configuration_is_the_whole_robot(tmp_path, before):
     path = tmp_path / "config.toml"
-    path.write_text(tomli_w.dumps(load_config(None, [f"robot.preset={before}"], {}).model_dump(exclude_none=True)))
+    path.write_text(tomli_w.dumps(load_config(None, [f"robot.preset={before}"]).model_dump(exclude_none=True)))
     for given in ("robot.preset=paper", "robot.preset=go2", "robot.model=b1"):
-        expected = load_config(None, [given], {}).model_dump()
-        assert load_config(path, [given], {}).model_dump() == expected
-    assert load_config(path, ["robot.preset=go2", "robot.length_m=0.9"], {}).robot.length_m == 0.9
+        expected = load_config(None, [given]).model_dump()
+        assert load_config(path, [given]).model_dump() == expected
+    assert load_config(path, ["robot.preset=go2", "robot.length_m=0.9"]).robot.length_m == 0.9
 
 
 def test_a_preset_leaves_what_the_file_gives_and_a_model_brings_its_body(tmp_path):
     path = tmp_path / "quadlog.toml"
     path.write_text("[robot]\nlength_m = 0.9\n[wbc]\nf_max_n = 300\n")
-    config = load_config(path, ["robot.preset=go2"], {})
+    config = load_config(path, ["robot.preset=go2"])
     assert (config.robot.model, config.robot.length_m, config.robot.width_m) == ("go2", 0.9, 0.31)
     assert (config.wbc.f_max_n, config.mpc.f_max_n) == (300, 150)
-    assert load_config(None, ["robot.preset=paper"], {}).model_dump() == Config().model_dump()
-    assert (
-        load_config(None, ["robot.model=b1"], {}).model_dump()
-        == load_config(None, ["robot.preset=b1"], {}).model_dump()
-    )
+    assert load_config(None, ["robot.preset=paper"]).model_dump() == Config().model_dump()
+    assert load_config(None, ["robot.model=b1"]).model_dump() == load_config(None, ["robot.preset=b1"]).model_dump()
 
 
 def test_the_versions_that_decide_results_are_those_of_all_dependencies_but_the_plumbing():
@@ -169,22 +164,22 @@ def test_an_option_and_a_setting_of_one_key_must_agree(key, value, override, sam
     flags = [Flag("--option", key, value), Flag("--other", "planner.smooth", None)]
     if same is None:
         with pytest.raises(UnknownConfigKey):
-            configure(None, [override], {}, flags=flags)
+            configure(None, [override], flags=flags)
     elif same:
-        assert configure(None, [override], {}, flags=flags).config == load_config(None, [override], {})
+        assert configure(None, [override], flags=flags).config == load_config(None, [override])
     else:
         with pytest.raises(UsageError, match=rf"--option {value} and --set {re.escape(override)} differ"):
-            configure(None, [override], {}, flags=flags)
+            configure(None, [override], flags=flags)
 
 
 def test_bounds_of_metrics_come_back_from_the_file_and_unknown_metrics_are_refused(tmp_path):
     path = tmp_path / "quadlog.toml"
     path.write_text("[expect]\neta_m = { max = 0.3 }\nsuccess_rate = { min = 0.99, max = 1 }\n")
-    config = load_config(path, ["expect.collisions.max=0"], {})
+    config = load_config(path, ["expect.collisions.max=0"])
     dumped = config.model_dump(exclude_none=True)["expect"]
     assert dumped == {"eta_m": {"max": 0.3}, "success_rate": {"min": 0.99, "max": 1.0}, "collisions": {"max": 0.0}}
     path.write_text(commented_toml(config))
-    assert load_config(path, [], {}) == config
+    assert load_config(path) == config
     for wrong, said in (
         ("eta={max=1}", "unknown key expect.eta; did you mean expect.eta_m?"),
         ("eta_m={maxi=1}", "unknown key expect.eta_m.maxi; did you mean expect.eta_m.max?"),
@@ -192,4 +187,4 @@ def test_bounds_of_metrics_come_back_from_the_file_and_unknown_metrics_are_refus
         ("eta_m={min=2,max=1}", "min must not be above max"),
     ):
         with pytest.raises((UnknownConfigKey, InvalidConfigValue), match=re.escape(said)):
-            load_config(None, [f"expect.{wrong}"], {})
+            load_config(None, [f"expect.{wrong}"])
