@@ -7,7 +7,7 @@ chose. Whole topics of small messages are gathered into column series.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -203,6 +203,10 @@ class PoseSeries:
 
     def __len__(self) -> int:
         return len(self.t_ns)
+
+    def rows(self, index: Int) -> PoseSeries:
+        """The poses with these indices (M,)."""
+        return replace(self, t_ns=self.t_ns[index], position_m=self.position_m[index], quat_xyzw=self.quat_xyzw[index])
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import ExitCode
-from quadlog.metrics.comparison.planner_verdict import notes, verdict
 from quadlog.metrics.intervals import corrected_confidence, fewest_values
+from quadlog.metrics.planner_verdict import notes, verdict
 from quadlog.metrics.planning import compare_planners
 from quadlog.pipelines.comparison.sources import CompareOptions, ProblemSource, Question, open_sources
 from quadlog.pipelines.executor.progress import Progress

@@ -13,8 +13,8 @@ import numpy as np
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
 from quadlog.errors import MissingInput, UsageError
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import Window, window_at
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
@@ -136,7 +136,7 @@ PREFIX = "forest:"
 def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation: str, seed: int) -> ProblemSource:
     """Walks through `name`, as forest:0.2 for 0.2 trees/m²; every planner is asked what the leader was asked.
 
-    dilation: of `inflation.INFLATIONS`. Raises UsageError for a density that is none.
+    dilation: of `goal_projection.INFLATIONS`. Raises UsageError for a density that is none.
     """
     try:
         density_per_m2 = float(name.removeprefix(PREFIX))

@@ -15,7 +15,7 @@ from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, U
 from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
-from quadlog.metrics.positioning import Trajectory, fix_error_samples
+from quadlog.metrics.positioning import fix_error_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of, roles_of, tag_truth
@@ -84,11 +84,6 @@ class Reference:
         """From a TUM file. Raises UnreadableFile, TooLarge."""
         return cls(path, read_tum(path), how)
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """Its poses as metrics take them."""
-        return Trajectory(self.poses.t_ns, self.poses.position_m, self.poses.quat_xyzw)
-
 
 @dataclass(frozen=True, slots=True)
 class ReferenceErrors:
@@ -119,7 +114,7 @@ def compare_trajectory(run: Path, reference: Reference) -> ReferenceErrors:
 
     Raises NoCommonTime when no two poses are near in time, NotARun for a run without a trajectory.
     """
-    how, truth, (estimate, why_planar) = reference.how, reference.trajectory, _trajectory_of(run)
+    how, truth, (estimate, why_planar) = reference.how, reference.poses, _trajectory_of(run)
     why_planar = why_planar or ("the reference lies in a plane" if _is_planar(truth) else "")
     planar = bool(why_planar) if how.planar is None else how.planar
     options = how.max_difference_s, how.offset_s
@@ -152,7 +147,7 @@ def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:
     return "3-D"
 
 
-def _is_planar(trajectory: Trajectory) -> bool:
+def _is_planar(trajectory: PoseSeries) -> bool:
     """Whether its height never changes, as that of an odometry or a tracker of the plane."""
     return bool(np.ptp(trajectory.position_m[:, 2]) == 0)
 
@@ -173,7 +168,7 @@ def compare_with_own_reference(run: Path) -> ReferenceErrors | None:
         return None
 
 
-def _trajectory_of(run: Path) -> tuple[Trajectory, str]:
+def _trajectory_of(run: Path) -> tuple[PoseSeries, str]:
     """The poses that trajectory.tum holds, which evo would be given; from poses.parquet where a run has it.
 
     With why they are known in the plane alone, empty where heights are known; unknown roll and pitch count as 0.
@@ -184,14 +179,13 @@ def _trajectory_of(run: Path) -> tuple[Trajectory, str]:
     if not path.is_file():
         raise NotARun(run, "has no trajectory to compare: neither poses.parquet nor trajectory.tum")
     try:
-        poses = read_tum(path)
+        trajectory = read_tum(path)
     except UnreadableFile as error:
         raise NotARun(path, f"is damaged: {error.reason}") from error
-    trajectory = Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
     return trajectory, "the poses lie in a plane" if _is_planar(trajectory) else ""
 
 
-def _trajectory_of_poses(run: Path) -> tuple[Trajectory, str]:
+def _trajectory_of_poses(run: Path) -> tuple[PoseSeries, str]:
     table = read_table(run, "poses")
     if set(table["source"]) == {"fixed"}:
         raise NotARun(run, "has no trajectory to compare: its poses are fixed")
@@ -200,7 +194,7 @@ def _trajectory_of_poses(run: Path) -> tuple[Trajectory, str]:
     known = np.flatnonzero(np.isfinite(position_m).all(axis=1) & np.isfinite(table["yaw_rad"]))
     if len(known) == 0:
         raise NotARun(run, "has no trajectory to compare: poses.parquet holds no pose")
-    trajectory = Trajectory(table["t_ns"], position_m, quat_xyzw).rows(known)
+    trajectory = PoseSeries(table["t_ns"], position_m, quat_xyzw).rows(known)
     if not np.isfinite(table["z_m"][known]).all():
         return trajectory, "heights of the poses are not known"
     if set(table["source"]) == {"uwb"} and _tag_height_is_default(run):

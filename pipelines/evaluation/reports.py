@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from quadlog.errors import UsageError
-from quadlog.metrics.comparison.paired import paired_differences
+from quadlog.metrics.differences import paired_differences
 from quadlog.pipelines.batch.summary import rebuild_summary
 from quadlog.pipelines.evaluation.samples import read_samples
 from quadlog.results.diff import diff_runs, first_moments

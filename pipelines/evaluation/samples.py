@@ -12,11 +12,11 @@ import numpy as np
 from quadlog.errors import QuadlogError
 from quadlog.geometry import interpolate_poses
 from quadlog.metrics.alignment import track_difference_samples
-from quadlog.metrics.planning import Replans, search_samples
+from quadlog.metrics.planning import search_samples
 from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples
-from quadlog.metrics.walking import TrackedWalk, body_samples, clearance_samples, tracking_samples
+from quadlog.metrics.walking import body_samples, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
 from quadlog.results.tables import read_table
@@ -108,15 +108,15 @@ def _lidar_against_uwb(run: _Run) -> dict[str, Samples]:
 
 def _plans(run: _Run) -> dict[str, Samples]:
     columns = ("t_ns", "found", "expanded", "generated", "cost", "optimal_cost", "from_scratch")
-    return search_samples(Replans(**read_table(run.path, "plans", columns)))
+    return search_samples(read_table(run.path, "plans", columns))
 
 
 def _control(run: _Run) -> dict[str, Samples]:
     errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
     table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
-    # A robot without joints cannot fall.
-    fallen = table["fallen"] if np.isfinite(table["tau_00_nm"]).any() else None
-    return tracking_samples(TrackedWalk(table["t_ns"], **{name: table[name] for name in errors}, fallen=fallen))
+    if not np.isfinite(table["tau_00_nm"]).any():
+        del table["fallen"]  # a robot without joints cannot fall
+    return tracking_samples(table)
 
 
 _SOURCES = (

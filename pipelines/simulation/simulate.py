@@ -17,7 +17,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, saved_metrics
-from quadlog.metrics.walking import GRAVITY_MPS2, TrackedWalk, effort_metrics, tracking_metrics
+from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_metrics
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
@@ -314,9 +314,9 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     """How well the course was followed, what it cost, and how fast it was simulated."""
     walk = simulated.walk
     control = walk.control
-    errors = {name: control[name] for name in ("error_m", "cross_track_m", "time_error_m", "heading_error_rad")}
-    fallen = control["fallen"].astype(np.bool_) if simulated.model is not None else None
-    metrics = tracking_metrics(TrackedWalk(control["t_ns"], **errors, fallen=fallen), walk.completed_ns)
+    errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
+    columns = {name: control[name] for name in (*errors, *(["fallen"] if simulated.model is not None else []))}
+    metrics = tracking_metrics(columns, walk.completed_ns)
     if walk.effort is not None:
         ticks = round(simulated.lasted_s / TIMESTEP_S)
         metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)

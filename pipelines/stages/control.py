@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.mapping.accumulated_map import OCCUPIED
 from quadlog.mapping.grid import crop, window_at
+from quadlog.mapping.memory import OCCUPIED
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress

@@ -15,10 +15,9 @@ from quadlog.config.schema import Config
 from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.mapping.accumulated_map import AccumulatedMap, GroundHeight
+from quadlog.mapping.compact import NO_TOP, place_scan
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
-from quadlog.mapping.memory import LogOddsMemory, Memory, ScanMemory
-from quadlog.mapping.placing import ScanPlacer
+from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
@@ -210,7 +209,6 @@ class _Mapper:
         self._grid, self._height_mm, self._maps = config.grid, round(config.robot.height_m * 1000), maps
         # Returns of a target with a body are kept out of the map.
         self._target = target if target is not None and target.has_body else None
-        self._placer = ScanPlacer(config.grid.min_points, config.grid.target_radius_m)
         self._memory = make_memory(config)
         self._whole = AccumulatedMap(config.grid.cell_m)
         self._ground = GroundHeight(config.results.ground_cell_m)
@@ -225,8 +223,10 @@ class _Mapper:
         at_ns = np.array([scan.t_ns], np.int64)
         target_m = np.full(2, np.nan) if self._target is None else self._target.at(at_ns)[0]
         window = window_around(place.pose[:2], self._grid.cell_m, self._grid.size_cells)
-        placed = self._placer.place(scan.compact, place.slot_pose, target_m, window)
-        self._maps.append(scan.t_ns, window.origin_m, self._memory.add(scan.t_ns, window, placed))
+        limits = self._grid.min_points, self._grid.target_radius_m
+        placed = place_scan(scan.compact, place.slot_pose, window, target_m, *limits)
+        now = placed.top_mm > NO_TOP if self._memory is None else self._memory.add(scan.t_ns, window, placed)
+        self._maps.append(scan.t_ns, window.origin_m, now)
         # An obstacle lower than the robot blocks, even if rays pass above it.
         self._whole.add(window, placed, self._height_mm)
         # A wall taken for the ground says nothing about the height of the floor.
@@ -240,20 +240,20 @@ class _Mapper:
             write_rosmap(folder, cells, window.origin_m, window.cell_m)
         if (ground := self._ground.to_map()) is not None:
             write_arrays(folder, "ground", {key: getattr(ground, key) for key in ARRAYS["ground"]})
-        for name, skipped in (("map.pgm", self._whole.skipped), ("ground.npz", self._ground.skipped)):
+        for name, skipped in (("map.pgm", self._whole.lattice.skipped), ("ground.npz", self._ground.lattice.skipped)):
             if skipped:
                 journal.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")
-        if skipped := self._memory.skipped:
+        if self._memory is not None and (skipped := self._memory.lattice.skipped):
             journal.warn(f"{skipped} maps hold one scan alone: the run covers more than memory may grow to")
         if lost := journal.counts.get("scans_without_pose", 0):
             none = "" if self._whole.to_cells() is not None else "; if their clock differs, try  --stamp log"
             journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them{none}")
 
 
-def make_memory(config: Config) -> Memory:
-    """The memory of the section grid."""
+def make_memory(config: Config) -> LogOddsMemory | None:
+    """The memory of the section grid; None where a map is its scan."""
     grid, layers = config.grid, LogOddsMemory.LAYERS
     if grid.memory == "scan":
-        return ScanMemory()
+        return None
     lattice = SlidingLattice if grid.extent == "window" else GrowingLattice
     return LogOddsMemory(lattice(grid.cell_m, layers), grid.clear_s)

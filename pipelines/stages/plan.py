@@ -113,7 +113,7 @@ def planned_as(config: Config) -> ReplanSettings:
 
 
 def growth_of(config: Config) -> tuple[float, str]:
-    """(metres by which obstacles grow, one of `inflation.INFLATIONS`) as the section grid has it."""
+    """(metres by which obstacles grow, one of `goal_projection.INFLATIONS`) as the section grid has it."""
     if config.grid.dilation == "body":
         return math.hypot(config.robot.length_m, config.robot.width_m) / 2, "euclidean"
     return config.grid.dilation_m, config.grid.dilation

@@ -15,7 +15,7 @@ from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor, reach_of
+from quadlog.mapping.compact import CompactScan, CompactSettings, compact_scan, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
@@ -89,7 +89,7 @@ class Scanner:
         self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
         # Windows are centred on base, compact scans on the lidar.
         beside_m = math.hypot(*self._mount[:2, 3])
-        self._compactor = ScanCompactor(_compact_settings(config, beside_m)) if maps else None
+        self._compacted = _compact_settings(config, beside_m) if maps else None
 
     def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
         """The next cloud."""
@@ -98,7 +98,7 @@ class Scanner:
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
-        compact = None if self._compactor is None else self._compactor.compact(found)
+        compact = None if self._compacted is None else compact_scan(found, self._compacted)
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
         if self._taken in self._sampled:

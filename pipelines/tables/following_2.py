@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadlog.geometry import arc_lengths
-from quadlog.mapping.inflation import INFLATIONS
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.messages import Float
 from quadlog.pipelines.tables.claims import HELD_OUT_SEED, Claim, Figures, Group, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import EXACT, MEDIAN, SHARE, Statistic, beyond

@@ -30,7 +30,7 @@ CLAIMED = 5.0
 class Preset:
     """As `quadlog compare-planners --preset` has it: rules, baseline, whose plans are walked, what counts as a cell.
 
-    dilation: of `inflation.INFLATIONS`. ia_star: by which reading of its waypoint IA* plans.
+    dilation: of `goal_projection.INFLATIONS`. ia_star: by which reading of its waypoint IA* plans.
     """
 
     rules: Rules

@@ -2,12 +2,14 @@
 
 Everything lies in base, levelled by the tilt at the time of the scan, and is not deskewed: each item carries the time
 slot in which it was measured, so that one rigid transform per slot puts it where it was.
+Once the poses are known, it is laid on the grid around the robot.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.lidar.range_image import Returns
-from quadlog.mapping.ray_tracing import Rays, gather_rays
+from quadlog.mapping.grid import Window
+from quadlog.mapping.ray_tracing import Rays, gather_rays, lowest_rays
 from quadlog.messages import Float, Float32
 
 UInt8 = NDArray[np.uint8]
@@ -76,37 +79,23 @@ class CompactScan:
     ground: NDArray[np.void]
 
 
-class ScanCompactor:
-    """Makes compact scans, one after the other, in arrays that are kept from scan to scan."""
-
-    def __init__(self, settings: CompactSettings) -> None:
-        self._settings, self._room = settings, (np.zeros(0, OBSTACLE), np.zeros(0, GROUND))
-        self._half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
-        self._unit_m = max(2 * settings.reach_m / _UNITS, 1e-3)
-        # Cells are counted by 15 bits along each axis.
-        self._least_cell_m = 2.2 * settings.reach_m / _UNITS
-
-    def compact(self, scan: ClassifiedScan) -> CompactScan:
-        """The compact form of a scan."""
-        settings, n = self._settings, len(scan.returns.label)
-        if n > len(self._room[0]):
-            self._room = np.zeros(n + n // 8, OBSTACLE), np.zeros(n + n // 8, GROUND)
-        limits = np.array(
-            [*scan.lidar_base_m, *self._half_body_m, settings.min_height_m, settings.max_height_m, settings.reach_m,
-             1 / max(THIN_M, self._least_cell_m), 1 / max(settings.ground_cell_m, self._least_cell_m),
-             1 / self._unit_m], np.float32
-        )  # fmt: skip
-        obstacle, ground = self._room
-        n_obstacles = _keep_obstacles(scan.returns, scan.columns or max(n, 1), limits, settings.counts, obstacle)
-        n_ground = _average_ground(scan.returns, limits, ground)
-        return CompactScan(
-            unit_m=self._unit_m,
-            reach_m=settings.reach_m,
-            lidar_base_m=scan.lidar_base_m,
-            obstacle=obstacle[:n_obstacles].copy(),
-            rays=gather_rays(scan, self._half_body_m, self._unit_m, settings.reach_m, settings.highest_m),
-            ground=ground[:n_ground].copy(),
-        )
+def compact_scan(scan: ClassifiedScan, settings: CompactSettings) -> CompactScan:
+    """The compact form of a scan."""
+    n, reach_m = len(scan.returns.label), settings.reach_m
+    half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
+    unit_m = max(2 * reach_m / _UNITS, 1e-3)
+    # Cells are counted by 15 bits along each axis.
+    thin_m, ground_m = (max(cell_m, 2.2 * reach_m / _UNITS) for cell_m in (THIN_M, settings.ground_cell_m))
+    heights_m = settings.min_height_m, settings.max_height_m
+    limits = np.array(
+        [*scan.lidar_base_m, *half_body_m, *heights_m, reach_m, 1 / thin_m, 1 / ground_m, 1 / unit_m], np.float32
+    )
+    obstacle, ground = np.empty(n, OBSTACLE), np.empty(n, GROUND)
+    n_obstacles = _keep_obstacles(scan.returns, scan.columns or max(n, 1), limits, settings.counts, obstacle)
+    n_ground = _average_ground(scan.returns, limits, ground)
+    rays = gather_rays(scan, half_body_m, unit_m, reach_m, settings.highest_m)
+    kept = obstacle[:n_obstacles].copy(), rays, ground[:n_ground].copy()
+    return CompactScan(unit_m, reach_m, scan.lidar_base_m, *kept)
 
 
 @inner
@@ -226,3 +215,75 @@ def _average_ground(returns: Returns, limits: Float32, ground: NDArray[np.void])
         mean["z_mm"] = np.int16(np.rint(min(max(sums[item, 2] * share * np.float32(1000), -most), most)))
         mean["count"] = np.uint16(sums[item, 3])
     return kept
+
+
+NO_TOP = np.int16(-32768)
+"""Height, in mm, of the highest obstacle point in a cell in which nothing was hit."""
+
+
+class PlacedScan(NamedTuple):
+    """Cells (rows, cols) int16, in mm above the ground.
+
+    top_mm: the highest obstacle point, NO_TOP where there is none. lowest_ray_mm: how low the cell was seen through,
+    NO_RAY where no ray crossed it.
+    """
+
+    top_mm: NDArray[np.int16]
+    lowest_ray_mm: NDArray[np.int16]
+
+
+def place_scan(
+    scan: CompactScan,
+    slot_pose_base_in_map: Float,
+    window: Window,
+    target_xy_m: Float,
+    min_points: int,
+    target_radius_m: float,
+) -> PlacedScan:
+    """Tops and lowest rays of a scan in a window; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots.
+
+    target_xy_m: (2,) in map, NaN when nothing is followed; points nearer to it than target_radius_m are the target.
+    min_points: a cell with fewer obstacle points is not hit; in a scan without ground, as a 2-D scanner's, one is
+    enough: a wall has no more.
+    """
+    placed = PlacedScan(*np.empty((2, *window.shape), np.int16))
+    # A place that is not a number is near to nothing.
+    place = np.array([window.col0, window.row0, window.cell_m, *target_xy_m, target_radius_m**2], np.float64)
+    fewest = min_points if len(scan.ground) else 1
+    _raise_tops(scan.obstacle, slot_pose_base_in_map, scan.unit_m, place, fewest, placed.top_mm)
+    where = scan.lidar_base_m, slot_pose_base_in_map, window, scan.reach_m
+    lowest_rays(scan.rays, scan.unit_m, *where, placed.lowest_ray_mm)
+    return placed
+
+
+@kernel
+def _raise_tops(
+    obstacle: NDArray[np.void], poses: Float, unit_m: float, place: Float, min_points: int, top_mm: NDArray[np.int16]
+) -> None:
+    """place: the window's first column and row on the lattice, the edge of a cell, and the target's place and squared
+    radius.
+    """
+    rows, cols = top_mm.shape
+    top_mm[:] = NO_TOP
+    counts = min_points > 1
+    count = np.zeros((rows, cols) if counts else (0, 0), np.int32)
+    moved = slot_transforms(poses, unit_m)
+    per_cell, col0, row0 = 1.0 / place[2], place[0], place[1]
+    for i in range(len(obstacle)):
+        at, x, y = obstacle[i]["slot"], obstacle[i]["x"] + 0.5, obstacle[i]["y"] + 0.5
+        map_x_m = moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y
+        map_y_m = moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y
+        dx, dy = map_x_m - place[3], map_y_m - place[4]
+        col, row = math.floor(map_x_m * per_cell) - col0, math.floor(map_y_m * per_cell) - row0
+        # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
+        inside = col >= 0.0 and col < cols and row >= 0.0 and row < rows
+        if inside and not dx * dx + dy * dy <= place[5]:
+            at_row, at_col = np.uint32(row), np.uint32(col)
+            top_mm[at_row, at_col] = max(top_mm[at_row, at_col], obstacle[i]["height_mm"])
+            if counts:
+                count[at_row, at_col] += obstacle[i]["count"]
+    if counts:
+        for r in range(rows):
+            for c in range(cols):
+                if count[r, c] < min_points:
+                    top_mm[r, c] = NO_TOP

@@ -102,7 +102,7 @@ MOST_CELLS = 4096 * 4096
 class GrowingLattice:
     """Named arrays over one window of the lattice, zero where nothing was added; layers: the dtype of each.
 
-    covered: what was covered so far, None before the first window.
+    covered: what was covered so far, None before the first window. skipped: how often there was no room.
     """
 
     def __init__(self, cell_m: float, layers: dict[str, DTypeLike], most_cells: int = MOST_CELLS) -> None:
@@ -110,11 +110,13 @@ class GrowingLattice:
         self._held = Window(0, 0, cell_m, (0, 0))
         self._layers = {name: np.zeros((0, 0), dtype=dtype) for name, dtype in layers.items()}
         self.covered: Window | None = None
+        self.skipped = 0
 
     def cover(self, window: Window) -> bool:
         """Make room for a window. False, and nothing changes, when that would exceed the limit."""
         covered = window if self.covered is None else _union(self.covered, window)
         if covered.shape[0] * covered.shape[1] > self._most_cells:
+            self.skipped += 1
             return False
         self.covered = covered
         if _union(self._held, covered) != self._held:

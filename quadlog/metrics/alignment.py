@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import NS_PER_S, Float, Int
-from quadlog.metrics.positioning import Trajectory
+from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 
 _RANK = 1e-9  # of the largest singular value
@@ -24,7 +23,7 @@ def rigid_motion(position_m: Float, wanted_m: Float) -> tuple[Float, Float]:
     return rotation, wanted_mean_m - rotation @ mean_m
 
 
-def align_rigidly(estimate: Trajectory, reference: Trajectory, axes: int = 3) -> Trajectory:
+def align_rigidly(estimate: PoseSeries, reference: PoseSeries, axes: int = 3) -> PoseSeries:
     """The estimate moved, without scaling, so that the sum of its squared distances from the reference is least.
 
     M poses each, in pairs. axes: 2 turns it in the plane alone.
@@ -35,20 +34,20 @@ def align_rigidly(estimate: Trajectory, reference: Trajectory, axes: int = 3) ->
     rotation[:axes, :axes], _ = rigid_motion(estimate.position_m[:, :axes], reference.position_m[:, :axes])
     centred_m = estimate.position_m - estimate.position_m.mean(axis=0)
     quat_xyzw = (Rotation.from_matrix(rotation) * Rotation.from_quat(estimate.quat_xyzw)).as_quat()
-    return Trajectory(estimate.t_ns, centred_m @ rotation.T + reference.position_m.mean(axis=0), quat_xyzw)
+    return PoseSeries(estimate.t_ns, centred_m @ rotation.T + reference.position_m.mean(axis=0), quat_xyzw)
 
 
-def are_on_line(estimate: Trajectory, reference: Trajectory) -> bool:
+def are_on_line(estimate: PoseSeries, reference: PoseSeries) -> bool:
     """Whether what M pairs of poses have in common lies on one line, about which any turn fits as well."""
     centred_m, wanted_m = (each.position_m - each.position_m.mean(axis=0) for each in (estimate, reference))
     singular = np.linalg.svd(wanted_m.T @ centred_m, compute_uv=False)
     return bool(singular[1] <= _RANK * singular[0])
 
 
-def project_to_plane(trajectory: Trajectory) -> Trajectory:
+def project_to_plane(trajectory: PoseSeries) -> PoseSeries:
     """The trajectory in the plane z = 0: heights, roll and pitch left out."""
     position_m = trajectory.position_m * np.array([1.0, 1.0, 0.0])
-    return Trajectory(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
+    return PoseSeries(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
 
 
 def aligned_square_m2(spread_m2: Float, other_spread_m2: Float, covariance_m2: Float) -> Float:
@@ -90,7 +89,7 @@ class ClockOffset:
     rival_s: float | None
 
 
-def estimate_clock_offset(reference: Trajectory, estimate: Trajectory) -> ClockOffset | None:
+def estimate_clock_offset(reference: PoseSeries, estimate: PoseSeries) -> ClockOffset | None:
     """The offset at which a rigid motion brings the positions of both nearest to each other, whatever frames they have.
 
     None where one is too short or stands still, and where they fit at no offset. Not by speeds, which are quicker to
@@ -122,7 +121,7 @@ def _median_gap_s(t_ns: Int) -> float:
     return float(np.median(np.diff(t_ns))) / NS_PER_S
 
 
-def _sampled(trajectory: Trajectory, step_s: float, own: bool) -> tuple[Float, Float]:
+def _sampled(trajectory: PoseSeries, step_s: float, own: bool) -> tuple[Float, Float]:
     """Positions (K, 3) about their mean at even steps from the start on, and the weight (K,) of each: 1 or 0.
 
     1 only beside the trajectory's own poses, or anywhere but in gaps: so one of few poses is compared where it has

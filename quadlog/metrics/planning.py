@@ -220,22 +220,6 @@ def _some(figure: Any, values: NDArray[Any] | Sequence[float]) -> float | None:
     return float(figure(values)) if len(values) else None
 
 
-@dataclass(frozen=True, slots=True)
-class Replans:
-    """N replans of one planner at t_ns, rising, (N,) each: the columns of plans.parquet.
-
-    cost, optimal_cost: NaN where there is none.
-    """
-
-    t_ns: Int
-    found: Bool
-    expanded: Int
-    generated: Int
-    cost: Float
-    optimal_cost: Float
-    from_scratch: Bool
-
-
 def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
     """ratio_to_astar of N replans, from the cells (N,) that the planner and A* close; none where it closes none."""
     ratio = Spending({"astar": astar_expanded, "own": expanded}, np.zeros(len(expanded), np.int64)).ratio(
@@ -244,23 +228,24 @@ def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
     return {} if ratio is None else {"ratio_to_astar": Metric(ratio.value, len(expanded), "", ratio.interval)}
 
 
-def search_samples(replans: Replans) -> dict[str, Samples]:
+def search_samples(replans: Table) -> dict[str, Samples]:
     """Of node counts, success, and sub-optimality as a fraction of the optimal cost.
 
+    replans: of one planner, columns (N,) of plans.parquet, t_ns rising; costs are NaN where there is none.
     fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
     first one, which always does.
     """
     # A robot that is at its goal already has nothing to be worse than: 0 / 0.
-    compared = np.asarray(replans.found, np.bool_) & (np.asarray(replans.optimal_cost, np.float64) > 0)
+    compared = np.asarray(replans["found"], np.bool_) & (np.asarray(replans["optimal_cost"], np.float64) > 0)
     excess = np.full(len(compared), np.nan)
-    excess[compared] = replans.cost[compared] / replans.optimal_cost[compared] - 1
+    excess[compared] = replans["cost"][compared] / replans["optimal_cost"][compared] - 1
     return {
-        "expanded_total": finite_samples(replans.t_ns, replans.expanded, "sum"),
-        "generated_total": finite_samples(replans.t_ns, replans.generated, "sum"),
-        "expanded_mean": finite_samples(replans.t_ns, replans.expanded, "mean"),
-        "success_rate": finite_samples(replans.t_ns, replans.found, "mean"),
-        "fallback_share": finite_samples(replans.t_ns[1:], replans.from_scratch[1:], "mean"),
-        "suboptimality_mean": finite_samples(replans.t_ns, excess, "mean"),
+        "expanded_total": finite_samples(replans["t_ns"], replans["expanded"], "sum"),
+        "generated_total": finite_samples(replans["t_ns"], replans["generated"], "sum"),
+        "expanded_mean": finite_samples(replans["t_ns"], replans["expanded"], "mean"),
+        "success_rate": finite_samples(replans["t_ns"], replans["found"], "mean"),
+        "fallback_share": finite_samples(replans["t_ns"][1:], replans["from_scratch"][1:], "mean"),
+        "suboptimality_mean": finite_samples(replans["t_ns"], excess, "mean"),
     }
 
 

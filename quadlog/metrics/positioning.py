@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from quadlog.messages import NS_PER_S, Float, Int
+from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.positioning.dilution import CHI2_95
-
-
-@dataclass(frozen=True, slots=True)
-class Trajectory:
-    """N poses in map: t_ns (N,) rising, position_m (N, 3), quat_xyzw (N, 4)."""
-
-    t_ns: Int
-    position_m: Float
-    quat_xyzw: Float
-
-    def rows(self, index: Int) -> Trajectory:
-        """The poses with these indices (M,)."""
-        return Trajectory(self.t_ns[index], self.position_m[index], self.quat_xyzw[index])
 
 
 def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
@@ -63,7 +48,7 @@ def residual_samples(t_ns: Int, residual_rms_m: Float, n_ranges: Int) -> dict[st
     return {"uwb_residual_m": Samples(t_ns[used], residual_rms_m[used], "rms", n_ranges[used])}
 
 
-def pair_samples(reference: Trajectory, estimate: Trajectory) -> dict[str, Samples]:
+def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Samples]:
     """Of ate_rmse_m and rpe_rmse_m, from M pairs of poses: how far apart they are, and their steps to the next.
 
     Steps are seen from their first pose, so that a rigid motion of either trajectory does not change them.
@@ -80,7 +65,7 @@ def pair_samples(reference: Trajectory, estimate: Trajectory) -> dict[str, Sampl
     }
 
 
-def positions_at(t_ns: Int, trajectory: Trajectory, max_gap_ns: int) -> Float:
+def positions_at(t_ns: Int, trajectory: PoseSeries, max_gap_ns: int) -> Float:
     """Positions (N, 3) at t_ns (N,), on the straight line between the poses around each.
 
     NaN before the first pose, after the last one, and where those around lie farther apart than max_gap_ns.

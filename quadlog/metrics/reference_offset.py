@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from quadlog.errors import PosesOnLine
-from quadlog.messages import NS_PER_S, Float, Int
+from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.alignment import (
     FrameOffset,
     align_rigidly,
@@ -27,7 +27,7 @@ from quadlog.metrics.alignment import (
     rigid_motion,
 )
 from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
-from quadlog.metrics.positioning import Trajectory, associate, pair_samples, positions_at
+from quadlog.metrics.positioning import associate, pair_samples, positions_at
 from quadlog.metrics.summary import Samples
 
 TRAJECTORY_METRICS = (
@@ -80,7 +80,7 @@ class TimeOffset:
         return abs(apart_s) > max(2 * half_s, _LEAST_TOLD_S)
 
 
-def estimate_time_offset(reference: Trajectory, estimate: Trajectory) -> TimeOffset:
+def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOffset:
     """The offset at which positions, brought together by the best rigid motion, differ least, and its 95 % interval.
 
     The denser of the two is interpolated at the other's times. The motion is of the plane, or of space where both have
@@ -116,12 +116,12 @@ class _Pairing:
 
     sample_ns: Int
     sample_m: Float
-    dense: Trajectory
+    dense: PoseSeries
     max_gap_ns: int
     sign: int
 
     @classmethod
-    def of(cls, reference: Trajectory, estimate: Trajectory, start_s: float) -> _Pairing | None:
+    def of(cls, reference: PoseSeries, estimate: PoseSeries, start_s: float) -> _Pairing | None:
         """Samples that have a partner at all offsets within the window about start_s; None for too few of them."""
         gaps_ns = [float(np.median(np.diff(each.t_ns))) for each in (reference, estimate)]
         sign = 1 if gaps_ns[0] <= gaps_ns[1] else -1
@@ -207,7 +207,7 @@ def _thinned(t_ns: Int) -> Int:
     return rows.astype(np.int64)
 
 
-def _known_axes(*trajectories: Trajectory) -> int:
+def _known_axes(*trajectories: PoseSeries) -> int:
     """3 where all have heights, else 2."""
     return 3 if min(np.ptp(each.position_m[:, 2]) for each in trajectories) > 0 else 2
 
@@ -226,13 +226,13 @@ class ReferenceComparison:
 
     given_offset_s: float
     offset: TimeOffset
-    truth: Trajectory
-    estimate: Trajectory
-    corrected_truth: Trajectory
-    corrected_estimate: Trajectory
+    truth: PoseSeries
+    estimate: PoseSeries
+    corrected_truth: PoseSeries
+    corrected_estimate: PoseSeries
 
     @cached_property
-    def aligned(self) -> Trajectory:
+    def aligned(self) -> PoseSeries:
         """The time-corrected estimate, moved in the plane, or in space where both have heights, onto the reference."""
         estimate, truth = self.corrected_estimate, self.corrected_truth
         return align_rigidly(estimate, truth, _known_axes(estimate, truth))
@@ -286,8 +286,8 @@ class ReferenceComparison:
 
 
 def compare_trajectories(
-    reference: Trajectory,
-    estimate: Trajectory,
+    reference: PoseSeries,
+    estimate: PoseSeries,
     max_difference_s: float = 0.01,
     offset_s: float = 0.0,
     *,
@@ -310,14 +310,14 @@ def compare_trajectories(
     return ReferenceComparison(offset_s, offset, *given, *corrected)
 
 
-def _flat(trajectory: Trajectory) -> Trajectory:
+def _flat(trajectory: PoseSeries) -> PoseSeries:
     """Its positions in the plane z = 0."""
-    return Trajectory(trajectory.t_ns, trajectory.position_m * [1, 1, 0], trajectory.quat_xyzw)
+    return PoseSeries(trajectory.t_ns, trajectory.position_m * [1, 1, 0], trajectory.quat_xyzw)
 
 
 def _paired(
-    reference: Trajectory, estimate: Trajectory, max_difference_s: float, offset_s: float, align: bool, planar: bool
-) -> tuple[Trajectory, Trajectory] | None:
+    reference: PoseSeries, estimate: PoseSeries, max_difference_s: float, offset_s: float, align: bool, planar: bool
+) -> tuple[PoseSeries, PoseSeries] | None:
     """Reference and estimate pair by pair; None without a pair."""
     in_reference, in_estimate = associate(reference.t_ns, estimate.t_ns, max_difference_s, offset_s)
     if len(in_reference) == 0:

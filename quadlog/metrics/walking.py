@@ -5,8 +5,9 @@ Legs are FL, FR, RL, RR, each with hip, thigh and calf; an instant is a row, and
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,23 +87,20 @@ def effort_metrics(mass_kg: float, ticks: int, effort: Effort) -> Metrics:
     return metrics
 
 
-@dataclass(frozen=True, slots=True)
-class TrackedWalk:
-    """A walk of T ticks, (T,) each: columns of control.parquet, NaN where there was nothing to measure.
-
-    fallen: None for a robot that cannot fall.
-    """
-
-    t_ns: Int
-    error_m: Float
-    cross_track_m: Float
-    time_error_m: Float
-    heading_error_rad: Float
-    plan_error_m: Float | None = None
-    fallen: Bool | None = None
+_TRACKED: tuple[tuple[str, Statistic, str], ...] = (
+    ("eta_m", "mean", "error_m"),
+    ("sigma_m", "std", "error_m"),
+    ("eta_time_m", "mean", "time_error_m"),
+    ("sigma_time_m", "std", "time_error_m"),
+    ("max_error_m", "max", "error_m"),
+    ("cross_track_rmse_m", "rms", "cross_track_m"),
+    ("heading_rmse_rad", "rms", "heading_error_rad"),
+    ("plan_error_m", "mean", "plan_error_m"),
+    ("fallen", "max", "fallen"),
+)
 
 
-def tracking_metrics(walk: TrackedWalk, completed_ns: int | None = None) -> Metrics:
+def tracking_metrics(walk: Mapping[str, NDArray[Any]], completed_ns: int | None = None) -> Metrics:
     """eta_m, sigma_m and their kin; those that do not apply are absent.
 
     eta_m and sigma_m are the mean and the sample standard deviation of error_m over
@@ -110,26 +108,21 @@ def tracking_metrics(walk: TrackedWalk, completed_ns: int | None = None) -> Metr
     are one here. completed_ns: when a course was finished, None for a walk without an end.
     """
     metrics = metrics_of(tracking_samples(walk))
-    if completed_ns is not None and len(walk.t_ns):
-        metrics["completion_time_s"] = Metric((completed_ns - int(walk.t_ns[0])) / 1e9, 1, "s")
+    if completed_ns is not None and len(walk["t_ns"]):
+        metrics["completion_time_s"] = Metric((completed_ns - int(walk["t_ns"][0])) / 1e9, 1, "s")
     return {name: metrics[name] for name in CATALOGUE if name in metrics}
 
 
-def tracking_samples(walk: TrackedWalk) -> dict[str, Samples]:
-    """The samples behind tracking_metrics, completion_time_s apart."""
-    columns: tuple[tuple[str, Statistic, Float | Bool | None], ...] = (
-        ("eta_m", "mean", walk.error_m),
-        ("sigma_m", "std", walk.error_m),
-        ("eta_time_m", "mean", walk.time_error_m),
-        ("sigma_time_m", "std", walk.time_error_m),
-        ("max_error_m", "max", walk.error_m),
-        ("cross_track_rmse_m", "rms", walk.cross_track_m),
-        ("heading_rmse_rad", "rms", walk.heading_error_rad),
-        ("plan_error_m", "mean", walk.plan_error_m),
-        ("fallen", "max", walk.fallen),
-    )
+def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
+    """The samples behind tracking_metrics, completion_time_s apart.
+
+    walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only of a robot
+    that can fall.
+    """
     return {
-        name: finite_samples(walk.t_ns, column, statistic) for name, statistic, column in columns if column is not None
+        name: finite_samples(walk["t_ns"], walk[column], statistic)
+        for name, statistic, column in _TRACKED
+        if column in walk
     }
 
 

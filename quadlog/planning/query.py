@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.mapping.goal_projection import escape_start, project_goal
+from quadlog.mapping.goal_projection import INFLATIONS, escape_start, project_goal
 from quadlog.mapping.grid import Window
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.messages import Float, Int
 from quadlog.planning.protocol import Bool, Cell, Cells
 
@@ -44,7 +43,7 @@ def make_query(
 ) -> Query | NoQuery:
     """The query of a robot at start_xy_m (2,) with a goal at goal_xy_m (2,), on occupied (rows, cols), in map.
 
-    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    dilation_m: obstacles grow by this; dilation: of `goal_projection.INFLATIONS`.
     A robot inside the growth of an obstacle first leaves it by a short way, towards the goal where there are several.
     A goal that cannot be reached is stood for by a cell that can.
     Raises ValueError for a start that is not finite.

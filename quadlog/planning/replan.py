@@ -22,7 +22,7 @@ from quadlog.planning.query import NoQuery, Query, make_query
 class ReplanSettings:
     """How a map becomes a path.
 
-    dilation_m: obstacles grow by this; dilation: of `inflation.INFLATIONS`.
+    dilation_m: obstacles grow by this; dilation: of `goal_projection.INFLATIONS`.
     stop_short_m: the path ends so far from the goal, 0 to reach it.
     smooth, merge_m, spacing_m: see smooth_path.
     """

@@ -121,7 +121,7 @@ def _placed(table: Table) -> Iterator[tuple[int, fox.Vector3, fox.Quaternion]]:
     x_m, y_m, yaw_rad, z_m, pitch_rad, roll_rad = np.nan_to_num(rows[:, known])
     places = np.column_stack([x_m, y_m, z_m, quat_from_euler(yaw_rad, pitch_rad, roll_rad)]).tolist()
     for t, (x, y, z, *turn) in zip(np.asarray(table["t_ns"])[known].tolist(), places, strict=True):
-        yield t, fox.Vector3(x=x, y=y, z=z), fox.Quaternion(**dict(zip("xyzw", turn, strict=True)))
+        yield t, fox.Vector3(x=x, y=y, z=z), fox.Quaternion(x=turn[0], y=turn[1], z=turn[2], w=turn[3])
 
 
 def _transforms(table: Table, parent: str, child: str) -> Stream:
@@ -194,8 +194,9 @@ def _anchors(links: Table, t: int) -> Stream:
 def _vectors(table: Table, columns: Sequence[str]) -> Stream:
     """Two or three columns, in their order; NaN is a gap in a plot."""
     kind = fox.Vector2 if len(columns) == 2 else fox.Vector3
-    for t, *values in zip(table["t_ns"], *(table[name].astype(float) for name in columns), strict=True):
-        yield t, kind(**dict(zip("xyz", values, strict=False)))
+    values = (table[name].astype(float).tolist() for name in columns)
+    for t, *parts in zip(table["t_ns"].tolist(), *values, strict=True):
+        yield t, kind(**dict(zip("xyz", parts, strict=False)))
 
 
 def _log(run: Run) -> Stream:

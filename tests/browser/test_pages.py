@@ -47,15 +47,14 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert set(say["empty"]) <= {"clearance–"}  # infinite at most instants
 
 
-@pytest.mark.parametrize(
-    ("kind", "known"), [("one scan", [True, False, False, False]), ("gap", [True, True, False, True])]
-)
-def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kind: str, known: list[bool]) -> None:
+KNOWN = {"one scan": [True, False, False, False], "gap": [True, True, False, True]}
+
+
+@pytest.mark.parametrize("kind", KNOWN)
+def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kind: str) -> None:
     say = probe(PAGES[kind](tiny_run), "few", size=(390, 844))
-    assert say["sideways"] <= 0
-    assert say["wide"] == 0
-    assert say["stays"] == "sticky"
-    assert say["known"] == known
+    assert max(say["sideways"], say["wide"]) <= 0
+    assert (say["stays"], say["known"]) == ("sticky", KNOWN[kind])
     assert (say["curves"] == 0) == (len(say["only"]) > 5) == (kind == "one scan")
 
 

@@ -77,9 +77,7 @@ def test_bounds_are_on_the_worse_side_with_a_margin_of_a_tenth_a_hundredth_of_a_
     found = proposed(run, quadlog)
     assert set(found) == set(CATALOGUE) - {"realtime_factor"}
     sides = {"lower": {"max"}, "higher": {"min"}, "": {"min", "max"}}
-    assert {name: set(bound) for name, bound in found.items()} == {
-        name: sides[CATALOGUE[name].better] for name in found
-    }
+    assert all(set(bound) == sides[CATALOGUE[name].better] for name, bound in found.items())
     assert "of_another_version" in quadlog("check", run, "--expect", tmp_path / "x.toml", "--write").err
     values = {"eta_m": 0.2, "clearance_min_m": -0.5, "expanded_total": 2628, "yaw_rate_degps": -2.0, "success_rate": 1}
     values |= {"suboptimality_mean": 0.0, "fallen": 0, "collisions": 3, "sigma_m": 6.7e-16}
@@ -101,15 +99,13 @@ def test_bounds_are_on_the_worse_side_with_a_margin_of_a_tenth_a_hundredth_of_a_
 
 
 VALUES = st.floats(-1e300, 1e300)
-METRICS = st.dictionaries(st.sampled_from(sorted(CATALOGUE)), st.tuples(VALUES, VALUES), max_size=8)
 
 
-@given(METRICS)
+@given(st.dictionaries(st.sampled_from(sorted(CATALOGUE)), st.tuples(VALUES, VALUES), max_size=8))
 def test_what_was_written_is_read_and_holds_on_the_runs_it_was_written_from(tmp_path_factory, metrics):
     path = tmp_path_factory.mktemp("bounds") / "bounds.toml"
     runs = [{name: SavedMetric(both[at]) for name, both in metrics.items()} for at in (0, 1)]
-    record = SimpleNamespace(options={})
-    made = [SimpleNamespace(path=Path('a.b "c"'), simulated=False, record=record, metrics=each) for each in runs]
+    made = [SimpleNamespace(path=Path('a.b "c"'), simulated=False, metrics=each) for each in runs]
     path.write_bytes(bounds_toml(propose(made)))
     bounds = read_bounds(path)[made[0].path.name]
     assert set(bounds) == set(metrics) - {"realtime_factor"}
@@ -136,10 +132,7 @@ def test_a_bound_under_a_name_replaces_that_of_all_and_none_removes_it(follow, t
     ("text", "says"),
     [
         ("[default]\neta = { max = 1 }", "unknown key default.eta; did you mean default.eta_m?"),
-        ("[recordings.x]\neta_m = { maxi = 1 }", "unknown key recordings.x.eta_m.maxi; did you mean"),
         ("[default]\neta_m = { min = 2, max = 1 }", "default.eta_m: min must not be above max"),
-        ("[default]\neta_m = {}", "default.eta_m: needs min, max or both"),
-        ("[default]\neta_m = { max = nan }", "default.eta_m.max: input should be a finite number"),
         ("recordings.x = 1", "recordings.x: is a table"),
         (f"[default]\neta_m = {{ max = {'9' * 5000} }}", "not TOML"),
     ],

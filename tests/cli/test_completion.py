@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 from click.shell_completion import BashComplete
 
@@ -56,20 +52,3 @@ def test_planners_of_plugins_are_offered_and_not_imported(install):
     install("quadlog-zig", "1.0", {GROUP: {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
     for command in ("replay", "compare-planners"):
         assert completed(f"{command} --planner z") == [("plain", "zigzag")]
-
-
-def test_bash_itself_completes(tmp_path):
-    """The script is sourced and its function called as bash calls it; what it fills in is what a user sees."""
-    command = tmp_path / "quadlog"
-    command.write_text(f"#!/bin/sh\nexec {sys.executable} -m quadlog\n")
-    command.chmod(0o755)
-    script = (
-        'eval "$(_QUADLOG_COMPLETE=bash_source quadlog)"\n'
-        "COMP_WORDS=(quadlog replay --until f); COMP_CWORD=3\n"
-        "complete -p quadlog >/dev/null && _quadlog_completion quadlog f --until 2>/dev/null\n"
-        'echo "${COMPREPLY[@]}"'
-    )
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
-    words = ["bash", "--norc", "-c", script]
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout == "filter\n"

@@ -113,7 +113,6 @@ def below(lines, *header):
 
 def test_the_health_of_ranges_fits_a_terminal(info):
     lines = list(info_lines(info))
-    assert max(map(len, lines[: lines.index("")])) <= 80
     assert max(len(line) for line in lines if not line.startswith("biases")) <= 80
     link, _ = below(lines, "tag", "anchor", "ranges", "residual")
     row = info["uwb"][0]
@@ -124,7 +123,6 @@ def test_the_health_of_ranges_fits_a_terminal(info):
     assert (fixes[:2], track[:2]) == (["0", "fixes"], ["0", "track"])
     assert float(track[2]) == pytest.approx(info["uwb_tags"][0]["track_error"]["rmse_m"], rel=1e-3)
     assert "errors against /truth/robot/pose:" in lines
-    assert sum("the ranges favour" in line for line in lines) == 2
 
 
 def test_what_is_rejected_says_so_and_long_tables_are_cut(info):

@@ -20,10 +20,6 @@ ENDLESS = {
     "synthesize": "synthesize follow -o walk.mcap --duration 3600",
     "compare-planners": "compare-planners forest:0.2 -o out --episodes 100000",
 }
-SHORT = {
-    "synthesize": "synthesize follow -o other.mcap --duration 0.2 --azimuth-steps 16",
-    "compare-planners": "compare-planners forest:0.1 -o out --episodes 1 --planner ia_star",
-}
 REPLAY = ["replay", *FOLLOW, "-o", "runs", "--no-plots"]
 NIGHTLY = pytest.mark.nightly
 

@@ -121,31 +121,28 @@ def test_a_straight_line_and_too_many_tags_are_refused(tmp_path, circle, refused
 
 
 @pytest.mark.parametrize(
-    ("known", "as_configured"),
-    [([0, 1], [0, 1]), ([0, 1, 2, 3, 7, 8], [7, 8]), ([0, 7], [0, 7])],
-    ids=["two_known", "all_known_and_some_unheard", "one_known_and_one_unheard"],
+    ("known", "as_configured", "changed", "why"),
+    [
+        ([0, 1], [0, 1], [1, 1, 1], ""),
+        ([0, 1, 2, 3, 7, 8], [7, 8], [1, 1, 1], ""),
+        ([0, 7], [0, 7], [1, 1, 1], ""),
+        ([0, 1, 2], [], [1, -1, 1], "the odometry turns to the wrong side"),
+        ([0, 1, 2], [], [1.5, 1, 1], "correct [[uwb.anchors]]"),
+    ],
+    ids=["two_known", "all_known_and_some_unheard", "one_known_and_one_unheard", "mirrored", "stretched"],
 )
-def test_known_anchors_stay_in_a_config_that_loads(tmp_path, circle, quadlog, known, as_configured):
-    places_m = np.vstack([ANCHORS_M, np.full((5, 3), [4.0, 20.0, 2.0])])
+def test_known_anchors_stay_in_a_config_that_loads_unless_they_contradict_the_ranges(
+    tmp_path, circle, quadlog, known, as_configured, changed, why
+):
+    places_m = np.vstack([ANCHORS_M, np.full((5, 3), [4.0, 20.0, 2.0])]) * changed
     (tmp_path / "c.toml").write_text("".join(KNOWN.format(index, *places_m[index]) for index in known))
     done = quadlog("survey", circle(), "-c", tmp_path / "c.toml", "-o", tmp_path / "anchors.toml")
-    assert done.code == 0, done.err
+    assert done.code == (1 if why else 0), done.err
+    if why:
+        assert "survey: known anchors contradict the ranges: " in done.err
+        assert (why in done.err, (tmp_path / "anchors.toml").exists()) == (True, False)
+        return
     anchors = {each.id: (each.x_m, each.y_m, each.z_m) for each in load_config(tmp_path / "anchors.toml").uwb.anchors}
     assert sorted(anchors) == sorted({0, 1, 2, 3, *known})
     assert [each for each in known if anchors[each] == tuple(places_m[each])] == as_configured
     assert ("stay in their configured frame" in done.err) == (len({0, 1, 2, 3} & {*known}) < 2)
-
-
-@pytest.mark.parametrize(
-    ("changed", "why"),
-    [([1, 1, 1], ""), ([1, -1, 1], "the odometry turns to the wrong side"), ([1.5, 1, 1], "correct [[uwb.anchors]]")],
-)
-def test_known_anchors_that_contradict_the_ranges_are_refused(tmp_path, circle, quadlog, changed, why):
-    known_m = ANCHORS_M * changed
-    (tmp_path / "c.toml").write_text("".join(KNOWN.format(index, *known_m[index]) for index in range(3)))
-    done = quadlog("survey", circle(), "-c", tmp_path / "c.toml", "-o", tmp_path / "anchors.toml")
-    assert done.code == (1 if why else 0), done.err
-    assert (tmp_path / "anchors.toml").exists() is not bool(why)
-    if why:
-        assert "survey: known anchors contradict the ranges: " in done.err
-        assert why in done.err

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.metrics.comparison.over_seeds import over_seeds
+from quadlog.metrics.differences import over_seeds
 from quadlog.results import STAGE_FILES
 from quadlog.results.text import sig
 from tests.cli.conftest import FOLLOW

@@ -3,10 +3,9 @@ from __future__ import annotations
 import pytest
 
 SMALL = ["--duration", "0.2", "--azimuth-steps", "16"]
-SCENARIOS = ("follow", "forest", "corridor")
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
+@pytest.mark.parametrize("scenario", ["follow", "forest", "corridor"])
 def test_writes_a_recording_lists_it_and_never_overwrites(tmp_path, scenario, ok, refused):
     arguments = ["synthesize", scenario, "-o", tmp_path / "walk.mcap", *SMALL]
     out = ok(*arguments)

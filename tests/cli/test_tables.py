@@ -41,18 +41,15 @@ def test_the_csv_file_holds_what_the_contract_says(made):
 
 
 def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
-    words = ["tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2"]
-    code, out, err = quadlog(*words)
+    code, out, err = quadlog("tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2")
     lines = out.splitlines()
     assert (code, err) == (0, "following-uwb: fast run, seed 2\n")
     assert lines[0].startswith("following-uwb: ")
-    assert "(fast run)" in lines[0]
-    assert "station 3" in out
     assert any(line.split()[-1:] == ["no"] for line in lines)
     assert max(map(len, lines[1:-2])) <= 80
     assert " claims: 5 do not, " in lines[-2]
     assert lines[-1].startswith(str(tmp_path / "report.html"))
-    assert quadlog(*words).code == 1
+    assert quadlog("tables", "following-uwb", "-o", tmp_path).code == 1
 
 
 def test_every_table_is_offered(tmp_path, ok, refused):

@@ -20,7 +20,7 @@ from quadlog.errors import (
     ExitCode,
     MissingInput,
 )
-from quadlog.mapping.inflation import INFLATIONS
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.pipelines.comparison.compare import CompareOutcome, ask_everything, compare, scenarios_of
 from quadlog.pipelines.comparison.sources import (
     CompareOptions,

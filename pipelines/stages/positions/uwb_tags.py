@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.geometry import base_to_tag, yaw_from_quat
 from quadlog.messages import Float, Int, PoseSeries
-from quadlog.metrics.positioning import Trajectory, positions_at
+from quadlog.metrics.positioning import positions_at
 from quadlog.positioning.dilution import DilutionMap, map_dilution, radius_95
 from quadlog.recordings.formatting import listed
 
@@ -59,7 +59,7 @@ def tag_truth(t_ns: Int, reference: PoseSeries, lever_m: tuple[float, float]) ->
     """(N, 2) where a tag with that place in base was in map at t_ns (N,), NaN where the reference is silent."""
     yaw_rad = yaw_from_quat(reference.quat_xyzw)
     tag_m = base_to_tag(reference.position_m[:, :2], yaw_rad, *lever_m)
-    at_tag = Trajectory(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)
+    at_tag = PoseSeries(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)
     truth_m: Float = positions_at(t_ns, at_tag, REFERENCE_GAP_NS)[:, :2]
     return truth_m
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.mapping.inflation import inflate_square
+from quadlog.mapping.goal_projection import inflate_square
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
 from quadlog.planning.search.heap_search import Danger, HeapSearch

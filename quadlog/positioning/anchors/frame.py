@@ -90,11 +90,11 @@ def misplaced(anchors_m: Float, framed: FramedAnchors, known_m: Float) -> tuple[
     return misplaced_m, bool(misplaced_m) and mirrored
 
 
-def find_faults(framed: FramedAnchors, known_m: Float) -> SurveyFaults | None:
+def find_faults(framed: FramedAnchors, known_m: Float, numbers: Int) -> SurveyFaults | None:
     """Two known anchors (A, 2) that are exchanged, or one elsewhere, by generalised least squares of all places.
 
-    Each fault is fitted together with the turn and shift of the frame. None where no single fault explains the places,
-    and with fewer than three known anchors, which say nothing of one another.
+    They are named by their numbers (A,). Each fault is fitted together with the turn and shift of the frame. None where
+    no single fault explains the places, and with fewer than three known anchors, which say nothing of one another.
     """
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 3:
@@ -126,9 +126,10 @@ def find_faults(framed: FramedAnchors, known_m: Float) -> SurveyFaults | None:
         return None
     swapped = sorted((pair for pair in swaps if swaps[pair] < best + RIVAL_CHI2), key=lambda pair: swaps[pair])
     likely = sorted((k for k in shifts if shifts[k][0] < best + RIVAL_CHI2), key=lambda k: shifts[k][0])
-    shifted = [AnchorShift(int(known[k]), *shifts[k][1:], 0.0) for k in likely]
+    named = numbers[known].tolist()
+    shifted = [AnchorShift(named[k], *shifts[k][1:], 0.0) for k in likely]
     return SurveyFaults(
-        tuple((int(known[i]), int(known[j])) for i, j in swapped),
+        tuple((named[i], named[j]) for i, j in swapped),
         shifted=tuple(each for each in shifted if each.distance_m > MATTERS_M),
     )
 

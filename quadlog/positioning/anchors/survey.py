@@ -168,17 +168,7 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
         aligned_to=framed.aligned_to,
         misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
         mirrored=mirrored,
-        faults=_of_all(find_faults(framed, known_m[heard]), heard),
-    )
-
-
-def _of_all(faults: SurveyFaults | None, heard: Int) -> SurveyFaults | None:
-    """Faults of the anchors heard (B,), by their indices among all."""
-    if faults is None:
-        return None
-    return SurveyFaults(
-        tuple((int(heard[i]), int(heard[j])) for i, j in faults.swapped),
-        shifted=tuple(replace(each, anchor=int(heard[each.anchor])) for each in faults.shifted),
+        faults=find_faults(framed, known_m[heard], heard),
     )
 
 
@@ -263,7 +253,7 @@ def _misfit(estimate: Estimate, lasts: float) -> float:
     """
     problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
     alike = replace(estimate.weights, lasts=lasts)
-    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorise()
+    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorised
     seen = slots.range_t_s, slots.range_link, estimate.linear.residual_m, problem.range_std_m
     cost = sight_probabilities(*seen)[1] / lasts + problem.stress(estimate.knots).sum() / 2
     for each in problem.others:

@@ -126,7 +126,7 @@ def make_walk(
         rows = _even_selection(rows, ranges.tag[rows] * ranges.n_anchors + ranges.anchor[rows], most_ranges)
     kept, yaw_rad = ranges.rows(rows), np.unwrap(way.yaw_rad)
     xy_m = turned(np.full(len(t_s), -yaw_rad[0]), way.xy_m - way.xy_m[0])
-    most = min(MOST_KNOTS, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
+    most = min(MOST_KNOTS, most_ranges, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
     timeline = make_timeline(np.array([0.0, last_s]), max(KNOT_S, last_s / most), np.inf, np.empty(0))
     path_s = np.linspace(0.0, last_s, min(max(2, 1 + round(last_s / PATH_S)), 1 << 20))
     relative = Way(t_s, xy_m, yaw_rad - yaw_rad[0])
@@ -153,7 +153,7 @@ def _even_selection(rows: Int, link: Int, most: int) -> Int:
 
 CELLS = 70
 """Cells of the search along each side."""
-MOST_ROWS = 240
+MOST_ROWS, ROWS_AT_ONCE = 240, 16
 MOST_STARTS = 6
 ROUNDS = 15
 KERNEL_M = 0.3
@@ -188,9 +188,11 @@ def _grid_minima(tag_m: Float, range_m: Float, height_m: float) -> Float:
     cell_m = max(x_m[1] - x_m[0], y_m[1] - y_m[0])
     ground_m = np.sqrt(np.maximum((range_m - USUAL_BIAS_M) ** 2 - (height_m - tag_m[:, 2]) ** 2, 0.0))
     misfit = np.zeros((CELLS, CELLS))
-    for (tag_x_m, tag_y_m, _), far_m in zip(tag_m.tolist(), ground_m.tolist(), strict=True):
-        off_m = np.hypot(x_m[:, None] - tag_x_m, y_m - tag_y_m) - far_m
-        misfit += np.log1p((off_m / (KERNEL_M + cell_m)) ** 2)
+    for first in range(0, len(tag_m), ROWS_AT_ONCE):
+        some = slice(first, first + ROWS_AT_ONCE)
+        x2_m2, y2_m2 = ((each[:, None] - tag_m[some, axis]) ** 2 for axis, each in enumerate((x_m, y_m)))
+        off_m = np.sqrt(x2_m2[:, None] + y2_m2) - ground_m[some]
+        misfit += np.log((1 + (off_m / (KERNEL_M + cell_m)) ** 2).prod(axis=2))
     lowest = np.argwhere(misfit <= minimum_filter(misfit, 3, mode="constant", cval=np.inf))
     best = lowest[np.argsort(misfit[tuple(lowest.T)], kind="stable")[:MOST_STARTS]]
     return np.column_stack([x_m[best[:, 0]], y_m[best[:, 1]]])

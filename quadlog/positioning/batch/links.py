@@ -185,6 +185,6 @@ def delete_anchors(estimate: Estimate) -> Deleted | None:
             left.add(rows.rows(mine), -total[mine] / variance_m2)
             without.append(left)
         step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
-        knots.append(estimate.knots + without[1].factorise().step_of_knots(step))
+        knots.append(estimate.knots + without[1].factorised.step_of_knots(step))
         values.append(estimate.values + step)
     return Deleted(busy, np.array(knots), np.array(values))

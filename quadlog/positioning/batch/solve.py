@@ -13,16 +13,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from quadlog.messages import Float
+from quadlog.positioning.batch import robust
 from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
 from quadlog.positioning.batch.motion import motion_information
-from quadlog.positioning.batch.robust import (
-    LinkWindows,
-    lateness_weights,
-    link_windows,
-    persistence,
-    sight_probabilities,
-    symmetric_weights,
-)
 from quadlog.positioning.batch.spline import Sampling, Timeline
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
@@ -89,8 +82,9 @@ class Arrow:
         matrix[:n, n:], matrix[n:, :n], matrix[n:, n:], right[n:] = self.border, self.border.T, self.corner, self.pull
         return matrix, right
 
-    def factorise(self) -> Factorised:
-        """Cholesky of the band, Schur complement on the border."""
+    @cached_property
+    def factorised(self) -> Factorised:
+        """Cholesky of the band, Schur complement on the border; nothing is added afterwards."""
         size, n, band = self.size, self.n_knots * self.size, 2 * self.size - 1
         upper, pull = np.zeros((band + 1, n)), np.zeros(n)
         for j in range(2 * size):
@@ -206,9 +200,9 @@ class Problem:
         return self.timeline.sample(self.slots.t_s)
 
     @cached_property
-    def windows(self) -> LinkWindows:
+    def windows(self) -> robust.LinkWindows:
         """Of the ranges."""
-        return link_windows(self.slots.range_t_s, self.slots.range_link)
+        return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
 
     @cached_property
     def prior_information(self) -> Float:
@@ -298,16 +292,15 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
 def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
     """Weights from residuals (R,); lasts None: estimated from them."""
     slots, std_m, link = problem.slots, problem.range_std_m, problem.slots.range_link
-    alike = symmetric_weights(residual_m, link, std_m)
-    sight = sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
+    alike = robust.symmetric_weights(residual_m, link, std_m)
+    sight = robust.sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
     if lasts is None:
         heard = len(np.unique(link))
         free = max(heard - len(problem.model.axes), 1) / heard
         # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
-        lasts = persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
-    if problem.in_sight:
-        return Weights(sight, sight, lasts)
-    return Weights(lateness_weights(problem.windows, residual_m, std_m), alike, lasts)
+        lasts = robust.persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
+    knots = sight if problem.in_sight else robust.lateness_weights(problem.windows, residual_m, std_m)
+    return Weights(knots, sight, lasts)
 
 
 def assemble(
@@ -331,11 +324,12 @@ def assemble(
         for arrow, information, pull in parts:
             arrow.add_past(information, pull - information @ off)
     variance_m2 = weights.lasts * problem.range_std_m**2
-    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots)):
+    alike = problem.past is None and weights.knots is weights.globals
+    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots))[: 1 if alike else 2]:
         rows, total = linear.weighted(problem.slots, each)
         within = rows.interval < count
         arrow.add(rows.rows(within), total[within] / variance_m2)
-    return for_globals, for_knots
+    return for_globals, for_globals if alike else for_knots
 
 
 def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple[Float, Float, Float]:
@@ -344,7 +338,7 @@ def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple
     A mean over the possible priors: each, P, counts by how likely the log is under it [Laplace]. With information L
     about the globals and gradient g at their prior mean, log p = (g^T (L + P^-1)^-1 g - log |I + L P|) / 2.
     """
-    factorised = arrow.factorise()
+    factorised = arrow.factorised
     off = values - problem.mean
     gradient = arrow.pull - arrow.border.T @ factorised.step + factorised.schur @ off
     covariances = np.linalg.inv(factorised.schur + problem.prior_information)
@@ -369,7 +363,7 @@ def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: 
         weights = weigh(problem, linear.residual_m, lasts)
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
-        factorised = for_knots.factorise()
+        factorised = for_knots.factorised
         step = factorised.step_of_knots(global_step)
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
@@ -393,7 +387,7 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
     for index in range(ROUNDS):
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, _, _ = posterior_of_globals(problem, for_globals, values)
-        step = for_knots.factorise().step_of_knots(global_step)
+        step = for_knots.factorised.step_of_knots(global_step)
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
@@ -405,4 +399,4 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
             white = white and not near
     for_globals, for_knots = assemble(problem, linear, weights, knots, values)
     _, covariance, shares = posterior_of_globals(problem, for_globals, values)
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorise())
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorised)

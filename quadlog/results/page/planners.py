@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import CannotWrite, printable
-from quadlog.metrics.comparison.planner_verdict import verdict_lines
 from quadlog.metrics.intervals import Interval
+from quadlog.metrics.planner_verdict import verdict_lines
 from quadlog.metrics.planning import Comparison, PlannerRow
 from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing

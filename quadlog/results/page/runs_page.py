@@ -45,7 +45,7 @@ from quadlog.results.text import (
 from quadlog.results.view import Moment, Scene, merge_panels, merge_scenes
 
 if TYPE_CHECKING:
-    from quadlog.metrics.comparison.paired import PairedDifference
+    from quadlog.metrics.differences import PairedDifference
 
 MOST_DRAWN = 16
 """Runs whose paths and curves are drawn; the list has all."""

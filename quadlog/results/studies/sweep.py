@@ -14,7 +14,7 @@ import pyarrow as pa
 from quadlog.errors import ExitCode, NotARun
 from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.comparison.over_seeds import OverSeeds, clear_best, over_seeds
+from quadlog.metrics.differences import OverSeeds, clear_best, over_seeds
 from quadlog.results.tables import METRIC_NAMES, read_parquet, table_schema, write_table
 from quadlog.results.text import print_table, shown, terminal_width
 

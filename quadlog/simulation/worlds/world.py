@@ -101,7 +101,7 @@ class World:
 
     start_xy_m: (2,) in map, where the robot is at t_ns = 0; goal: where it is to go.
     window_cells: the robot sees a square of so many cells about it, in which
-    obstacles grow by dilation_m in a shape of `inflation.INFLATIONS`.
+    obstacles grow by dilation_m in a shape of `goal_projection.INFLATIONS`.
     moving: obstacles that are somewhere else at every instant.
     """
 

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import NotARun, TooSteep
-from quadlog.mapping.accumulated_map import OCCUPIED
+from quadlog.mapping.memory import OCCUPIED
 from quadlog.pipelines.simulation.courses import (
     LEAST_POINTS,
     MARGIN_M,

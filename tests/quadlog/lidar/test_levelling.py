@@ -50,37 +50,26 @@ def test_the_imu_of_a_simulated_walk_over_rough_ground_levels_it():
     np.testing.assert_allclose(rotations, truth, atol=2e-3)
 
 
+STALE, STEEP = NotLevelled.STALE, NotLevelled.STEEP
+STILL, NOTHING = [[0, 0.2, 0]] * 42, np.array([[np.nan] * 4, [0.0] * 4, [np.inf, 0, 0, 1]])
+
+
 @pytest.mark.parametrize(
-    ("ms", "known"), [((0,), True), ((-200, 0), True), ((-200.001,), False), ((610,), True), ((0, 610.001), False)]
-)
-def test_orientations_hold_for_a_fifth_of_a_second(ms, known):
-    rotations, why = level_rotations(at(*ms), series(*[[0, 0.2, 0]] * 42))
-    assert why is (None if known else NotLevelled.STALE)
+    ("ms", "known", "why"),
+    [
+        ((0,), series(*STILL), None), ((-200, 0), series(*STILL), None), ((-200.001,), series(*STILL), STALE),
+        ((610,), series(*STILL), None), ((0, 610.001), series(*STILL), STALE),
+        ((0, 1), up_in_base(at(0, 1, 2), NOTHING), STALE),
+        *(((0,), series([0.5, 0.0, np.radians(each)]), None) for each in (39.9, -39.9)),
+        *(((0,), series([0.5, 0.0, np.radians(each)]), STEEP) for each in (40.1, 90, 180)),
+        ((0, 10, 20), series([0, 0.1, 0], [0, 0.2, 0], [0, 1.2, 0]), STEEP),
+    ],
+)  # fmt: skip
+def test_a_scan_is_levelled_as_a_whole_by_what_is_known_and_plausible_or_not_at_all(ms, known, why):
+    rotations, found = level_rotations(at(*ms), known)
+    assert found is why
     assert rotations.shape == (len(ms), 3, 3)
-    assert np.allclose(rotations, np.eye(3)) != known
-
-
-def test_scans_without_orientations_are_not_levelled():
-    nothing = np.array([[np.nan] * 4, [0.0] * 4, [np.inf, 0, 0, 1]])
-    known = up_in_base(at(0, 1, 2), nothing)
-    assert len(known) == 0
-    rotations, why = level_rotations(at(0, 1), known)
-    assert why is NotLevelled.STALE
-    np.testing.assert_array_equal(rotations, np.tile(np.eye(3), (2, 1, 1)))
-
-
-@pytest.mark.parametrize(("roll_deg", "steep"), [(39.9, False), (-39.9, False), (40.1, True), (90, True), (180, True)])
-def test_implausible_tilts_are_ignored(roll_deg, steep):
-    rotations, why = level_rotations(at(0), series([0.5, 0.0, np.radians(roll_deg)]))
-    assert why is (NotLevelled.STEEP if steep else None)
-    assert np.allclose(rotations, np.eye(3)) == steep
-
-
-def test_a_scan_is_levelled_as_a_whole_or_not_at_all():
-    falling = series([0, 0.1, 0], [0, 0.2, 0], [0, 1.2, 0])
-    rotations, why = level_rotations(at(0, 10, 20), falling)
-    assert why is NotLevelled.STEEP
-    np.testing.assert_array_equal(rotations, np.tile(np.eye(3), (3, 1, 1)))
+    assert np.allclose(rotations, np.eye(3)) == (why is not None)
 
 
 @given(tilt, tilt, heading, heading, st.floats(-1.4, 1.4), heading)

@@ -126,15 +126,3 @@ def test_any_cloud_is_classified(classify, cloud: np.ndarray, seed: int) -> None
 def test_without_a_plane_heights_are_those_of_base(classify) -> None:
     scan = classify(np.array([[3.0, 0, 0.2], [np.nan, 0, 0]], np.float32), None, LEVEL, ALL_ROUND)
     assert scan.height_m == pytest.approx([0.7, np.nan], nan_ok=True)
-
-
-@pytest.mark.parametrize(("mount", "height_m"), [(LEVEL, 0.5), (np.eye(4), 0.1)])
-def test_the_plane_of_a_2d_scan_is_no_ground(classify, mount: np.ndarray, height_m: float) -> None:
-    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    xyz_m = (4.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(720)], axis=1)).astype(np.float32)
-    scan = classify(xyz_m, None, mount, ALL_ROUND)
-    assert scan.ground is None
-    *none, outliers, ground, obstacles = counts(scan)
-    assert (none, outliers + obstacles, ground) == ([0, 0], 720, 0)
-    assert obstacles > 600
-    assert scan.height_m == pytest.approx(height_m)

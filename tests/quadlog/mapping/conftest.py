@@ -6,9 +6,8 @@ import pytest
 from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.range_image import Returns
-from quadlog.mapping.compact import CompactScan, CompactSettings, ScanCompactor
+from quadlog.mapping.compact import CompactScan, CompactSettings, PlacedScan, compact_scan, place_scan
 from quadlog.mapping.grid import Window
-from quadlog.mapping.placing import PlacedScan, ScanPlacer
 
 
 @pytest.fixture(scope="session")
@@ -34,7 +33,7 @@ def compacted():
         arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
         slots = Slots(np.zeros(1, np.int64), None)
         scan = ClassifiedScan(Returns(*arrays), 0, 0, len(xyz_m), ground, "paper", place_m, slots)
-        return ScanCompactor(CompactSettings(**settings)).compact(scan)
+        return compact_scan(scan, CompactSettings(**settings))
 
     return make
 
@@ -52,6 +51,6 @@ def placed():
         radius_m: float = 0.5,
     ) -> PlacedScan:
         poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (32, 3)).copy()
-        return ScanPlacer(min_points, radius_m).place(compact, poses, target_xy_m, window)
+        return place_scan(compact, poses, window, target_xy_m, min_points, radius_m)
 
     return make

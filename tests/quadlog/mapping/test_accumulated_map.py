@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import binned_statistic_2d
 
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.mapping.accumulated_map import FREE, OCCUPIED, AccumulatedMap, GroundHeight
+from quadlog.mapping.compact import NO_TOP, PlacedScan
 from quadlog.mapping.grid import Window, window_around
-from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.memory import FREE, OCCUPIED, AccumulatedMap, GroundHeight
 from quadlog.mapping.ray_tracing import NO_RAY
 
 
@@ -49,9 +49,9 @@ def test_sliding_windows_agree_with_one_fixed_array() -> None:
     rows, cols = held.shape
     inside = counts[held.row0 + 200 : held.row0 + 200 + rows, held.col0 + 200 : held.col0 + 200 + cols]
     assert inside.sum() == counts.sum()
-    assert (whole._lattice.view("hits", held) == inside).all()
+    assert (whole.lattice.view("hits", held) == inside).all()
     assert ((cells == OCCUPIED) == (inside > 0)).all()
-    assert whole.skipped == 0
+    assert whole.lattice.skipped == 0
 
 
 def test_a_pose_far_off_is_skipped_and_counted() -> None:
@@ -60,7 +60,7 @@ def test_a_pose_far_off_is_skipped_and_counted() -> None:
         window = window_around(np.array([x_m, 0.0]), 0.1, 200)
         add(whole, window, grid(window, (3, 3)), grid(window))
     cells, held = whole.to_cells()
-    assert whole.skipped == 2
+    assert whole.lattice.skipped == 2
     assert cells.shape == held.shape == (200, 250)
     assert (cells == OCCUPIED).sum() == 2
 
@@ -109,6 +109,6 @@ def test_a_scan_beyond_the_limit_is_skipped_and_counted(add_ground_height) -> No
     add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]))
     add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]), (1e9, 0.0, 0.0))
     terrain = ground.to_map()
-    assert ground.skipped == 1
+    assert ground.lattice.skipped == 1
     assert terrain is not None
     assert terrain.height_m.tolist() == [[0.5]]

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.compact import NO_TOP, PlacedScan
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window
-from quadlog.mapping.memory import LogOddsMemory, ScanMemory
-from quadlog.mapping.placing import NO_TOP, PlacedScan
+from quadlog.mapping.memory import LogOddsMemory
 from quadlog.mapping.ray_tracing import NO_RAY
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
@@ -31,12 +31,6 @@ def log_odds(clear_s: float = 0.4) -> LogOddsMemory:
     return LogOddsMemory(SlidingLattice(0.1, LogOddsMemory.LAYERS), clear_s)
 
 
-def test_without_memory_a_map_is_its_scan() -> None:
-    memory = ScanMemory()
-    assert np.argwhere(memory.add(0, WINDOW, PlacedScan(tops((3, 4)), SEEN_THROUGH))).tolist() == [[3, 4]]
-    assert not memory.add(STEP_NS, WINDOW, PlacedScan(tops(), UNSEEN)).any()
-
-
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
 def test_moving_obstacles_are_cleared_within_half_a_second(rate_hz: int) -> None:
     memory = log_odds()
@@ -48,13 +42,6 @@ def test_moving_obstacles_are_cleared_within_half_a_second(rate_hz: int) -> None
     assert any(gone) or rate_hz == 5, "one glance past an obstacle must not clear it"
 
 
-def test_obstacles_out_of_sight_are_kept() -> None:
-    memory = log_odds()
-    memory.add(0, WINDOW, PlacedScan(tops((5, 5)), SEEN_THROUGH))
-    for k in range(1, 600):
-        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), UNSEEN))[5, 5]
-
-
 def test_a_false_point_is_gone_sooner_than_an_obstacle() -> None:
     memory = log_odds()
     for k in range(5):
@@ -64,23 +51,15 @@ def test_a_false_point_is_gone_sooner_than_an_obstacle() -> None:
     assert [bool(grid[2, 2]) for grid in after] == [True, True, True, False]
 
 
-def test_rays_above_an_obstacle_do_not_contradict_it() -> None:
-    memory = log_odds()
-    memory.add(0, WINDOW, PlacedScan(tops((5, 5), top_m=0.3), UNSEEN))
-    for k in range(1, 50):
-        assert memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.31)))[5, 5]
-    for k in range(50, 53):
-        kept = memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.29)))[5, 5]
-    assert not kept
-
-
-def test_rays_in_the_plane_in_which_something_was_hit_contradict_it() -> None:
-    """A 2-D lidar has no lower ones."""
+@pytest.mark.parametrize(
+    ("ray", "stays"), [(UNSEEN, True), (rays(0.46), True), (rays(0.45), False), (rays(0.29), False)]
+)
+def test_only_rays_at_its_height_or_below_contradict_an_obstacle(ray: np.ndarray, stays: bool) -> None:
+    """A 2-D lidar has none below the plane in which something was hit."""
     memory = log_odds()
     memory.add(0, WINDOW, PlacedScan(tops((5, 5), top_m=0.45), UNSEEN))
-    for k in range(1, 4):
-        kept = memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), rays(0.45)))[5, 5]
-    assert not kept
+    kept = [memory.add(k * STEP_NS, WINDOW, PlacedScan(tops(), ray))[5, 5] for k in range(1, 50)]
+    assert kept[2:] == [stays] * 47
 
 
 @pytest.mark.parametrize(("lattice", "comes_back"), [(SlidingLattice, False), (GrowingLattice, True)])
@@ -98,7 +77,7 @@ def test_scans_beyond_the_size_limit_are_counted_and_used_alone() -> None:
     memory.add(0, WINDOW, PlacedScan(tops((5, 5)), UNSEEN))
     far = Window(5000, 0, 0.1, WINDOW.shape)
     assert np.argwhere(memory.add(STEP_NS, far, PlacedScan(tops((1, 1)), UNSEEN))).tolist() == [[1, 1]]
-    assert memory.skipped == 1
+    assert memory.lattice.skipped == 1
 
 
 @pytest.mark.parametrize("passes", [1, 2, 10])

@@ -89,7 +89,7 @@ def sweep_returns(compacted):
     """A function that makes a compact scan of a sweep in which 16 beams all end 20 m away, and its time slots."""
     from quadlog.geometry import transform_from_rpy
     from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-    from quadlog.mapping.compact import CompactSettings, ScanCompactor
+    from quadlog.mapping.compact import CompactSettings, compact_scan
     from quadlog.messages import PointCloud
 
     def make(columns: int, tilt_rad: float):
@@ -105,7 +105,7 @@ def sweep_returns(compacted):
         returns = ScanClassifier(RangeImageSettings()).classify(cloud, mount)
         assert returns.route == "rings"
         reach = CompactSettings(reach_m=29.0, highest_m=5.0)
-        return ScanCompactor(reach).compact(returns), returns.slots.middle_ns
+        return compact_scan(returns, reach), returns.slots.middle_ns
 
     return make
 

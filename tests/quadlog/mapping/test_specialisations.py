@@ -10,12 +10,12 @@ import sys
 import numpy as np
 from numba.core.registry import CPUDispatcher
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.accumulated_map import AccumulatedMap
-from quadlog.mapping.compact import CompactSettings, ScanCompactor
-from quadlog.mapping.accumulated_map import GroundHeight
+from quadlog.mapping.memory import AccumulatedMap
+from quadlog.mapping.compact import CompactSettings, compact_scan
+from quadlog.mapping.memory import GroundHeight
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice
 from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.placing import ScanPlacer
+from quadlog.mapping.compact import place_scan
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
@@ -36,13 +36,12 @@ for view_deg in (360.0, 180.0):
     for lattice in (SlidingLattice, GrowingLattice):
         memory = LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 0.4)
         whole, ground = AccumulatedMap(0.1), GroundHeight(0.2)
-        compactor, placer = ScanCompactor(CompactSettings()), ScanPlacer(2, 0.5)
         for k, cloud in enumerate(clouds):
             returns = classifier.classify(cloud, scan.transform_lidar_to_base)
             returns.points()
-            compact, window = compactor.compact(returns), window_around(np.zeros(2), 0.1, 200)
+            compact, window = compact_scan(returns, CompactSettings()), window_around(np.zeros(2), 0.1, 200)
             poses = np.zeros((len(returns.slots.middle_ns), 3))
-            placed = placer.place(compact, poses, np.zeros(2), window)
+            placed = place_scan(compact, poses, window, np.zeros(2), 2, 0.5)
             memory.add(k, window, placed)
             whole.add(window, placed, 400)
             ground.add(compact, poses)

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import estimate_clock_offset
-from quadlog.metrics.positioning import Trajectory
 
 S = 1_000_000_000
 
@@ -17,7 +17,7 @@ def trajectory(at_s, x_m, y_m, clock_s=0.0, noise_m=0.0, seed=5):
     position_m[:, :2] += np.random.default_rng(seed).normal(0, noise_m, (len(at_s), 2))
     # In integers: float64 holds an epoch to 0.2 microseconds only.
     t_ns = round(clock_s * S) + np.round(at_s * S).astype(np.int64)
-    return Trajectory(t_ns, position_m, np.tile([0.0, 0, 0, 1], (len(at_s), 1)))
+    return PoseSeries(t_ns, position_m, np.tile([0.0, 0, 0, 1], (len(at_s), 1)))
 
 
 def walk(first_s=0.0, last_s=60.0, hz=20, clock_s=0.0, seed=3, noise_m=0.0):
@@ -32,7 +32,7 @@ TILT = Rotation.from_rotvec([0.3, -1.2, 2.0])
 
 
 def in_another_frame(poses, turn=TILT):
-    return Trajectory(poses.t_ns, turn.apply(poses.position_m) + np.array([3.0, -2, 1]), poses.quat_xyzw)
+    return PoseSeries(poses.t_ns, turn.apply(poses.position_m) + np.array([3.0, -2, 1]), poses.quat_xyzw)
 
 
 @given(

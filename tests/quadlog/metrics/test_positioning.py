@@ -7,8 +7,8 @@ from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
 from scipy.spatial.transform import Rotation
 
+from quadlog.messages import PoseSeries
 from quadlog.metrics.positioning import (
-    Trajectory,
     associate,
     fix_error_samples,
     positions_at,
@@ -20,7 +20,7 @@ from quadlog.metrics.summary import metrics_of, summarise
 
 def trajectory(rng, t_ns):
     n = len(t_ns)
-    return Trajectory(t_ns, rng.normal(size=(n, 3)).cumsum(axis=0), Rotation.random(n, rng=rng).as_quat())
+    return PoseSeries(t_ns, rng.normal(size=(n, 3)).cumsum(axis=0), Rotation.random(n, rng=rng).as_quat())
 
 
 def as_evo(ours):
@@ -71,14 +71,14 @@ def test_uwb_by_hand():
 
 
 def test_positions_between_poses():
-    known = Trajectory(
+    known = PoseSeries(
         np.array([0, 100, 1000]), np.array([[0.0, 0, 0], [1, 2, 3], [9, 9, 9]]), np.tile([0.0, 0, 0, 1], (3, 1))
     )
     found = positions_at(np.array([-1, 0, 50, 100, 500, 1000, 1001]), known, max_gap_ns=200)
     np.testing.assert_allclose(found[1:4], [[0, 0, 0], [0.5, 1, 1.5], [1, 2, 3]])
     np.testing.assert_allclose(found[5], [9, 9, 9])
     assert np.isnan(found[[0, 4, 6]]).all()
-    nobody = Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
+    nobody = PoseSeries(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
     assert np.isnan(positions_at(np.array([3]), nobody, 10)).all()
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from quadlog.metrics.positioning import Trajectory
+from quadlog.messages import PoseSeries
 from quadlog.metrics.reference_offset import compare_trajectories, estimate_time_offset
 from quadlog.metrics.summary import summarise
 from quadlog.storage.formats.tum import read_tum
@@ -26,9 +26,9 @@ S = 1_000_000_000
 EPOCH_NS = 1_700_000_000 * S
 
 
-def trajectory(at_s, xyz_m) -> Trajectory:
+def trajectory(at_s, xyz_m) -> PoseSeries:
     t_ns = EPOCH_NS + np.round(np.asarray(at_s) * S).astype(np.int64)
-    return Trajectory(t_ns, np.asarray(xyz_m), np.tile([0.0, 0, 0, 1], (len(at_s), 1)))
+    return PoseSeries(t_ns, np.asarray(xyz_m), np.tile([0.0, 0, 0, 1], (len(at_s), 1)))
 
 
 def walk(seed: int, seconds: float = 60.0) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def walk(seed: int, seconds: float = 60.0) -> tuple[np.ndarray, np.ndarray]:
     return at_s, np.cumsum(steps_m, axis=0)
 
 
-def noisy(at_s, xyz_m, offset_s: float, std_m: float, seconds: float, hz=20, seed=9, correlation_s=0.5) -> Trajectory:
+def noisy(at_s, xyz_m, offset_s: float, std_m: float, seconds: float, hz=20, seed=9, correlation_s=0.5) -> PoseSeries:
     """What a positioning system would give of it, its clock behind by offset_s, its errors correlated in time."""
     own_s = np.arange(0, seconds, 1 / hz)
     decay = np.exp(-1 / hz / correlation_s)
@@ -51,9 +51,9 @@ def noisy(at_s, xyz_m, offset_s: float, std_m: float, seconds: float, hz=20, see
     return trajectory(own_s, true_m + np.column_stack([error_m, 0 * own_s]))
 
 
-def moved(poses: Trajectory, turn_rad: float, shift_m) -> Trajectory:
+def moved(poses: PoseSeries, turn_rad: float, shift_m) -> PoseSeries:
     turn = Rotation.from_euler("z", turn_rad)
-    return Trajectory(poses.t_ns, turn.apply(poses.position_m) + shift_m, poses.quat_xyzw)
+    return PoseSeries(poses.t_ns, turn.apply(poses.position_m) + shift_m, poses.quat_xyzw)
 
 
 @given(
@@ -147,12 +147,12 @@ def test_positions_beyond_all_measure_tell_nothing():
         assert estimate_time_offset(huge, huge).offset_s is None
 
 
-def rmse_by_evo(reference: Trajectory, estimate: Trajectory, offset_s: float, align: bool) -> float:
+def rmse_by_evo(reference: PoseSeries, estimate: PoseSeries, offset_s: float, align: bool) -> float:
     pair = sync.associate_trajectories(as_evo(reference), as_evo(estimate), max_diff=0.01, offset_2=offset_s)
     return float(main_ape.ape(*pair, evo_metrics.PoseRelation.translation_part, align=align).stats["rmse"])
 
 
-def as_evo(poses: Trajectory) -> PoseTrajectory3D:
+def as_evo(poses: PoseSeries) -> PoseTrajectory3D:
     return PoseTrajectory3D(poses.position_m, np.roll(poses.quat_xyzw, 1, axis=1), poses.t_ns / S)
 
 
@@ -180,11 +180,11 @@ def test_errors_equal_evos_with_that_offset_and_alignment(offset_s, heights):
 
 
 @pytest.fixture(scope="module")
-def trolley() -> Trajectory:
+def trolley() -> PoseSeries:
     if "QUADLOG_DATASETS" not in os.environ:
         pytest.skip("QUADLOG_DATASETS is not set")
     poses = read_tum(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast_mocap.tum")
-    return Trajectory(poses.t_ns, poses.position_m, poses.quat_xyzw)
+    return PoseSeries(poses.t_ns, poses.position_m, poses.quat_xyzw)
 
 
 @pytest.mark.parametrize("offset_s", [0.11, -0.02, 7.5])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from quadlog.metrics.planning import Replans, join_turn_rad, path_change_m, ratio_to_astar, search_samples
+from quadlog.metrics.planning import join_turn_rad, path_change_m, ratio_to_astar, search_samples
 from quadlog.metrics.summary import metrics_of
 
 
@@ -22,7 +22,7 @@ def replans(**columns):
         "optimal_cost": np.array([100.0, 100.0, np.nan, 104.0, 0.0]),
         "from_scratch": np.array([True, False, False, True, False]),
     }
-    return Replans(**(defaults | columns))
+    return defaults | columns
 
 
 def test_by_hand():
@@ -39,7 +39,7 @@ def test_by_hand():
 
 
 def test_the_ratio_is_that_of_the_totals():
-    assert ratio_to_astar(replans().expanded, np.full(5, 631))["ratio_to_astar"].value == pytest.approx(5.0)
+    assert ratio_to_astar(replans()["expanded"], np.full(5, 631))["ratio_to_astar"].value == pytest.approx(5.0)
     assert ratio_to_astar(np.zeros(5, dtype=int), np.full(5, 631)) == {}
 
 

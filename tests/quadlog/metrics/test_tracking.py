@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadlog.metrics.summary import metrics_of
-from quadlog.metrics.walking import TrackedWalk, clearance_samples, tracking_metrics
+from quadlog.metrics.walking import clearance_samples, tracking_metrics
 
 
 def walk(n=50, **columns):
@@ -19,26 +19,26 @@ def walk(n=50, **columns):
         "time_error_m": rng.uniform(0, 1, n),
         "heading_error_rad": rng.normal(0, 0.2, n),
     }
-    return TrackedWalk(**(defaults | columns))
+    return defaults | columns
 
 
 def test_mean_and_sample_deviation_against_the_standard_library():
     tracked = walk()
     metrics = tracking_metrics(tracked)
     for mean, deviation, column in (
-        ("eta_m", "sigma_m", tracked.error_m),
-        ("eta_time_m", "sigma_time_m", tracked.time_error_m),
+        ("eta_m", "sigma_m", tracked["error_m"]),
+        ("eta_time_m", "sigma_time_m", tracked["time_error_m"]),
     ):
         assert metrics[mean].value == pytest.approx(statistics.fmean(column))
         assert metrics[deviation].value == pytest.approx(statistics.stdev(column))
         assert (metrics[mean].n, metrics[mean].unit) == (50, "m")
     # The printed form of eq. 47, N being N_e.
     eta, n = metrics["eta_m"].value, 50
-    printed = np.sqrt((np.sum(tracked.error_m**2) - eta**2 * n) / (n - 1))
+    printed = np.sqrt((np.sum(tracked["error_m"] ** 2) - eta**2 * n) / (n - 1))
     assert metrics["sigma_m"].value == pytest.approx(printed)
-    assert metrics["cross_track_rmse_m"].value == pytest.approx(np.sqrt(np.mean(tracked.cross_track_m**2)))
+    assert metrics["cross_track_rmse_m"].value == pytest.approx(np.sqrt(np.mean(tracked["cross_track_m"] ** 2)))
     assert metrics["heading_rmse_rad"].unit == "rad"
-    assert metrics["max_error_m"].value == tracked.error_m.max()
+    assert metrics["max_error_m"].value == tracked["error_m"].max()
 
 
 def test_what_does_not_apply_is_absent():

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import window_around
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.planning.query import NO_GOAL, START_OUTSIDE, WALLED_IN, Query, make_query
 
 CELL_M = 0.1

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.goal_projection import inflate
 from quadlog.mapping.grid import window_around
-from quadlog.mapping.inflation import inflate
 from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.replan import Replanner, ReplanSettings
 

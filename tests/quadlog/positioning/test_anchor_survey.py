@@ -135,16 +135,6 @@ def test_a_large_shift_does_not_pass_for_a_swap(lab):
         assert anchor in [each.anchor for each in got.shifted]
 
 
-def test_names_follow_the_order_of_anchors(lab):
-    log, order = log_of(lab, 4), np.array([5, 2, 0, 1, 4, 3])
-    wrong_m = moved(ANCHORS_M, 2, -0.6, 0.6)
-    straight = check(wrong_m, log).shifted
-    epochs = Epochs(log.epochs.t_ns, log.epochs.last_ns, log.epochs.range_m[:, order])
-    mixed = check(wrong_m[order], TagEpochs(epochs, log.height_m)).shifted
-    assert [order[each.anchor] for each in mixed] == [each.anchor for each in straight] == [2]
-    np.testing.assert_allclose(mixed[0].shift_m, straight[0].shift_m, atol=5e-3)
-
-
 def test_tags_are_weighed_together(lab):
     """A tag that heard an anchor from afar and one that walked about: what the second knows counts."""
     far = log_of(lab, 5, lambda t_s: np.array([4.0, 3.0]) + 0.3 * np.column_stack([np.sin(t_s / 2), np.cos(t_s / 2)]))

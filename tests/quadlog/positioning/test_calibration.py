@@ -36,15 +36,6 @@ def track_error(lab, got: TagResult, series: RangeSeries, place_m: Float) -> flo
     return lab.rmse(got.track.position_m - place_m[np.searchsorted(series.t_ns, got.track.t_ns)])
 
 
-def test_biases_are_found_without_truth(lab):
-    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 1, duration_s=60, bias_m=BIAS_M)
-    got = run(lab, simulated.series).bias
-    np.testing.assert_allclose(got.bias_m, BIAS_M, atol=0.04)
-    np.testing.assert_array_equal(got.applied_m, got.bias_m)
-    np.testing.assert_array_equal(got.n, 3000)
-    assert got.reason.startswith("the ranges favour a bias of each link (")
-
-
 def test_motion_within_a_round_is_no_bias(lab):
     """Rounds of 0.5 s at up to 0.8 m/s: at the mean time of its round, a range is off by up to 0.15 m."""
     series, place_m = round_robin(lab, 3, period_s=0.5, duration_s=120)
@@ -85,6 +76,8 @@ def test_std_is_the_scatter_over_many_logs(lab, bursts):
             lab.walk_figure_eight, lab.SQUARE_M, seed, duration_s=30, rate_hz=10, bias_m=BIAS_M, bursts=bursts
         )
         got = run(lab, simulated.series).bias
+        np.testing.assert_allclose(got.applied_m, BIAS_M, atol=0.15)
+        assert got.reason.startswith("the ranges favour")
         z.append((got.bias_m - BIAS_M) / got.std_m)
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
 
@@ -97,24 +90,6 @@ def test_a_short_walk_through_bursts_is_not_made_worse(lab):
         off_m = [lab.rmse(each.track.position_m - simulated.truth_at(each.track.t_ns)) for each in (with_it, without)]
         assert off_m[0] < 1.1 * off_m[1]
         assert np.abs(with_it.bias.applied_m).max() < 0.15
-
-
-def test_a_height_that_is_not_known_is_not_mistaken_for_a_bias(lab):
-    """Six anchors at three heights, and a tag carried 0.35 m higher than it was written down, up and down."""
-    anchors_m = np.array([(0, 0, 0.3), (8, 0, 2.5), (8, 7, 0.3), (0, 7, 2.5), (4, -1, 1.4), (4, 8, 2.6)], dtype=float)
-    bias_m = np.array([0.25, 0.05, 0.1, 0.18, 0.3, 0.05])
-    simulated = lab.simulate(lab.walk_figure_eight, anchors_m, 0, duration_s=60, rate_hz=10)
-    t_s = (simulated.t_ns - simulated.t_ns[0]) * 1e-9
-    height_m = 1.35 + 0.3 * np.sin(2 * np.pi * t_s / 13)
-    place_m = np.column_stack([simulated.position_m, height_m])
-    range_m = np.linalg.norm(place_m[:, None] - anchors_m, axis=2) + bias_m
-    simulated.series.range_m[:] = (range_m + 0.1 * np.random.default_rng(0).standard_normal(range_m.shape)).ravel()
-    held, free = (
-        run(lab, simulated.series, anchors_m, height_m=1.0, height=height).bias for height in ("given", "solved")
-    )
-    np.testing.assert_allclose(free.bias_m, bias_m, atol=0.07)
-    assert np.abs(held.bias_m - bias_m).max() > np.abs(free.bias_m - bias_m).max() + 0.03
-    assert (np.abs(free.bias_m - bias_m) < 3.5 * free.std_m).all()
 
 
 def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):

@@ -86,7 +86,7 @@ def test_the_arrow_is_the_dense_system_and_its_marginals():
     step, covariance, _ = posterior_of_globals(problem, for_globals, values)
     np.testing.assert_allclose(step, np.linalg.solve(full, pull)[n:], atol=1e-8)
     np.testing.assert_allclose(covariance, np.linalg.inv(full)[n:, n:], atol=1e-9)
-    factorised = for_knots.factorise()
+    factorised = for_knots.factorised
     own, own_right = for_knots.dense()
     wanted = np.linalg.solve(own[:n, :n], own_right[:n] - own[:n, n:] @ step)
     np.testing.assert_allclose(factorised.step_of_knots(step).ravel(), wanted, atol=1e-7)

@@ -83,10 +83,10 @@ def test_a_turned_and_shifted_world_gives_the_turned_and_shifted_track(lab):
 
 @pytest.mark.parametrize(("smooth", "rate_hz"), [(True, 50), (False, 10)])
 def test_the_height_is_found_where_the_geometry_shows_it(lab, smooth, rate_hz):
-    """The tag is 0.4 m lower than configured."""
+    """The tag is 0.4 m lower than configured, and nobody says whether to solve for it."""
     simulated = lab.simulate(lab.walk_figure_eight, HEIGHTS_M, 10, duration_s=20, rate_hz=rate_hz)
     given, solved = (
-        run(lab, simulated.series, HEIGHTS_M, 1.0, smooth=smooth, height=height).track for height in ("given", "solved")
+        run(lab, simulated.series, HEIGHTS_M, 1.0, smooth=smooth, height=height).track for height in ("given", "auto")
     )
     np.testing.assert_array_equal(given.z_m, 1.0)
     np.testing.assert_array_equal(given.z_std_m, 0.0)
@@ -115,15 +115,6 @@ def test_a_tag_that_is_carried_away_is_followed(lab, far_m, rate_hz, smooth):
     t_s, off_m = (got.track.t_ns - simulated.t_ns[0]) * 1e-9, np.hypot(*errors(simulated, got).T)
     quiet = (t_s < 8) | (t_s >= restart_s) if smooth else (t_s < 8) | (t_s > restart_s + 1)
     assert off_m[quiet & (t_s > 1)].max() < 0.45
-
-
-def test_a_tag_carried_away_again_and_again(lab):
-    simulated = lab.simulate(
-        lambda t_s: np.array([10.0, 10.0]) + 9.0 * (t_s[:, None] // 3 % 2) * [1.0, 0.5], HALL_M, 6, duration_s=15
-    )
-    got = run(lab, simulated.series, HALL_M)
-    np.testing.assert_allclose((got.restart_ns - simulated.t_ns[0]) * 1e-9, [3, 6, 9, 12], atol=0.021)
-    assert np.hypot(*errors(simulated, got).T).max() < 0.35
 
 
 @pytest.mark.parametrize(("smooth", "seeds", "limit_m"), [(True, 30, 0.06), (False, 4, 0.2)])
@@ -190,14 +181,3 @@ def test_ellipses_hold_errors_that_depend_on_the_place(lab, n_anchors, smooth):
     assert 0.8 < np.mean(squares) < 2.6  # of two coordinates; measured 1.0 to 1.9
     assert np.mean(inside) > 0.93
     assert np.min(inside) > 0.75
-
-
-def test_a_link_that_is_blocked_half_of_the_time_is_not_calibrated_away(lab):
-    """0.8 m late for 4 s, on time for 4 s: no constant bias. Measured 0.09 m."""
-    anchors_m = np.vstack([lab.SQUARE_M, [[4.0, -1.0, 1.2], [4.0, 8.0, 1.2]]])
-    simulated = lab.simulate(lab.walk_figure_eight, anchors_m, 5, duration_s=40, rate_hz=20)
-    late = (simulated.series.anchor == 2) & ((simulated.series.t_ns - simulated.t_ns[0]) // 4_000_000_000 % 2 == 1)
-    simulated.series.range_m[late] += 0.8
-    got = run(lab, simulated.series, anchors_m, calibrate=True)
-    assert lab.rmse(errors(simulated, got)) < 0.1
-    assert np.median(got.ranges.weight[late]) < 0.3

@@ -25,10 +25,8 @@ from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
 
 START_NS = 1_700_000_000_123_456_789
-CONFIG: dict[str, Any] = {
-    "uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]},
-    "planner": {"name": "ia_star"},
-}
+CONFIG: dict[str, Any] = {"uwb": {"tag_height_m": 0.6, "anchors": [{"id": 0, "x_m": 0.0, "y_m": 5.0}]}}
+CONFIG |= {"planner": {"name": "ia_star"}}
 CLOUD = "sensor_msgs/msg/PointCloud2"
 ANCHORS_M = np.array([[0.0, 5.0], [6.0, 5.0], [3.0, -5.0]])
 
@@ -68,7 +66,7 @@ def tiny_record() -> RunRecord:
         recorded_s=4.0,
         topics=[TopicRecord(role="lidar", topic="/points", messages=40, why="the only point cloud", type=CLOUD)],
         counts={"scans": 40, "scans_without_pose": 0},
-        losses=[Loss(cause="crc", detail="one chunk is damaged, from 1.0 s to 1.5 s", topic="/points", count=5)],
+        losses=[Loss("crc", "one chunk is damaged, from 1.0 s to 1.5 s", "/points", 5)],
         warnings=["no heading source: yaw is the course"],
         stages=[
             StageRecord(name="ingest", seconds=0.5, peak_memory_mb=120.0),

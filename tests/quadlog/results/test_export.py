@@ -8,6 +8,7 @@ import pytest
 from quadlog.errors import NotARun
 from quadlog.results.export import export_run
 from quadlog.results.tables import TABLES, read_table, write_table
+from tests.lab.runs import until_ingest
 
 
 def test_csv_keeps_every_digit_and_names_are_no_formulas(tiny_run: Path, tmp_path: Path) -> None:
@@ -27,8 +28,9 @@ def test_csv_keeps_every_digit_and_names_are_no_formulas(tiny_run: Path, tmp_pat
 
 
 @pytest.mark.parametrize("to", ["tum", "csv", "rosmap", "mcap", "gif"])
-def test_a_run_without_the_result_says_so(tmp_path: Path, to: str) -> None:
-    (tmp_path / "run").mkdir()
+def test_a_run_without_the_result_says_so(tiny_run: Path, tmp_path: Path, to: str) -> None:
+    (tiny_run / "map.pgm").unlink()
+    until_ingest(tiny_run)
     with pytest.raises(NotARun, match="has no"):
-        export_run(tmp_path / "run", to, tmp_path / "out")
-    assert [each.name for each in tmp_path.iterdir()] == ["run"]
+        export_run(tiny_run, to, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -12,14 +12,7 @@ from hypothesis import strategies as st
 
 from quadlog.cli.main import run as run_cli
 from quadlog.results import find_runs as find_runs_module
-from quadlog.results.find_runs import (
-    RECORDS,
-    failed_recordings,
-    find_runs,
-    run_labels,
-    run_name,
-    run_names,
-)
+from quadlog.results.find_runs import RECORDS, failed_recordings, find_runs, run_labels, run_name, run_names
 from quadlog.results.tables import TABLES, write_table
 from tests.lab.runs import begin_run
 
@@ -28,7 +21,7 @@ def make_run(path: Path) -> Path:
     return begin_run(path).path
 
 
-def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
+def test_a_folder_stands_for_the_runs_in_it_and_a_link_for_its_run(tmp_path: Path) -> None:
     runs = [make_run(tmp_path / name) for name in ("b", "a", "line-fpmw/seed-000", "line-fpmw/seed-001")]
     (tmp_path / "notes").mkdir()
     (tmp_path / "report.html").write_text("")
@@ -36,22 +29,18 @@ def test_a_folder_stands_for_the_runs_in_it(tmp_path: Path) -> None:
     make_run(runs[0] / "copy")
     make_run(tmp_path / "deeper" / "than" / "three" / "folders")
     assert find_runs([tmp_path]) == [runs[1], runs[0], *runs[2:]]
+    (tmp_path / "loop").symlink_to(tmp_path)
     assert find_runs([runs[2], tmp_path]) == [runs[2], runs[1], runs[0], runs[3]]
-
-
-def test_links_are_followed_and_counted_once(tmp_path: Path) -> None:
-    run = make_run(tmp_path / "made" / "a")
-    link = tmp_path / "chosen" / "fast"
-    link.parent.mkdir()
-    link.symlink_to(run)
-    (tmp_path / "made" / "loop").symlink_to(tmp_path / "made")
+    link = tmp_path / "notes" / "fast"
+    link.symlink_to(runs[0])
     assert find_runs([link.parent]) == [link]
-    assert find_runs([tmp_path / "made", link]) == [run]
+    assert find_runs([runs[0], link]) == [runs[0]]
 
 
-@given(
-    st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple), min_size=2, max_size=8, unique=True)
-)
+PARTS = st.lists(st.sampled_from("abc"), min_size=1, max_size=4).map(tuple)
+
+
+@given(st.lists(PARTS, min_size=2, max_size=8, unique=True))
 def test_labels_tell_all_runs_apart(parts: list[tuple[str, ...]]) -> None:
     labels = run_labels([Path("/", *each) for each in parts])
     assert len(set(labels)) == len(labels)
@@ -100,15 +89,15 @@ def test_no_two_recordings_share_a_folder_and_the_extension_tells_them_apart_fir
         assert names == ["walk.mcap", "walk.bag", "run.mcap", "Run.mcap-2", "run.mcap-3", "alone"]
 
 
+PLANNED = {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"}
+
+
 @pytest.mark.parametrize(
     ("command", "copied"),
     [
         (["export", "--to", "tum"], {"run.json", "trajectory.tum"}),
         (["export", "--to", "rosmap"], {"run.json", "map.pgm", "map.yaml"}),
-        (
-            ["compare-planners", "--planner", "astar"],
-            {"run.json", "config.toml", "maps.npz", "poses.parquet", "pose_uncertainty.parquet", "target.parquet"},
-        ),
+        (["compare-planners", "--planner", "astar"], PLANNED),
         (["metrics"], RECORDS),
     ],
 )

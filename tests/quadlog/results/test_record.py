@@ -74,17 +74,16 @@ def test_damaged_metrics_are_one_short_line(tmp_path: Path, damage: str) -> None
         read_metrics(tmp_path)
 
 
-@pytest.mark.parametrize("found", [2, 0, -1, "1\n", 1.0, True, None, [1] * 1000])
-def test_another_format_is_refused_by_name_whatever_else_it_has(tmp_path: Path, found: object) -> None:
+@pytest.mark.parametrize("found", [2, "1\n", 1.0, True, [1] * 1000])
+def test_another_format_is_refused_by_name_and_fields_of_later_versions_are_not(
+    tiny_run: Path, tmp_path: Path, found: object
+) -> None:
     (tmp_path / "run.json").write_text(json.dumps({"run_format": found, "quadlog_version": "9.8.7"}))
     with pytest.raises(UnknownRunFormat, match=r"a run of format .*by quadlog 9\.8\.7; this .* reads format 1") as told:
         read_record(tmp_path)
     assert len(str(told.value)) < 400
-
-
-def test_earlier_records_and_fields_of_later_ones_are_read(tiny_run: Path) -> None:
     content = json.loads((tiny_run / "run.json").read_text())
-    del content["run_format"]
+    del content["run_format"]  # as of an earlier version
     (tiny_run / "run.json").write_text(json.dumps(content | {"of_later": 1}))
     assert read_record(tiny_run).run_format == 1
 
@@ -103,7 +102,7 @@ def test_a_files_hash_is_that_of_sha256sum_in_a_thread_too(tmp_path: Path) -> No
 
 def test_a_folders_hash_is_of_names_borders_and_contents_of_its_recordings(tmp_path: Path) -> None:
     def described(**files: bytes) -> str | None:
-        folder = tmp_path / "-".join(["of", *files, *(each.decode() for each in files.values())])
+        folder = tmp_path / str(files)
         folder.mkdir()
         for name, content in files.items():
             (folder / f"{name}.mcap").write_bytes(content)
@@ -123,7 +122,6 @@ def test_a_file_behind_a_url_has_size_and_etag(web: Any) -> None:
     found = describe_input(path)
     assert (found.path, found.size_bytes, found.sha256) == (f"{web.url}/walk.mcap?...", 5, None)
     assert found.identity == describe_input(path).identity
-    assert web.sent_bytes == 2
     (web.folder / "walk.mcap").write_bytes(b"54321")
     assert describe_input(path).identity != found.identity
     with pytest.raises(RecordingNotFound):

@@ -13,13 +13,7 @@ from hypothesis.extra import numpy as stn
 
 from quadlog.errors import NotARun, TooLarge
 from quadlog.results import tables
-from quadlog.results.tables import (
-    COST_NAMES,
-    TABLES,
-    TableWriter,
-    read_table,
-    write_table,
-)
+from quadlog.results.tables import COST_NAMES, TABLES, TableWriter, read_table, write_table
 
 
 def poses(n: int) -> dict[str, Any]:

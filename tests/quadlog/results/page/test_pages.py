@@ -93,11 +93,9 @@ def test_names_from_recordings_change_no_tag(tiny_run: Path) -> None:
         losses = [{"cause": name, "detail": name, "topic": name, "count": 5}]
         stage = {"name": name, "seconds": 0.5, "peak_memory_mb": 1.0}
         path = f"/logs/{name.replace('/', '')}.mcap"
-        change_json(
-            tiny_run / "run.json", command=["quadlog", name], input__path=path, input__sha256=name, notes=[name]
-        )
-        change_json(tiny_run / "run.json", topics=[topic], losses=losses, stages=[stage], warnings=[name])
-        change_json(tiny_run / "run.json", host={name: name}, packages={name: name})
+        record = {"command": ["quadlog", name], "input__path": path, "input__sha256": name, "notes": [name]}
+        record |= {"topics": [topic], "losses": losses, "stages": [stage], "warnings": [name]}
+        change_json(tiny_run / "run.json", **record, host={name: name}, packages={name: name})
         (tiny_run / "config.toml").write_text(name)
         change_json(tiny_run / "metrics.json", eta_m={"value": 1.0, "n": 2, "unit": name})
         pages.append(Parsed(write_run_page(Run(tiny_run)).read_bytes()))

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import Window
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.planning.registry import make_planner
 from quadlog.simulation.worlds import replanning_walk
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world

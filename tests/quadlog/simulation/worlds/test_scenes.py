@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import Window
-from quadlog.mapping.inflation import INFLATIONS
 from quadlog.planning.query import make_query
 from quadlog.planning.registry import make_planner
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world

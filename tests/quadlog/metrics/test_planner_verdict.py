@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.metrics.comparison.planner_verdict import notes, times, verdict, verdict_lines
+from quadlog.metrics.planner_verdict import notes, times, verdict, verdict_lines
 from quadlog.metrics.planning import compare_planners
 
 NAMES = ("astar", "ia_star", "lpa_star", "mt_d_star_lite")

@@ -1,1 +1,0 @@
-"""Differences of metrics between planners, runs and seeds, with their intervals."""
