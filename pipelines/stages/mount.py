@@ -149,7 +149,7 @@ def with_tilt(mount: LidarMount, clouds: Iterable[tuple[int, PointCloud]], up: U
     for t_ns, cloud in clouds:
         turned = np.eye(3) if up is None else level_rotations(np.array([t_ns]), up)[0][0]
         turned = turned @ mount.transform_lidar_to_base[:3, :3]
-        if (found := up_by_floor(cloud.xyz_m @ turned.T)) is not None:
+        if (found := up_by_floor(cloud.xyz_m, turned)) is not None:
             seen.append(found)
     if len(seen) < 3:
         return mount

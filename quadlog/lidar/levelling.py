@@ -113,13 +113,15 @@ FLOOR_BELOW_M, FLOOR_ABOVE_M = (0.1, 2.5), (0.1, 1.0)
 _PLANES, _POINTS = 5, 4000
 
 
-def up_by_floor(xyz_m: Float) -> Float | None:
-    """Which direction (3,) is up by the floor among points (N, 3) seen from the origin; None where none is found.
+def up_by_floor(xyz_m: Float, rotation: Float) -> Float | None:
+    """Which direction (3,) is up by the floor that a lidar sees among its points (N, 3); None where it sees none.
 
-    The floor is the largest plane near the origin that a robot could stand on, if the points are turned over or not.
+    rotation: (3, 3) that the points are turned by first. The floor is the largest plane near the lidar that a robot
+    could stand on, above it where it is mounted upside down.
     """
-    range_m = np.linalg.norm(np.nan_to_num(xyz_m, nan=0.0, posinf=0.0, neginf=0.0), axis=1)
-    near = xyz_m[(range_m > FLOOR.min_range_m) & (range_m < FLOOR.max_range_m)].astype(np.float64)
+    near = xyz_m[(np.abs(xyz_m) < FLOOR.max_range_m).all(axis=1)] @ rotation.T
+    range_m = np.linalg.norm(near, axis=1)
+    near = near[(range_m > FLOOR.min_range_m) & (range_m < FLOOR.max_range_m)]
     near = near[:: max(len(near) // _POINTS, 1)]
     for seed in range(_PLANES):
         if (found := fit_ground(near, FLOOR, seed)) is None:
