@@ -22,12 +22,14 @@ from typing import Any
 import pytest
 import tomli_w
 from distributed import LocalCluster
+from mcap.reader import make_reader
 
 from quadlog.cli.main import COMMANDS, run
 from quadlog.config.schema import Config
 from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import send_to
 from quadlog.results import figures
+from tests.lab.recordings import written
 
 ROOT = Path(__file__).parents[1]
 MAKEFILE = (ROOT / "Makefile").read_text()
@@ -189,9 +191,12 @@ def here(pool: LocalPool, call: Callable[..., Any], *args: Any, **options: Any) 
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Reader]:
     """One who has typed everything, in a folder with a log of yesterday's and two more, its truth, and the checkout."""
     folder, reader = tmp_path_factory.mktemp("reader"), Reader()
-    log = folder / "yesterday.bag"
-    assert run(["synthesize", "follow", "-o", str(log), "--duration", "1.5", "--azimuth-steps", "120",
+    made = folder / "made.mcap"
+    assert run(["synthesize", "follow", "-o", str(made), "--duration", "1.5", "--azimuth-steps", "120",
                 "--config-output", str(folder / "site.toml")]) == 0  # fmt: skip
+    with made.open("rb") as file:
+        rows = [(c.topic, m.log_time, schema.name, m.data) for schema, c, m in make_reader(file).iter_messages()]
+    log = written(folder / "yesterday.bag", rows)
     (folder / "bags").mkdir()
     for name in ("one.bag", "two.bag"):
         shutil.copy(log, folder / "bags" / name)
