@@ -257,7 +257,7 @@ class InvalidConfigValue(QuadlogError):
 
     def __init__(self, key: str, reason: str, source: str) -> None:
         self.key, self.reason, self.source = key, reason, source
-        super().__init__(f"{source}: {key}: {reason}")
+        super().__init__(f"{source}: {clipped(key)}: {reason}")
 
 
 class UnreadableConfig(FileError):
