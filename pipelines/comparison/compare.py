@@ -25,8 +25,8 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
 from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.page.planners import MOST_DRAWN, ComparedSource, earlier_files, write_comparison
-from quadlog.results.studies.planners import REPLANS, QuestionSample
+from quadlog.results.page.planners import ComparedSource, earlier_files, write_comparison
+from quadlog.results.studies.planners import REPLANS
 from quadlog.storage.atomic_write import new_folder
 
 
@@ -56,20 +56,18 @@ def compare(
             stack.enter_context(new_folder(folder))
         sources, losses = open_sources(arguments, options, Path(scratch), progress)
         outcome = CompareOutcome([], [], rule_lines(names, options), ExitCode.WITH_LOSS if losses else ExitCode.DONE)
-        compared, drawn = [], min(len(sources), MOST_DRAWN) if folder is not None else 0
-        for number, source in enumerate(sources):
+        compared = []
+        for source in sources:
             progress.begin("compare", source.count)
-            step = "query" if source.is_static else "replan"
-            sample = QuestionSample(step, source.row_zero_on_top, drawn) if number < drawn else None
             repeats = repeats_for(source, len(names))
-            columns, us_repeats = ask_everything(source, names, options.rules, progress, repeats, sample=sample)
+            columns, us_repeats = ask_everything(source, names, options.rules, progress, repeats)
             table = columns | {"us_repeats": us_repeats}
             comparison = compare_planners(table, options.baseline, options.counts, incremental)
             outcome.rows.extend(map(asdict, comparison.rows))
             outcome.findings.append(verdict(comparison))
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(columns)])
             if folder is not None:
-                compared.append(ComparedSource(comparison, columns, scenarios_of(source, columns), sample))
+                compared.append(ComparedSource(comparison, columns, scenarios_of(source, columns)))
         if folder is not None:
             write_comparison(folder, compared, outcome.rows, outcome.about, losses)
     return outcome
@@ -129,14 +127,12 @@ def ask_everything(
     repeats: int = 1,
     *,
     curvatures: bool = True,
-    sample: QuestionSample | None = None,
 ) -> Answers:
     """Ask the planners of those names, the first of them the baseline, each by the rules it keeps of these.
 
     repeats: how often, for the times; whatever else is answered is of the first time. Planners take turns: at every
     question, or where questions stand alone and planners hold a map's memory one after the other, in every pass.
-    curvatures: of smoothed paths, which take longer than the plans; static sources have none. sample: keeps questions
-    for the page.
+    curvatures: of smoothed paths, which take longer than the plans; static sources have none.
     """
     rows: list[dict[str, Any]] = []
     us: dict[tuple[str, int], list[float]] = {}
@@ -154,10 +150,6 @@ def ask_everything(
                 if turn == 0:
                     at = {"source": source.name, "episode": episode, "replan": replan}
                     rows += [at | _row(question, answer) for answer in answers]
-                    # There is no map of what could not be asked.
-                    if sample is not None and isinstance(question.query, Query):
-                        paths = {each.planner: each.plan.cells for each in answers}
-                        sample.add(number, (episode, replan), question.query, question.occupied, paths)
             if turn == 0 and members[0] == names[0]:
                 progress.advance()
     columns = {name: np.array([row[name] for row in rows]) for name in REPLANS.names}

@@ -38,11 +38,10 @@ from quadlog.storage.remote_path import RemotePath, to_path
 
 
 class Question(NamedTuple):
-    """A query at an instant, and occupied (rows, cols), the map it stands on before obstacles were grown."""
+    """A query at an instant."""
 
     t_ns: int
     query: Query | NoQuery
-    occupied: Bool
 
 
 Episode = Iterable[Question]
@@ -56,7 +55,7 @@ class ProblemSource:
     name: as the column `source` has it; about: one sentence on what is asked.
     episodes: gives all of them on every call; count: their number.
     is_static: every question stands alone, so planners can be run one after the other, each in its own memory.
-    queries: the lines of a .scen file, one episode each. row_zero_on_top: as MovingAI counts rows.
+    queries: the lines of a .scen file, one episode each.
     smoothing: how paths are smoothed before their curvature is measured.
     """
 
@@ -66,7 +65,6 @@ class ProblemSource:
     count: int
     is_static: bool = False
     queries: tuple[ScenQuery, ...] = ()
-    row_zero_on_top: bool = False
     smoothing: ReplanSettings = field(default_factory=ReplanSettings)
 
 
@@ -161,11 +159,9 @@ def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation:
 def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
     """What was to be planned at each instant of a walk through a world."""
     for instant in walk.instants:
-        occupied = instant.occupied
-        query = make_query(
-            instant.window, occupied, instant.robot_xy_m, instant.goal_xy_m, world.dilation_m, world.dilation
-        )
-        yield Question(instant.t_ns, query, occupied)
+        ends = instant.robot_xy_m, instant.goal_xy_m
+        query = make_query(instant.window, instant.occupied, *ends, world.dilation_m, world.dilation)
+        yield Question(instant.t_ns, query)
 
 
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -181,15 +177,14 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
     window = Window(0, 0, 1.0, (rows, cols))
     about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
     if scen is None:
-        source = _on_map(name, f"{about}, one query", window, (blocked, blocked), [_checked(name, ends, blocked.shape)])
-        return replace(source, row_zero_on_top=True)
+        return _on_map(name, f"{about}, one query", window, blocked, [_checked(name, ends, blocked.shape)])
     queries = read_movingai_scen(scen)
     check_scen(queries, (rows, cols), scen)
     if not queries:
         raise UsageError(f"{scen}: holds no query")
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
-    source = _on_map(name, about, window, (blocked, blocked), [(query.start, query.goal) for query in queries])
-    return replace(source, queries=tuple(queries), row_zero_on_top=True)
+    source = _on_map(name, about, window, blocked, [(query.start, query.goal) for query in queries])
+    return replace(source, queries=tuple(queries))
 
 
 def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, dilation: str) -> ProblemSource:
@@ -206,16 +201,15 @@ def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, 
         "unknown cells blocked, one query"
     )
     window = window_at(ros_map.origin_m, ros_map.cell_m, blocked.shape)
-    return _on_map(name, about, window, (ros_map.blocked | unknown, blocked), [_checked(name, ends, blocked.shape)])
+    return _on_map(name, about, window, blocked, [_checked(name, ends, blocked.shape)])
 
 
-def _on_map(name: str, about: str, window: Window, layers: tuple[Bool, Bool], asked: Sequence[Ends]) -> ProblemSource:
-    """An episode for each start and goal on one map: occupied, and blocked after obstacles were grown."""
-    occupied, blocked = layers
+def _on_map(name: str, about: str, window: Window, blocked: Bool, asked: Sequence[Ends]) -> ProblemSource:
+    """An episode for each start and goal on one map."""
 
     def episodes() -> Iterator[Episode]:
         for start, goal in asked:
-            yield [Question(0, Query(window, blocked, start, goal, False, NO_CELLS), occupied)]
+            yield [Question(0, Query(window, blocked, start, goal, False, NO_CELLS))]
 
     return ProblemSource(name, about, episodes, len(asked), is_static=True)
 
@@ -256,7 +250,7 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
             if pose is not None and np.isfinite(target_m).all():
                 query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
                 is_empty = False
-                yield Question(instant.t_ns, query, instant.occupied)
+                yield Question(instant.t_ns, query)
         if is_empty:
             raise MissingInput("plan", f"{run} has no map with robot and target known", "see its poses and target")
 

@@ -220,8 +220,8 @@ def check_runs(
 def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callable[[str], None]) -> dict[str, int]:
     """Write bounds made from the runs into a new file; returns how many for each name.
 
-    Bounds that accept a contact or a fall are commented there and listed; metrics that the catalogue lacks
-    are listed, not bounded. Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
+    Bounds that accept a contact or a fall are listed; metrics that the catalogue lacks are listed, not bounded.
+    Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
     """
     refuse_existing(expect, force)
     runs = [Run(path) for path in find_runs(paths)]
@@ -229,8 +229,8 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callab
     with new_folder(expect.parent):
         write_whole(expect, check.bounds_toml(bounds))
     for name, mine in bounds.items():
-        if events := [words for metric, bound in mine.items() if (words := check.accepted(metric, bound))]:
-            say(f"warning: the bounds for {name} accept {'; '.join(events)}")
+        if events := [metric for metric in check.EVENTS if metric in mine and mine[metric].max]:
+            say(f"warning: the bounds for {name} accept {', '.join(events)}")
     if unknown := sorted({name for run in runs for name in run.metrics} - CATALOGUE.keys()):
         say(f"not bounded, no metrics of quadlog's catalogue: {', '.join(unknown)}")
     return {name: len(mine) for name, mine in bounds.items()}

@@ -227,11 +227,9 @@ class MapSequence:
     the last block used is kept in memory.
     """
 
-    _bits: NDArray[np.uint8] | None
-
     def __init__(self, path: Path) -> None:
         """Raises NotARun, TooLarge."""
-        self._path, self._bits = path, None
+        self._path = path
         with _open_npz(path) as archive:
             self.t_ns: Int = _read(archive, "t_ns", "i8", (None,))
             self.origin_m: Float = _read(archive, "origin_m", "f8", (len(self.t_ns), 2))
@@ -242,15 +240,6 @@ class MapSequence:
             _check({"origin_m": self.origin_m, "cell_m": np.array(self.cell_m)})
         self.shape = (rows, columns)
         self._block_number, self._block = -1, np.empty((0, 0, 0), np.uint8)
-
-    @classmethod
-    def of(cls, origin_m: Float, cell_m: float, bits: NDArray[np.uint8], columns: int) -> Self:
-        """Maps in memory: origin_m (S, 2), bits (S, rows, ceil(columns / 8)) of numpy.packbits along x; t_ns is 0."""
-        made = cls.__new__(cls)
-        made._bits, made.origin_m, made.cell_m = bits, np.asarray(origin_m, np.float64), cell_m
-        made.t_ns, made.shape = np.zeros(len(bits), np.int64), (bits.shape[1], columns)
-        made._block_number, made._block = -1, bits[:0]
-        return made
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -286,18 +275,19 @@ class MapSequence:
         size = (-(-rows // coarse), -(-columns // coarse))
         occupied, covered = np.zeros(size, np.int32), np.zeros(size, np.int32)
         for index, (column, row) in zip(chosen.tolist(), corner.tolist(), strict=True):
-            last_row, last_column = (row + self.shape[0] - 1) // coarse, (column + self.shape[1] - 1) // coarse
-            covered[row // coarse : last_row + 1, column // coarse : last_column + 1] += 1
-            at_row, at_column = np.nonzero(self.occupied(index))
-            places = (at_row + row) // coarse * size[1] + (at_column + column) // coarse
-            occupied.flat[places if coarse == 1 else np.unique(places)] += 1
+            part, place = self.occupied(index), []
+            for axis, first in enumerate((row, column)):
+                at = np.arange(first, first + self.shape[axis]) // coarse
+                place.append(slice(at[0], at[-1] + 1))
+                if coarse > 1:
+                    part = np.logical_or.reduceat(part, np.flatnonzero(np.diff(at, prepend=-1)), axis)
+            covered[tuple(place)] += 1
+            occupied[tuple(place)] += part
         share = np.where(covered > 0, occupied / np.maximum(covered, 1), np.nan)
         return Occupancy(share, self.origin_m[sane].min(axis=0), self.cell_m * coarse)
 
     def _read_block(self, number: int) -> NDArray[np.uint8]:
         each = _maps_per_block(self.shape)
-        if self._bits is not None:
-            return self._bits[number * each : (number + 1) * each]
         shape = (min(each, len(self) - number * each), self.shape[0], -(-self.shape[1] // 8))
         with _open_npz(self._path) as archive:
             return _read(archive, _block_name(number), "u1", shape)

@@ -97,7 +97,8 @@ HEADER = """\
 # quadlog check: bounds on the metrics of runs, both ends included.
 # [default] is for every run, [recordings.NAME] for those of one name; {} takes a bound of [default] away.
 """
-_EVENTS = {"fallen": "a fall", "collisions": "contact with obstacles"}
+EVENTS = ("fallen", "collisions")
+"""Metrics that should be 0."""
 
 
 def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:
@@ -125,18 +126,9 @@ def _bound(metric: str, values: Sequence[float]) -> ExpectedRange:
     for worst, rounding, sign in ((min(values), ROUND_FLOOR, -1), (max(values), ROUND_CEILING, 1)):
         exact = Decimal(repr(worst))
         margin = Decimal("0.01") if is_share else max(abs(exact) / 10, Decimal("0.0001"))
-        moved = exact if metric in _EVENTS else exact + sign * margin
+        moved = exact if metric in EVENTS else exact + sign * margin
         ends.append(float(Context(3, rounding).plus(moved)))
     return ExpectedRange(min=None if better == "lower" else ends[0], max=None if better == "higher" else ends[1])
-
-
-def accepted(metric: str, bound: ExpectedRange) -> str:
-    """What a bound on events, or on the clearance, accepts that should not happen at all; empty if nothing."""
-    if metric in _EVENTS and (bound.max or 0) > 0:
-        return f"{_EVENTS[metric]} ({metric})"
-    if metric == "clearance_min_m" and bound.min is not None and bound.min <= 0:
-        return f"the body in an obstacle ({metric})"
-    return ""
 
 
 def bounds_toml(bounds: Mapping[str, Mapping[str, ExpectedRange]]) -> bytes:
@@ -146,9 +138,7 @@ def bounds_toml(bounds: Mapping[str, Mapping[str, ExpectedRange]]) -> bytes:
         text += f"{tomli_w.dumps({'recordings': {name: {}}})}"
         for metric, bound in mine.items():
             sides = ", ".join(f"{side} = {value!r}" for side, value in bound.model_dump(exclude_none=True).items())
-            event = accepted(metric, bound)
-            text += f"{metric} = {{ {sides} }}"
-            text += f"  # accepts {event}; edit it unless that is meant\n" if event else "\n"
+            text += f"{metric} = {{ {sides} }}\n"
         text += "\n"
     return text.rstrip("\n").encode("utf-8", "replace") + b"\n"
 

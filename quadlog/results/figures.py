@@ -10,35 +10,22 @@ import numpy as np
 
 from quadlog.errors import CannotWrite
 from quadlog.results.run import Run
-from quadlog.results.scenes import (
-    CLASSES,
-    geometry_scene,
-    is_late,
-    scan_points,
-    scan_scene,
-    terrain_scene,
-    walk_scene,
-)
+from quadlog.results.scenes import is_late, scan_scene, walk_scene
 from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps
 from quadlog.storage.atomic_write import write_whole
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-STRIP_M = 2.0
-"""Half width of the strip of a scan seen from the side."""
 
-
-def curves(
-    name: str, panels: Mapping[str, str], period_s: float = 0.0, metric: str = ""
-) -> Callable[[Run], list[Panel] | None]:
+def curves(name: str, panels: Mapping[str, str], metric: str = "") -> Callable[[Run], list[Panel] | None]:
     """A maker of panels of one table: its curves by quantity with unit. metric: without which there are none."""
 
     def make(run: Run) -> list[Panel] | None:
         table = run.table(name)
         if table is None or (metric and run.metric(metric) is None):
             return None
-        return with_curves(Panel(what, _series(table, wanted), period_s=period_s) for what, wanted in panels.items())
+        return with_curves(Panel(what, _series(table, wanted)) for what, wanted in panels.items())
 
     return make
 
@@ -67,7 +54,7 @@ def _points(table: DataFrame, column: str, label: str, color: str) -> list[Serie
 
 
 def tracking_error(run: Run) -> list[Panel] | None:
-    """Distances to path and schedule with their mean and deviation, and the errors to the side and in heading."""
+    """Distances to path and schedule with their mean and deviation."""
     control = run.table("control")
     if control is None:
         return None
@@ -86,9 +73,6 @@ def tracking_error(run: Run) -> list[Panel] | None:
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
         panels.append(Panel(what, series, zero=True, marks=changes))
-    side = _series(control, "cross_track_m, cross-track, resim")
-    panels.append(Panel("cross-track error, left + (m)", side, marks=changes))
-    panels.append(Panel("heading error (°)", _series(control, "heading_error_rad, heading, resim")))
     return with_curves(panels)
 
 
@@ -103,8 +87,6 @@ def _reference_changes(run: Run, control: DataFrame) -> Array:
 
 
 _LEGS = ("front left", "front right", "rear left", "rear right")
-STRIDE_S = 1.0
-"""About the longest stride, within which torques oscillate."""
 
 
 def search(run: Run) -> list[Panel] | None:
@@ -137,21 +119,6 @@ def ranges(run: Run) -> list[Panel] | None:
     return with_curves(panels)
 
 
-def residuals(run: Run) -> list[Panel] | None:
-    """Distribution of the residuals of each anchor, over all tags."""
-    table = run.table("ranges")
-    if table is None or not len(residual_m := (table["range_m"] - table["predicted_m"]).dropna()):
-        return None
-    limit_m = max(0.3, 1.15 * float(np.percentile(residual_m.abs(), 99)))
-    edges = np.linspace(-limit_m, limit_m, 61)
-    panels = []
-    for anchor, of_anchor in residual_m.groupby(table["anchor"]):
-        share = 100 * np.histogram(of_anchor.clip(-limit_m, limit_m), edges)[0] / len(of_anchor)
-        series = [Series("share of its ranges", "robot", edges, np.append(share, share[-1]), "steps")]
-        panels.append(Panel(f"anchor {anchor} (%)", series, "range − predicted (m)", zero=True, lane=True))
-    return panels
-
-
 def uwb_error(run: Run) -> list[Panel] | None:
     """Distance of fixes and track from the reference, and the 95 % bound that the track claims."""
     errors = run.table("uwb_errors")
@@ -167,17 +134,6 @@ def uwb_error(run: Run) -> list[Panel] | None:
     return with_curves(panels)
 
 
-def scan_side(run: Run) -> list[Panel] | None:
-    """The strip of one scan about the robot, from the right."""
-    series = []
-    for name, xyz_m in (scan_points(run) or {}).items():
-        near = xyz_m[np.abs(xyz_m[:, 1]) <= STRIP_M]
-        if len(near):
-            x_m, _, z_m = near[np.argsort(near[:, 0])].T
-            series.append(Series(name, CLASSES.get(name, "soft"), x_m, z_m, "points"))
-    return with_curves([Panel("height (m)", series, "forward (m)")])
-
-
 FIGURES = (
     Figure("trajectory", "Trajectory over the map",
            "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene, saved=True),
@@ -190,6 +146,9 @@ FIGURES = (
     Figure("tracking_error", "Tracking error",
            "Of the simulated robot to its reference path [Tracking, eqs 45–47]. Vertical lines: the path is replaced.",
            tracking_error, saved=True),
+    Figure("cross_track", "Errors to the side and in heading", "To the left is positive [Tracking, eq. 47].",
+           curves("control", {"cross-track error (m)": "cross_track_m, cross-track, resim",
+                              "heading error (°)": "heading_error_rad, heading, resim"})),
     Figure("uwb_error", "Position error",
            "To the reference. The track lies below its bound 95 % of the time if its covariance is right.",
            uwb_error, saved=True),
@@ -208,32 +167,22 @@ FIGURES = (
     Figure("posture", "Posture", "Pitch: positive with the nose down; roll: with the left side up.",
            curves("control", {"tilt (°)": "pitch_rad, pitch, plan; roll_rad, roll, target",
                               "height (m)": "z_m, height, resim"})),
-    Figure("torques", "Joint torques", "Of long walks the band of each stride [Tracking, eqs 43–44].",
+    Figure("torques", "Joint torques", "Of the simulated robot [Tracking, eqs 43–44].",
            # The widest curve first, which would hide the others.
            curves("control", {
                f"{name} leg (N·m)": f"tau_{3 * leg + 2:02d}_nm, calf, plan; tau_{3 * leg + 1:02d}_nm, thigh, target; "
                f"tau_{3 * leg:02d}_nm, hip, robot" for leg, name in enumerate(_LEGS)
-           }, STRIDE_S), compared=False),
+           }), compared=False),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
            search, saved=True),
     Figure("ranges", "Range residuals over time",
            "Measured minus predicted range. A late range most likely had no line of sight (NLOS).",
            ranges, compared=False),
-    Figure("residuals", "Distribution of range residuals",
-           "Without the constant bias. To the right: late ranges. The outermost steps hold all beyond.",
-           residuals, compared=False),
-    Figure("uwb_geometry", "UWB geometry",
-           "Darker: anchors determine a position less well. An ellipse holds the true one in 95 of 100 cases.",
-           geometry_scene, compared=False),
     Figure("scan", "One scan from above", "Points by the class that the filter gave them.", scan_scene, compared=False),
-    Figure("scan_side", "The same scan from the side", f"Points within {STRIP_M:g} m to the left and right of the "
-           "robot.", scan_side, compared=False),
     Figure("scans", "Points per scan", "Number of points of each class in each scan.",
            curves("scans", {"points": "n_valid, valid, text; n_ground, ground, fix; n_obstacle, obstacle, target; "
                                       "n_outlier, outlier, note"})),
-    Figure("terrain", "Terrain", "Mean height of the ground's points in each cell; darker is higher.",
-           terrain_scene, compared=False),
 )  # fmt: skip
 
 

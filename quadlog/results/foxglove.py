@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import heapq
 import json
-import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import chain, compress, islice, repeat
+from itertools import chain, islice, repeat
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import foxglove.messages as fox
 import numpy as np
@@ -24,27 +23,20 @@ from quadlog.errors import NotARun
 from quadlog.geometry import quat_from_euler
 from quadlog.results.arrays import MapSequence
 from quadlog.results.run import Run
-from quadlog.results.scenes import CLASSES
+from quadlog.results.scenes import plan_ways
 from quadlog.results.text import value_text
-from quadlog.results.view import COLORS, look
+from quadlog.results.view import COLORS
 from quadlog.storage.atomic_write import whole_file, write_whole
 from quadlog.version import __version__
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
 
-PLOTTED = (
-    ("Cells per replan", "plans", "/quadlog/cells", ("expanded", "generated")),
-    ("Tracking error (m)", "control", "/quadlog/resim/error", ("error_m", "cross_track_m", "time_error_m")),
-    ("Command", "control", "/quadlog/resim/command", ("cmd_v_mps", "cmd_yaw_rate_radps")),
-    ("Distances (m)", "clearances", "/quadlog/resim/clearance", ("clearance_m", "target_distance_m")),
-)
-"""Title, table, topic, and the columns that are x, y and z: Foxglove has no schema for bare numbers."""
-RESIDUAL = "/quadlog/uwb/residual"
-MOST_RESIDUALS = 4000
-"""Of all anchors together; of a longer or faster log every k-th of each anchor: they would take most of the time."""
-_POINT = np.dtype([("xyz", "<f4", 3), ("label", "u1"), ("rgba", "u1", 4)])
-_FIELDS = (*"xyz", "label", "red", "green", "blue", "alpha")
+STEP_NS = 50_000_000
+"""Of what moves, one message in each such step; the tables have all rows."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 
 
@@ -78,7 +70,8 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
 
 
 def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
-    poses, control, fixes, ranges = map(run.table, ("poses", "control", "fixes", "ranges"))
+    poses, control, target = (_sparse(run.table(name)) for name in ("poses", "control", "target"))
+    fixes = run.table("fixes")
     mount: dict[str, Any] = {name: [value] for name, value in run.config.lidar.mount.model_dump().items()}
     if any(value for (value,) in mount.values()):
         angles = {f"{name}_rad": np.radians(mount[f"{name}_deg"]) for name in ("roll", "pitch", "yaw")}
@@ -88,28 +81,24 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         ("/quadlog/tf", control if poses is None else poses, partial(in_map, child="base")),
         ("/quadlog/resim/tf", None if poses is None else control, partial(in_map, child="base_resim")),
         ("/quadlog/pose", poses, _poses),
-        ("/quadlog/target", run.table("target"), _poses),
+        ("/quadlog/target", target, _poses),
         ("/quadlog/resim/pose", control, _poses),
         ("/quadlog/uwb/anchors", run.table("links"), partial(_anchors, t=run.start_ns)),
         ("/quadlog/map", run.maps, _grids),
-        ("/quadlog/scan", run.arrays("cloud_samples"), _scans),
-        *((topic, run.table(name), partial(_vectors, columns=columns)) for _, name, topic, columns in PLOTTED),
+        ("/quadlog/path", run.table("paths"), partial(_paths, color="plan")),
+        ("/quadlog/resim/path", run.table("resim_paths"), partial(_paths, color="resim")),
     ]
-    for name, topic, color in (("paths", "/quadlog/path", "plan"), ("resim_paths", "/quadlog/resim/path", "resim")):
-        named.append((topic, run.table(name), partial(_paths, columns=["x_m", "y_m"], color="soft")))
-        smooth = partial(_paths, columns=["smooth_x_m", "smooth_y_m"], color=color)
-        named.append((f"{topic}_smooth", run.table(name), smooth))
     for topic, table, messages in named:
         if table is not None:
             yield topic, messages(table)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
-        yield f"/quadlog/uwb/fix/{number}", _poses(rows)
-    for (tag, anchor), rows in () if ranges is None else ranges.groupby(["tag", "anchor"]):
-        assert ranges is not None
-        some = rows.iloc[:: math.ceil(len(ranges) / MOST_RESIDUALS)]
-        residuals = some.assign(residual_m=some["range_m"] - some["predicted_m"])
-        yield f"{RESIDUAL}/{tag}/{anchor}", _vectors(residuals, ("residual_m", "weight"))
+        yield f"/quadlog/uwb/fix/{number}", _poses(_sparse(rows))
     yield "/quadlog/log", _log(run)
+
+
+def _sparse(table: DataFrame | None) -> Any:
+    """The first row in each step of STEP_NS."""
+    return None if table is None else table[(table["t_ns"] // STEP_NS).diff() != 0]
 
 
 def _placed(table: Table) -> Iterator[tuple[int, fox.Vector3, fox.Quaternion]]:
@@ -150,30 +139,16 @@ def _grids(maps: MapSequence) -> Stream:
         yield at[0], fox.Grid(**_in_map(*at), data=occupied.astype(np.uint8).tobytes(), **form)
 
 
-def _scans(samples: Table) -> Stream:
-    """The sample scans whose pose is known: points in base with label and colour of their class, and that pose."""
-    kinds = fox.PackedElementFieldNumericType
-    places = [(4 * k, kinds.Float32) for k in range(3)] + [(12 + k, kinds.Uint8) for k in range(5)]
-    named = zip(_FIELDS, places, strict=True)
-    fields = [fox.PackedElementField(name=name, offset=at, type=kind) for name, (at, kind) in named]
-    colors = np.array([_rgba(CLASSES.get(name.lower(), "soft")) for name in samples["classes"].tolist()])
-    points = np.empty(len(samples["label"]), _POINT)
-    points["xyz"], points["label"] = samples["xyz_m"], samples["label"]
-    points["rgba"] = np.round(255 * colors[samples["label"]])
-    known: Any = np.isfinite([samples[name] for name in ("x_m", "y_m", "yaw_rad")]).all(axis=0)
-    scans = compress(np.split(points, samples["offset"][1:-1]), known)
-    for at, scan in zip(_placed(samples), scans, strict=True):
-        yield at[0], fox.PointCloud(**_in_map(*at), point_stride=_POINT.itemsize, data=scan.tobytes(), fields=fields)
-
-
-def _paths(paths: Table, columns: list[str], color: str) -> Stream:
+def _paths(paths: DataFrame, color: str) -> Stream:
     """One line for each replan, which replaces the one before."""
-    t_ns, places = paths["t_ns"].to_numpy(), paths[columns].to_numpy()
-    first = np.flatnonzero(np.diff(t_ns, prepend=t_ns[:1] - 1))
+    first, *ways = plan_ways(paths)
+    places = np.column_stack(ways)
+    known = np.isfinite(places).all(axis=1)
+    points = [fox.Point3(x=x, y=y, z=0.0) for x, y in places[known].tolist()]
+    at = np.append(0, np.cumsum(known))[first].tolist()
     form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color(color)}
-    for t, rows in zip(t_ns[first].tolist(), np.split(places, first[1:]), strict=True):
-        points = [fox.Point3(x=x, y=y, z=0.0) for x, y in rows[np.isfinite(rows).all(axis=1)].tolist()]
-        line = fox.LinePrimitive(pose=_pose(), points=points, **form)
+    for t, start, end in zip(paths["t_ns"].to_numpy()[first[:-1]].tolist(), at, at[1:], strict=False):
+        line = fox.LinePrimitive(pose=_pose(), points=points[start:end], **form)
         entity = fox.SceneEntity(timestamp=_time(t), frame_id="map", id="path", lines=[line])
         yield t, fox.SceneUpdate(entities=[entity])
 
@@ -189,14 +164,6 @@ def _anchors(links: Table, t: int) -> Stream:
         label = fox.TextPrimitive(pose=_pose(x, y, z + _ANCHOR_M), text=name, **form)
         entities.append(fox.SceneEntity(timestamp=_time(t), frame_id="map", id=name, spheres=[ball], texts=[label]))
     yield t, fox.SceneUpdate(entities=entities)
-
-
-def _vectors(table: Table, columns: Sequence[str]) -> Stream:
-    """Two or three columns, in their order; NaN is a gap in a plot."""
-    kind = fox.Vector2 if len(columns) == 2 else fox.Vector3
-    values = (table[name].astype(float).tolist() for name in columns)
-    for t, *parts in zip(table["t_ns"].tolist(), *values, strict=True):
-        yield t, kind(**dict(zip("xyz", parts, strict=False)))
 
 
 def _log(run: Run) -> Stream:
@@ -232,28 +199,14 @@ def _color(color: str) -> fox.Color:
 def write_layout(run: Run) -> Path:
     """`foxglove-layout.json` in the run's folder, a layout as the app exports it. Raises NotARun, CannotWrite.
 
-    The camera follows `base` from above. Foxglove leaves out topics that are absent, so only the UWB tags and anchors
-    depend on the run.
+    The camera follows `base` from above. Foxglove leaves out topics that are absent, so only the UWB tags depend on the
+    run.
     """
     layout = json.loads((Path(__file__).parent / "templates" / "foxglove-layout.json").read_text("utf-8"))
-    panels, fixes, ranges = layout["configById"], run.table("fixes"), run.table("ranges")
+    topics, fixes = layout["configById"]["3D!scene"]["topics"], run.table("fixes")
     for tag in () if fixes is None else fixes["tag"].sort_values().unique().tolist():
         form = {"visible": True, "type": "axis", "axisScale": 0.2, "color": COLORS["fix"]}
-        panels["3D!scene"]["topics"][f"/quadlog/uwb/fix/{tag}"] = form
-    plots = {title: [*zip(of, (f"{topic}.{part}" for part in "xyz"))] for title, _, topic, of in PLOTTED}  # noqa: B905
-    if ranges is not None:
-        links = sorted({*zip(ranges["tag"].tolist(), ranges["anchor"].tolist(), strict=True)})
-        plots["Range residuals (m)"] = [(f"tag {tag}, anchor {of}", f"{RESIDUAL}/{tag}/{of}.x") for tag, of in links]
-    shown = dict.fromkeys(("showXAxisLabels", "showYAxisLabels", "isSynced", "showLegend"), True)
-    axes = {"xAxisVal": "timestamp", **shown, "legendDisplay": "floating"}
-    curve = {"enabled": True, "timestampMethod": "receiveTime"}
-    for number, (title, curves) in enumerate(plots.items()):
-        named = [{"value": at, "label": of, "color": COLORS[look(k)["color"]]} for k, (of, at) in enumerate(curves)]
-        panels[f"Plot!{number}"] = {"foxglovePanelTitle": title, "paths": [of | curve for of in named], **axes}
-    scene, column, *others = panels
-    for number, plot in enumerate(others, start=2):
-        column = {"direction": "column", "first": plot, "second": column, "splitPercentage": 100 / number}
-    layout["layout"] = {"direction": "row", "first": scene, "second": column, "splitPercentage": 62}
+        topics[f"/quadlog/uwb/fix/{tag}"] = form
     path = run.path / "foxglove-layout.json"
     write_whole(path, f"{json.dumps(layout, indent=2)}\n".encode())
     return path

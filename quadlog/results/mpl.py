@@ -12,19 +12,21 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
+from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure as Picture
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import LogFormatter, StrMethodFormatter
+from matplotlib.transforms import offset_copy
 
 from quadlog.results import view
 
 Format = Literal["png", "pdf", "svg"]
 
 DASHES = ("-", "--", ":", "-.")
+LINES = "━╍┅┉"
+GLYPHS = {"dot": "●", "triangle": "▲", "cross": "✕", "ring": "○"}
+"""Of lines by variant, and of shapes, as the page's legends have them."""
 MARKERS = {"dot": ".", "triangle": "^", "cross": "x"}
 WIDTH_IN = 8.0
 POINT_SIZE = 9.0
@@ -33,8 +35,6 @@ ROW_IN, LETTER_IN = 0.21, 0.078
 """Height of a row of a panel with rows or of a legend, and width of a letter."""
 MOST_CELLS = 800
 """Across a picture."""
-MOST_PERIODS = 24
-"""Of an oscillating curve that a picture shows one by one."""
 MAX_POINTS = 20_000
 """Of a cloud of points; more look the same."""
 _STYLE: dict[Any, Any] = {
@@ -43,21 +43,25 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.2, "image.interpolation": "nearest", "agg.path.chunksize": 20_000, "svg.hashsalt": "quadlog",
     "pdf.fonttype": 42,
 }  # fmt: skip
-_NO_DATE: dict[str, dict[str, Any]] = {
-    "png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}
+_SAVED: dict[str, dict[str, Any]] = {
+    # Most of a picture's time is compression.
+    "png": {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 1}},
+    "pdf": {"metadata": {"CreationDate": None}}, "svg": {"metadata": {"Date": None}},
 }  # fmt: skip
+PIXELS = 960
+"""Width of a PNG, whatever its width on paper."""
 
 
 def render(
     drawing: view.Drawing, to: Format = "png", width_in: float = WIDTH_IN, point_size: float = POINT_SIZE
 ) -> bytes:
     """The drawing without a title, as wide as given: the same bytes for the same data and version of matplotlib."""
-    sizes: dict[Any, Any] = {"font.size": point_size, "legend.fontsize": 0.9 * point_size, "axes.titlesize": point_size}
+    sizes: dict[Any, Any] = {"font.size": point_size}
     with rc_context({**_STYLE, **sizes}):
         scale = width_in / WIDTH_IN, point_size / POINT_SIZE
         made = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
         picture, content = made(drawing, *scale), io.BytesIO()  # type: ignore[arg-type]
-        picture.savefig(content, format=to, dpi=150, metadata=_NO_DATE[to])
+        picture.savefig(content, format=to, dpi=PIXELS / width_in, **_SAVED[to])
     return content.getvalue()
 
 
@@ -66,38 +70,67 @@ def _panel_picture(panels: Sequence[view.Panel], wide: float, text: float) -> Pi
     letters = max((len(name) for panel in panels for name in panel.rows), default=0)
     width_in, left_in = WIDTH_IN * wide, text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
     inside_in = width_in - left_in - RIGHT_IN
-    legends = [_legend_shape(panel, int(inside_in / (LETTER_IN * text))) for panel in panels]
-    aboves_in = [text * (ABOVE_IN + ROW_IN * rows) for rows, _ in legends]
+    room = int(inside_in / (LETTER_IN * text))
+    words = [_words(panel) for panel in panels]
+    aboves_in = [text * (ABOVE_IN + ROW_IN * _flow(each, room)[-1][0]) for each in words]
     heights_in = [text * ROW_IN * len(of.rows) if of.rows else LANE_IN if of.lane else PANEL_IN for of in panels]
     top_in = height_in = sum(heights_in) + sum(aboves_in) + BELOW_IN * text
     picture, first = Picture(figsize=(width_in, height_in)), None
     FigureCanvasAgg(picture)
-    for panel, panel_in, above_in, (rows, columns) in zip(panels, heights_in, aboves_in, legends, strict=True):
+    for panel, panel_in, above_in, written in zip(panels, heights_in, aboves_in, words, strict=True):
         top_in -= above_in + panel_in
         box = (left_in / width_in, top_in / height_in, inside_in / width_in, panel_in / height_in)
         axes = first = picture.add_axes(box, sharex=first)
-        _draw_panel(axes, panel, columns, title_pad=3 + 72 * ROW_IN * text * rows)
+        _draw_panel(axes, panel)
+        _write_above(axes, written, room, text)
         axes.tick_params(labelbottom=panel is panels[-1])
     axes.set_xlabel(panels[-1].x)
     return picture
 
 
-def _legend_shape(panel: view.Panel, room: int) -> tuple[int, int]:
-    """Rows of the legend below the quantity, 0 where both fit side by side in so many letters, and columns."""
-    widths = [] if panel.rows or panel.lane else [len(series.label) + 5 for series in panel.series]
-    if len(panel.what) + sum(widths) <= room:
-        return 0, max(1, len(widths))
-    columns = max(1, room // max(widths, default=1))
-    return -(-len(widths) // columns), columns
+Words = Sequence[tuple[str, str, str]]
+"""Glyph, colour and text of each of what stands above axes."""
 
 
-def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -> None:
+def _words(panel: view.Panel) -> Words:
+    """The quantity, and where curves need them their names."""
+    named = [] if panel.rows or panel.lane or len(panel.series) < 2 else panel.series
+    return [("", "text", panel.what), *((_glyph(of), of.color, of.label) for of in named)]
+
+
+def _glyph(of: view.Series | view.Layer) -> str:
+    if isinstance(of, view.Raster | view.Windows) or getattr(of, "style", "") == "band":
+        return "■"
+    if isinstance(of, view.Marks):
+        return GLYPHS[of.shape]
+    return "●○"[of.variant > 0] if getattr(of, "style", "") == "points" else LINES[of.variant % 4]
+
+
+def _flow(words: Words, room: int) -> list[tuple[int, int]]:
+    """Row, and letters before, of each of these words in rows of so many letters."""
+    places, row, at = [], 0, 0
+    for glyph, _, text in words:
+        length = len(text) + 3 * bool(glyph)
+        row, at = (row + 1, 0) if at and at + length > room else (row, at)
+        places.append((row, at))
+        at += length + 3
+    return places
+
+
+def _write_above(axes: Axes, words: Words, room: int, text: float) -> None:
+    """The words in rows above the axes: of artists alone, since matplotlib's legend takes longer than the curves."""
+    places = _flow(words, room)
+    for (glyph, color, word), (row, before) in zip(words, places, strict=True):
+        high_in = text * (0.06 + ROW_IN * (places[-1][0] - row))
+        for shown, ink, letters in ((glyph, color, 0), (word, "text", 2.5 * bool(glyph))):
+            if shown:
+                x_in = LETTER_IN * text * (before + letters)
+                at = offset_copy(axes.transAxes, axes.figure, x_in, high_in)  # type: ignore[arg-type]
+                axes.text(0, 1, shown, transform=at, color=view.COLORS[ink])
+
+
+def _draw_panel(axes: Axes, panel: view.Panel) -> None:
     for series in panel.series:
-        if panel.period_s and len(series.x) and np.ptp(series.x) > MOST_PERIODS * panel.period_s:
-            # The band from the least to the largest value in each period of x.
-            starts = np.flatnonzero(np.diff(np.floor(series.x / panel.period_s), prepend=-np.inf))
-            least, most = (edge.reduceat(series.y, starts) for edge in (np.fmin, np.fmax))
-            series = replace(series, x=series.x[starts], y=least, upper=most, style="band")
         _draw_series(axes, series, bool(panel.rows))
     for x in panel.marks.tolist():
         axes.axvline(x, color=view.COLORS["soft"], linewidth=0.6, linestyle=":")
@@ -108,18 +141,15 @@ def _draw_panel(axes: Axes, panel: view.Panel, columns: int, title_pad: float) -
             axes.text(1, 1, f"{beyond} beyond", transform=axes.transAxes, ha="right", va="top", fontsize="small")
     elif panel.zero:
         axes.set_ylim(bottom=0)
-    if panel.log:
-        axis = axes.xaxis if panel.rows else axes.yaxis
-        axes.set(**{"xscale" if panel.rows else "yscale": "log"})
-        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.set_minor_formatter(LogFormatter())
-    axes.set_title(panel.what, loc="left", pad=title_pad, y=1.0)  # a given y spares matplotlib a search
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
-    elif not panel.lane:
-        where: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.1}
-        _enlarge(axes.legend(ncols=columns, handlelength=1.4, **where))
+        if panel.log:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.xaxis.set_minor_formatter(LogFormatter())
+    else:
+        axes.locator_params(axis="y", nbins=5)  # every tick takes a millisecond
 
 
 def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
@@ -137,37 +167,24 @@ def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
         axes.plot(series.x, series.y, dash, drawstyle=step, linewidth=3 if in_rows else None, **look)
 
 
-def _enlarge(legend: Any) -> None:
-    """Points of two pixels get a visible size in the legend."""
-    for handle in legend.legend_handles:
-        if isinstance(handle, Line2D) and handle.get_marker() in ("o", "."):
-            handle.set_markersize(6)
-
-
 def _scene_picture(scene: view.Scene, wide: float, text: float) -> Picture:
-    """The whole time of a scene with a legend above it, and a scale to the right of each raster with a unit."""
+    """The whole time of a scene with a legend above it."""
     left, right, bottom, top = scene.extent
-    scales = [layer for layer in scene.layers if isinstance(layer, view.Raster) and layer.unit]
-    width_in, left_in, scale_in, below_in = WIDTH_IN * wide, LEFT_IN * text, 0.9 * text, BELOW_IN * text
-    wide_in = width_in - left_in - RIGHT_IN - scale_in * len(scales)
+    width_in, left_in, below_in = WIDTH_IN * wide, LEFT_IN * text, BELOW_IN * text
+    wide_in = width_in - left_in - RIGHT_IN
     high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
     picture = Picture(figsize=(width_in, 1.0))
     FigureCanvasAgg(picture)
     axes = picture.subplots()
     draw_scene(axes, scene)
-    handles, labels = axes.get_legend_handles_labels()
-    columns = max(1, round(4 * wide / text))
-    height_in = below_in + high_in + text * (0.1 + 0.19 * -(-len(handles) // columns))
+    drawn = axes.get_legend_handles_labels()[1]
+    words = [(_glyph(of), of.color, of.label) for of in scene.layers if of.label in drawn]
+    room = max(1, int(wide_in / (LETTER_IN * text)))
+    rows = _flow(words, room)[-1][0] + 1 if words else 0
+    height_in = below_in + high_in + text * (0.1 + ROW_IN * rows)
     picture.set_size_inches(width_in, height_in)
     axes.set_position((left_in / width_in, below_in / height_in, wide_in / width_in, high_in / height_in))
-    for place, layer in enumerate(scales):
-        at_in = left_in + wide_in + 0.1 + scale_in * place
-        beside = (at_in / width_in, below_in / height_in, 0.15 / width_in, high_in / height_in)
-        shown = ScalarMappable(Normalize(layer.low, layer.high), _shades(layer))
-        picture.colorbar(shown, cax=picture.add_axes(beside), label=f"{layer.label} ({layer.unit})")
-    if handles:
-        where = {"bbox_to_anchor": (-0.02, 1), "ncols": columns, "borderaxespad": 0.2}
-        _enlarge(axes.legend(handles, labels, loc="lower left", **where))
+    _write_above(axes, words, room, text)
     return picture
 
 
@@ -198,18 +215,15 @@ def _draw(layer: view.Layer, axes: Axes, scene: view.Scene, instant: float | Non
             elif layer.seconds is not None:
                 chosen = chosen[view.thin_evenly(len(chosen), layer.shown)] if layer.shown else chosen[:0]
             points = np.column_stack([layer.x, layer.y])
-            width = 3.0 if layer.wide else 1.0
-            dash = DASHES[layer.variant % 4]
-            _draw_lines(axes, layer, [points[layer.first[k] : layer.first[k + 1]] for k in chosen], width, dash)
+            lines = [points[layer.first[k] : layer.first[k + 1]] for k in chosen]
+            _draw_lines(axes, layer, lines, 1.0, DASHES[layer.variant % 4])
         case view.Marks():
             if not layer.hidden:
                 _draw_marks(axes, layer, instant)
         case view.Track():
-            if layer.trail:
-                look: dict[str, Any] = {"zorder": 2.5, "color": color, "lw": 1.8, "label": layer.label}
-                axes.plot(layer.x, layer.y, DASHES[layer.variant % 4], **look)
-            if layer.shape != "dot" or instant is not None:
-                _draw_body(axes, layer, scene.body, instant)
+            look: dict[str, Any] = {"zorder": 2.5, "color": color, "lw": 1.8, "label": layer.label}
+            axes.plot(layer.x, layer.y, DASHES[layer.variant % 4], **look)
+            _draw_body(axes, layer, scene.body, instant)
 
 
 def _draw_cells(axes: Axes, layer: view.Raster) -> None:
@@ -237,7 +251,7 @@ def _draw_lines(
 ) -> None:
     if len(lines):
         look = {"colors": view.COLORS[layer.color], "linestyles": dash, "linewidths": width}
-        axes.add_collection(LineCollection(list(lines), label=layer.label, zorder=2.6 if width > 2 else 2, **look))
+        axes.add_collection(LineCollection(list(lines), label=layer.label, zorder=2, **look))
 
 
 def _draw_marks(axes: Axes, layer: view.Marks, instant: float | None) -> None:
@@ -274,8 +288,7 @@ def _draw_body(axes: Axes, track: view.Track, size: tuple[float, float] | None, 
         nose = (x, y) + 0.7 * size[0] * along
         axes.plot([x, nose[0]], [y, nose[1]], color=color, zorder=4)
     else:
-        mark = "*" if track.shape == "star" else "o"
-        axes.plot(x, y, mark, color=color, markersize=7, markeredgecolor="white", zorder=4)
+        axes.plot(x, y, "o", color=color, markersize=7, markeredgecolor="white", zorder=4)
 
 
 MOST_FRAMES = 240

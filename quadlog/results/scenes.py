@@ -1,9 +1,8 @@
-"""The scenes of a run, seen from above: the walk over its maps, the geometry of the anchors, one scan, the terrain."""
+"""The scenes of a run, seen from above: the walk over its maps, and one scan."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +19,8 @@ AROUND_M = 2.0
 """Margin of the first view around the walk."""
 STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
-STANDS_N = 1.0
-"""Vertical force from which a foot counts as standing."""
 NEAR_S = 1.0
 """Fixes and late ranges are shown at instants within this time."""
-MOST_OBSTACLES = 6000
-"""Obstacle points of all saved scans together."""
 LATE = "late ranges (NLOS)"
 CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 """Colours of the classes of points; all others are soft."""
@@ -33,12 +28,11 @@ CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 
 def walk_scene(run: Run) -> view.Scene | None:
     """Everything that moved, on the maps it moved on; None where nothing did."""
-    tracks, walls, truth = list(_tracks(run)), list(_walls(run)), _truth(run)
-    ways = list(_reference(run, truth))
+    tracks, walls, ways = list(_tracks(run)), list(_walls(run)), list(_reference(run))
     if not tracks:
         return None
-    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
-    layers += [*_plans(run), *ways, *tracks, *_error_levels(run, truth), *_errors(run), *_contacts(run)]
+    layers: list[view.Layer] = [*walls, *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
+    layers += [*_plans(run), *ways, *tracks, *_errors(run), *_contacts(run)]
     extent = _extent(run, [*ways, *tracks], walls)
     body = run.config.robot.length_m, run.config.robot.width_m
     return view.Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
@@ -75,9 +69,6 @@ def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iter
     columns: dict[str, Any] = {"x": rows["x_m"], "y": rows["y_m"]}
     if "yaw_rad" in rows:
         columns["yaw"] = rows["yaw_rad"]
-    forces = [f"fz_{leg}_n" for leg in range(4)]
-    if forces[0] in rows and rows[forces].notna().all(axis=None):
-        columns["feet"] = (rows[forces].to_numpy() > STANDS_N) @ (1 << np.arange(4))
     seconds, *values = view.break_gaps(rows["seconds"].to_numpy(), *columns.values())
     look |= dict(zip(columns, values, strict=True))
     yield view.Track(label, color, seconds, **look)
@@ -94,46 +85,16 @@ def _located(table: DataFrame | None) -> DataFrame | None:
     return None if rows is None or not len(rows) else rows.sort_values("seconds", kind="stable")
 
 
-def _truth(run: Run) -> list[view.Array] | None:
-    """Seconds, x and y of the reference, broken at gaps; None where it lies in another frame, and of a course."""
+def _reference(run: Run) -> Iterator[view.Lines]:
+    """The reference, unless it lies in another frame or the run is a course; and the other track."""
     truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
-    return None if truth is None else view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
-
-
-def _reference(run: Run, truth: list[view.Array] | None) -> Iterator[view.Lines]:
     other = _located(run.table("other_poses"))
     if truth is not None:
-        yield line("reference", "text", truth[1], truth[2], 1)
+        _, x_m, y_m = view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
+        yield line("reference", "text", x_m, y_m, 1)
     if other is not None:
         _, x_m, y_m = view.break_gaps(*columns_of(other, "seconds x_m y_m"))
         yield line("other track", "olive", x_m, y_m, 2)
-
-
-def _error_levels(run: Run, truth: list[view.Array] | None) -> Iterator[view.Lines]:
-    """The robot's way in the colours of four classes of its distance to the reference.
-
-    Their limits are 1, 2 and 3 times a round number, so that about 95 % of the distances lie below the last.
-    """
-    poses = _located(run.table("poses"))
-    if truth is None or poses is None:
-        return
-    seconds, x_m, y_m = view.break_gaps(*columns_of(poses, "seconds x_m y_m"))
-    true_x_m, true_y_m = (np.interp(seconds, truth[0], values, np.nan, np.nan) for values in truth[1:])
-    error_m = np.hypot(x_m - true_x_m, y_m - true_y_m)
-    if not np.isfinite(error_m).any():
-        return
-    third_m = max(float(np.nanpercentile(error_m, 95)) / 3, 1e-3)
-    power = 10.0 ** np.floor(np.log10(third_m))
-    step_m = power * next(digit for digit in (1, 2, 3, 5, 10) if digit * power >= third_m * (1 - 1e-9))
-    limits_m = step_m * np.arange(1, 4)
-    level = np.where(np.isfinite(error_m), np.searchsorted(limits_m, np.nan_to_num(error_m)), -1)
-    words = [*(f"≤ {sig(limit)} m" for limit in limits_m), f"> {sig(limits_m[-1])} m"]
-    for number, text in enumerate(words):
-        there = level == number
-        there[1:] |= there[:-1]  # as far as the next pose, so that the way has no holes
-        if there.any():
-            x, y = np.where(there, x_m, np.nan), np.where(there, y_m, np.nan)
-            yield replace(line(f"error {text}", f"level-{number}", x, y), wide=True)
 
 
 def _walls(run: Run) -> Iterator[Any]:
@@ -155,25 +116,6 @@ def _anchors(run: Run) -> Iterator[view.Layer]:
     if anchors := run.config.uwb.anchors:
         x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in anchors]).T
         yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
-
-
-def _scans(run: Run) -> Iterator[view.Layer]:
-    """Obstacle points of the saved scans, about their instants."""
-    saved, poses = run.arrays("cloud_samples"), run.table("poses")
-    names = [] if saved is None else saved["classes"].tolist()
-    if saved is None or poses is None or "obstacle" not in names:
-        return
-    scan = np.repeat(np.arange(len(saved["t_ns"])), np.diff(saved["offset"]))
-    known = np.isfinite(saved["xyz_m"]).all(axis=1) & np.isfinite(saved["x_m"][scan])
-    keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
-    keep = keep[view.thin_evenly(len(keep), MOST_OBSTACLES)]
-    scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
-    seconds, cos, sin = run.seconds(saved["t_ns"])[scan], np.cos(saved["yaw_rad"][scan]), np.sin(saved["yaw_rad"][scan])
-    x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
-    y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
-    if len(keep):
-        shown: dict[str, Any] = {"seconds": seconds - NEAR_S, "until": seconds + NEAR_S}
-        yield view.Marks("obstacle points of a scan", "note", x_m, y_m, **shown)
 
 
 def _course(run: Run) -> Iterator[view.Layer]:
@@ -228,13 +170,17 @@ def _plans(run: Run) -> Iterator[view.Lines]:
     wanted = [("paths", "plan, recorded walk", "fix", 1, 0), ("resim_paths", "plan, simulated walk", "plan", 0, 12)]
     for name, label, color, variant, shown in [] if run.simulated else wanted:
         paths = run.table(name)
-        if paths is None:
-            continue
-        smooth = paths["smooth_x_m"].notna().groupby(paths["t_ns"]).transform("any")
-        x_m, y_m = (np.where(smooth, paths[f"smooth_{axis}_m"], paths[f"{axis}_m"]) for axis in "xy")
-        first = np.flatnonzero(np.append(True, np.diff(paths["t_ns"]) != 0))
-        seconds = paths["seconds"].to_numpy()[first]
-        yield view.Lines(label, color, np.append(first, len(paths)), x_m, y_m, seconds, variant, shown)
+        if paths is not None:
+            first, x_m, y_m = plan_ways(paths)
+            seconds = paths["seconds"].to_numpy()[first[:-1]]
+            yield view.Lines(label, color, first, x_m, y_m, seconds, variant, shown)
+
+
+def plan_ways(paths: DataFrame) -> tuple[view.Array, view.Array, view.Array]:
+    """Each replan's way, rows first[k] to first[k + 1] of x and y: the smooth one where there is one."""
+    smooth = paths["smooth_x_m"].notna().groupby(paths["t_ns"]).transform("any")
+    x_m, y_m = (np.where(smooth, paths[f"smooth_{axis}_m"], paths[f"{axis}_m"]) for axis in "xy")
+    return np.append(np.flatnonzero(np.append(True, np.diff(paths["t_ns"]) != 0)), len(paths)), x_m, y_m
 
 
 def _errors(run: Run) -> Iterator[view.Layer]:
@@ -327,28 +273,6 @@ def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0)
     return view.Lines(label, color, np.array([0, len(x)]), x, y, variant=variant)
 
 
-def geometry_scene(run: Run) -> view.Scene | None:
-    """How well the anchors' directions determine a position, and some fixes with their ellipses."""
-    grid, fixes = run.arrays("dilution"), run.table("fixes")
-    if grid is None or fixes is None:
-        return None
-    known = grid["hdop"][np.isfinite(grid["hdop"])]
-    low, most = np.percentile(known, [0, 98]).tolist() if len(known) else (0.0, 4.0)
-    high = max(1.3 * low, min(most, 4.0))
-    dilution = _heat("HDOP", "soft", grid, np.where(np.isfinite(grid["hdop"]), grid["hdop"], high), low, high, "×")
-    good = fixes[fixes["x_m"].notna() & ~fixes["outlier"]]
-    layers: list[view.Layer] = [dilution]
-    layers += [view.Marks("UWB fixes", "fix", *columns_of(good, "x_m y_m")), *_reference(run, _truth(run))]
-    layers += [line(of.label, of.color, of.x, of.y) for of in _track(run.table("poses"), "robot", "robot")]
-    layers.append(_ellipses("95 % ellipses of some fixes", "note", good.iloc[view.thin_evenly(len(good), 24)]))
-    return view.Scene([*layers, *_anchors(run)], _filled(dilution))
-
-
-def _heat(label: str, color: str, grid: Any, values: view.Array, low: float, high: float, unit: str) -> view.Raster:
-    place = tuple(grid["origin_m"].tolist()), float(grid["cell_m"])
-    return view.Raster(label, color, np.clip(values, low, high), *place, low, high, unit)
-
-
 SCALE_95 = 2.4477
 """From the standard to the 95 % ellipse in two dimensions: √5.991."""
 EPOCH_S = 0.02
@@ -364,40 +288,23 @@ def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Ma
     return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 
-def scan_points(run: Run) -> dict[str, view.Array] | None:
-    """Points (N, 3) in base of the middle one of the saved scans, by class, the rarest last."""
+def scan_scene(run: Run) -> view.Scene | None:
+    """The middle one of the saved scans from above, in the frame base, by class, the rarest last."""
     saved = run.arrays("cloud_samples")
     if saved is None or not len(saved["t_ns"]):
         return None
     number = len(saved["t_ns"]) // 2
     rows = slice(*saved["offset"][number : number + 2])
-    xyz_m, label = saved["xyz_m"][rows].astype(float), saved["label"][rows]
-    finite = np.isfinite(xyz_m).all(axis=1)
-    points = {str(name).lower(): xyz_m[finite & (label == k)] for k, name in enumerate(saved["classes"])}
-    return dict(sorted(((name, of) for name, of in points.items() if len(of)), key=lambda item: -len(item[1])))
-
-
-def scan_scene(run: Run) -> view.Scene | None:
-    """One scan from above, in the frame base."""
-    points = scan_points(run)
-    if not points:
-        return None
+    every, label = saved["xyz_m"][rows, :2].astype(float), saved["label"][rows]
+    every, label = every[finite := np.isfinite(every).all(axis=1)], label[finite]
+    points = {str(name).lower(): every[label == k] for k, name in enumerate(saved["classes"])}
     layers: list[view.Layer] = [
-        view.Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1]) for name, of in points.items()
-    ]
+        view.Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1])
+        for name, of in sorted(points.items(), key=lambda item: -len(item[1])) if len(of)
+    ]  # fmt: skip
+    if not layers:
+        return None
     half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
     layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
-    every = np.concatenate([of[:, :2] for of in points.values()])
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
     return view.Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
-
-
-def terrain_scene(run: Run) -> view.Scene | None:
-    """The mean height of the ground in each cell."""
-    ground = run.arrays("ground")
-    if ground is None or not np.isfinite(ground["height_m"]).any():
-        return None
-    low, high = np.nanpercentile(ground["height_m"], [1, 99]).tolist()
-    high = max(high, low + 0.02)  # a flat floor looks flat
-    heights = _heat("height of the ground", "plan", ground, ground["height_m"], low, high, "m")
-    return view.Scene([heights], _filled(heights))

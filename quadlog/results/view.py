@@ -28,7 +28,7 @@ GAP_S = MAX_UNMEASURED_NS * 1e-9
 COLORS = {
     "robot": "#0072B2", "target": "#D55E00", "plan": "#009E73", "resim": "#CC79A7", "note": "#E69F00",
     "fix": "#56B4E9", "olive": "#8A7A00", "text": "#1A1A1A", "soft": "#8C8C8C", "wall": "#6E6E6E", "cell": "#1A1A1A",
-    "bad": "#B3003C", "level-0": "#5AA9DC", "level-1": "#1F6FA8", "level-2": "#7A3B9A", "level-3": "#B3003C",
+    "bad": "#B3003C",
 }  # fmt: skip
 MOST_DOTS = 200
 """Of a row of a forest plot."""
@@ -58,30 +58,28 @@ class Series:
 class Panel:
     """Curves over one x axis. what: the quantity with its unit, as in "distance to the path (m)".
 
-    zero: the y axis begins at 0. log: it is logarithmic. lane: a low panel, one of many alike. robust: the y axis spans
+    zero: the y axis begins at 0. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row, and log is about the x axis. period_s: where so short a time cannot be seen, curves are shown
-    as the band from their least to their largest value in each.
+    the number of a row. log: the x axis is logarithmic.
     """
 
     what: str
     series: Sequence[Series]
     x: str = TIME
     zero: bool = False
-    log: bool = False
     lane: bool = False
     robust: bool = False
     marks: Array = field(default_factory=lambda: np.empty(0))
     rows: Sequence[str] = ()
-    period_s: float = 0.0
+    log: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raster:
     """Still cells: values (rows, columns), NaN for none, row = y, from low, pale, to high, in the colour.
 
-    origin: lower-left corner. unit: of a raster with a scale.
+    origin: lower-left corner.
     """
 
     label: str
@@ -91,7 +89,6 @@ class Raster:
     cell: float
     low: float
     high: float
-    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +107,7 @@ class Lines:
 
     seconds (K,): line k is shown from then until the next one's. shown: number of timed lines in a picture of the whole
     time; 0 for lines that only a single instant shows. measured: lines of two points, with their length beside the
-    second one. wide: beside a thin line on the same way.
+    second one.
     """
 
     label: str
@@ -122,7 +119,6 @@ class Lines:
     variant: int = 0
     shown: int = 12
     measured: bool = False
-    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,10 +145,7 @@ class Marks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown.
-
-    feet: a bit for each standing foot, -1 where unknown. trail: whether the way is drawn.
-    """
+    """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown."""
 
     label: str
     color: str
@@ -160,9 +153,7 @@ class Track:
     x: Array
     y: Array
     yaw: Array | None = None
-    shape: Literal["body", "person", "dot", "star"] = "body"
-    feet: Array | None = None
-    trail: bool = True
+    shape: Literal["body", "person"] = "body"
     variant: int = 0
 
 
@@ -194,18 +185,14 @@ class Activity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Layers, lowest first, in metres or cells. extent: left, right, bottom, top of the first view.
+    """Layers, lowest first, in metres. extent: left, right, bottom, top of the first view.
 
-    step: name of a step where the slider counts steps (`replan`), empty for seconds. near: width of a first view that
-    follows the last track; 0 for the whole extent. body: length and width of the robot in metres.
+    body: length and width of the robot in metres.
     """
 
     layers: Sequence[Layer]
     extent: tuple[float, float, float, float]
-    unit: str = "m"
     axes: tuple[str, str] = ("x (m)", "y (m)")
-    step: str = ""
-    near: float = 0.0
     body: tuple[float, float] | None = None
     moments: Sequence[Moment] = ()
     activity: Sequence[Activity] = ()

@@ -61,7 +61,7 @@ answer(async () => {
   showStretch(stretchOf("run", "time (s)"), 0, 0.1);
   await wait(50);
   say.fits = height() / whole;
-  press("0", one("#tracking_error .chart"));
+  press("0", one("#cross_track .chart"));
   await wait(50);
   say.whole = height() / whole;
 

@@ -1,4 +1,4 @@
-// Heads of a table sort it, a search hides rows, a button shows the folded ones.
+// Heads of a table sort it, a button shows the folded ones.
 answer(async () => {
   const rows = (name) => [...document.getElementById(name).tBodies[0].rows].filter((row) => getComputedStyle(row).display !== "none");
   const names = () => rows("runs").map((row) => row.cells[0].firstChild.textContent);
@@ -11,9 +11,5 @@ answer(async () => {
   head.click();
   say.falling = [...names().slice(0, 3), names().at(-1)];
   say.sorted = head.closest("th").getAttribute("aria-sort");
-  const search = one("[data-search=runs]");
-  search.value = "walk-10";
-  search.dispatchEvent(new Event("input"));
-  say.found = names();
   return say;
 });

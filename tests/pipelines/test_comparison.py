@@ -37,7 +37,7 @@ from quadlog.pipelines.request import ReplayOutcome
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
-from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS
 from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from tests.pipelines.conftest import FIXTURES, cut, fixture_request
@@ -211,14 +211,10 @@ def test_costs_of_a_scen_are_the_listed_ones(static):
 
 
 def test_rows_count_from_the_top(static):
-    """(col, row) of the file in the table; the page's map has y upwards."""
+    """(col, row) of the file in the table."""
     source = static(["...@", "@@.@"], ((0, 0), (2, 1)))
-    sample = QuestionSample("query", source.row_zero_on_top)
-    columns = ask_everything(source, ["astar"], EXACT, Silent(), sample=sample).columns
+    columns = ask_everything(source, ["astar"], EXACT, Silent()).columns
     assert [columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row")] == [0, 0, 2, 1]
-    (shown,) = sample.kept.values()
-    assert_array_equal([shown.start, shown.goal], [[0.5, 1.5], [2.5, 0.5]])
-    assert np.unpackbits(shown.bits, axis=2, count=4)[0].tolist() == [[1, 1, 0, 1], [0, 0, 0, 1]]
 
 
 def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):

@@ -90,16 +90,12 @@ class Cell(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Rows of cells under a title.
-
-    search: placeholder of a field that filters the rows. folded: first row shown only on demand.
-    """
+    """Rows of cells under a title. folded: first row shown only on demand."""
 
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell]]
     name: str
     note: str = ""
-    search: str = ""
     sortable: bool = False
     folded: int | None = None
     title: str = ""

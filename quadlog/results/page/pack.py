@@ -21,16 +21,14 @@ DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""
 UNITS = {
     **dict.fromkeys(("seconds", "until", "marks", "x", "y", "along", "cross", "aside"), 1e-3), "yaw": 1e-4,
-    **dict.fromkeys(("first", "feet"), 1.0),
+    "first": 1.0,
 }  # fmt: skip
 """Of instants (s), positions (m or cells), angles (rad) and counts; others get a power of ten by their span."""
 POSE_S = 0.04
 """Positions more often are more than a screen shows, which interpolates between them."""
-MOST_SAMPLES, MOST_POSES, MOST_LINES, MOST_LINE_POINTS, MOST_MARKS = 400_000, 9000, 1200, 200_000, 12_000
+MOST_SAMPLES, MOST_POSES, MOST_LINES, MOST_LINE_POINTS, MOST_MARKS = 400_000, 9000, 1200, 200_000, 30_000
 MOST_MAP_BYTES = 8 << 20
 """Of the maps of one scene, a bit a cell, before they are deflated."""
-NEAR_S = 1.0
-"""All marks within this time of a moment are kept."""
 LARGEST = 2**30
 
 
@@ -45,7 +43,6 @@ class Pack:
         self._parts: list[bytes] = []
         self._cells: list[bytes] = []
         self._notes: dict[str, None] = {}
-        self._instants = np.empty(0)  # of the moments of the scene
 
     def __bool__(self) -> bool:
         return bool(self.charts or self.scenes)
@@ -100,15 +97,11 @@ class Pack:
         self._cells.append(content)
         return len(self._cells) - 1
 
-    def _thin(self, length: int, most: int, what: str, seconds: view.Array | None = None) -> view.Array:
-        """Indices of about `most` of so many things, with a note if some are left out: never those near a moment."""
+    def _thin(self, length: int, most: int, what: str) -> view.Array:
+        """Indices of at most `most` of so many things, with a note if some are left out."""
         if length <= most:
             return np.arange(length)
         kept = view.thin_evenly(length, most)
-        if seconds is not None and len(self._instants):
-            after = np.searchsorted(self._instants, seconds).clip(1, len(self._instants)) - 1
-            both = self._instants[np.minimum([after, after + 1], len(self._instants) - 1)]
-            kept = np.union1d(kept, np.flatnonzero(np.abs(seconds - both).min(axis=0) <= NEAR_S))
         self._notes[f"{count(len(kept))} of {count(length)} {what}"] = None
         return kept
 
@@ -132,7 +125,6 @@ class Pack:
         return self._described(panel) | {"series": series} | limits
 
     def _scene(self, scene: view.Scene) -> dict[str, Any]:
-        self._instants = np.sort([moment.seconds for moment in scene.moments])
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
         activity = [asdict(row) for row in scene.activity]
         return self._described(scene) | {"layers": layers, "activity": activity, "moments": (), "span": scene.span}
@@ -151,8 +143,7 @@ class Pack:
                 return self._lines(layer)
             case view.Track():
                 return self._track(layer)
-        middle = None if layer.seconds is None or layer.until is None else (layer.seconds + layer.until) / 2
-        return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label, middle))
+        return self._described(layer, self._thin(len(layer.x), MOST_MARKS, layer.label))
 
     def _windows(self, layer: view.Windows) -> dict[str, Any]:
         """Maps as bits along x, each as its exclusive or with the map before.
@@ -176,7 +167,7 @@ class Pack:
 
     def _lines(self, layer: view.Lines) -> dict[str, Any]:
         most = MOST_POSES if layer.measured else MOST_LINES
-        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}", layer.seconds)
+        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}")
         points = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
         rows = [np.arange(layer.first[k], layer.first[k + 1]) for k in chosen]
         rows = [of[view.thin_evenly(len(of), points)] for of in rows]

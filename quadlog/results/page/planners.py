@@ -1,10 +1,10 @@
-"""The folder of a comparison of planners, and its page: what came out, ratios, paths question by question, a table."""
+"""The folder of a comparison of planners, and its page: what came out, ratios, every replan, a table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +13,18 @@ from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planner_verdict import verdict_lines
 from quadlog.metrics.planning import Comparison, PlannerRow
-from quadlog.results.arrays import MapSequence
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, QuestionSample, format_rows
+from quadlog.results.studies.planners import PLANNERS, REPLANS, SCENARIOS, format_rows
 from quadlog.results.tables import write_table
 from quadlog.results.text import State, count, ends_text, percent, sig
-from quadlog.results.view import Layer, Lines, Panel, Scene, Series, Spread, Track, Windows, extent_of, forest, look
+from quadlog.results.view import Panel, Series, Spread, forest, look
 from quadlog.storage.atomic_write import uninterrupted, write_whole
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
 MOST_DRAWN = 8
-"""Sources with paths and charts, the first ones; the others have their verdict and their table."""
-LOG_FROM = 20
-"""Values of a larger ratio than this get a logarithmic axis."""
+"""Sources with charts, the first ones; the others have their verdict and their table."""
 Columns = Mapping[str, NDArray[Any]]
 PAGE = "report.html"
 TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
@@ -38,12 +32,11 @@ TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
 class ComparedSource(NamedTuple):
-    """A source's comparison, its columns of replans.parquet and scenarios.parquet, and the questions to show."""
+    """A source's comparison, and its columns of replans.parquet and scenarios.parquet."""
 
     comparison: Comparison
     replans: Columns
     scenarios: Columns | None = None
-    sample: QuestionSample | None = None
 
 
 def earlier_files(folder: Path, force: bool) -> list[Path]:
@@ -124,28 +117,18 @@ def _verdict(comparison: Comparison) -> list[Sentence]:
 
 
 def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
-    """The map beside the ratios and the charts of each question, on one clock of the source's own; the table."""
-    group, sample, comparison = f"source-{number}", source.sample, source.comparison
-    charts, view = [], list[Any]()
-    if number < MOST_DRAWN and (panel := ratio_panel(comparison)) is not None:
-        pack.add(f"ratios-{number}", [panel], group)
-        charts.append(blocks.Drawn(f"ratios-{number}", "Ratios", RATIO_CAPTION))
-    if sample is not None and sample.kept:
-        names = [row.planner for row in comparison.rows]
-        pack.add(f"paths-{number}", question_scene(sample, names), group)
-        answers = _answers(source.replans, sample, comparison.counted)
-        caption = f"Every {sample.step} in the order of asking."
-        if sample.stride > 1:
-            caption = f"Every {sample.stride}th {sample.step} of {count(sample.asked)}; replans.parquet has all."
-        if len(sample.kept) > 1:
-            panels = [question_panel(what, of, sample.step, zero="%" in what) for what, of in answers.items()]
-            pack.add(f"answers-{number}", panels, group)
-            charts.append(blocks.Drawn(f"answers-{number}", f"Each {sample.step}", caption))
-        hardest = int(np.nanargmax(next(iter(answers.values()))[names[0]])) + 1
-        scene = blocks.Drawn(f"paths-{number}", "paths of all planners", start=float(hardest))
-        view = [blocks.Beside(scene, charts) if charts else scene]
-        view += [blocks.Text(caption)] if sample.stride > 1 else []
-    return [*(view or charts), planner_table(comparison, number)]
+    """The ratios, what each replan took, and the table."""
+    charts = []
+    if number < MOST_DRAWN:
+        ratios = ratio_panel(source.comparison)
+        for name, title, caption, panels in (
+            (f"ratios-{number}", "Ratios", RATIO_CAPTION, [ratios] if ratios else []),
+            (f"answers-{number}", "Each replan", "In the order of asking.", answer_panels(source)),
+        ):
+            if panels:
+                pack.add(name, panels, f"source-{number}")
+                charts.append(blocks.Drawn(name, title, caption))
+    return [*charts, planner_table(source.comparison, number)]
 
 
 RATIO_CAPTION = (
@@ -170,63 +153,21 @@ def _what(comparison: Comparison) -> str:
     return "neighbours tested" if comparison.counted == "touched" else f"cells {comparison.counted}"
 
 
-def question_scene(sample: QuestionSample, names: Sequence[str]) -> Scene:
-    """Start, goal, map and every planner's path of each question, from step 1."""
-    shown = list(sample.kept.values())
-    steps = np.arange(1.0, len(shown) + 1)
-    new = [k for k, of in enumerate(shown) if k == 0 or of.bits is not shown[k - 1].bits]
-    maps = [shown[k] for k in new]
-    origin, cell, columns = np.array([of.origin for of in maps]), maps[0].cell, maps[0].columns
-    layers: list[Layer] = []
-    for label, color, layer in (("kept clear of", "wall", -1), ("obstacle", "cell", 0)):
-        if layer == 0 or any(len(of.bits) > 1 for of in maps):
-            grids = MapSequence.of(origin, cell, np.stack([of.bits[layer] for of in maps]), columns)
-            layers.append(Windows(label, color, steps[new], grids))
-    for number, name in enumerate(names):  # a line for each question, without points where the planner found none
-        paths = [of.paths.get(name, np.empty((0, 2))) for of in shown]
-        x, y = np.concatenate(paths).T
-        layers.append(Lines(name, first=np.cumsum([0, *map(len, paths)]), x=x, y=y, seconds=steps, **look(number)))
-    goals, starts = np.array([of.goal for of in shown]), np.array([of.start for of in shown])
-    layers.append(Track("goal", "target", steps, goals[:, 0], goals[:, 1], shape="star", trail=False))
-    layers.append(Track("start", "text", steps, starts[:, 0], starts[:, 1], shape="dot", trail=False))
-    size = cell * np.array([columns, maps[0].bits.shape[1]])
-    far = origin + size
-    extent = extent_of((origin[:, 0], origin[:, 1]), (far[:, 0], far[:, 1]))
-    unit, window = sample.unit, float(size.max())
-    near = 1.1 * window if max(extent[1] - extent[0], extent[3] - extent[2]) > 3 * window else 0.0
-    return Scene(layers, extent, unit, (f"x ({unit})", f"y ({unit})"), step=sample.step, near=near)
-
-
-def _answers(replans: Columns, sample: QuestionSample, counted: str) -> dict[str, DataFrame]:
-    """Cells, time and extra cost at each question shown, a column for each planner."""
-    from pandas import DataFrame
-
-    table = DataFrame(dict(replans))
-    excess = 100 * (table["cost"] / table["optimal_cost"] - 1)
-    what = "neighbours" if counted == "touched" else "cells"
-    titles = {counted: f"{what} {counted}", "us": "time (µs)", "excess": "cost above the optimum (%)"}
-    table["excess"], index = excess.mask(excess.abs() < 1e-6, 0.0), ["episode", "replan"]
-    found = {}
-    for name, title in titles.items():
-        wide = table.pivot(index=index, columns="planner", values=name)[table["planner"].unique()]
-        wide = wide.loc[[of.at for of in sample.kept.values()]]
-        if name != "excess" or (wide.to_numpy() > 0).any():
-            found[title] = wide
-    return found
-
-
-def question_panel(what: str, values: Mapping[str, Any] | DataFrame, step: str, zero: bool = False) -> Panel:
-    """A curve for each planner over the questions from 1; on a logarithmic axis 0 is left out."""
-    curves = {str(name): np.asarray(of, float) for name, of in values.items()}
-    every = np.concatenate([*curves.values()])
-    positive = every[np.isfinite(every) & (every > 0)]
-    log = not zero and len(positive) > 0 and bool(positive.max() > LOG_FROM * positive.min())
-    style: Any = "points" if step == "query" else "line"
-    series = []
-    for number, (name, of) in enumerate(curves.items()):
-        shown = np.where(of > 0, of, np.nan) if log else of
-        series.append(Series(name, x=np.arange(1.0, len(shown) + 1), y=shown, style=style, **look(number)))
-    return Panel(what, series, step, zero=zero, log=log)
+def answer_panels(source: ComparedSource) -> list[Panel]:
+    """Cells and time of each replan, a curve for each planner; points of queries, which stand alone."""
+    counted, table = source.comparison.counted, source.replans
+    names = list(dict.fromkeys(table["planner"].tolist()))
+    rows = {name: table["planner"] == name for name in names}
+    style: Any = "line" if source.scenarios is None else "points"
+    panels = []
+    for column, what in ((counted, _what(source.comparison)), ("us", "time (µs)")):
+        values = [table[column][rows[name]].astype(float) for name in names]
+        series = [
+            Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
+            for number, (name, of) in enumerate(zip(names, values, strict=True))
+        ]
+        panels.append(Panel(what, series, "replan", zero=True))
+    return panels if len(values[0]) > 1 else []
 
 
 def planner_table(comparison: Comparison, number: int) -> Table:

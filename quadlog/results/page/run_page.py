@@ -130,7 +130,7 @@ def metric_table(run: Run) -> Table:
                Column("theme", wide=True)]  # fmt: skip
     note = ("95 % interval of the value, corrected for autocorrelation; empty if the walk is too short for one. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
-    return Table(columns, rows, "all-metrics", note, "Search, as in torque", sortable=True, folded=None)
+    return Table(columns, rows, "all-metrics", note, sortable=True)
 
 
 def frame_table(frame: DataFrame, heads: Mapping[str, str], name: str, note: str = "") -> Table:

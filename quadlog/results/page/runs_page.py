@@ -152,9 +152,8 @@ def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str]) -> Tab
         href = "" if row.run is None else _link(row.name, row.run)
         found.append([Cell(row.name, href=href, below=below, state=state or shown), Cell(word, state=state), *cells])
     found.sort(key=lambda cells: (STATES.index(cells[1].state), STATES.index(cells[0].state)))
-    search = "Search, as in walk-3" if len(found) > 10 else ""
     columns = [Column("run"), Column("ended"), *map(_column, metrics)]
-    return Table(columns, found, name, search=search, sortable=True, folded=100)
+    return Table(columns, found, name, sortable=True, folded=100)
 
 
 def _link(name: str, run: Run) -> str:

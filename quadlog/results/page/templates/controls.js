@@ -1,7 +1,6 @@
 "use strict";
 // The controls of a scene: legend, zoom, clock, timeline and keys. A scene without a time has no clock.
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
-const STEPS_PER_S = 5; // of a scene that counts steps, at speed 1
 
 const HELP = "player. Space plays and stops, left and right arrow step, plus and minus change the speed, home and end go to start and end, F follows the robot, 0 shows all.";
 
@@ -18,7 +17,7 @@ const openScene = (place, scene, block) => {
     draw();
     follow.setAttribute("aria-pressed", String(view.follows()));
   };
-  const follow = button("follow", `follow the ${scene.step ? "start" : "robot"} (F)`, () => changed(() => (view.follows() ? view.whole() : view.near(scene.near || 12))), { "aria-pressed": "false" });
+  const follow = button("follow", "follow the robot (F)", () => changed(() => (view.follows() ? view.whole() : view.near(12))), { "aria-pressed": "false" });
   const whole = button("all", "show all (0)", () => changed(view.whole));
   const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
   const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
@@ -27,7 +26,6 @@ const openScene = (place, scene, block) => {
   stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
   place.append(stage, legend, ...(moves ? [timeline] : []));
   place.classList.add("open");
-  let fitted = false;
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
@@ -38,16 +36,14 @@ const openScene = (place, scene, block) => {
     const height = Math.round(Math.max(isWide ? rest : fitting, 280)); // print may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
-    if (!fitted && moves && scene.near) changed(() => view.near(scene.near));
-    else if (!view.follows()) view.whole();
-    fitted = true;
+    if (!view.follows()) view.whole();
     draw();
   });
   redraws.push(() => {
     view.recolor();
     draw();
   });
-  addPointer(stage, view, scene, changed, moves && clock);
+  addPointer(stage, view, changed, moves && clock);
   if (!moves) return null;
   const player = addTransport(timeline, scene, clock);
   clock.listeners.push(draw);
@@ -60,13 +56,12 @@ const openScene = (place, scene, block) => {
   return { stage, keys, show, start: () => clock.now ?? clock.set(Number(place.dataset.start ?? from)) };
 };
 
-const GLYPHS = { area: "■", line: "━", dashed: "╍", dot: "●", triangle: "▲", cross: "✕", ring: "○", star: "★", person: "●" };
+const GLYPHS = { area: "■", line: "━", dashed: "╍", dot: "●", triangle: "▲", cross: "✕", ring: "○" };
 
 const legendOf = (layers, draw) => {
-  const form = ({ kind, variant, shape, trail }) =>
-    kind === "marks" || trail === false ? shape : kind === "raster" || kind === "windows" ? "area" : variant ? "dashed" : "line";
+  const form = ({ kind, variant, shape }) =>
+    kind === "marks" ? shape : kind === "raster" || kind === "windows" ? "area" : variant ? "dashed" : "line";
   const entries = layers.map((layer) => {
-    const scale = layer.unit ? ` ${short(layer.low, 2)} to ${short(layer.high, 2)} ${layer.unit}` : "";
     const toggle = () => {
       layer.hidden = !layer.hidden;
       legend.mark();
@@ -74,7 +69,7 @@ const legendOf = (layers, draw) => {
     };
     const swatch = element("i", { "aria-hidden": "true" }, GLYPHS[form(layer)]);
     swatch.style.color = `var(--${layer.color})`;
-    return element("button", { type: "button", onclick: toggle }, swatch, `${layer.label}${scale}`);
+    return element("button", { type: "button", onclick: toggle }, swatch, layer.label);
   });
   const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);
   legend.mark = () => entries.forEach((made, at) => made.setAttribute("aria-pressed", String(!layers[at].hidden)));
@@ -83,7 +78,7 @@ const legendOf = (layers, draw) => {
 };
 
 // Wheel and pinch zoom about the pointer, drag moves, a click goes to the nearest instant of a track.
-const addPointer = (stage, view, scene, changed, clock) => {
+const addPointer = (stage, view, changed, clock) => {
   const tip = element("output", { class: "tip", hidden: true });
   const canvas = stage.firstChild;
   stage.append(tip);
@@ -117,22 +112,16 @@ const addPointer = (stage, view, scene, changed, clock) => {
   const readOff = (event) => {
     const [wx, wy] = view.world(event.offsetX, event.offsetY);
     const found = clock && view.nearest(event.offsetX, event.offsetY);
-    const value = view.valueAt(wx, wy);
     tip.hidden = false;
-    tip.textContent = `x ${wx.toFixed(2)}, y ${wy.toFixed(2)} ${scene.unit}${value && `, ${value}`}${found ? `, ${found.label} at ${found.seconds.toFixed(2)}${scene.step ? "" : " s"}` : ""}`;
+    tip.textContent = `x ${wx.toFixed(2)}, y ${wy.toFixed(2)} m${found ? `, ${found.label} at ${found.seconds.toFixed(2)} s` : ""}`;
   };
 };
 
 // Play button, slider and speed, and above the slider when there was data of each role.
 const addTransport = (place, scene, clock) => {
   const [from, until] = scene.span;
-  const counted = scene.step !== "";
   let [playing, before, owed, shown, turn] = [false, null, 0, 0, 0];
-  const textOf = (instant) => (counted ? `${scene.step} ${instant - from + 1} of ${until - from + 1}` : `${instant.toFixed(2)} of ${until.toFixed(1)} s`);
-  const seek = (instant, turn) => {
-    const wanted = Math.min(Math.max(instant, from), until);
-    clock.set(counted ? Math.round(wanted) : wanted, turn);
-  };
+  const seek = (instant, turn) => clock.set(Math.min(Math.max(instant, from), until), turn);
   const setPlaying = (wanted) => {
     if (wanted && clock.now >= until) seek(from);
     [playing, before] = [wanted, null];
@@ -143,20 +132,18 @@ const addTransport = (place, scene, clock) => {
   };
   const frame = (now) => {
     if (!playing) return;
-    owed += (Math.min(now - (before ?? now), 250) / 1000) * Number(speed.value) * (counted ? STEPS_PER_S : 1);
+    owed += (Math.min(now - (before ?? now), 250) / 1000) * Number(speed.value);
     before = now;
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (owed >= (counted ? 1 : 0) && (!calm || now - shown > 500)) {
-      const step = counted ? Math.floor(owed) : owed;
-      owed -= step;
-      shown = now;
-      seek(clock.now + step, turn++);
+    if (!calm || now - shown > 500) {
+      seek(clock.now + owed, turn++);
+      [owed, shown] = [0, now];
     }
     if (clock.now >= until) setPlaying(false);
     else requestAnimationFrame(frame);
   };
   const play = button("▶", "Play", () => setPlaying(!playing), { class: "play" });
-  const slider = element("input", { type: "range", min: from, max: until, step: counted ? 1 : 0.001, "aria-label": "time", oninput: () => seek(Number(slider.value)) });
+  const slider = element("input", { type: "range", min: from, max: until, step: 0.001, "aria-label": "time", oninput: () => seek(Number(slider.value)) });
   const time = element("output", { class: "clock" });
   const speed = element("select", { "aria-label": "speed" }, ...SPEEDS.map((times) => element("option", { value: times, selected: times === 1 }, `${times} ×`)));
   const rows = scene.activity.map(({ label, spans, events }) => {
@@ -177,15 +164,14 @@ const addTransport = (place, scene, clock) => {
   clock.pause = () => playing && setPlaying(false);
   clock.listeners.push((instant) => {
     slider.value = instant;
-    time.textContent = textOf(instant);
+    time.textContent = `${instant.toFixed(2)} of ${until.toFixed(1)} s`;
     place.dataset.now = instant.toFixed(3);
   });
-  const step = counted ? 1 : 0.1;
   const faster = (by) => (speed.selectedIndex = Math.min(Math.max(speed.selectedIndex + by, 0), SPEEDS.length - 1));
   return {
     " ": () => setPlaying(!playing),
-    ArrowLeft: (far) => seek(clock.now - (far ? 10 : 1) * step),
-    ArrowRight: (far) => seek(clock.now + (far ? 10 : 1) * step),
+    ArrowLeft: (far) => seek(clock.now - (far ? 1 : 0.1)),
+    ArrowRight: (far) => seek(clock.now + (far ? 1 : 0.1)),
     Home: () => seek(from),
     End: () => seek(until),
     "+": () => faster(1),

@@ -4,7 +4,7 @@
 const HEIGHTS = { panel: 150, lane: 56, narrow: 104, row: 17 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
-const isTimed = (group, x) => x === "time (s)" || Object.values(pageData.scenes).some((scene) => scene.group === group && scene.step === x);
+const TIME = "time (s)";
 
 const openCurves = (places, { columns }) => {
   for (const place of places) {
@@ -71,27 +71,6 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
 };
 
-// An oscillating curve: where a period is only some pixels wide, the band from the least to the largest value of each.
-const PERIOD_PX = 24;
-const bandPaths = (period) => (chart, number, first, last) => {
-  const [xs, ys, { min, max }] = [chart.data[0], chart.data[number], chart.scales.x];
-  if ((chart.bbox.width * period) / (max - min) > PERIOD_PX * devicePixelRatio) return { ...uPlot.paths.linear()(chart, number, first, last), fill: null };
-  const periods = new Map();
-  for (let at = first; at <= last; at++) {
-    if (!Number.isFinite(ys[at])) continue;
-    const place = Math.floor(xs[at] / period);
-    const [low, high] = periods.get(place) ?? [Infinity, -Infinity];
-    periods.set(place, [Math.min(low, ys[at]), Math.max(high, ys[at])]);
-  }
-  const path = new Path2D();
-  for (const [place, values] of periods) {
-    const [left, right] = [place, place + 1].map((edge) => chart.valToPos(edge * period, "x", true));
-    const [top, bottom] = [values[1], values[0]].map((value) => chart.valToPos(value, "y", true));
-    path.rect(left, top, right - left, Math.max(bottom - top, 1));
-  }
-  return { stroke: null, fill: path, flags: 0 };
-};
-
 const optionsOf = (panel, group, height, last, stretch) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
@@ -104,7 +83,7 @@ const optionsOf = (panel, group, height, last, stretch) => {
     points: ({ color, variant }) => ({ fill: () => paint(color), width: variant ? 1 : 0, paths: pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) }),
     steps: () => ({ paths: uPlot.paths.stepped({ align: 1 }) }),
     band: () => ({ width: 0 }),
-    line: ({ color, variant }) => ({ dash: rows ? [] : DASHES[variant % 4], ...(panel.period_s && { fill: fading(color, 45), paths: bandPaths(panel.period_s) }) }),
+    line: ({ variant }) => ({ dash: rows ? [] : DASHES[variant % 4] }),
   };
   const look = (one) => ({ label: one.label, stroke: () => paint(one.color), width: rows ? 4 : 1.5, points: { show: false }, value: (_, value) => short(value, 3), ...looks[one.style](one) });
   const [series, bands] = [[{ label: panel.x, class: "unseen", value: (_, value) => short(value) }], []];
@@ -138,7 +117,7 @@ const optionsOf = (panel, group, height, last, stretch) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: panel.limits ? () => panel.limits : within } },
+    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : { range: panel.limits ? () => panel.limits : within } },
     axes: [{ ...axis(last ? 34 : 6), ...(rows && panel.log && { splits: logSplits, filter: (_, values) => values }), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
@@ -189,7 +168,7 @@ const openCurve = (plot, panel, group, height, last, columns) => {
   const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(panel, group, height, last, stretch) }, joined(panel.series, columns), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
-  if (isTimed(group, panel.x)) addHead(chart, clockOf(group), stretch);
+  if (panel.x === TIME) addHead(chart, clockOf(group), stretch);
   onWidth(plot, (width) => {
     chart.setSize({ width, height });
     chart.head?.();

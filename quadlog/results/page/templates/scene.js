@@ -3,16 +3,14 @@
 // What stands still is drawn once for each view into two pictures: the ground, below the maps of an instant, and the
 // ways and marks above them.
 const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3]];
-const FEET = [[0.72, 1.24], [0.72, -1.24], [-0.72, 1.24], [-0.72, -1.24]]; // FL, FR, RL, RR, in halves of the body
 const CORNERS = [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]];
 const SHAPES = {
   triangle: [[0, -1], [1, 1], [-1, 1]],
   cross: [[-1, -1], [1, 1], [0, 0], [1, -1], [-1, 1]],
-  star: Array.from({ length: 10 }, (_, at) => [Math.sin((at * Math.PI) / 5), -Math.cos((at * Math.PI) / 5)].map((reach) => (at % 2 ? reach / 2.4 : reach))),
 };
 const RING = new Path2D();
 RING.arc(0, 0, 1, 0, 2 * Math.PI);
-const COLUMNS = ["t", "until", "x", "y", "along", "cross", "aside", "yaw", "feet", "first", "row", "column"];
+const COLUMNS = ["t", "until", "x", "y", "along", "cross", "aside", "yaw", "first", "row", "column"];
 
 const modulo = (value, size) => ((value % size) + size) % size;
 const rgb = (color) => {
@@ -99,7 +97,6 @@ const openView = (scene, canvas, block) => {
     pen.stroke(path);
     pen.restore();
   };
-  const timed = layers.filter(({ kind, t, measured }) => kind === "lines" && t && !measured);
 
   // Each prepares a layer for the current colours and returns how to draw what stands still of it, and what an instant shows.
   const prepare = {
@@ -160,22 +157,20 @@ const openView = (scene, canvas, block) => {
       }];
     },
     lines: (layer) => {
-      const { first, x: xs, y: ys, t, color, variant, measured, wide } = layer;
+      const { first, x: xs, y: ys, t, color, variant, measured } = layer;
       if (!t) {
         const ways = Array.from(first.slice(1), (last, at) => wayOf(xs, ys, first[at], last));
-        return [() => ways.forEach((way) => drawWay(way, color, wide ? 4 : 1.5, variant))];
+        return [() => ways.forEach((way) => drawWay(way, color, 1.5, variant))];
       }
-      // The lowest of several lines is the widest one, so that none hides another on the same way.
-      const width = measured ? 2 : 2.5 + Math.min(3, 12 / timed.length) * (timed.length - 1 - timed.indexOf(layer));
       return [null, (instant) => {
         const line = rowAt(t, instant);
         if (line < 0) return;
         const from = first[line];
-        drawWay(wayOf(xs, ys, from, first[line + 1]), color, width, variant);
+        drawWay(wayOf(xs, ys, from, first[line + 1]), color, measured ? 2 : 2.5, variant);
         const length = measured ? Math.hypot(xs[from + 1] - xs[from], ys[from + 1] - ys[from]) : NaN;
         if (!(length >= 0)) return;
         dot(x(xs[from + 1]), y(ys[from + 1]), 4, paint(color), paint("back"));
-        label(`${length.toFixed(2)} ${scene.unit}`, x(xs[from + 1]) + 8, y(ys[from + 1]) - 6, color);
+        label(`${length.toFixed(2)} m`, x(xs[from + 1]) + 8, y(ys[from + 1]) - 6, color);
       }];
     },
     marks: ({ x: xs, y: ys, t, until, along, cross, aside, shape, names, color }) => {
@@ -198,21 +193,20 @@ const openView = (scene, canvas, block) => {
       return t ? [null, drawn] : [drawn];
     },
     track: (layer) => {
-      const { x: xs, y: ys, shape, variant, trail, color } = layer;
+      const { x: xs, y: ys, shape, variant, color } = layer;
       const way = wayOf(xs, ys);
       const ofInstant = (instant) => {
         const pose = scene.span ? poseAt(layer, instant) : null;
         if (!pose) return;
         const [px, py, ink] = [x(pose.x), y(pose.y), paint(color)];
         stroke(color, 2);
-        if (shape === "body" && scene.body && !Number.isNaN(pose.yaw)) drawBody(layer, pose, instant, ink);
-        else if (shape === "star") shapeAt("star", px, py, 8);
+        if (shape === "body" && scene.body && !Number.isNaN(pose.yaw)) drawBody(pose, ink);
         else dot(px, py, shape === "person" ? Math.max(6, 0.22 * view.scale) : 5, ink, paint("back"));
       };
-      return [trail ? () => drawWay(way, color, 2.5, variant) : null, ofInstant];
+      return [() => drawWay(way, color, 2.5, variant), ofInstant];
     },
   };
-  const drawBody = ({ t, feet }, pose, instant, color) => {
+  const drawBody = (pose, color) => {
     if (scene.body[0] * view.scale < 10) return dot(x(pose.x), y(pose.y), 5, color, paint("back"));
     const [cos, sin] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
     const at = ([ahead, aside]) => {
@@ -222,15 +216,13 @@ const openView = (scene, canvas, block) => {
     Object.assign(outline(CORNERS.map(at)), { globalAlpha: 0.55 }).fill();
     Object.assign(pen, { globalAlpha: 1 }).stroke();
     outline([[0, 0], [1.5, 0]].map(at)).stroke();
-    const standing = feet ? feet[rowAt(t, instant)] : NaN;
-    if (standing >= 0) FEET.forEach((place, leg) => dot(...at(place), Math.max(2, 0.035 * view.scale), (standing >> leg) & 1 ? color : null, color));
   };
   const drawScale = () => {
     const length = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].find((metres) => metres * view.scale > 60) ?? 1000;
     const [left, low] = [16, size.y - 16];
     stroke("soft", 2);
     pen.strokeRect(left, low, length * view.scale, 0.01);
-    label(`${length} ${scene.unit}`, left, low - 6, "soft");
+    label(`${length} m`, left, low - 6, "soft");
   };
 
   let drawn = [];
@@ -302,23 +294,13 @@ const openView = (scene, canvas, block) => {
     // The position of a track within 15 pixels of the pointer.
     nearest: (px, py) => {
       let best = { away: 15 };
-      for (const { label: name, hidden, trail, t, x: xs, y: ys } of tracks) {
-        for (let at = 0; !hidden && trail && at < xs.length; at++) {
+      for (const { label: name, hidden, t, x: xs, y: ys } of tracks) {
+        for (let at = 0; !hidden && at < xs.length; at++) {
           const away = Math.hypot(x(xs[at]) - px, y(ys[at]) - py);
           if (away < best.away) best = { away, label: name, seconds: t[at] };
         }
       }
       return best.label ? best : null;
-    },
-    // The value of a raster with a unit below the pointer.
-    valueAt: (wx, wy) => {
-      for (const { unit, hidden, bytes, origin, cell, rows, columns, low, high } of layers) {
-        if (!unit || hidden) continue;
-        const [column, row] = [Math.floor((wx - origin[0]) / cell), Math.floor((wy - origin[1]) / cell)];
-        if (column < 0 || row < 0 || column >= columns || row >= rows || !bytes[row * columns + column]) continue;
-        return `${short(low + ((bytes[row * columns + column] - 1) / 254) * (high - low), 3)} ${unit}`;
-      }
-      return "";
     },
   };
 };

@@ -1,5 +1,5 @@
 "use strict";
-// Tables: a click on a head sorts, a search field hides rows without its words, a button shows folded rows.
+// Tables: a click on a head sorts, a button shows folded rows.
 for (const head of document.querySelectorAll("th button")) {
   head.addEventListener("click", () => {
     const cell = head.closest("th");
@@ -15,14 +15,6 @@ for (const head of document.querySelectorAll("th button")) {
       return up ? order : -order;
     };
     body.append(...[...body.rows].sort(compare));
-  });
-}
-for (const field of document.querySelectorAll("[data-search]")) {
-  const body = document.getElementById(field.dataset.search).tBodies[0];
-  field.closest("label").hidden = false;
-  field.addEventListener("input", () => {
-    const words = field.value.toLowerCase().split(/\s+/);
-    for (const row of body.rows) row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
   });
 }
 for (const more of document.querySelectorAll("[data-unfold]")) {

@@ -1,9 +1,8 @@
-"""The page of a comparison against its tables: every answer on the map and in the charts, with any name."""
+"""The page of a comparison against its tables: every answer in the charts, with any name."""
 
 from __future__ import annotations
 
 import base64
-import itertools
 import json
 import re
 import zlib
@@ -15,14 +14,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from quadlog.mapping.grid import Window
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.sources import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.planning.query import Query
-from quadlog.results.page.planners import question_scene
-from quadlog.results.studies.planners import MOST_BYTES, MOST_QUESTIONS, QuestionSample
-from quadlog.results.view import Windows
 
 OPTIONS = CompareOptions(planners=("ia_star", "mt_d_star_lite", "dijkstra"), episodes=2)
 NAMES = ("astar", "ia_star", "mt_d_star_lite", "dijkstra")
@@ -72,23 +66,15 @@ def drawn(page: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
 
 
 @pytest.mark.parametrize(("kind", "questions"), [("walks", None), ("queries", 3)])
-def test_the_map_and_the_charts_have_every_answer_of_the_table(kind, questions, request):
+def test_the_charts_have_every_answer_of_the_table(kind, questions, request):
     folder = request.getfixturevalue(kind)
     table = pq.read_table(folder / "replans.parquet").to_pandas().sort_values(["episode", "replan"], kind="stable")
     data, columns = drawn(folder / "report.html")
     assert "<script>alert" not in (folder / "report.html").read_text()
-    lines = {layer["label"]: layer for layer in data["scenes"]["paths-0"]["layers"] if layer["kind"] == "lines"}
-    assert list(lines) == list(NAMES)
     charts = {panel["what"]: panel["series"] for panel in data["charts"]["answers-0"]["panels"]}
     for number, name in enumerate(NAMES):
-        mine, line = table[table["planner"] == name], lines[name]
-        assert len(mine) == len(columns[line["t"]]) == (questions or len(mine))
-        first, x, y = (columns[line[key]] for key in ("first", "x", "y"))
-        for (begin, end), row in zip(itertools.pairwise(first.astype(int)), mine.itertuples(), strict=True):
-            path = np.column_stack([x[begin:end], y[begin:end]])
-            assert len(path) > 0 or not row.found
-            if row.found:
-                assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(row.length_m, abs=0.01)
+        mine = table[table["planner"] == name]
+        assert len(mine) == (questions or len(mine)) > 1
         for what, column in (("cells expanded", "expanded"), ("time (µs)", "us")):
             values = columns[charts[what][number]["y"]]
             wanted = mine[column].to_numpy(float)
@@ -111,39 +97,3 @@ def test_the_table_has_the_rows_of_planners_parquet_and_the_forest_plot_their_ra
     assert panel["rows"] == sorted(ratios, key=ratios.__getitem__, reverse=True)
     shown = {of["label"]: columns[of["x"]].item() for of in panel["series"] if not of["variant"]}
     assert shown == pytest.approx(ratios, rel=1e-3)  # two episodes are too few for an interval
-
-
-@pytest.mark.parametrize(("count", "side", "sources", "stride"), [
-    (MOST_QUESTIONS, 8, 1, 1), (MOST_QUESTIONS + 1, 8, 1, 2), (MOST_QUESTIONS, 8, 4, 4), (129, 1024, 1, 4),
-])  # fmt: skip
-def test_every_kth_question_is_kept_with_its_own_map(count, side, sources, stride):
-    """The cell (0, 0) of each map says whether its number is odd."""
-    sample = QuestionSample(sources=sources)
-    for name, number in itertools.product("01", range(count)):
-        occupied = np.zeros((side, side), dtype=bool)
-        occupied[0, 0] = number % 2
-        query = Query(Window(number, 0, 0.1, occupied.shape), occupied, (0, 0), (1, 1), False, np.empty((0, 2), int))
-        sample.add(number, (0, number), query, occupied, {name: np.array([[0, number % side], [1, 0]])})
-    assert sample.stride == stride
-    assert [shown.at[1] for shown in sample.kept.values()] == list(range(0, count, stride))
-    assert all(set(shown.paths) == {"0", "1"} for shown in sample.kept.values())
-    assert sum(shown.bits.nbytes for shown in sample.kept.values()) <= MOST_BYTES // sources
-    scene = question_scene(sample, ["0", "1"])
-    (maps,) = (layer for layer in scene.layers if isinstance(layer, Windows))
-    assert maps.seconds.tolist() == list(range(1, len(sample.kept) + 1))
-    for place, number in enumerate(sample.kept):
-        assert maps.maps.occupied(place)[0, 0] == number % 2
-        assert maps.maps.origin_m[place] == pytest.approx([0.1 * number, 0])
-
-
-def test_no_wall_of_a_large_map_is_lost(tmp_path: Path) -> None:
-    occupied = np.zeros((2500, 3000), dtype=bool)
-    occupied[1234, :] = True
-    sample = QuestionSample("query", row_zero_on_top=True)
-    window = Window(0, 0, 1.0, occupied.shape)
-    sample.add(0, (0, 0), Query(window, occupied, (0, 0), (2999, 0), False, np.empty((0, 2), int)), occupied, {})
-    scene = question_scene(sample, [])
-    (layer,) = (layer for layer in scene.layers if isinstance(layer, Windows))
-    rows, columns = np.nonzero(layer.maps.occupied(0))
-    assert (layer.maps.cell_m, len(columns)) == (2, 1500)
-    assert set((rows * layer.maps.cell_m).tolist()) == {(2500 - 1 - 1234) // 2 * 2}  # the map's row 0 is the upper one
