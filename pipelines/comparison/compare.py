@@ -25,8 +25,7 @@ from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
 from quadlog.planning.replan import Answer, Panel
 from quadlog.planning.rules import Rules
-from quadlog.results.page.planners import ComparedSource, earlier_files, write_comparison
-from quadlog.results.studies.planners import REPLANS
+from quadlog.results.studies.planners import REPLANS, ComparedSource, earlier_files, write_comparison
 from quadlog.storage.atomic_write import new_folder
 
 

@@ -188,12 +188,9 @@ def _time(t_ns: int) -> fox.Timestamp:
     return fox.Timestamp(sec=t_ns // 10**9, nsec=t_ns % 10**9)
 
 
-def _rgba(color: str) -> list[float]:
-    return [*(byte / 255 for byte in bytes.fromhex(COLORS[color].removeprefix("#"))), 1.0]
-
-
 def _color(color: str) -> fox.Color:
-    return fox.Color(**dict(zip("rgba", _rgba(color), strict=True)))
+    red, green, blue = (byte / 255 for byte in bytes.fromhex(COLORS[color].removeprefix("#")))
+    return fox.Color(r=red, g=green, b=blue, a=1.0)
 
 
 def write_layout(run: Run) -> Path:

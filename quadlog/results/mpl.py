@@ -15,8 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure as Picture
-from matplotlib.patches import Polygon
-from matplotlib.ticker import LogFormatter, StrMethodFormatter
 from matplotlib.transforms import offset_copy
 
 from quadlog.results import view
@@ -25,7 +23,7 @@ Format = Literal["png", "pdf", "svg"]
 
 DASHES = ("-", "--", ":", "-.")
 LINES = "━╍┅┉"
-GLYPHS = {"dot": "●", "triangle": "▲", "cross": "✕", "ring": "○"}
+GLYPHS = {"dot": "●", "triangle": "▲", "cross": "✕", "ring": "○", "points": "●", "band": "■"}
 """Of lines by variant, and of shapes, as the page's legends have them."""
 MARKERS = {"dot": ".", "triangle": "^", "cross": "x"}
 WIDTH_IN = 8.0
@@ -98,12 +96,8 @@ def _words(panel: view.Panel) -> Words:
     return [("", "text", panel.what), *((_glyph(of), of.color, of.label) for of in named)]
 
 
-def _glyph(of: view.Series | view.Layer) -> str:
-    if isinstance(of, view.Raster | view.Windows) or getattr(of, "style", "") == "band":
-        return "■"
-    if isinstance(of, view.Marks):
-        return GLYPHS[of.shape]
-    return "●○"[of.variant > 0] if getattr(of, "style", "") == "points" else LINES[of.variant % 4]
+def _glyph(of: Any) -> str:
+    return GLYPHS.get(getattr(of, "style", getattr(of, "shape", ""))) or LINES[of.variant % 4]
 
 
 def _flow(words: Words, room: int) -> list[tuple[int, int]]:
@@ -144,10 +138,6 @@ def _draw_panel(axes: Axes, panel: view.Panel) -> None:
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
-        if panel.log:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axes.xaxis.set_minor_formatter(LogFormatter())
     else:
         axes.locator_params(axis="y", nbins=5)  # every tick takes a millisecond
 
@@ -194,10 +184,10 @@ def draw_scene(axes: Axes, scene: view.Scene, instant: float | None = None) -> N
     axes.set(xlim=(left, right), ylim=(bottom, top), xlabel=scene.axes[0], ylabel=scene.axes[1])
     axes.set_aspect("equal")
     for layer in scene.layers:
-        _draw(layer, axes, scene, instant)
+        _draw(layer, axes, instant)
 
 
-def _draw(layer: view.Layer, axes: Axes, scene: view.Scene, instant: float | None) -> None:
+def _draw(layer: view.Layer, axes: Axes, instant: float | None) -> None:
     color = view.COLORS[layer.color]
     match layer:
         case view.Raster():
@@ -223,7 +213,7 @@ def _draw(layer: view.Layer, axes: Axes, scene: view.Scene, instant: float | Non
         case view.Track():
             look: dict[str, Any] = {"zorder": 2.5, "color": color, "lw": 1.8, "label": layer.label}
             axes.plot(layer.x, layer.y, DASHES[layer.variant % 4], **look)
-            _draw_body(axes, layer, scene.body, instant)
+            _draw_body(axes, layer, instant)
 
 
 def _draw_cells(axes: Axes, layer: view.Raster) -> None:
@@ -273,22 +263,16 @@ def _draw_marks(axes: Axes, layer: view.Marks, instant: float | None) -> None:
         axes.annotate(name, (x, y), (6, -3), textcoords="offset points", annotation_clip=True, color=color)
 
 
-def _draw_body(axes: Axes, track: view.Track, size: tuple[float, float] | None, instant: float | None) -> None:
+def _draw_body(axes: Axes, track: view.Track, instant: float | None) -> None:
     """At the last row that is not later, if it has a position; without an instant at the last one that has."""
     known = np.flatnonzero(np.isfinite(track.x) if instant is None else track.seconds <= instant)
     if not len(known) or not np.isfinite(track.x[known[-1]]):
         return
-    row, color = known[-1], view.COLORS[track.color]
-    x, y, yaw = track.x[row], track.y[row], np.nan if track.yaw is None else track.yaw[row]
-    if track.shape == "body" and size is not None and np.isfinite(yaw):
-        along = np.array([np.cos(yaw), np.sin(yaw)])
-        corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(size) / 2
-        placed = corners @ np.array([along, [-along[1], along[0]]]) + (x, y)
-        axes.add_patch(Polygon(placed, facecolor=color, edgecolor="white", alpha=0.8, zorder=4))
-        nose = (x, y) + 0.7 * size[0] * along
-        axes.plot([x, nose[0]], [y, nose[1]], color=color, zorder=4)
-    else:
-        axes.plot(x, y, "o", color=color, markersize=7, markeredgecolor="white", zorder=4)
+    row = known[-1]
+    yaw = np.nan if track.yaw is None else track.yaw[row]
+    mark: Any = (3, 0, np.degrees(yaw) - 90) if track.shape == "body" and np.isfinite(yaw) else "o"
+    look: dict[str, Any] = {"color": view.COLORS[track.color], "markersize": 10, "markeredgecolor": "white"}
+    axes.plot(track.x[row], track.y[row], marker=mark, zorder=4, **look)
 
 
 MOST_FRAMES = 240
@@ -314,7 +298,7 @@ def film(scene: view.Scene, path: Path) -> None:
             for instant in np.linspace(start, end, frames).tolist():
                 kept = set(axes.get_children())
                 for layer in moving:
-                    _draw(layer, axes, scene, instant)
+                    _draw(layer, axes, instant)
                 axes.set_title(f"{instant:.1f} s", loc="left")
                 writer.grab_frame()
                 for artist in set(axes.get_children()) - kept:

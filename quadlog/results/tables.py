@@ -135,13 +135,11 @@ class TableWriter(ExitStack[bool | None]):
 
     def _finish(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
-            self._add_rows()
-            self._write_groups(smallest=1)
+            self._take(None, smallest=1)
 
     def append(self, columns: Mapping[str, Any]) -> None:
         """Add rows from columns of equal length; a scalar fills the whole column."""
-        self._add_rows()
-        self._add(columns)
+        self._take(columns)
 
     def add_row(self, row: Mapping[str, Any]) -> None:
         """One row; a column that the row leaves out must be optional, and None is no value."""
@@ -150,21 +148,17 @@ class TableWriter(ExitStack[bool | None]):
             raise ValueError(f"columns missing: {missing}")
         self._rows.append(row)
         if len(self._rows) >= 1024:
-            self._add_rows()
+            self._take(None)
 
-    def _add_rows(self) -> None:
+    def _take(self, columns: Mapping[str, Any] | None, smallest: int = _GROUP_ROWS) -> None:
+        """Add the rows, then the columns, and write what fills groups."""
         rows, self._rows = self._rows, []
+        parts: list[Mapping[str, Any]] = [columns] if columns is not None else []
         if rows:
-            self._add({name: [row.get(name) for row in rows] for name in sorted(set().union(*rows))})
-
-    def _add(self, columns: Mapping[str, Any]) -> None:
-        self._pending = pa.concat_tables([self._pending, _table(self.schema, columns)])
-        self._write_groups(smallest=_GROUP_ROWS)
-
-    def _write_groups(self, smallest: int) -> None:
-        if self._pending.num_rows < smallest:
-            return
-        table = self._pending.combine_chunks()
+            parts.insert(0, {name: [row.get(name) for row in rows] for name in sorted(set().union(*rows))})
+        table = pa.concat_tables([self._pending, *(_table(self.schema, part) for part in parts)])
+        if table.num_rows >= smallest:
+            table = table.combine_chunks()
         while table.num_rows >= smallest:
             self._parquet.write_table(table.slice(0, _GROUP_ROWS), row_group_size=_GROUP_ROWS)
             table = table.slice(_GROUP_ROWS)

@@ -61,7 +61,7 @@ class Panel:
     zero: the y axis begins at 0. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row. log: the x axis is logarithmic.
+    the number of a row.
     """
 
     what: str
@@ -72,7 +72,6 @@ class Panel:
     robust: bool = False
     marks: Array = field(default_factory=lambda: np.empty(0))
     rows: Sequence[str] = ()
-    log: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,25 +235,20 @@ class Spread(NamedTuple):
     color: str = "robot"
 
 
-def forest(what: str, rows: Mapping[str, Spread], x: str, log: bool = False, marks: Sequence[float] = ()) -> Panel:
-    """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value.
-
-    On a logarithmic axis, log, what is not positive is left out.
-    """
+def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float] = ()) -> Panel:
+    """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value."""
     series = []
     for place, (name, of) in enumerate(rows.items()):
         dots = np.sort(np.asarray(of.dots, float))
-        dots = dots[np.isfinite(dots) & ((dots > 0) | (not log))]
+        dots = dots[np.isfinite(dots)]
         dots = dots[thin_evenly(len(dots), MOST_DOTS)]
-        ends = np.array(of.interval or ())
-        if log and len(ends):
-            ends = np.array([max(ends[0], min([0.2 * of.value, *dots[:1]])), ends[1]])
+        shown = ((dots, "points", 1), (np.array(of.interval or ()), "line", 0), (np.array([of.value]), "points", 0))
         series += [
-            Series(name, of.color, shown, np.full(len(shown), place), style, variant)  # type: ignore[arg-type]
-            for shown, style, variant in ((dots, "points", 1), (ends, "line", 0), (np.array([of.value]), "points", 0))
-            if len(shown)
+            Series(name, of.color, values, np.full(len(values), place), style, variant)  # type: ignore[arg-type]
+            for values, style, variant in shown
+            if len(values)
         ]
-    return Panel(what, series, x, log=log, marks=np.array(marks, float), rows=list(rows))
+    return Panel(what, series, x, marks=np.array(marks, float), rows=list(rows))
 
 
 def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> list[Array]:

@@ -61,7 +61,7 @@ answer(async () => {
   showStretch(stretchOf("run", "time (s)"), 0, 0.1);
   await wait(50);
   say.fits = height() / whole;
-  press("0", one("#cross_track .chart"));
+  point(one("#cross_track .u-over"), "dblclick");
   await wait(50);
   say.whole = height() / whole;
 

@@ -40,14 +40,12 @@ def test_the_csv_file_holds_what_the_contract_says(made):
     assert sum(row["reproduces"] == "no" for row in rows) >= 5
 
 
-def test_stdout_has_the_printed_numbers_and_stderr_the_progress(tmp_path, quadlog):
+def test_stdout_has_the_verdicts_and_stderr_the_progress(tmp_path, quadlog):
     code, out, err = quadlog("tables", "following-uwb", "-o", tmp_path, "--fast", "--seed", "2")
     lines = out.splitlines()
     assert (code, err) == (0, "following-uwb: fast run, seed 2\n")
     assert lines[0].startswith("following-uwb: ")
-    assert any(line.split()[-1:] == ["no"] for line in lines)
-    assert max(map(len, lines[1:-2])) <= 80
-    assert " claims: 5 do not, " in lines[-2]
+    assert " claims: 5 do not, " in lines[0]
     assert lines[-1].startswith(str(tmp_path / "report.html"))
     assert quadlog("tables", "following-uwb", "-o", tmp_path).code == 1
 

@@ -15,7 +15,7 @@ from quadlog.results.figures import FIGURES, drawings_of
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.page.verdict import is_too_short, status, verdict
+from quadlog.results.page.verdict import status, verdict
 from quadlog.results.run import Run
 from quadlog.results.text import (
     Bound,
@@ -89,8 +89,6 @@ def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
     """The metrics that matter of each theme; broken bounds first, and all of them."""
     bounds, found = bounds_of(run), []
     for theme, labels in THEMES.items():
-        if theme in ("Walking", "Body") and is_too_short(run):
-            continue
         shown = [_shown(run, name, bounds.get(name)) for name in labels if name in run.metrics or name in bounds]
         shown.sort(key=lambda one: one.state != "bad")
         most = max(PER_CARD, sum(one.state == "bad" for one in shown))
@@ -225,7 +223,4 @@ def _made(run: Run) -> Iterator[Any]:
     if (config := run.path / "config.toml").is_file():
         text = config.read_text(encoding="utf-8", errors="replace")
         yield blocks.Details("Configuration", [blocks.Text(text, code=True)])
-    versions = {**{key: str(value) for key, value in sorted(record.host.items())}, **record.packages}
-    rows = [{"package": name, "version": value} for name, value in versions.items()]
-    yield blocks.Details("Versions and host", _records(rows, "versions"))
     yield blocks.Text("[Following], [Planning], [Tracking] and [Foot] are the papers listed in docs/references.md.")

@@ -243,16 +243,13 @@ def papers_page(tables: Sequence[PaperTable]) -> blocks.Page:
         for verdict, (word, state, rule) in LOOKS.items()
         if (number := verdicts.count(verdict))
     ]
-    first: list[Any] = [blocks.Verdict(findings)]
-    if fast := [table.name for table in tables if table.fast]:
-        words = f"Fast runs, with fewer draws and wider intervals than the full tables: {', '.join(fast)}."
-        first.append(blocks.Notes("Fewer draws", [words]))
     facts = [
         f"{count(len(tables))} table{'s' * (len(tables) != 1)}",
         f"{count(len(verdicts))} printed numbers and claims, counted once for all settings",
         "errata: docs/errata.md",
     ]
-    sections = [blocks.Section("", [*first, _overview(tables)]), *(_section(table, pack) for table in tables)]
+    first = blocks.Section("", [blocks.Verdict(findings), _overview(tables)])
+    sections = [first, *(_section(table, pack) for table in tables)]
     return blocks.Page("The papers' tables, measured again", sections, facts, pack=pack)
 
 
@@ -272,7 +269,7 @@ LEGEND = "Ours with 95 % intervals, in the colour of the verdict; 0 is the print
 
 def _section(table: PaperTable, pack: Pack) -> blocks.Section:
     files = f"{table.name}.csv, {table.name}.tex and {table.name}.json"
-    fast = " (a fast run)" if table.fast else ""
+    fast = " (a fast run, with wider intervals)" if table.fast else ""
     words = f"{table.reproduced}. {table.sizes} Made by {table.command}{fast}; also as {files}."
     shown: list[Any] = [blocks.Text(words)]
     shown += [_group(group, f"{table.name}-{number}") for number, group in enumerate(table.groups)]
@@ -282,19 +279,14 @@ def _section(table: PaperTable, pack: Pack) -> blocks.Section:
     return blocks.Section(table.name, shown, f"{table.title}. {table.caption}".replace("`", ""))
 
 
-def _group(group: RowGroup, name: str) -> Table | blocks.Details:
+def _group(group: RowGroup, name: str) -> Table:
     """What the paper has first; other quantities on demand."""
-    judged = [row for row in group.rows if row.paper is not None or row.reproduces is not None]
-    others = [row for row in group.rows if row not in judged]
+    rows = sorted(group.rows, key=lambda row: row.paper is None and row.reproduces is None)
+    judged = sum(row.paper is not None or row.reproduces is not None for row in rows)
     columns = [Column("quantity"), Column("paper", True), Column("ours", True), Column("95 % interval", True),
                Column("reproduces"), Column("note", wide=True)]  # fmt: skip
-    rows = [_row(row) for row in (*judged, *others)]
-    if judged:
-        return Table(columns, rows, name, group.text, folded=len(judged) if others else None, title=group.title)
-    summary = f"{group.title}: not printed in the paper ({len(rows)})"
-    shown = (0, 2, 3, 5)  # no print, nothing to reproduce
-    own = Table([columns[at] for at in shown], [[row[at] for at in shown] for row in rows], name, group.text)
-    return blocks.Details(summary, [own])
+    folded = judged if judged < len(rows) else None
+    return Table(columns, [*map(_row, rows)], name, group.text, folded=folded, title=group.title)
 
 
 def _row(row: PaperRow) -> list[Cell]:

@@ -1,12 +1,36 @@
-"""A comparison of planners: its tables, and every format they are printed in."""
+"""A comparison of planners: its tables, every format they are printed in, its folder, and its page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from quadlog.results.tables import table_schema
-from quadlog.results.text import TitledTable, ends_text, print_table, print_tables, terminal_width
+import numpy as np
+from numpy.typing import NDArray
+
+from quadlog.errors import CannotWrite, printable
+from quadlog.metrics.intervals import Interval
+from quadlog.metrics.planner_verdict import verdict_lines
+from quadlog.metrics.planning import Comparison, PlannerRow
+from quadlog.results.find_runs import refuse_existing
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
+from quadlog.results.page.pack import Pack
+from quadlog.results.tables import table_schema, write_table
+from quadlog.results.text import (
+    State,
+    TitledTable,
+    count,
+    ends_text,
+    percent,
+    print_table,
+    print_tables,
+    sig,
+    terminal_width,
+)
+from quadlog.results.view import Panel, Series, Spread, forest, look
+from quadlog.storage.atomic_write import uninterrupted, write_whole
 
 REPLANS = table_schema(
     "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
@@ -55,3 +79,184 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
         tables.setdefault(title, []).append([*cells, row["us_median"], row["us_p95"]])
     titled = [TitledTable(title, _HEADER, lines) for title, lines in tables.items()]
     return print_tables(titled, to, [_KEY, *notes], terminal_width())
+
+
+MOST_DRAWN = 8
+"""Sources with charts, the first ones; the others have their verdict and their table."""
+Columns = Mapping[str, NDArray[Any]]
+PAGE = "report.html"
+TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
+TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
+
+
+class ComparedSource(NamedTuple):
+    """A source's comparison, and its columns of replans.parquet and scenarios.parquet."""
+
+    comparison: Comparison
+    replans: Columns
+    scenarios: Columns | None = None
+
+
+def earlier_files(folder: Path, force: bool) -> list[Path]:
+    """The files of an earlier comparison, report.html first. Raises AlreadyExists unless `force`, CannotWrite."""
+    named = (folder / name for name in (PAGE, *TEXTS, *TABLES))
+    found = [*(path for path in named if path.exists()), *sorted((folder / "plots").glob("source-[0-9]*-*.png"))]
+    for path in found:
+        refuse_existing(path, force)
+    return found
+
+
+def write_comparison(
+    folder: Path,
+    sources: Sequence[ComparedSource],
+    rows: Sequence[Row],
+    about: Sequence[str],
+    losses: Sequence[str] = (),
+) -> None:
+    """All files in place of an earlier comparison's, report.html last; signals are delayed until then.
+
+    planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex,
+    plots/source-N-ratios.png, report.html. rows: of planners.parquet; about, losses: as of planners_page.
+    Raises CannotWrite.
+    """
+    from quadlog.results import mpl  # slow to import, and not needed where nothing is written
+
+    panels = [ratio_panel(source.comparison) for source in sources]
+    files = {f"plots/source-{n}-ratios.png": mpl.render([panel]) for n, panel in enumerate(panels, 1) if panel}
+    files |= {name: format_rows(rows, to, about).encode() for name, to in TEXTS.items()}
+    files[PAGE] = blocks.render(planners_page(sources, about, losses))
+    scenarios = [source.scenarios for source in sources if source.scenarios is not None]
+    with uninterrupted():
+        try:
+            (folder / "plots").mkdir(exist_ok=True)
+            for path in earlier_files(folder, force=True):
+                path.unlink()
+        except OSError as error:
+            raise CannotWrite(folder, error.strerror or str(error)) from error
+        write_table(folder / TABLES[0], PLANNERS, {name: [row[name] for row in rows] for name in PLANNERS.names})
+        write_table(folder / TABLES[1], REPLANS, _joined([source.replans for source in sources]))
+        if scenarios:
+            write_table(folder / TABLES[2], SCENARIOS, _joined(scenarios))
+        for name, content in files.items():
+            write_whole(folder / name, content)
+
+
+def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
+
+
+def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> blocks.Page:
+    """The page. about: how to read it; losses: what of recordings was lost."""
+    pack, names = Pack(), [printable(source.comparison.source) for source in sources]
+    more = f" and {count(len(names) - 3)} more" if len(names) > 3 else ""
+    sections, lines = [], []
+    for number, (name, source) in enumerate(zip(names, sources, strict=True)):
+        own = _verdict(source.comparison)
+        sections.append(blocks.Section(name, [blocks.Verdict(own[1:]), *_drawn(source, number, pack)]))
+        lines.append(Sentence(name, own[0].text, own[0].state))
+    if len(sources) == 1:
+        lines = _verdict(sources[0].comparison)
+    first: list[Any] = [blocks.Verdict(lines)]
+    if losses:
+        first.append(blocks.Notes("Lost from the recordings (exit code 3)", list(map(printable, losses)), "bad"))
+    if len(sources) == 1:
+        first += sections.pop().blocks[1:]
+    notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
+    facts = [f"{len(sources[0].comparison.rows)} planners", "the same problems for all"]
+    files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
+    sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
+    return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
+
+
+def _verdict(comparison: Comparison) -> list[Sentence]:
+    """Up to four sentences: cells, cells with optimal paths, time, and what they rest on."""
+    states: dict[str, State] = {"Cells": "good"} if "good" in _judged(comparison).values() else {}
+    return [Sentence(subject, text, states.get(subject, "")) for subject, text in verdict_lines(comparison)]
+
+
+def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
+    """The ratios, what each replan took, and the table."""
+    charts = []
+    if number < MOST_DRAWN:
+        ratios = ratio_panel(source.comparison)
+        for name, title, caption, panels in (
+            (f"ratios-{number}", "Ratios", RATIO_CAPTION, [ratios] if ratios else []),
+            (f"answers-{number}", "Each replan", "In the order of asking.", answer_panels(source)),
+        ):
+            if panels:
+                pack.add(name, panels, f"source-{number}")
+                charts.append(blocks.Drawn(name, title, caption))
+    return [*charts, planner_table(source.comparison, number)]
+
+
+RATIO_CAPTION = (
+    "Dot: the median over episodes; bar: its 95 % interval; small dots: episodes. Right of the line is better."
+)
+
+
+def ratio_panel(comparison: Comparison) -> Panel | None:
+    """The forest plot of ratios to the baseline, best first; None without a ratio."""
+    spreads = {}
+    for number, row in enumerate(comparison.rows):
+        if row.ratio_expanded is not None and row.planner != comparison.baseline:
+            ratios = comparison.ratios[row.planner].of_episodes
+            spreads[row.planner] = Spread(row.ratio_expanded, _interval(row), ratios, look(number)["color"])
+    spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
+    what = f"times fewer {_what(comparison)} than {comparison.baseline}"
+    return forest(what, spreads, f"{comparison.baseline} / planner", [1.0]) if spreads else None
+
+
+def _what(comparison: Comparison) -> str:
+    return "neighbours tested" if comparison.counted == "touched" else f"cells {comparison.counted}"
+
+
+def answer_panels(source: ComparedSource) -> list[Panel]:
+    """Cells and time of each replan, a curve for each planner; points of queries, which stand alone."""
+    counted, table = source.comparison.counted, source.replans
+    names = list(dict.fromkeys(table["planner"].tolist()))
+    rows = {name: table["planner"] == name for name in names}
+    style: Any = "line" if source.scenarios is None else "points"
+    panels = []
+    for column, what in ((counted, _what(source.comparison)), ("us", "time (µs)")):
+        values = [table[column][rows[name]].astype(float) for name in names]
+        series = [
+            Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
+            for number, (name, of) in enumerate(zip(names, values, strict=True))
+        ]
+        panels.append(Panel(what, series, "replan", zero=True))
+    return panels if len(values[0]) > 1 else []
+
+
+def planner_table(comparison: Comparison, number: int) -> Table:
+    """A row for each planner, coloured where an interval separates it from the baseline."""
+    columns = [
+        Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
+        Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),
+        Column(_what(comparison), True, True), Column("per replan", True, True, help="cells, mean"),
+        Column("p95 (µs)", True, True), Column("length", True, True),
+        Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
+    ]  # fmt: skip
+    rows, states = [], _judged(comparison)
+    for row in comparison.rows:
+        total = getattr(row, f"{comparison.counted}_total")
+        cells = [Cell(sig(of), of) for of in (row.ratio_expanded, row.us_median)]
+        cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
+        cells += [Cell(count(total), total)]
+        cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
+        cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row.planner])
+        cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
+        rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
+    note = "Below a ratio: its 95 % interval. Those of the verdict are wider, since it names the best of several."
+    return Table(columns, rows, f"planners-{number}", note, sortable=True)
+
+
+def _interval(row: PlannerRow) -> Interval | None:
+    """Of the ratio to the baseline."""
+    return None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
+
+
+def _judged(comparison: Comparison) -> dict[str, State]:
+    """Good or bad, of the planners whose interval of the ratio says so."""
+    others = {row.planner: _interval(row) if row.planner != comparison.baseline else None for row in comparison.rows}
+    ends = {name: interval or (1.0, 1.0) for name, interval in others.items()}
+    return {name: "good" if low > 1 else "bad" if high < 1 else "" for name, (low, high) in ends.items()}

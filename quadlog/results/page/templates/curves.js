@@ -44,7 +44,6 @@ const openCurves = (places, { columns }) => {
       };
       near.observe(plot);
     }
-    addZoomKeys(place, stretchOf(group, panels[0].x));
   }
   addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
 };
@@ -76,7 +75,7 @@ const optionsOf = (panel, group, height, last, stretch) => {
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
   const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
-  const widened = ([low, high]) => (panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
+  const widened = ([low, high]) => [low - 0.03 * (high - low), high + 0.03 * (high - low)];
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
   const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
   const looks = {
@@ -117,8 +116,8 @@ const optionsOf = (panel, group, height, last, stretch) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : { range: panel.limits ? () => panel.limits : within } },
-    axes: [{ ...axis(last ? 34 : 6), ...(rows && panel.log && { splits: logSplits, filter: (_, values) => values }), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
+    scales: { x: { time: false, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : { range: panel.limits ? () => panel.limits : within } },
+    axes: [{ ...axis(last ? 34 : 6), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
       y: false,
@@ -142,13 +141,6 @@ const optionsOf = (panel, group, height, last, stretch) => {
       ],
     },
   };
-};
-
-// Ticks at 1, 2 and 5 of each power of ten; at powers alone where there are many.
-const logSplits = (_, __, low, high) => {
-  const [first, last] = [Math.floor(Math.log10(low)), Math.ceil(Math.log10(high))];
-  const powers = Array.from({ length: last - first + 1 }, (_, at) => Number(`1e${first + at}`));
-  return powers.flatMap((power) => (last - first > 3 ? [power] : [power, 2 * power, 5 * power])).filter((value) => value >= low && value <= high);
 };
 
 // Each series is read off at its own nearest sample: others may have samples in between.
@@ -214,20 +206,4 @@ const showStretch = (stretch, from, to) => {
     chart.setScale("x", { min: start, max: start + width });
     chart.head?.();
   }
-};
-
-const addZoomKeys = (place, stretch) => {
-  const zoom = (factor, move = 0) => {
-    const [from, to] = stretch.shown;
-    const [middle, half] = [(from + to) / 2 + move * (to - from), (factor * (to - from)) / 2];
-    showStretch(stretch, middle - half, middle + half);
-  };
-  const keys = { "+": [0.5], "-": [2], 0: [1e9], PageUp: [1, -0.5], PageDown: [1, 0.5] };
-  place.tabIndex = 0;
-  place.addEventListener("keydown", (event) => {
-    if (!keys[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
-    event.preventDefault();
-    event.stopPropagation();
-    zoom(...keys[event.key]);
-  });
 };

@@ -72,7 +72,7 @@ CASES = {
     "outside of the maps": ([outside], "Simulated walk", "warn", "outside of the recorded maps for 50 % of the time"),
     "fall": ([fallen], "Simulated walk", "bad", "along line and fell at 3.0 s."),
     "not arrived": ([along_course], "Simulated walk", "bad", "did not reach its end"),
-    "one scan": ([with_one_scan], "Simulated walk", "", "too short to judge"),
+    "one scan": ([with_one_scan], "Simulated walk", "", "walked 0 m"),
     "one bound": ([expecting(eta_m={"max": 0.2})], "Expected", "good", "The bound holds."),
     "not measured": ([expecting(eta_m={"max": 0.2}, ate_rmse_m={"max": 1}, uwb_nees={"max": 3})], "Expected", "bad",
                      "2 of 3 bounds do not hold: position error (not measured), NEES of the track"),
