@@ -24,7 +24,7 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     Only runs whose names begin as those of a recording are read.
     """
     begins = tuple(run_name(path.resolve().name if path.is_dir() else stem(path)).casefold() for path in recordings)
-    there = [entry.name for entry in output.iterdir()] if output.is_dir() else []
+    there = {entry.name for entry in output.iterdir()} if output.is_dir() else set()
     runs = {_recording_of(output / name): name for name in sorted(there) if name.casefold().startswith(begins)}
     kept = [runs.get(_place(recording)) for recording in recordings]
     taken, names = {name.casefold() for name in kept if name is not None}, []
