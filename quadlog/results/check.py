@@ -97,8 +97,7 @@ HEADER = """\
 # quadlog check: bounds on the metrics of runs, both ends included.
 # [default] is for every run, [recordings.NAME] for those of one name; {} takes a bound of [default] away.
 """
-EVENTS = ("fallen", "collisions")
-"""Metrics that should be 0."""
+EVENTS = ("fallen", "collisions")  # which should be 0
 
 
 def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:

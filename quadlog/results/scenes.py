@@ -66,12 +66,9 @@ def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iter
     rows = _located(table)
     if rows is None:
         return
-    columns: dict[str, Any] = {"x": rows["x_m"], "y": rows["y_m"]}
-    if "yaw_rad" in rows:
-        columns["yaw"] = rows["yaw_rad"]
-    seconds, *values = view.break_gaps(rows["seconds"].to_numpy(), *columns.values())
-    look |= dict(zip(columns, values, strict=True))
-    yield view.Track(label, color, seconds, **look)
+    names = [name for name in ("x_m", "y_m", "yaw_rad") if name in rows]
+    seconds, *columns = view.break_gaps(rows["seconds"].to_numpy(), *(rows[name] for name in names))
+    yield view.Track(label, color, seconds, *columns, **look)
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:

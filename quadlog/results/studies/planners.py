@@ -214,11 +214,10 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
     """Cells and time of each replan, a curve for each planner; points of queries, which stand alone."""
     counted, table = source.comparison.counted, source.replans
     names = list(dict.fromkeys(table["planner"].tolist()))
-    rows = {name: table["planner"] == name for name in names}
     style: Any = "line" if source.scenarios is None else "points"
     panels = []
     for column, what in ((counted, _what(source.comparison)), ("us", "time (µs)")):
-        values = [table[column][rows[name]].astype(float) for name in names]
+        values = [table[column][table["planner"] == name].astype(float) for name in names]
         series = [
             Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
             for number, (name, of) in enumerate(zip(names, values, strict=True))
