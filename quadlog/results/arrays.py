@@ -273,7 +273,7 @@ class MapSequence:
         rows, columns = (corner.max(axis=0)[::-1] + self.shape).tolist()
         coarse = max(1, int(np.ceil(np.sqrt(rows * columns / MOST_CELLS))))
         size = (-(-rows // coarse), -(-columns // coarse))
-        occupied, covered = np.zeros(size, np.int32), np.zeros(size, np.int32)
+        occupied, covered = np.zeros((2, *size), np.uint16)  # of MOST_MAPS at most
         for index, (column, row) in zip(chosen.tolist(), corner.tolist(), strict=True):
             part, place = self.occupied(index), []
             for axis, first in enumerate((row, column)):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
 
-STEP_NS = 50_000_000
+STEP_NS = 100_000_000
 """Of what moves, one message in each such step; the tables have all rows."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 

@@ -126,8 +126,8 @@ def _write_above(axes: Axes, words: Words, room: int, text: float) -> None:
 def _draw_panel(axes: Axes, panel: view.Panel) -> None:
     for series in panel.series:
         _draw_series(axes, series, bool(panel.rows))
-    for x in panel.marks.tolist():
-        axes.axvline(x, color=view.COLORS["soft"], linewidth=0.6, linestyle=":")
+    upright, soft = axes.get_xaxis_transform(), view.COLORS["soft"]
+    axes.vlines(panel.marks, 0, 1, soft, ":", transform=upright, linewidth=0.6)
     if panel.robust:
         low, high, beyond = view.robust_limits(panel)
         axes.set_ylim(low, high)

@@ -222,7 +222,7 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
             Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
             for number, (name, of) in enumerate(zip(names, values, strict=True))
         ]
-        panels.append(Panel(what, series, "replan", zero=True))
+        panels.append(Panel(what, series, "replan", zero=True, robust=True))
     return panels if len(values[0]) > 1 else []
 
 
