@@ -67,8 +67,8 @@ def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iter
     if rows is None:
         return
     names = [name for name in ("x_m", "y_m", "yaw_rad") if name in rows]
-    seconds, *columns = view.break_gaps(rows["seconds"].to_numpy(), *(rows[name] for name in names))
-    yield view.Track(label, color, seconds, *columns, **look)
+    columns: Any = view.break_gaps(rows["seconds"].to_numpy(), *columns_of(rows, " ".join(names)))
+    yield view.Track(label, color, *columns, **look)
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
