@@ -24,7 +24,7 @@ from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
 from quadlog.pipelines.simulation import walk as walking
-from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, ground_remarks, make_ground
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
@@ -84,8 +84,6 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     walks = _trots(request) if request.course == TROT else _walks(request)
     for walk in walks:
         check_place(walk.run, request.force)
-    for warning in walks[0].remarks[1]:
-        progress.say(f"warning: {warning}")
     progress.begin("simulate", len(walks))
     # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
     with on_first_compilation(lambda: progress.say(SAID)):
@@ -120,12 +118,9 @@ def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     config = request.config.model_copy(update={"pursuit": pursuit})
-    folder, remarks = request.output / f"{course.name}-{controller}", ground_remarks(course, config)
+    folder, how = request.output / f"{course.name}-{controller}", (request.command, request.plots)
     runs = {seed: folder / f"seed-{seed:03d}" for seed in request.seeds}
-    if any(run.resolve() == Path(config.simulation.terrain).resolve() for run in runs.values()):
-        raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
-    how = request.command, request.plots
-    return [PlannedWalk(request.course, course, config, remarks, controller, *run, *how) for run in runs.items()]
+    return [PlannedWalk(request.course, course, config, controller, *run, *how) for run in runs.items()]
 
 
 def _trots(request: SimulateRequest) -> list[PlannedWalk]:
@@ -133,7 +128,7 @@ def _trots(request: SimulateRequest) -> list[PlannedWalk]:
     folders = {seed: f"seed-{seed:03d}" if len(request.seeds) > 1 else "" for seed in request.seeds}
     how = request.command, request.plots
     return [
-        PlannedWalk(TROT, None, request.config, ([], []), curve, seed, request.output / TROT / curve / folder, *how)
+        PlannedWalk(TROT, None, request.config, curve, seed, request.output / TROT / curve / folder, *how)
         for curve in walking.CURVES
         for seed, folder in folders.items()
     ]
@@ -156,13 +151,12 @@ NS = 1_000_000_000
 class PlannedWalk:
     """One walk and its run folder. name: of its course, or a file. plots: whether also pictures in plots/.
 
-    course: None for a trot, whose curve is `controller`. remarks: notes and warnings on the ground.
+    course: None for a trot, whose curve is `controller`.
     """
 
     name: str
     course: Course | None
     config: Config
-    remarks: tuple[list[str], list[str]]
     controller: str
     seed: int
     run: Path
@@ -303,8 +297,8 @@ def walked_results(
         record={
             "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
             "counts": {"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
-            "warnings": [*planned.remarks[1], *_warnings(simulated, planned.config.mpc.f_max_n)],
-            "notes": planned.remarks[0],
+            "warnings": _warnings(simulated, planned.config.mpc.f_max_n),
+            "notes": [],
         },
         write=write,
     )
