@@ -266,7 +266,10 @@ def walked_results(
     # The course is the one plan of the walk.
     (x_m, y_m), n = course.path_m.T, len(course.path_m)
     path = {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
-    tables = {"control": control, "paths": {"t_ns": np.zeros(n, np.int64), "i": np.arange(n)} | path}
+    tables: dict[str, Mapping[str, Any]] = {
+        "control": control,
+        "paths": {"t_ns": np.zeros(n, np.int64), "i": np.arange(n)} | path,
+    }
     if not ground.is_plane:
         # A corner's height stands for the cell about it.
         place = {"origin_m": np.array(ground.origin_m) - ground.cell_m / 2, "cell_m": ground.cell_m}
