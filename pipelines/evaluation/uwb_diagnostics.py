@@ -21,22 +21,21 @@ def uwb_diagnostics(
     recording: Recording, roles: Roles, config: Config, whole: bool
 ) -> tuple[dict[str, Any], list[str]]:
     """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `uwb_body`, the tags that a replay solves
-    together; and why they are empty.
+    together, or nothing; and warnings.
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
     None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
     walk show them too badly.
     """
-    empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": []}
     try:
         odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         if streams.ranges is None:
-            return empty, ["anchors are configured, but the recording has no UWB ranges"]
+            return {}, ["anchors are configured, but the recording has no UWB ranges"]
         # With odometry as in a replay, so that both have the same residuals.
         located, body = uwb.locate_each(config, streams.ranges, uwb.odometry_motion(streams) if odometry else None)
     except QuadlogError as error:
-        return empty, [f"UWB: {error}"]
+        return {}, [f"UWB: {error}"]
     tags = [each.tag for each in located.tags]
     role_of = {tag: role for role, tag in uwb_tags.roles_of(config, tags).items()} | dict.fromkeys(body, "robot")
     found = {
