@@ -110,14 +110,10 @@ LINK |= {"nlos": "NLOS", "weak_path": "weak path", "bias_m": "bias m", "bias_std
 TAG = {"tag": "tag", "role": "role", "epochs": "epochs", "fixes": "fixes", "too_few_ranges": "too few"}
 TAG |= {"degenerate": "degenerate", "hdop_median": "HDOP", "ellipse_major_median_m": "95 % m"}
 TAG |= {"ellipse_minor_median_m": "x m", "nis": "NIS"}
-ERROR = {"tag": "tag", "of": "", "rmse_m": "RMSE m", "bias_x_m": "bias x m", "bias_y_m": "bias y m"}
-ERROR |= {"inside": "in 95 % ellipse", "nees": "NEES"}
 
 
 def _uwb(info: dict[str, Any]) -> Iterator[str]:
-    """How good links and fixes are, and the errors of fixes and track where there is a reference."""
-    from quadlog.results.text import percent
-
+    """How good links and fixes are."""
     tags = sorted(info["uwb_tags"], key=lambda row: row["role"] is None)  # those of the robot and the person first
     said = {row["calibration"] for row in tags}
     if tags:
@@ -126,14 +122,6 @@ def _uwb(info: dict[str, Any]) -> Iterator[str]:
     yield from table_lines(tags, TAG)
     if any(row["nis"] is not None for row in tags):
         yield "HDOP and 95 % semi-axes are medians; NIS per range: 1 where uwb.range_std_m fits"
-    errors = [
-        row | error | {"of": of, "inside": percent(error["share_in_ellipse"])}
-        for row in tags
-        for of, error in (("fixes", row["fix_error"]), ("track", row["track_error"]))
-        if error is not None
-    ]
-    yield from (f"errors against {of}:" for of in {row["reference"] for row in errors})
-    yield from table_lines(errors, ERROR)
     yield from (folded(f"biases of tag {row['tag']}: {row['calibration']}") for row in tags[:MOST_TAGS])
     if info["uwb_body"]:
         yield f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"

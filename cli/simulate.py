@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 import click
@@ -17,21 +16,10 @@ TERRAINS = ("flat", "3cm", "6cm")
 TROT = "trot-32s"
 
 
-def terrain_of(text: str) -> str:
-    """The terrain as --set takes it: a folder gets a leading ./, so that its name is never read as another value."""
-    if text in TERRAINS:
-        return text
-    if not Path(text).is_dir():
-        raise click.BadParameter(f"{text!r} is neither one of {', '.join(TERRAINS)} nor a run folder.")
-    return text if Path(text).is_absolute() else f"./{text}"
-
-
 @options.command("simulate", "s-curve --controller fpmw --seeds 10", "path.csv --terrain 3cm --disturbed --json")
 @click.argument("course", metavar="COURSE", shell_complete=options.files("line", "circle", "s-curve", TROT))
 @options.named("--controller", choices=CONTROLLERS, what="Controller")
-@click.option(
-    "--terrain", type=terrain_of, metavar="|".join([*TERRAINS, "RUN"]), shell_complete=options.files(*TERRAINS)
-)
+@options.named("--terrain", choices=TERRAINS, what="Ground")
 @click.option("--speed", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
 @click.option("--disturbed", is_flag=True, help="Add pushes, mass and velocity errors, pose noise and lag.")
 @options.SEED
@@ -52,8 +40,7 @@ def command(
     the columns x_m and y_m. Each seed has a run folder.
 
     Controllers: fpmw (fuzzy look-ahead, MPC, whole-body control), fpm (without whole-body control), pmw (fixed
-    look-ahead), kinematic (a point without a body). A RUN is a run folder with a ground map; the default terrain is
-    flat. A fall is a result, not an error.
+    look-ahead), kinematic (a point without a body). The default terrain is flat. A fall is a result, not an error.
 
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.

@@ -31,7 +31,6 @@ from quadlog.storage.atomic_write import write_whole
 FAR_APART_S = FAR_APART_NS * 1e-9
 NOT_NEEDED = "not used: no role is left for it"
 STEPS = 100
-NO_UWB: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": []}
 OpenProgress = Callable[[], AbstractContextManager[Progress]]
 
 
@@ -54,8 +53,9 @@ def describe_recording(
         part, seen, unindexed = _look(recording, budget, open_progress)
         uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
         info = _describe(recording, roles, seen, config)
-        jumps = _back_warnings(seen, warnings)
+        jumps = _back_warnings(seen, roles.topics("uwb") if uwb else ())
         sampled = {"sampled": part is not recording}
+        uwb = {"uwb": [], "uwb_tags": [], "uwb_body": []} | uwb
         return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
 
 
@@ -99,7 +99,7 @@ def _uwb(
 ) -> tuple[dict[str, Any], list[str]]:
     """The health of the ranges where anchors are configured, or placed by enough messages."""
     if not config.uwb.anchors and len(places) < FEWEST_ANCHORS:
-        return NO_UWB, place_warnings(places, {})
+        return {}, place_warnings(places, {})
     # What locates takes half a second to load.
     from quadlog.pipelines.evaluation.uwb_diagnostics import uwb_diagnostics
     from quadlog.pipelines.stages.positions.uwb import configured_places, with_carried_anchors
@@ -107,7 +107,7 @@ def _uwb(
     warnings = place_warnings(places, configured_places(config))
     effective = with_carried_anchors(config, places)
     if not effective.uwb.anchors:
-        return NO_UWB, warnings
+        return {}, warnings
     found, more = uwb_diagnostics(part, roles, effective, whole)
     return found, [*warnings, *more]
 
@@ -217,16 +217,13 @@ def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
     return [*jumps, line]
 
 
-def _back_warnings(seen: Survey, said: Sequence[str]) -> list[str]:
-    """Warnings of ranges whose stamps go back, unless already among the warnings."""
-    words = [
-        f"{each.name}: {stamps_go_back(each.clock_back_ns, each.clock_back_to_ns)}"
+def _back_warnings(seen: Survey, read: Collection[str]) -> list[str]:
+    """Warnings of topics whose stamps go back, but for those that were read, whose losses have it."""
+    return [
+        f"{each.name}: {stamps_go_back(each.clock_back_ns, each.clock_back_to_ns)}; take log times with  --stamp log"
         for each in seen.topics
-        if each.clock_back_ns > LATE_NS
+        if each.clock_back_ns > LATE_NS and each.name not in read
     ]
-    # How far they go back differs where ranges are missing, so only the words before the amount are compared.
-    new = [text for text in words if not any(each.startswith(text.rpartition(" by ")[0]) for each in said)]
-    return [f"{text}; take log times with  --stamp log" for text in new]
 
 
 def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:

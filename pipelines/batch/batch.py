@@ -113,17 +113,14 @@ def trim_stores(batch: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome
 
 
 def replay_all(
-    batch: Sequence[ReplayRequest], jobs: int, scheduler: str | None, progress: BatchLines, *, repeats: bool = True
+    batch: Sequence[ReplayRequest], jobs: int, scheduler: str | None, progress: BatchLines
 ) -> tuple[ReplayOutcome, ...]:
-    """The outcome of each recording, in their order. Raises as replay_batch.
-
-    repeats: whether a warning is printed for each run that has it, or once.
-    """
+    """The outcome of each recording, in their order; a warning that several have is printed once. As replay_batch."""
     try:
         with open_executor(min(jobs, len(batch)), scheduler) as workers:
             if workers.greeting:
                 progress.say(workers.greeting)
-            return _Batch(batch, workers, progress, repeats).replay()
+            return _Batch(batch, workers, progress).replay()
     finally:  # the workers have ended, and may have been killed
         for run in (each.run for each in batch if isinstance(each.run, Path)):
             with suppress(OSError):
@@ -176,8 +173,8 @@ def _peak_words(peak_mb: float | None) -> str:
 class _Batch:
     """The state of a batch while it runs. halted: why no more recordings are started; empty while they are."""
 
-    def __init__(self, batch: Sequence[ReplayRequest], workers: Workers, progress: BatchLines, repeats: bool) -> None:
-        self._batch, self._workers, self._progress, self._repeats = batch, workers, progress, repeats
+    def __init__(self, batch: Sequence[ReplayRequest], workers: Workers, progress: BatchLines) -> None:
+        self._batch, self._workers, self._progress = batch, workers, progress
         self._outcomes: dict[int, ReplayOutcome] = {}
         self._running: dict[Future[Any], int] = {}
         self._tries: Counter[int] = Counter()
@@ -279,7 +276,7 @@ class _Batch:
         self._tally.done += 1
         self._tally.failed += outcome.failed
         for warning in warnings:
-            if self._repeats or warning not in self._said:
+            if warning not in self._said:
                 self._progress.say(f"{outcome.run.name}: {warning}")
         self._said.update(warnings)
         if self._halted and number not in self._peak_mb:

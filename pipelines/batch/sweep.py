@@ -151,7 +151,7 @@ def sweep(
     if request.existing is Existing.FORCE:
         Store(request.output).forget(key for each in batch for key in planned_keys(each).values())
         batch = [replace(each, existing=Existing.REPLACE) for each in batch]
-    outcomes = replay_all(batch, jobs, scheduler, progress, repeats=False)
+    outcomes = replay_all(batch, jobs, scheduler, progress)
     rows = []
     for each, outcome in zip(request.grid, outcomes, strict=True):
         metrics = {name: float(metric["value"]) for name, metric in outcome.metrics.items()}

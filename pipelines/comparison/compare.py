@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,9 @@ def compare(
         for source in sources:
             progress.begin("compare", source.count)
             repeats = repeats_for(source, len(names))
-            columns, us_repeats = ask_everything(source, names, options.rules, progress, repeats)
-            table = columns | {"us_repeats": us_repeats}
+            table = ask_everything(source, names, options.rules, progress, repeats)
             comparison = compare_planners(table, options.baseline, options.counts, incremental)
+            columns = {name: table[name] for name in REPLANS.names}
             outcome.rows.extend(map(asdict, comparison.rows))
             outcome.findings.append(verdict(comparison))
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(columns)])
@@ -99,16 +99,6 @@ Columns = dict[str, NDArray[Any]]
 FEWEST_REPEATS = 3
 
 
-class Answers(NamedTuple):
-    """columns: of replans.parquet, planner by planner at each question.
-
-    us_repeats (N, K): microseconds of each time that a row's question was asked, of which column us has the median.
-    """
-
-    columns: Columns
-    us_repeats: NDArray[np.float64]
-
-
 def repeats_for(source: ProblemSource, planners: int) -> int:
     """How often to ask everything, so that times have intervals.
 
@@ -126,8 +116,11 @@ def ask_everything(
     repeats: int = 1,
     *,
     curvatures: bool = True,
-) -> Answers:
+) -> Columns:
     """Ask the planners of those names, the first of them the baseline, each by the rules it keeps of these.
+
+    Returns the columns of replans.parquet, planner by planner at each question, and us_repeats (N, K), the microseconds
+    of each time that a row's question was asked, of which column us has the median.
 
     repeats: how often, for the times; whatever else is answered is of the first time. Planners take turns: at every
     question, or where questions stand alone and planners hold a map's memory one after the other, in every pass.
@@ -155,7 +148,7 @@ def ask_everything(
     us_repeats = np.array([times or [math.nan] * repeats for times in us.values()])
     timed = np.isfinite(us_repeats).all(axis=1)
     columns["us"][timed] = np.median(us_repeats[timed], axis=1)
-    return Answers(columns, us_repeats)
+    return columns | {"us_repeats": us_repeats}
 
 
 def _row(question: Question, answer: Answer) -> dict[str, Any]:

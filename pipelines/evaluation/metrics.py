@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from quadlog.config.file import read_bounds
 from quadlog.errors import ExitCode, NotARun, QuadlogError, UsageError, printable
 from quadlog.metrics.catalogue import CATALOGUE, Condition
-from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, summarise, worst_of
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
@@ -38,29 +36,16 @@ def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | Non
     known = f"{f'{measured.value:.6g} {unit}'.rstrip()}, n = {measured.n}"
     try:
         samples, first_ns = _samples(name, run.path, reference), start_ns(run.path)
-        details = _dimensions(name, run.path, reference)
     except QuadlogError as error:
         return [f"{known}; worst instants unknown: {error}"]
     if samples is None:
-        return [f"{known}; a run saves no samples of it", *details]
+        return [f"{known}; a run saves no samples of it"]
     worst = [(int(samples.t_ns[at]), float(samples.values[at])) for at in worst_of(name, samples)]
     if not worst:
-        return [f"{known}; never above zero", *details]
+        return [f"{known}; never above zero"]
     rows = [(t_ns, f"{(t_ns - first_ns) / _NS:.3f}", f"{value:.6g}") for t_ns, value in worst]
     table = print_table(("t_ns", "s from start", f"sample {unit}".rstrip()), rows).splitlines()
-    return [f"{known}; worst, at least 1 s apart:", *table, *details]
-
-
-def _dimensions(name: str, run: Path, reference: references.Reference | None) -> list[str]:
-    """Whether a metric of a trajectory is of errors in the plane or in space; nothing for other metrics."""
-    if name not in TRAJECTORY_METRICS:
-        return []
-    compared = (
-        references.compare_with_own_reference(run)
-        if reference is None
-        else references.compare_with_reference(run, reference)
-    )
-    return [] if compared is None else [f"errors in {compared.dimensions}"]
+    return [f"{known}; worst, at least 1 s apart:", *table]
 
 
 def _samples(name: str, run: Path, reference: references.Reference | None) -> Samples | None:
@@ -118,9 +103,6 @@ def measure_runs(
         try:
             run = Run(path)
             measured, lines, damage = _measure(run, reference, in_detail)
-            if reference is None and len(found) == 1 and not measured.keys().isdisjoint(TRAJECTORY_METRICS):
-                with suppress(QuadlogError):  # what is damaged is among the problems
-                    lines = [f"{path}: {words}" for words in _dimensions(TRAJECTORY_METRICS[0], path, None)]
             said += lines
         except QuadlogError as error:
             if len(found) == 1:

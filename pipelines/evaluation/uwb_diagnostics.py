@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
 from quadlog.pipelines.stages.positions import uwb, uwb_tags
-from quadlog.positioning.dilution import CHI2_95, ellipse_95
+from quadlog.positioning.dilution import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
@@ -22,30 +21,26 @@ def uwb_diagnostics(
     recording: Recording, roles: Roles, config: Config, whole: bool
 ) -> tuple[dict[str, Any], list[str]]:
     """`uwb`, a row for each tag and anchor, `uwb_tags`, one for each tag, and `uwb_body`, the tags that a replay solves
-    together; and why they are empty.
+    together, or nothing; and warnings.
 
     Anchors are configured. residual_m of a link is an rms, the applied bias taken out; a number that there is not is
     None. whole: whether all of the recording is read; the anchors' places are checked only then, since excerpts of a
     walk show them too badly.
     """
-    empty: dict[str, Any] = {"uwb": [], "uwb_tags": [], "uwb_body": []}
-    reference = roles.found["reference"].topics[0] if "reference" in roles.found else None
     try:
         odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
-        streams = gather(recording, uwb=roles.topics("uwb"), reference=reference, odometry=odometry)
+        streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         if streams.ranges is None:
-            return empty, ["anchors are configured, but the recording has no UWB ranges"]
+            return {}, ["anchors are configured, but the recording has no UWB ranges"]
         # With odometry as in a replay, so that both have the same residuals.
         located, body = uwb.locate_each(config, streams.ranges, uwb.odometry_motion(streams) if odometry else None)
     except QuadlogError as error:
-        return empty, [f"UWB: {error}"]
+        return {}, [f"UWB: {error}"]
     tags = [each.tag for each in located.tags]
     role_of = {tag: role for role, tag in uwb_tags.roles_of(config, tags).items()} | dict.fromkeys(body, "robot")
-    robot = body[0] if body else None
-    errors = uwb_tags.errors_of_tags(located, uwb_tags.levers_on_robot(config, robot), streams.reference)
     found = {
         "uwb": _link_rows(located, streams, config),
-        "uwb_tags": [_tag_row(each, role_of.get(each.tag), errors.get(each.tag), reference) for each in located.tags],
+        "uwb_tags": [_tag_row(each, role_of.get(each.tag)) for each in located.tags],
         "uwb_body": body if len(body) > 1 else [],
     }
     first_ns = int(streams.ranges.t_ns.min())
@@ -67,13 +62,11 @@ def _link_rows(located: Located, streams: Streams, config: Config) -> list[dict[
     return rows
 
 
-def _tag_row(
-    result: TagResult, role: str | None, errors: Mapping[str, uwb_tags.PositionErrors] | None, reference: str | None
-) -> dict[str, Any]:
-    """Medians over a tag's fixes, its epochs without one, and with a reference its errors."""
+def _tag_row(result: TagResult, role: str | None) -> dict[str, Any]:
+    """Medians over a tag's fixes, and its epochs without one."""
     solved, fixes = result.fixes.solved, result.fixes
     major_m, minor_m = ellipse_95(fixes.covariance_m2[solved])
-    row = {
+    return {
         "tag": result.tag,
         "role": role,
         "height_m": result.height_m,
@@ -87,25 +80,6 @@ def _tag_row(
         "ellipse_minor_median_m": _median(minor_m),
         "nis": float(np.mean(result.nis)) if len(result.nis) else None,
         "calibration": "calibration is off" if result.bias is None else result.bias.reason,
-    }
-    if errors is None:
-        return row | {"reference": None, "fix_error": None, "track_error": None}
-    of_both = {"fix_error": _error_summary(errors["fixes"]), "track_error": _error_summary(errors["track"])}
-    return row | {"reference": reference} | of_both
-
-
-def _error_summary(errors: uwb_tags.PositionErrors) -> dict[str, Any] | None:
-    """RMSE, mean error and the share inside the claimed 95 % ellipses; None where the reference covers nothing."""
-    if len(errors.t_ns) == 0:
-        return None
-    bias_x_m, bias_y_m = errors.error_m.mean(axis=0)
-    return {
-        "n": len(errors.t_ns),
-        "rmse_m": float(np.sqrt(np.mean(errors.distance_m**2))),
-        "bias_x_m": float(bias_x_m),
-        "bias_y_m": float(bias_y_m),
-        "share_in_ellipse": float(np.mean(errors.distance_m <= errors.bound_m)),
-        "nees": float(np.mean(CHI2_95 * (errors.distance_m / errors.bound_m) ** 2)),
     }
 
 

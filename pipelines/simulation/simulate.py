@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,12 @@ from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, saved_metrics
 from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_metrics
 from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
+from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
 from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
 from quadlog.pipelines.simulation import walk as walking
-from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, ground_remarks, make_ground
+from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
@@ -84,18 +83,16 @@ def simulate(request: SimulateRequest, jobs: int | None, progress: Progress) -> 
     walks = _trots(request) if request.course == TROT else _walks(request)
     for walk in walks:
         check_place(walk.run, request.force)
-    for warning in walks[0].remarks[1]:
-        progress.say(f"warning: {warning}")
     progress.begin("simulate", len(walks))
     # Compiled once, here: workers find it in the cache. What is wrong with robot or ground shows here, too.
     with on_first_compilation(lambda: progress.say(SAID)):
-        startup_s = walks[-1].warm_up()
+        walks[-1].warm_up()
     workers = min(jobs or cores(), len(walks))
     if workers == 1:
-        runs = [_shown(_save(walk, request.force, startup_s), progress) for walk in walks]
+        runs = [_shown(_save(walk), progress) for walk in walks]
     else:
         with LocalPool(workers) as pool:
-            futures = [pool.submit(_save, walk, request.force) for walk in walks]
+            futures = [pool.submit(_save, walk) for walk in walks]
             for done in as_completed(futures):
                 if done.exception() is None:
                     _shown(done.result(), progress)
@@ -119,33 +116,27 @@ def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     walking.check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
-    config = request.config.model_copy(update={"pursuit": pursuit})
-    folder, remarks = request.output / f"{course.name}-{controller}", ground_remarks(course, config)
-    runs = {seed: folder / f"seed-{seed:03d}" for seed in request.seeds}
-    if any(run.resolve() == Path(config.simulation.terrain).resolve() for run in runs.values()):
-        raise UsageError(f"{config.simulation.terrain} cannot be the terrain of the walk that replaces it")
-    how = request.command, request.plots
-    return [PlannedWalk(request.course, course, config, remarks, controller, *run, *how) for run in runs.items()]
+    request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))
+    folder = request.output / f"{course.name}-{controller}"
+    return [PlannedWalk(request, course, controller, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
 
 
 def _trots(request: SimulateRequest) -> list[PlannedWalk]:
     """One with each curve for each seed, in the curve's folder: below it where there are several seeds."""
     folders = {seed: f"seed-{seed:03d}" if len(request.seeds) > 1 else "" for seed in request.seeds}
-    how = request.command, request.plots
     return [
-        PlannedWalk(TROT, None, request.config, ([], []), curve, seed, request.output / TROT / curve / folder, *how)
+        PlannedWalk(request, None, curve, seed, request.output / TROT / curve / folder)
         for curve in walking.CURVES
         for seed, folder in folders.items()
     ]
 
 
-def _save(walk: PlannedWalk, force: bool, startup_s: float | None = None) -> SimulatedRun:
-    """Simulate one walk into its folder. startup_s: of this process, None where it has not been warmed up yet."""
-    startup_s = walk.warm_up() if startup_s is None else startup_s
+def _save(walk: PlannedWalk) -> SimulatedRun:
+    """Simulate one walk into its folder."""
     walked = walk.walk()
-    with new_run(walk.run, force) as folder:
-        metrics = fill_folder(folder, walk, walked, startup_s)
-    name = walk.name if walk.course is None else walk.course.name
+    with new_run(walk.run, walk.request.force) as folder:
+        metrics = fill_folder(folder, walk, walked)
+    name = TROT if walk.course is None else walk.course.name
     return SimulatedRun(walk.run, name, walk.controller, walk.seed, walked.ended, metrics)
 
 
@@ -154,99 +145,92 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class PlannedWalk:
-    """One walk and its run folder. name: of its course, or a file. plots: whether also pictures in plots/.
+    """One walk and its run folder. course: None for a trot, whose curve is `controller`."""
 
-    course: None for a trot, whose curve is `controller`. remarks: notes and warnings on the ground.
-    """
-
-    name: str
+    request: SimulateRequest
     course: Course | None
-    config: Config
-    remarks: tuple[list[str], list[str]]
     controller: str
     seed: int
     run: Path
-    command: tuple[str, ...]
-    plots: bool
 
-    def warm_up(self) -> float:
-        """Load and compile by the plan of a trot or a tenth of a second of a walk; returns the seconds it took.
+    def warm_up(self) -> None:
+        """Load and compile by the plan of a trot or a tenth of a second of a walk.
 
         Raises what is wrong with robot, ground or curve.
         """
-        started = time.perf_counter()
+        config = self.request.config
         if self.course is None:
-            walking.plan_trot(self.config.simulation, self.controller, self.seed)
+            walking.plan_trot(config.simulation, self.controller, self.seed)
         else:
-            walking.walk_once(self.course, self.config, self._ground(self.course), 0, most_s=0.1)
-        return time.perf_counter() - started
+            walking.walk_once(self.course, config, self._ground(self.course), 0, most_s=0.1)
 
     def walk(self) -> Walked:
         """Simulate it."""
+        config = self.request.config
         if self.course is None:
-            return trotted_results(walking.trot_once(self.config.simulation, self.controller, self.seed))
+            return trotted_results(walking.trot_once(config.simulation, self.controller, self.seed))
         ground = self._ground(self.course)
-        return walked_results(self, self.course, ground, walking.walk_once(self.course, self.config, ground, self.seed))
+        simulated = walking.walk_once(self.course, config, ground, self.seed)
+        return walked_results(self.request, self.course, ground, simulated)
 
     def _ground(self, course: Course) -> HeightField:
-        return make_ground(self.name, course, self.config, self.seed)
+        return make_ground(self.request.course, course, self.request.config, self.seed)
 
 
 @dataclass(frozen=True, slots=True)
 class Walked:
     """What a walk leaves for its folder.
 
-    control: the columns of that table. ended: how, where it did not arrive. record: further fields of `RunRecord`.
-    write: writes all further results.
+    tables: columns of `control` and others, by name. ended: how, where it did not arrive. record: further fields of
+    `RunRecord`.
     """
 
-    control: Mapping[str, Any]
+    tables: dict[str, Mapping[str, Any]]
     metrics: Metrics
     ended: str
     lasted_s: float
     walking_s: float
     record: dict[str, Any]
-    write: Callable[[Run], None] | None = None
 
 
-def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked, startup_s: float) -> dict[str, dict[str, Any]]:
-    """Write all results of a walk, then plots and the page on them, `run.json` last. Returns the metrics as saved.
-
-    startup_s: spent on loading and compiling.
-    """
-    saved, clock = saved_metrics(walked.metrics), StageClock()
+def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str, dict[str, Any]]:
+    """Write all results of a walk, then plots and the page on them, `run.json` last. Returns the metrics as saved."""
+    saved, clock, control = saved_metrics(walked.metrics), StageClock(), walked.tables["control"]
     with clock.stage("report"):
-        record = _record(planned, walked, startup_s, clock)
+        record = _record(planned, walked, clock)
         run = Run.create(folder, record)
-        run.write("metrics", saved)
-        run.write("control", walked.control)
-        tilt_rad = np.column_stack([walked.control["roll_rad"], walked.control["pitch_rad"]])
-        pose = {name: walked.control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")}
+        for name, columns in {"metrics": saved, **walked.tables}.items():
+            run.write(name, columns)
+        tilt_rad = np.column_stack([control["roll_rad"], control["pitch_rad"]])
+        pose = {name: control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")}
         write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
-        if walked.write is not None:
-            walked.write(Run(folder, record))
-        drawings = drawings_of(Run(folder, record))
-        if planned.plots:
+        results = Run(folder, record)
+        if planned.course is not None:
+            write_derived(results)
+            write_layout(results)
+        drawings = drawings_of(results)
+        if planned.request.plots:
             write_plots(folder, drawings)
-    finished = _record(planned, walked, startup_s, clock)
+    finished = _record(planned, walked, clock)
     write_run_page(Run(folder, finished), drawings)
     run.finish(finished)
     return saved
 
 
-def _record(planned: PlannedWalk, walked: Walked, startup_s: float, clock: StageClock) -> RunRecord:
+def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecord:
+    request = planned.request
     warnings = [*walked.record["warnings"], *([f"the robot {walked.ended}"] if walked.ended else [])]
     spent_s = {"control": walked.walking_s, "report": clock.seconds.get("report", 0.0)}
     peaks_mb = {"control": peak_memory_mb(), "report": clock.peak_memory_mb.get("report", 0.0)}
     return RunRecord(
         quadlog_version=__version__,
-        command=list(planned.command),
-        config=planned.config,
-        options={"course": planned.name, "controller": planned.controller, "seed": planned.seed},
+        command=list(request.command),
+        config=request.config,
+        options={"course": request.course, "controller": planned.controller, "seed": planned.seed},
         seed=planned.seed,
         recorded_s=walked.lasted_s,
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
-        startup_s=startup_s,
+        startup_s=compiling_s(),
         realtime_factor=walked.lasted_s / walked.walking_s,
         **walked.record | {"warnings": warnings},
     )
@@ -257,7 +241,7 @@ def trotted_results(trotted: walking.TrottedCurve) -> Walked:
     walk, robot = trotted.walk, trotted.planned.robot
     fallen = walk.fallen.any()
     return Walked(
-        control=dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns(),
+        tables={"control": dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()},
         metrics=walking.trot_metrics(trotted),
         ended=f"fell after {walk.t_ns[np.argmax(walk.fallen)] / NS:.2f} s" if fallen else "",
         lasted_s=float(walk.t_ns[-1]) / NS,
@@ -275,38 +259,34 @@ def trotted_results(trotted: walking.TrottedCurve) -> Walked:
 
 
 def walked_results(
-    planned: PlannedWalk, course: Course, ground: HeightField, simulated: walking.SimulatedWalk
+    request: SimulateRequest, course: Course, ground: HeightField, simulated: walking.SimulatedWalk
 ) -> Walked:
     """What a walk along a course leaves."""
-
-    def write(run: Run) -> None:
-        # The course is the one plan of the walk.
-        (x_m, y_m), n = course.path_m.T, len(course.path_m)
-        plan = {"t_ns": np.zeros(n, np.int64), "i": np.arange(n), "x_m": x_m, "y_m": y_m}
-        run.write("paths", plan | {"smooth_x_m": x_m, "smooth_y_m": y_m})
-        if not ground.is_plane:
-            # A corner's height stands for the cell about it. It is known everywhere: it can be a terrain again.
-            origin_m = np.array(ground.origin_m) - ground.cell_m / 2
-            seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
-            place = {"origin_m": origin_m, "cell_m": ground.cell_m}
-            run.write("ground", place | {"height_m": ground.height_m, "count": seen})
-        write_derived(run)
-        write_layout(run)
-
-    name = planned.name
+    control, name = simulated.walk.control, request.course
+    # The course is the one plan of the walk.
+    (x_m, y_m), n = course.path_m.T, len(course.path_m)
+    path = {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
+    tables: dict[str, Mapping[str, Any]] = {
+        "control": control,
+        "paths": {"t_ns": np.zeros(n, np.int64), "i": np.arange(n)} | path,
+    }
+    if not ground.is_plane:
+        # A corner's height stands for the cell about it.
+        place = {"origin_m": np.array(ground.origin_m) - ground.cell_m / 2, "cell_m": ground.cell_m}
+        seen = np.full(ground.height_m.shape, LEAST_POINTS, np.int64)
+        tables["ground"] = place | {"height_m": ground.height_m, "count": seen}
     return Walked(
-        control=simulated.walk.control,
+        tables=tables,
         metrics=walk_metrics(simulated),
         ended=walk_verdict(simulated),
         lasted_s=simulated.lasted_s,
         walking_s=simulated.seconds,
         record={
             "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
-            "counts": {"ticks": len(simulated.walk.control["t_ns"])} | simulated.counts,
-            "warnings": [*planned.remarks[1], *_warnings(simulated, planned.config.mpc.f_max_n)],
-            "notes": planned.remarks[0],
+            "counts": {"ticks": len(control["t_ns"])} | simulated.counts,
+            "warnings": _warnings(simulated, request.config.mpc.f_max_n),
+            "notes": [],
         },
-        write=write,
     )
 
 

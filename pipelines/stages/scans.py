@@ -11,7 +11,7 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Points
-from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
+from quadlog.lidar.deskew import Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
@@ -94,7 +94,9 @@ class Scanner:
     def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
         """The next cloud."""
         started = time.perf_counter()
-        rotations, not_levelled = _upright(t_ns + np.array(_sweep(cloud), np.int64), self._up)
+        span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
+        ends_ns = t_ns + np.array((0, 0) if isinstance(span_ns, Skewed) else span_ns, np.int64)
+        rotations, not_levelled = _upright(ends_ns, self._up)
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
@@ -226,14 +228,6 @@ def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
         ground_cell_m=config.results.ground_cell_m,
         counts=grid.min_points > 1,
     )
-
-
-def _sweep(cloud: PointCloud) -> tuple[int, int]:
-    """Times of the first and last point relative to the stamp; 0 if they are implausible."""
-    if cloud.times is None or len(cloud.times) == 0:
-        return 0, 0
-    first_ns, last_ns = cloud.times.first_ns, cloud.times.last_ns
-    return (first_ns, last_ns) if max(abs(first_ns), abs(last_ns)) <= MAX_OFFSET_NS else (0, 0)
 
 
 def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:

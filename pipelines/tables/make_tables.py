@@ -20,11 +20,6 @@ from quadlog.results.page.blocks import write_page
 from quadlog.results.studies.papers import PAGE, PaperTable, papers_page, prepare_folder, write_table
 
 
-def open_executor(tasks: int) -> Executor:
-    """Where walks run."""
-    return LocalPool(min(cores(), max(tasks, 1)))
-
-
 def measure_tables(
     tables: Mapping[str, StudyTable], fast: bool, seed: int, executor: Executor, progress: Progress
 ) -> Iterator[tuple[PaperTable, list[dict[str, Any]]]]:
@@ -65,7 +60,7 @@ def make_tables(
     prepare_folder(folder, chosen, force)
     progress.say(f"{', '.join(chosen)}: {'fast' if fast else 'full'} run, seed {seed}")
     tables, made = {name: importlib.import_module(TABLES[name]).table(fast, seed) for name in chosen}, []
-    with open_executor(sum(len(table.study.points) for table in tables.values())) as executor:
+    with LocalPool(min(cores(), sum(len(table.study.points) for table in tables.values()))) as executor:
         for table, walks in measure_tables(tables, fast, seed, executor, progress):
             write_table(folder, table, walks)
             made.append(table)

@@ -262,11 +262,10 @@ class Simulation(Section):
         le=0.1,
         description="peak of foot_curve's bulge, to the left with left fore and right hind foot, else to the right",
     )
-    terrain: str = Field(
+    terrain: Literal["course", "flat", "3cm", "6cm"] = Field(
         "course",
-        min_length=1,
         description="of quadlog simulate: flat; 3cm, 6cm: 95 % band of noise with a correlation length of 0.25 m "
-        "[Tracking, section 5]; course: the s-curve's own, else flat; or a run folder: the ground that it saw",
+        "[Tracking, section 5]; course: the s-curve's own, else flat",
     )
     friction: float = Field(0.8, ge=0.01, le=10, description="between feet and ground; ours")
     disturbances: DisturbancesConfig = DisturbancesConfig()

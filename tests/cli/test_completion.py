@@ -27,6 +27,7 @@ def completed(typed):
         ("replay --planner ", PLANNER_NAMES),
         ("compare-planners --leader mt", ["mt_d_star_lite"]),
         ("tables planning-e", ["planning-ea"]),
+        ("simulate line --terrain 3", ["3cm"]),
     ],
 )
 def test_choices(typed, choices):
@@ -39,7 +40,6 @@ def test_choices(typed, choices):
         ("info wa", []),
         ("replay -c wa", []),
         ("compare-planners f", ["forest:"]),
-        ("simulate line --terrain 3", ["3cm"]),
     ],
 )
 def test_files_are_left_to_the_shell_beside_words(typed, words):

@@ -15,7 +15,7 @@ def _few_draws():
     """The command as it is, only with fewer draws."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(following_uwb, "BATCHES", 3)
-        patch.setattr(paper_tables, "open_executor", lambda _: ThreadPoolExecutor(1))
+        patch.setattr(paper_tables, "LocalPool", lambda _: ThreadPoolExecutor(1))
         yield
 
 

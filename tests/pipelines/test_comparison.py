@@ -93,8 +93,8 @@ def test_every_planner_answers_every_question_and_repeats_change_times_alone(sta
         blocked[3:18, 9] = True
         source = static(blocked, [((0, 0), (2, 0), 2), ((6, 10), (12, 10), 0), ((0, 0), (6, 1), 6.4)])
     progress = Steps()
-    columns = ask_everything(source, NAMES, Rules(), progress).columns
-    assert (list(columns), progress.count) == (REPLANS.names, source.count)
+    columns = ask_everything(source, NAMES, Rules(), progress)
+    assert (list(columns), progress.count) == ([*REPLANS.names, "us_repeats"], source.count)
     for name in NAMES:
         mine = columns["planner"] == name
         for each in ("episode", "replan", "t_ns", "start_col", "goal_row"):
@@ -105,8 +105,8 @@ def test_every_planner_answers_every_question_and_repeats_change_times_alone(sta
     assert_array_equal(columns["optimal_cost"][own], columns["cost"][own])
     often = ask_everything(source, NAMES, Rules(), Silent(), 4)
     for name in set(REPLANS.names) - {"us"}:
-        assert_array_equal(columns[name], often.columns[name], name)
-    assert_array_equal(np.median(often.us_repeats, axis=1), often.columns["us"])
+        assert_array_equal(columns[name], often[name], name)
+    assert_array_equal(np.median(often["us_repeats"], axis=1), often["us"])
 
 
 SMALL = CompareOptions(planners=("ia_star", "mt_d_star_lite"), episodes=2)
@@ -200,7 +200,7 @@ def test_costs_of_a_scen_are_the_listed_ones(static):
     source = static(blocked, queries)
     assert source.count == 12
     names = ["astar", "dijkstra", "mt_d_star_lite", "ea_star"]
-    replans = ask_everything(source, names, EXACT, Silent()).columns
+    replans = ask_everything(source, names, EXACT, Silent())
     scenarios = scenarios_of(source, replans)
     optimal = np.isin(scenarios["planner"], OPTIMAL)
     assert_allclose(scenarios["listed_cost"], [each[2] for each in queries] * 4, rtol=0, atol=1e-12)
@@ -213,7 +213,7 @@ def test_costs_of_a_scen_are_the_listed_ones(static):
 def test_rows_count_from_the_top(static):
     """(col, row) of the file in the table."""
     source = static(["...@", "@@.@"], ((0, 0), (2, 1)))
-    columns = ask_everything(source, ["astar"], EXACT, Silent()).columns
+    columns = ask_everything(source, ["astar"], EXACT, Silent())
     assert [columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row")] == [0, 0, 2, 1]
 
 
@@ -229,9 +229,9 @@ def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):
     assert not question.query.blocked[9, 26]
     answers = ask_everything(source, ["astar"], Rules(), Silent())
     # Cells of map's lattice, whose origin is 10 cells right of and 20 below the picture's corner.
-    assert [answers.columns[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row")] == [-8, 29, 15, 29]
+    assert [answers[name][0] for name in ("start_col", "start_row", "goal_col", "goal_row")] == [-8, 29, 15, 29]
     graph = graph_of(question.query.blocked, (10, 14))
-    assert answers.columns["cost"][0] == nx.dijkstra_path_length(graph, (2, 9), (25, 9))
+    assert answers["cost"][0] == nx.dijkstra_path_length(graph, (2, 9), (25, 9))
 
 
 @pytest.fixture
@@ -247,8 +247,8 @@ def test_a_recording_asks_what_its_run_asks(recorded, planned_run, tmp_path):
     path = recorded(1.0, lambda topic: True)
     source, loss = recording_source(path, "cut.mcap", config, tmp_path / "run", 0, Silent())
     assert (source.name, loss) == ("cut.mcap", "")
-    columns = ask_everything(source, ["astar"], Rules(), Silent()).columns
-    of_run = ask_everything(run_source(planned_run, "run"), ["astar"], Rules(), Silent()).columns
+    columns = ask_everything(source, ["astar"], Rules(), Silent())
+    of_run = ask_everything(run_source(planned_run, "run"), ["astar"], Rules(), Silent())
     count = len(columns["t_ns"])  # the last scan was logged after the cut
     assert count == len(of_run["t_ns"]) - 1
     for name in ("t_ns", "expanded", "start_col", "start_row", "goal_col", "goal_row"):
@@ -260,7 +260,7 @@ def test_a_recording_asks_what_its_run_asks(recorded, planned_run, tmp_path):
 
 def test_its_questions_are_those_of_the_stage_plan(planned_run):
     """The stage's planner, asked again, does and costs the same, in the same cells."""
-    columns = ask_everything(run_source(planned_run, "walk"), ["ia_star"], Rules(), Silent()).columns
+    columns = ask_everything(run_source(planned_run, "walk"), ["ia_star"], Rules(), Silent())
     plans, cell_m = read_table(planned_run, "plans"), load_maps(planned_run).cell_m
     assert set(plans["planner"]) == set(columns["planner"]) == {"ia_star"}
     assert len(plans["t_ns"]) == 10

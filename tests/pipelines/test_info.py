@@ -184,8 +184,8 @@ def follow():
     return describe_recording(FIXTURES / "follow.mcap", load_config(FIXTURES / "follow.toml"))
 
 
-def test_links_and_errors_are_those_of_a_replay(follow, whole_run):
-    """Of the person's tag, and of the robot's fixes: its track is steadied by odometry in a replay alone."""
+def test_links_are_those_of_a_replay(follow, whole_run):
+    """Of the person's tag: the robot's track is steadied by odometry in a replay alone."""
     links = read_table(whole_run.run, "links")
     rows, person = [row for row in follow["uwb"] if row["tag"] == 1], links["tag"] == 1
     assert [(row["tag"], row["anchor"]) for row in follow["uwb"]] == [(t, a) for t in (0, 1) for a in range(4)]
@@ -193,26 +193,15 @@ def test_links_and_errors_are_those_of_a_replay(follow, whole_run):
     same |= {name: name for name in ("bias_m", "bias_std_m", "bias_applied", "n")}
     for info, saved in same.items():
         assert_allclose([float(row[info]) for row in rows], links[saved][person].astype(float), err_msg=info)
-    errors, of_fixes = read_table(whole_run.run, "uwb_errors"), follow["uwb_tags"][0]["fix_error"]
-    fixes = errors["source"] == "fixes"
-    error_m = np.column_stack([errors["error_x_m"][fixes], errors["error_y_m"][fixes]])
-    length_m = np.hypot(*error_m.T)
-    assert of_fixes["n"] == len(error_m)
-    assert_allclose([of_fixes["bias_x_m"], of_fixes["bias_y_m"]], error_m.mean(axis=0))
-    assert of_fixes["rmse_m"] == pytest.approx(np.sqrt(np.mean(length_m**2)))
-    assert of_fixes["share_in_ellipse"] == pytest.approx(np.mean(length_m <= errors["bound_m"][fixes]))
     # Twelve seconds among walls: positions without one of the links agree much better with the biases.
     assert all((row["bias_applied"], row["why_not"]) == (True, "") for row in follow["uwb"])
 
 
-def test_only_the_robots_tag_is_compared_with_the_robots_truth_and_its_ellipse_is_its_hdop(follow):
+def test_an_ellipse_is_its_hdop(follow):
     """For a fix with covariance C, trace(C) is (HDOP std)^2; the 95 % semi-axes are sqrt(5.991) times its roots."""
     assert json.loads(json.dumps(follow, allow_nan=False)) == follow
     robot, person = follow["uwb_tags"]
     assert [(tag["role"], tag["height_m"]) for tag in (robot, person)] == [("robot", 0.6), ("person", 1.3)]
-    assert (person["reference"], person["fix_error"], person["track_error"]) == (None, None, None)
-    assert robot["reference"] == "/truth/robot/pose"
-    assert robot["track_error"]["rmse_m"] < robot["fix_error"]["rmse_m"]
     assert robot["fixes"] + robot["too_few_ranges"] + robot["degenerate"] == robot["epochs"] == 600
     from_axes = np.hypot(robot["ellipse_major_median_m"], robot["ellipse_minor_median_m"]) / np.sqrt(5.991)
     assert from_axes == pytest.approx(0.1 * robot["hdop_median"], rel=0.02)

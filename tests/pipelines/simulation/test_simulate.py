@@ -16,7 +16,6 @@ from quadlog.pipelines.evaluation.reports import rebuild_reports
 from quadlog.pipelines.executor.progress import Kept, Silent
 from quadlog.pipelines.simulation.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation.walk import CURVES, trot_metrics, trot_once
-from quadlog.results.arrays import read_arrays
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
 from quadlog.simulation.robot import trot as trot_walk
@@ -149,7 +148,6 @@ def test_a_fall_is_a_result(path, tmp_path):
     ("course", "settings", "error"),
     [
         ("bend", ["simulation.friction=0.05", "simulation.terrain=6cm"], TooSteep),
-        ("bend", ["simulation.terrain=9cm"], UnknownName),
         ("bend", ["robot.model=spot"], UnknownName),
         ("bend", ["robot.model=nowhere.xml"], UnreadableFile),
         ("bend", ["pursuit.rate_hz=300"], InvalidConfigValue),
@@ -178,36 +176,6 @@ def test_the_s_curve_brings_its_ground_and_its_speed_unless_given_others(tmp_pat
     )
     assert not (faster.run / "ground.npz").exists()
     assert faster.metrics["completion_time_s"]["value"] < run.metrics["completion_time_s"]["value"]
-
-
-def test_a_walk_on_the_ground_of_another_is_that_walk(walked, path, tmp_path):
-    """The ground goes through its file and is cut out: the same within what float32 holds; on a plane it is not."""
-    (again,) = simulate(request_of(path, tmp_path, f"simulation.terrain={walked.run}"), 1, progress := Kept())
-    assert not any("warning" in line for line in progress.lines)
-    ours, theirs = read_table(again.run, "control"), read_table(walked.run, "control")
-    for name in ("x_m", "y_m", "z_m", "yaw_rad"):
-        np.testing.assert_allclose(ours[name][:40], theirs[name][:40], atol=2e-4)
-    plane = read_table(walk(request_of(path, tmp_path / "flat")).run, "control")
-    assert np.abs(plane["z_m"][:40] - theirs["z_m"][:40]).max() > 2e-3
-    a, b = read_arrays(again.run, "ground"), read_arrays(walked.run, "ground")
-    col, row = np.round((a["origin_m"] - b["origin_m"]) / b["cell_m"]).astype(int)
-    rows, cols = a["height_m"].shape
-    np.testing.assert_array_equal(a["height_m"], b["height_m"][row : row + rows, col : col + cols])
-    before = (walked.run / "ground.npz").read_bytes()
-    with pytest.raises(UsageError, match="replaces it"):
-        walk(request_of(path, walked.run.parent.parent, f"simulation.terrain={walked.run}", force=True))
-    assert (walked.run / "ground.npz").read_bytes() == before
-
-
-def test_a_run_names_the_ground_it_walked_on_and_what_of_it_nobody_saw(walked, tmp_path):
-    (tmp_path / "away.csv").write_text("0,0\n0,8\n")
-    settings = (f"simulation.terrain={walked.run}", KINEMATIC)
-    request = request_of(tmp_path / "away.csv", tmp_path / "runs", *settings, seeds=(0, 1))
-    record = record_of(simulate(request, 1, progress := Kept())[0].run)
-    (warning,), (note,) = record["warnings"], record["notes"]
-    assert "lie beyond the ground that" in warning
-    assert [line for line in progress.lines if "beyond" in line] == [f"warning: {warning}"]
-    assert str(walked.run) in note
 
 
 @pytest.mark.nightly
