@@ -21,9 +21,7 @@ from quadlog.positioning.batch.tracking import (
     TrackSettings,
     track_turning,
 )
-from quadlog.positioning.heading.heading import TagsYaw
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion, measure_motion
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
+from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw
 from quadlog.positioning.locate import (
     HEIGHT_STD_M,
     Anchors,
@@ -34,6 +32,7 @@ from quadlog.positioning.locate import (
     no_track,
     with_motion,
 )
+from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
 LEAST_LEVER_M = 0.01
 """Tags that are no farther than this from their middle show no yaw."""

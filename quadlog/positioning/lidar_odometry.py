@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from quadlog.messages import Float, Float32, Int
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
+from quadlog.positioning.odometry import BodyMotion, motion_between
 
 FEWEST_RETURNS_MATCHED, FEWEST_POINTS = 10, 30
 """Of a scan, and of what is left after thinning; scans with fewer are not matched."""

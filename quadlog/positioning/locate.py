@@ -26,7 +26,7 @@ from quadlog.positioning.batch.tracking import (
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
-from quadlog.positioning.heading.odometry_velocity import (
+from quadlog.positioning.odometry import (
     BodyMotion,
     MeasuredMotion,
     measure_motion,

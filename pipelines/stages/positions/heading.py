@@ -13,9 +13,10 @@ from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.batch.motion import Track
-from quadlog.positioning.heading.heading import (
+from quadlog.positioning.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
+    UNKNOWN_YAW_STD_RAD,
     AlignedHeading,
     TagsYaw,
     YawSensor,
@@ -24,7 +25,6 @@ from quadlog.positioning.heading.heading import (
     filter_lag_s,
     gyro_sensor,
 )
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, t
 from quadlog.positioning.batch.links import link_quality, weak_first_path_share
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
-from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
+from quadlog.positioning.odometry import BodyMotion
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording

@@ -60,10 +60,10 @@ def transition(motion: Motion, dt_s: float) -> tuple[Float, Float]:
     return step, step @ both[:2, 2:]
 
 
-def motion_information(motions: tuple[Motion, ...], timeline: Timeline, starts: Int) -> Float:
+def motion_information(motions: tuple[Motion, ...], timeline: Timeline) -> Float:
     """(K - 1, 4D, 4D) information about two neighbouring knots (q, q', q, q') from D motions between them.
 
-    starts: knots that are known to start_std about zero, as the first of a segment is.
+    The first of a segment is known to start_std about zero.
     """
     size = len(motions)
     lengths, which = np.unique(np.diff(timeline.t_s).round(7), return_inverse=True)
@@ -76,7 +76,7 @@ def motion_information(motions: tuple[Motion, ...], timeline: Timeline, starts: 
     information: Float = found.reshape(-1, 4 * size, 4 * size)[which] * timeline.connected[:, None, None]
     start = np.array([m.start_std for m in motions] + [m.start_rate_std for m in motions])
     at = np.arange(2 * size)
-    for first in starts.tolist():
+    for first in timeline.firsts.tolist():
         row, shift = min(first, len(timeline) - 2), 0 if first < len(timeline) - 1 else 2 * size
         information[row, at + shift, at + shift] += start**-2.0
     return information

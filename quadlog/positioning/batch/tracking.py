@@ -22,7 +22,7 @@ from quadlog.positioning.batch.factors import (
 )
 from quadlog.positioning.batch.links import Deleted, bias_priors, delete_anchors
 from quadlog.positioning.batch.motion import Track, lifting, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Factor, Past, Problem, solve
+from quadlog.positioning.batch.solve import Estimate, Factor, Problem, solve
 from quadlog.positioning.batch.spline import Timeline, make_timeline
 
 KNOT_S = 0.2
@@ -112,7 +112,7 @@ class Body:
     """What the track of a body with one tag or several is estimated from: R > 0 ranges in time order among anchors.
 
     cuts_s: where it was carried away; softer: by how much the variance of its acceleration is raised; yaw: whether
-    that is tracked. first_s: of the first knot, where that is before the ranges.
+    that is tracked.
     """
 
     ranges: TagRanges
@@ -122,12 +122,11 @@ class Body:
     softer: float = 1.0
     yaw: bool = False
     motion: OwnMotion | None = None
-    first_s: float | None = None
 
     @cached_property
     def timeline(self) -> Timeline:
         """The knots."""
-        t_s = self.ranges.t_s if self.first_s is None else np.append(self.first_s, self.ranges.t_s)
+        t_s = self.ranges.t_s
         return make_timeline(t_s, KNOT_S, LONGEST_GAP_S, self.cuts_s[self.cuts_s > t_s[0]])
 
     @property
@@ -141,7 +140,7 @@ class Body:
             motions.append(turning())
         return Axes(tuple(motions), z, len(motions) - 1 if self.yaw else None)
 
-    def problem(self, past: Past | None = None) -> Problem:
+    def problem(self) -> Problem:
         """All measurements; globals are the biases of the links, then those of its motion."""
         n = self.ranges.n_links
         priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Factor, ...]()
@@ -152,7 +151,7 @@ class Body:
             priors = np.array([block_diag(prior, np.diag(own_std**2)) for prior in priors])
         model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)
         slots = self.ranges.slots(self.timeline.t_s)
-        return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others, past)
+        return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
 
     def knots_from(self, starts: Starts) -> Float:
         """(K, 2, D) knots at their places between starts, moving as these do."""

@@ -9,8 +9,8 @@ import pytest
 
 from quadlog.geometry import base_to_tag
 from quadlog.messages import Float, RangeSeries
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion, measure_motion
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
+from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
 LEVER_M = (0.3, -0.2)
 TURNED_RAD = 2.1

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.geometry import wrap_angle
 from quadlog.messages import RangeSeries
-from quadlog.positioning.heading.heading import YawSensor, align_yaw
+from quadlog.positioning.heading import IMU_DRIFT, YawSensor, align_yaw
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, locate
 
 
@@ -50,7 +50,7 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, calibrated):
     velocity = np.stack([np.convolve(velocity[:, i], np.ones(25) / 25, mode="same") for i in range(2)], axis=1)
     moving = np.hypot(*velocity.T) > 0.2
     slip = float(np.median(wrap_angle(np.arctan2(velocity[:, 1], velocity[:, 0]) - true_yaw)[moving]))
-    sensor = YawSensor(trolley.t_ns, wrap_angle(true_yaw - np.radians(50)))
+    sensor = YawSensor(trolley.t_ns, wrap_angle(true_yaw - np.radians(50)), IMU_DRIFT)
     for tag in calibrated.tags:
         aligned = align_yaw(tag.track, sensor, float(trolley.lever_m[tag.tag, 0]))
         off = abs(aligned.fit.offset_rad - np.radians(50) - slip)

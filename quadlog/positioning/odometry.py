@@ -12,8 +12,7 @@ from quadlog.messages import Float, Int
 from quadlog.positioning.batch.causal import OdometryMoves
 from quadlog.positioning.batch.factors import HOLD_S, Way, turned
 from quadlog.positioning.batch.motion import Track
-from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, YawSensor, align_yaw
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
+from quadlog.positioning.heading import ODOMETRY_DRIFT, UNKNOWN_YAW_STD_RAD, YawSensor, align_yaw
 
 STANDING_MPS = 0.05
 """Below it odometry has no course of its own."""
