@@ -19,7 +19,7 @@ from quadlog.positioning.batch.tracking import (
     Starts,
     Tracked,
     TrackSettings,
-    track_turning,
+    track_body,
 )
 from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw
 from quadlog.positioning.locate import (
@@ -114,7 +114,7 @@ def locate_body(
     body = _body(tags, rows, arms_m, anchors, settings)
     first_ns, smooth = int(rows.t_ns[0]), settings.smooth
     starts = _starts(tags, arms_m, rows, smooth=smooth)
-    tracked: Tracked | Known = track_turning(body, starts) if smooth else follow(body, starts)
+    tracked: Tracked | Known = track_body(body, starts) if smooth else follow(body, starts)
     t_ns, first = np.unique(rows.t_ns, return_index=True)
     t_s = body.ranges.t_s[first]
     velocity, middle = None, TagInfo(-1, 0.0, motion, *middle_m.tolist())

@@ -17,12 +17,10 @@ from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import (
     LONGEST_GAP_S,
     Body,
-    OdometrySteps,
     Starts,
     Tracked,
     TrackSettings,
-    track_tag,
-    track_turning,
+    track_body,
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
@@ -30,8 +28,8 @@ from quadlog.positioning.odometry import (
     BodyMotion,
     MeasuredMotion,
     measure_motion,
-    moves_of,
-    way_of,
+    odometry_in_map,
+    tag_odometry,
 )
 
 HEIGHT_STD_M = 0.5
@@ -199,7 +197,7 @@ class _Tag:
         ranges = TagRanges(t_s, np.zeros_like(column), column, range_m, lever_m, height_m, len(self.anchors.ids))
         starts = Starts((known_ns[usable] - first_ns) * 1e-9, self.start.position_m[usable, :2])
         body = Body(ranges, self.anchors.position_m, self._track_settings(), np.empty(0))
-        tracked = track_tag(body, starts) if self.settings.smooth else follow(body, starts)
+        tracked = track_body(body, starts) if self.settings.smooth else follow(body, starts)
         if self.tag.body_motion is None:
             return self._result(tracked, on_track, None)
         alone, place = self._track(tracked, on_track), (self.tag.x_m, self.tag.y_m)
@@ -279,12 +277,11 @@ def with_motion(
     """The track of a tag again, with the odometry of what carries it."""
     assert tag.body_motion is not None
     if isinstance(tracked, Known):
-        moves = moves_of(motion, first_ns)
-        return follow(replace(tracked.body, motion=moves), starts)
-    way = way_of(tag.body_motion, first_ns, tag.x_m, tag.y_m)
+        return follow(replace(tracked.body, motion=odometry_in_map(motion, first_ns)), starts)
+    odometry = tag_odometry(tag.body_motion, motion, first_ns, tag.x_m, tag.y_m)
     t_s, pose = tracked.body.timeline.t_s, tracked.last.knots[:, 0]
-    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, way.t_s, motion.yaw_rad)]))
-    return track_turning(replace(tracked.body, yaw=True, motion=OdometrySteps(way, motion.std_mps)), at_knots)
+    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, odometry.way.t_s, motion.yaw_rad)]))
+    return track_body(replace(tracked.body, yaw=True, motion=odometry), at_knots)
 
 
 def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, since_ns: Int, *, causal: bool) -> np.ndarray:

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import Axes, Moves
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.robust import lateness_weights, link_windows
-from quadlog.positioning.batch.solve import Estimate, Factor, Problem, refine
+from quadlog.positioning.batch.solve import Estimate, Problem, refine
 from quadlog.positioning.batch.spline import Timeline
 from quadlog.positioning.batch.tracking import (
     KNOT_S,
@@ -21,7 +20,6 @@ from quadlog.positioning.batch.tracking import (
     Body,
     Starts,
     find_jumps,
-    step_variances,
     track_of,
 )
 
@@ -33,28 +31,6 @@ ROUNDS = 5
 LASTS_S, LASTS_WORTH_S = 0.3, 3.0
 """How long errors of a link are taken to last before the log shows it, and how many seconds that guess is worth."""
 BLOCK_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class OdometryMoves:
-    """Velocities (M, 2) in map at t_s (M,), with the std (M,) of a second's mean of each axis, as known at each."""
-
-    t_s: Float
-    way_m: Float
-    std_mps: Float
-
-    @property
-    def globals(self) -> tuple[Float, Float]:
-        """None."""
-        return np.empty(0), np.empty(0)
-
-    def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
-        """Steps between knots, by what had come by the last of them."""
-        n = int(np.searchsorted(self.t_s, timeline.t_s[-1], side="right"))
-        if n < 2:
-            return ()
-        variance_m2 = step_variances(timeline, self.t_s[:n], self.std_mps[:n])
-        return (Moves(timeline, self.t_s[:n], self.way_m[:n], len(axes), variance_m2),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +113,7 @@ class Known:
 
 
 class _Step(NamedTuple):
-    """What was known at t_s: the last knot (2D,) with its covariance, and values of the globals with theirs (spread)."""
+    """What was known at t_s: the last knot (2D,) with its covariance, values of the globals and theirs (spread)."""
 
     t_s: float
     state: Float

@@ -32,7 +32,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     others = (
         Turns(timeline, way, AXES, (n, None), variance),
         Steps(timeline, way, AXES, n + 1, variance),
-        Moves(timeline, way_s, way.xy_m, len(AXES), variance),
+        Moves(timeline, way, len(AXES), variance),
     )
     mean = np.concatenate([np.zeros(n), [0.0, 1.0], np.zeros(3)])
     border = Border(n, n + 5, np.array([-1, -1, n + 2, -1, -1]))
