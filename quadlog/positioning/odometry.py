@@ -113,7 +113,7 @@ def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, 
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
         reason = f"its motion is off by {100 * share:.0f} % of UWB's, its length {ratio:.2f} times UWB's"
         return refused(typical, motion.source, reason)
-    usual = np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
+    usual = std if causal else np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
     std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)
     yaw_rad = np.unwrap(motion.yaw_rad) + np.unwrap(offset_rad)
     return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std, offset_std, typical, motion.source)

@@ -1,4 +1,4 @@
-"""What a robot could have known: the batch over the last few seconds, with the globals as they were known before."""
+"""What a robot could have known: the batch over the last few seconds, and what earlier ranges say of the globals."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from quadlog.positioning.batch.tracking import (
 STEP_S = 0.1
 """Ranges so close together are used at once, when the last of them has come."""
 WINDOW_S = 3.0
+"""With 2 s tracks of 8 ranges/s err by up to 5 % more."""
 ROUNDS = 5
 """At most, of each step; one is enough where the last one was near."""
 LASTS_S, LASTS_WORTH_S = 0.3, 3.0
@@ -113,13 +114,13 @@ class Known:
 
 
 class _Step(NamedTuple):
-    """What was known at t_s: the last knot (2D,) with its covariance, values of the globals and theirs (spread)."""
+    """What was known at t_s: the last knot (2D,) with its covariance, values of the globals, and see Problem.past."""
 
     t_s: float
     state: Float
     covariance: Float
     values: Float
-    spread: Float
+    past: tuple[Float, Float, Float]
 
 
 class _Follower:
@@ -144,17 +145,15 @@ class _Follower:
         for now_s in t_s[known][np.flatnonzero(np.diff(number, prepend=-1))].tolist():
             estimate = self.estimate = self._step(now_s)
             covariance = estimate.for_knots.last_covariance(estimate.covariance)
-            self.steps.append(
-                _Step(now_s, estimate.knots[-1].ravel(), covariance, estimate.values, estimate.covariance)
-            )
-        known_s, state, covariance, values, _ = (np.array(each) for each in zip(*self.steps, strict=True))
+            self.steps.append(_Step(now_s, estimate.knots[-1].ravel(), covariance, estimate.values, estimate.past()))
+        known_s, state, covariance, values = (np.array(each) for each in list(zip(*self.steps, strict=True))[:4])
         restarts_s = np.array([known_s for known_s, _ in self.found])
         return Known(self.body, known, known_s, state, covariance, values, restarts_s, estimate)
 
     def _step(self, now_s: float) -> Estimate:
         """The window until now, solved again where the body turns out to have been carried away.
 
-        What was known of the globals when it begins is their prior.
+        Of what came before it, what that said of the globals is kept.
         """
         ranges, begun = self.body.ranges, bisect_right(self.steps, now_s - WINDOW_S, key=lambda step: step.t_s)
         before = self.steps[begun - 1] if begun else None
@@ -166,7 +165,7 @@ class _Follower:
             cuts_s = np.unique([cut_s for known_s, cut_s in self.found if known_s <= now_s])
             problem = replace(self.body, ranges=ranges.rows(rows), cuts_s=cuts_s).problem()
             if before:
-                problem = replace(problem, mean=before.values, priors=before.spread[None])
+                problem = replace(problem, past=before.past)
             knots = self._guess(problem.timeline, starts)
             values_now = problem.mean if self.estimate is None else self.estimate.values
             estimate = refine(problem, knots, values_now, self._lasts(problem), ROUNDS)

@@ -147,7 +147,8 @@ class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    in_sight: ranges count by the probability of line of sight, for knots and globals.
+    past: what earlier ranges say of the globals: values (M,), and information (M, M) and pull (M,) there. in_sight:
+    ranges count by the probability of line of sight, for knots and globals.
     """
 
     timeline: Timeline
@@ -157,6 +158,7 @@ class Problem:
     mean: Float
     priors: Float
     others: tuple[Factor, ...] = ()
+    past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
 
     @cached_property
@@ -214,7 +216,7 @@ class Linearised:
 class Estimate:
     """knots (K, 2, D), values (M,) of the globals with covariance (M, M), and the share (P,) of each prior in them.
 
-    Weights and equations are those at the solution.
+    Weights and equations are those at the solution, but for the last step (M,) of the globals.
     """
 
     problem: Problem
@@ -226,10 +228,17 @@ class Estimate:
     linear: Linearised
     for_globals: Arrow
     for_knots: Factorised
+    last_step: Float
 
     def at(self, t_s: Float) -> tuple[Float, Float]:
         """Coordinates and rates (N, D)."""
         return self.problem.timeline.sample(t_s).of(self.knots)
+
+    def past(self) -> tuple[Float, Float, Float]:
+        """What its ranges, and those before, say of the globals; see Problem."""
+        arrow, factorised = self.for_globals, self.for_globals.factorised
+        pull = arrow.pull - arrow.border.T @ factorised.step - factorised.schur @ self.last_step
+        return self.values, factorised.schur, pull
 
     def knot_covariances(self) -> Float:
         """(K, 2D, 2D) of the knots' coordinates and rates."""
@@ -272,6 +281,10 @@ def assemble(
     for factor in problem.others:
         for_globals.add(*factor.linearise(knots, values))
     for_knots = for_globals.copy()
+    if problem.past is not None:
+        at, information, pull = problem.past
+        for_globals.corner += information
+        for_globals.pull += pull - information @ (values - at)
     variance_m2 = weights.lasts * problem.range_std_m**2
     alike = weights.knots is weights.globals
     for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots))[: 1 if alike else 2]:
@@ -317,7 +330,7 @@ def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: 
         linear = linearise(problem, knots, values)
         if max(np.abs(step[:, 0, :2]).max(), np.abs(global_step).max()) < NEAR_M:
             break
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised)
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)
 
 
 def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> Estimate:
@@ -347,4 +360,5 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
             white = white and not near
     for_globals, for_knots = assemble(problem, linear, weights, knots, values)
     _, covariance, shares = posterior_of_globals(problem, for_globals, values)
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorised)
+    last = for_knots.factorised, 0.0 * values
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, *last)
