@@ -197,6 +197,10 @@ class _Tag:
         ranges = TagRanges(t_s, np.zeros_like(column), column, range_m, lever_m, height_m, len(self.anchors.ids))
         starts = Starts((known_ns[usable] - first_ns) * 1e-9, self.start.position_m[usable, :2])
         body = Body(ranges, self.anchors.position_m, self._track_settings(), np.empty(0))
+        if self.on_line and self.settings.smooth:
+            # Its fixes are all on one side of the line, which a track that goes on as it did may cross.
+            known = follow(body, starts)
+            starts = Starts(known.t_s, known.state[:, :2])
         tracked = track_body(body, starts) if self.settings.smooth else follow(body, starts)
         if self.tag.body_motion is None:
             return self._result(tracked, on_track, None)
