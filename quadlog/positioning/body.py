@@ -28,6 +28,7 @@ from quadlog.positioning.locate import (
     LocateSettings,
     TagInfo,
     TagResult,
+    along,
     columns_of,
     no_track,
     with_motion,
@@ -132,7 +133,12 @@ def locate_body(
         yaw_rad = wrap_angle(pose[:, body.axes.yaw])
         yaw = TagsYaw(yaw_rad, np.minimum(yaw_std, UNKNOWN_YAW_STD_RAD), constant_rad)
     return LocatedBody(
-        tags=tuple(_tag_result(tag, k, tracked, rows) for k, tag in enumerate(tags)),
+        tags=tuple(
+            replace(tag, **along(tracked, k, rows.tag == k, tag.ranges, rows.row[rows.tag == k])._asdict())
+            if (rows.tag == k).any()
+            else tag
+            for k, tag in enumerate(tags)
+        ),
         middle_m=middle_m,
         track=replace(track, covariance_m2=track.covariance_m2 + constant_m2 * np.eye(2)),
         yaw=yaw,
@@ -204,28 +210,6 @@ def _starts(tags: Sequence[TagResult], arms_m: Float, rows: _BodyRows, *, smooth
         yaw_rad = np.interp(t_s, t_s[seen], np.unwrap(np.arctan2(sine, (off_arm_m * off_m).sum(axis=(0, 2)))[seen]))
     pose = np.column_stack([centre_m - turned(yaw_rad, arm_m), yaw_rad])[heard.any(axis=0)]
     return Starts(t_s[heard.any(axis=0)], pose)
-
-
-def _tag_result(tag: TagResult, number: int, tracked: Tracked | Known, rows: _BodyRows) -> TagResult:
-    """The tag with the body's track at its place, at those instants at which it ranged."""
-    mine = rows.tag == number
-    row, ranges = rows.row[mine], tag.ranges
-    predicted_m, weight = np.full(len(ranges.t_ns), np.nan), np.zeros(len(ranges.t_ns))
-    residual_m, trust, square = (each[mine] for each in tracked.of_ranges())
-    predicted_m[row], weight[row] = ranges.range_m[row] - residual_m, trust
-    t_ns, first, n_ranges = np.unique(rows.t_ns[mine], return_index=True, return_counts=True)
-    if len(t_ns) == 0:
-        return tag
-    cuts_ns = rows.t_ns[0] + np.rint(tracked.restarts_s * 1e9).astype(np.int64)
-    return replace(
-        tag,
-        track=tracked.track(tracked.body.ranges.t_s[mine][first], t_ns, number),
-        ranges=replace(ranges, weight=weight, predicted_m=predicted_m),
-        n_untracked=int(np.isnan(predicted_m).sum()),
-        restart_ns=cuts_ns,
-        n_ranges=n_ranges,
-        nis=np.add.reduceat(square, first) / n_ranges,
-    )
 
 
 def _misplaced(

@@ -104,16 +104,6 @@ def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):
     assert np.median(got.ranges.weight) > 0.9
 
 
-def test_biases_are_known_as_they_were_known_then(lab):
-    """Causal: fixes of the first seconds are not corrected by what the rest of the log shows."""
-    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 1, duration_s=12, rate_hz=5, bias_m=0.3)
-    got = run(lab, simulated.series, smooth=False)
-    np.testing.assert_allclose(got.bias.bias_m, 0.3, atol=0.1)
-    begun = RangeSeries(*(getattr(simulated.series, name)[:40] for name in ("t_ns", "tag", "anchor", "range_m")))
-    part = run(lab, begun, smooth=False)
-    np.testing.assert_allclose(part.fixes.position_m, got.fixes.position_m[: len(part.fixes.position_m)], atol=1e-9)
-
-
 IDS = np.array([7, 3, 5])
 
 
