@@ -66,10 +66,10 @@ _BODIES = [
 
 _ENTRIES = (
     MetricEntry("eta_m", "m", "distance to the path",
-        "mean distance from the robot to the nearest point of its reference path", "η = 1/N Σ error_i",
+        "mean distance from the re-simulated robot to the nearest point of the path it follows", "η = 1/N Σ error_i",
         "[Tracking] eq. 46", _TICKS),
     MetricEntry("sigma_m", "m", "scatter of the distance to the path",
-        "sample standard deviation of the distance to the reference path", "σ = √( Σ (error_i − η)² / (N − 1) )",
+        "sample standard deviation of the distance to the path it follows", "σ = √( Σ (error_i − η)² / (N − 1) )",
         "[Tracking] eq. 47", _TICKS),
     MetricEntry("eta_time_m", "m", "distance to the schedule",
         "mean distance from the robot to where the reference is at that instant", "1/N Σ time_error_i",
