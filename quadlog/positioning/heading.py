@@ -85,9 +85,8 @@ by degrees a minute, of legged or wheeled odometry by ten: orders, not tuned. Tu
 about a degree a second, their noise a few hundredths per root second."""
 CLEARLY_LESS = 0.5
 """A sign is taken for turned only where the fit then spreads by this much less: a straight walk hides it."""
-REFIT_GROWTH = 1.05
-REFIT_GROUPS = 50
-"""A causal offset is fitted again when its groups have grown by 5 %, or by ten seconds of motion."""
+REFITS = np.unique((1.05 ** np.arange(400)).astype(np.int64))
+"""A causal offset is fitted to so many groups, again when there are 5 % more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +147,7 @@ def align_yaw(
     variance; see fit_offset. A tag that sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x
     tag_ahead_m / speed), which is taken out. Where nothing moved, or course and yaw have nothing in common, the std is
     that of an unknown direction. by_tags: takes the place of the course, also at rest. causal: at each instant the fit
-    to what was known then, again whenever there is REFIT_GROWTH as much of it.
+    to what was known then, again at REFITS.
     """
     n, fit, side = len(track), None, 0
     std, known = np.full(n, UNKNOWN_YAW_STD_RAD), np.zeros(n, dtype=bool)
@@ -159,7 +158,7 @@ def align_yaw(
     seen = [_differences(track, way, tag_ahead_m, by_tags, lag_s) for way in ways]
     own_rad = [interpolate_angle(track.t_ns, way.t_ns, way.yaw_rad) for way in ways]
     over_ns, t_s, yaw_rad = seen[0][1], seconds_since(track.t_ns, int(track.t_ns[0])), own_rad[0].copy()
-    counts = _refits(len(over_ns)) if causal else [len(over_ns)] * (len(over_ns) > 0)
+    counts = REFITS[len(over_ns) >= REFITS].tolist() if causal else [len(over_ns)][: len(over_ns)]
     since = [int(np.searchsorted(track.t_ns, over_ns[count - 1])) if causal else 0 for count in counts]
     for count, begin, end in zip(counts, since, [*since, n][1:], strict=True):
         fits, rows = [fit_offset(groups[:, :count], sensor.drift) for groups, _ in seen], slice(begin, end)
@@ -174,16 +173,6 @@ def align_yaw(
         fit = None
     std = _with_silence(std, track.t_ns, sensor.t_ns)
     return AlignedHeading(wrap_angle(yaw_rad), std, known, fit, side == 1)
-
-
-def _refits(groups: int) -> list[int]:
-    """After how many groups a causal offset is fitted."""
-    counts: list[int] = []
-    count = 1
-    while count <= groups:
-        counts.append(count)
-        count += min(max(1, int(count * (REFIT_GROWTH - 1))), REFIT_GROUPS)
-    return counts
 
 
 def _differences(

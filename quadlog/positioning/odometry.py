@@ -106,7 +106,9 @@ def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, 
         std = _std_so_far(motion.t_ns, per_leg)
     else:
         track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
-        std = np.full(len(missed_m), _typical_std(per_leg[compared], track_m2 / LEG_S))
+        # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
+        usual_m2ps = np.median(per_leg[compared]) / np.log(2) - track_m2 / LEG_S
+        std = np.full(len(missed_m), np.sqrt(max(usual_m2ps, LEAST_STD_MPS**2)))
     typical = float(std[-1])
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
@@ -186,11 +188,6 @@ def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
     """(M,) bool: something is known at or before each instant, not longer ago than HOLD_S."""
     before = np.searchsorted(known_s, wanted_s, side="right") - 1
     return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
-
-
-def _typical_std(per_leg: Float, tracks_share: float) -> float:
-    """From the median, which slips do not move: of a squared Rayleigh variable it is 2 ln 2 variances."""
-    return float(np.sqrt(max(np.median(per_leg) / np.log(2) - tracks_share, LEAST_STD_MPS**2)))
 
 
 def _std_so_far(t_ns: Int, per_leg: Float) -> Float:
