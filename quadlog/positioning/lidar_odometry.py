@@ -68,7 +68,7 @@ class LidarTrack:
 
 
 class LidarOdometry:
-    """The track of a lidar, scan by scan, as causal as the robot's own would be; nearer and farther points are not used."""
+    """The track of a lidar, scan by scan, as causal as the robot's own would be."""
 
     def __init__(self, min_range_m: float = 0.3, max_range_m: float = 60.0) -> None:
         import small_gicp  # only where a lidar has to tell the position
