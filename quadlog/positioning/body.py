@@ -132,13 +132,12 @@ def locate_body(
         yaw_std = np.hypot(np.sqrt(covariance[:, body.axes.yaw, body.axes.yaw]), constant_rad)
         yaw_rad = wrap_angle(pose[:, body.axes.yaw])
         yaw = TagsYaw(yaw_rad, np.minimum(yaw_std, UNKNOWN_YAW_STD_RAD), constant_rad)
+    found, of_ranges = list(tags), tracked.of_ranges()
+    for k in np.unique(rows.tag).tolist():
+        mine = rows.tag == k
+        found[k] = replace(found[k], **along(tracked, of_ranges, k, mine, found[k].ranges, rows.row[mine])._asdict())
     return LocatedBody(
-        tags=tuple(
-            replace(tag, **along(tracked, k, rows.tag == k, tag.ranges, rows.row[rows.tag == k])._asdict())
-            if (rows.tag == k).any()
-            else tag
-            for k, tag in enumerate(tags)
-        ),
+        tags=tuple(found),
         middle_m=middle_m,
         track=replace(track, covariance_m2=track.covariance_m2 + constant_m2 * np.eye(2)),
         yaw=yaw,

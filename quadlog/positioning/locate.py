@@ -232,7 +232,7 @@ class _Tag:
         subtracted_m = bias_m
         if tracked is not None:
             row = np.flatnonzero(on_track)[tracked.known]
-            about = along(tracked, 0, tracked.known, rows, row)
+            about = along(tracked, tracked.of_ranges(), 0, tracked.known, rows, row)
             own_m, std_m = tracked.biases()
             if self.settings.calibrate:
                 heard = np.bincount(self.column, minlength=len(bias_m))
@@ -273,10 +273,12 @@ class _OnTrack(NamedTuple):
     nis: Float
 
 
-def along(tracked: Tracked | Known, number: int, mine: np.ndarray, rows: RangeRows, row: Int) -> _OnTrack:
+def along(
+    tracked: Tracked | Known, of_ranges: Sequence[Float], number: int, mine: np.ndarray, rows: RangeRows, row: Int
+) -> _OnTrack:
     """What a track says of one of its tags, by those of its ranges that are `mine`, which are `row` of the tag's."""
     predicted_m, weight = np.full(len(rows.t_ns), np.nan), np.zeros(len(rows.t_ns))
-    residual_m, weight[row], square = (each[mine] for each in tracked.of_ranges())
+    residual_m, weight[row], square = (each[mine] for each in of_ranges)
     predicted_m[row] = rows.range_m[row] - residual_m
     t_ns, first, n_ranges = np.unique(rows.t_ns[row], return_index=True, return_counts=True)
     t_s = tracked.body.ranges.t_s[mine][first]
