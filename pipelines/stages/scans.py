@@ -20,7 +20,6 @@ from quadlog.messages import Float, Int, PointCloud
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
     LidarOdometry,
-    LidarOdometrySettings,
     LidarTrack,
     ScanMatch,
 )
@@ -138,8 +137,7 @@ class LidarTracker:
     def __init__(self, data: LogData, config: Config) -> None:
         """Reads all clouds."""
         # Points too far for the map still tell where the robot is.
-        settings = LidarOdometrySettings(min_range_m=config.lidar.min_range_m)
-        self._odometry, self._deskew = LidarOdometry(settings), config.lidar.deskew
+        self._odometry, self._deskew = LidarOdometry(config.lidar.min_range_m), config.lidar.deskew
         self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._levelled: list[Float] = []
         self._scans = 0

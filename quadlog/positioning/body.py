@@ -19,21 +19,21 @@ from quadlog.positioning.batch.tracking import (
     Starts,
     Tracked,
     TrackSettings,
-    track_turning,
+    track_body,
 )
-from quadlog.positioning.heading.heading import TagsYaw
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, MeasuredMotion, measure_motion
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
+from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw
 from quadlog.positioning.locate import (
     HEIGHT_STD_M,
     Anchors,
     LocateSettings,
     TagInfo,
     TagResult,
+    along,
     columns_of,
     no_track,
     with_motion,
 )
+from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
 LEAST_LEVER_M = 0.01
 """Tags that are no farther than this from their middle show no yaw."""
@@ -115,7 +115,7 @@ def locate_body(
     body = _body(tags, rows, arms_m, anchors, settings)
     first_ns, smooth = int(rows.t_ns[0]), settings.smooth
     starts = _starts(tags, arms_m, rows, smooth=smooth)
-    tracked: Tracked | Known = track_turning(body, starts) if smooth else follow(body, starts)
+    tracked: Tracked | Known = track_body(body, starts) if smooth else follow(body, starts)
     t_ns, first = np.unique(rows.t_ns, return_index=True)
     t_s = body.ranges.t_s[first]
     velocity, middle = None, TagInfo(-1, 0.0, motion, *middle_m.tolist())
@@ -132,8 +132,12 @@ def locate_body(
         yaw_std = np.hypot(np.sqrt(covariance[:, body.axes.yaw, body.axes.yaw]), constant_rad)
         yaw_rad = wrap_angle(pose[:, body.axes.yaw])
         yaw = TagsYaw(yaw_rad, np.minimum(yaw_std, UNKNOWN_YAW_STD_RAD), constant_rad)
+    found, of_ranges = list(tags), tracked.of_ranges()
+    for k in np.unique(rows.tag).tolist():
+        mine = rows.tag == k
+        found[k] = replace(found[k], **along(tracked, of_ranges, k, mine, found[k].ranges, rows.row[mine])._asdict())
     return LocatedBody(
-        tags=tuple(_tag_result(tag, k, tracked, rows) for k, tag in enumerate(tags)),
+        tags=tuple(found),
         middle_m=middle_m,
         track=replace(track, covariance_m2=track.covariance_m2 + constant_m2 * np.eye(2)),
         yaw=yaw,
@@ -205,28 +209,6 @@ def _starts(tags: Sequence[TagResult], arms_m: Float, rows: _BodyRows, *, smooth
         yaw_rad = np.interp(t_s, t_s[seen], np.unwrap(np.arctan2(sine, (off_arm_m * off_m).sum(axis=(0, 2)))[seen]))
     pose = np.column_stack([centre_m - turned(yaw_rad, arm_m), yaw_rad])[heard.any(axis=0)]
     return Starts(t_s[heard.any(axis=0)], pose)
-
-
-def _tag_result(tag: TagResult, number: int, tracked: Tracked | Known, rows: _BodyRows) -> TagResult:
-    """The tag with the body's track at its place, at those instants at which it ranged."""
-    mine = rows.tag == number
-    row, ranges = rows.row[mine], tag.ranges
-    predicted_m, weight = np.full(len(ranges.t_ns), np.nan), np.zeros(len(ranges.t_ns))
-    residual_m, trust, square = (each[mine] for each in tracked.of_ranges())
-    predicted_m[row], weight[row] = ranges.range_m[row] - residual_m, trust
-    t_ns, first, n_ranges = np.unique(rows.t_ns[mine], return_index=True, return_counts=True)
-    if len(t_ns) == 0:
-        return tag
-    cuts_ns = rows.t_ns[0] + np.rint(tracked.restarts_s * 1e9).astype(np.int64)
-    return replace(
-        tag,
-        track=tracked.track(tracked.body.ranges.t_s[mine][first], t_ns, number),
-        ranges=replace(ranges, weight=weight, predicted_m=predicted_m),
-        n_untracked=int(np.isnan(predicted_m).sum()),
-        restart_ns=cuts_ns,
-        n_ranges=n_ranges,
-        nis=np.add.reduceat(square, first) / n_ranges,
-    )
 
 
 def _misplaced(

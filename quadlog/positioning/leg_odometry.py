@@ -372,22 +372,15 @@ def better_foot_order(position_rad: Float, foot_force_n: Float) -> tuple[int, ..
 
     position_rad: (N, 12) and foot_force_n: (N, 4) as in JointSeries. None for a robot that stands, or without forces.
     """
-    step = max(len(position_rad) // MOST_COMPARED, 1)
-    depth, force_n = _depth(position_rad[::step]), foot_force_n[::step].astype(np.float64)
-    known = np.isfinite(depth).all(axis=1) & np.isfinite(force_n).all(axis=1)
-    depth, force_n = depth[known], force_n[known]
-    if len(depth) < FEWEST_COMPARED or not (depth.std(axis=0).all() and force_n.std(axis=0).all()):
+    some = slice(None, None, max(len(position_rad) // MOST_COMPARED, 1))
+    hip, thigh, calf = _angles(position_rad[some])
+    # How far each foot is below its hip, in lengths of a thigh that is as long as the calf, and its force.
+    columns = np.column_stack([np.cos(hip) * (np.cos(thigh) + np.cos(thigh + calf)), foot_force_n[some]])
+    columns = columns[np.isfinite(columns).all(axis=1)]
+    if len(columns) < FEWEST_COMPARED or not columns.std(axis=0).all():
         return None
-    fit = np.corrcoef(depth.T, force_n.T)[:4, 4:]
+    fit = np.corrcoef(columns.T)[:4, 4:]
     if np.diagonal(fit).mean() > CONTRADICTED:
         return None
-    found = [float(np.mean([fit[leg, foot] for leg, foot in enumerate(order)])) for order in OTHER_ORDERS]
-    best = int(np.argmax(np.round(found, 2)))
-    return OTHER_ORDERS[best] if found[best] > -CONTRADICTED else None
-
-
-def _depth(position_rad: Float) -> Float:
-    """(N, 4) how far each foot is below its hip, in lengths of a thigh that is as long as the calf."""
-    hip, thigh, calf = _angles(position_rad)
-    depth: Float = np.cos(hip) * (np.cos(thigh) + np.cos(thigh + calf))
-    return depth
+    best = max(OTHER_ORDERS, key=lambda order: round(float(fit[range(4), order].mean()), 2))
+    return best if fit[range(4), best].mean() > -CONTRADICTED else None

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 
 from quadlog.messages import Float, Float32, Int
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
+from quadlog.positioning.odometry import BodyMotion, motion_between
 
 FEWEST_RETURNS_MATCHED, FEWEST_POINTS = 10, 30
 """Of a scan, and of what is left after thinning; scans with fewer are not matched."""
@@ -47,25 +47,9 @@ class ScanMatch(IntEnum):
     LOST = 2  # no pose was measured; the one given is that of constant speed
 
 
-@dataclass(frozen=True, slots=True)
-class LidarOdometrySettings:
-    """Points nearer or farther are not used."""
-
-    min_range_m: float = 0.3
-    max_range_m: float = 60.0
-
-
-@dataclass(frozen=True, slots=True)
-class ScanGrain:
-    """How finely scans are matched: a point per cube of thinned_m, with a map of cubes of voxel_m."""
-
-    thinned_m: float
-    voxel_m: float
-
-
-SPATIAL, PLANAR = ScanGrain(0.25, 0.25), ScanGrain(0.1, 0.25)
-"""Of scans in space, and of those in a level plane. Where points are thinned more coarsely than the map, the first scan
-leaves gaps in it, and the next ones are lost."""
+VOXEL_M, THINNED_M, PLANAR_THINNED_M = 0.25, 0.25, 0.1
+"""Cubes of the map, and those of which one point is matched, of scans in space and of those in a level plane. Where
+points are thinned more coarsely than the map, the first scan leaves gaps in it, and the next ones are lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +70,11 @@ class LidarTrack:
 class LidarOdometry:
     """The track of a lidar, scan by scan, as causal as the robot's own would be."""
 
-    def __init__(self, settings: LidarOdometrySettings) -> None:
+    def __init__(self, min_range_m: float = 0.3, max_range_m: float = 60.0) -> None:
         import small_gicp  # only where a lidar has to tell the position
 
-        self._settings, self._gicp = settings, small_gicp
-        self._grain, self._map = SPATIAL, small_gicp.GaussianVoxelMap(SPATIAL.voxel_m)
+        self._range2_m2, self._gicp = (min_range_m**2, max_range_m**2), small_gicp
+        self._planar, self._map = False, small_gicp.GaussianVoxelMap(VOXEL_M)
         self._t_ns: list[int] = []
         self._poses: list[Float] = []
         self._match: list[ScanMatch] = []
@@ -141,18 +125,17 @@ class LidarOdometry:
         Empty for a scan with too few points.
         """
         range2_m2 = np.einsum("ij,ij->i", xyz_m, xyz_m)
-        near_m, far_m = self._settings.min_range_m, self._settings.max_range_m
-        used = (range2_m2 > near_m * near_m) & (range2_m2 < far_m * far_m)  # NaN fails both comparisons
+        near_m2, far_m2 = self._range2_m2
+        used = (range2_m2 > near_m2) & (range2_m2 < far_m2)  # NaN fails both comparisons
         points = xyz_m[used]
         if len(points) < FEWEST_RETURNS_MATCHED:
             return ()
         if offset_ns is not None and self._per_s.any():
             points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))
         if not self._poses and _is_planar(points):
-            self._grain, self._map = PLANAR, self._gicp.GaussianVoxelMap(PLANAR.voxel_m)
+            self._planar, self._map = True, self._gicp.GaussianVoxelMap(VOXEL_M)
             self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice
-        parts = _walls_and_points(points) if self._grain is PLANAR else (points,)
-        thinned_m = self._grain.thinned_m
+        parts, thinned_m = (_walls_and_points(points), PLANAR_THINNED_M) if self._planar else ((points,), THINNED_M)
         clouds = [self._gicp.preprocess_points(part.astype(np.float64), thinned_m, NEIGHBOURS, 1)[0] for part in parts]
         return tuple(clouds) if clouds[0].size() >= FEWEST_POINTS else ()
 
@@ -170,7 +153,7 @@ class LidarOdometry:
     def _matched(self, points: object, guess: Float, t_ns: int) -> tuple[Float, ScanMatch]:
         found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20, STEP_RAD, STEP_M)
         pose = np.array(found.T_target_source)
-        if self._grain is PLANAR:
+        if self._planar:
             pose = _level(pose)
         per_s, count = np.abs(self._speed(t_ns, pose)), points.size()  # type: ignore[attr-defined]
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
@@ -223,8 +206,8 @@ def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
     Normals of walls lie in the plane. The bare points' covariances are round in it: with both in the map, a match is
     held along a wall, too, where by the walls alone it slides.
     """
-    points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), PLANAR.voxel_m / 2)])
-    up_m = np.array([0.0, 0.0, PLANAR.thinned_m], np.float32)
+    points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), VOXEL_M / 2)])
+    up_m = np.array([0.0, 0.0, PLANAR_THINNED_M], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -17,21 +17,19 @@ from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import (
     LONGEST_GAP_S,
     Body,
-    OdometrySteps,
     Starts,
     Tracked,
     TrackSettings,
-    track_tag,
-    track_turning,
+    track_body,
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
-from quadlog.positioning.heading.odometry_velocity import (
+from quadlog.positioning.odometry import (
     BodyMotion,
     MeasuredMotion,
     measure_motion,
-    moves_of,
-    way_of,
+    odometry_in_map,
+    tag_odometry,
 )
 
 HEIGHT_STD_M = 0.5
@@ -88,7 +86,7 @@ class TagResult:
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
     shared_m: the bias of all links that the track alone does without, where they are not calibrated.
-    n_too_few, n_degenerate: epochs without a fix; n_untracked: ranges off the track.
+    n_too_few, n_degenerate: epochs without a fix.
     restart_ns: (R,) where the tag was carried away and its track begins again.
     n_ranges, nis: (T,) of each of the track's instants, its ranges and what they miss the track by, squared, over the
     variance that they have where range_std_m and the motion are right, by their weights over the mean weight.
@@ -109,12 +107,16 @@ class TagResult:
     shared_m: float
     n_too_few: int
     n_degenerate: int
-    n_untracked: int
     restart_ns: Int
     n_ranges: Int
     nis: Float
     epochs: Epochs
     velocity: MeasuredMotion | None
+
+    @property
+    def n_untracked(self) -> int:
+        """Ranges off the track."""
+        return int(np.isnan(self.ranges.predicted_m).sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,18 +201,20 @@ class _Tag:
         ranges = TagRanges(t_s, np.zeros_like(column), column, range_m, lever_m, height_m, len(self.anchors.ids))
         starts = Starts((known_ns[usable] - first_ns) * 1e-9, self.start.position_m[usable, :2])
         body = Body(ranges, self.anchors.position_m, self._track_settings(), np.empty(0))
-        tracked = track_tag(body, starts) if self.settings.smooth else follow(body, starts)
+        if self.on_line and self.settings.smooth:
+            # Its fixes are all on one side of the line, which a track that goes on as it did may cross.
+            known = follow(body, starts)
+            starts = Starts(known.t_s, known.state[:, :2])
+        tracked = track_body(body, starts) if self.settings.smooth else follow(body, starts)
         if self.tag.body_motion is None:
             return self._result(tracked, on_track, None)
-        alone, place = self._track(tracked, on_track), (self.tag.x_m, self.tag.y_m)
+        t_ns, first = np.unique(self.t_ns[on_track][tracked.known], return_index=True)
+        alone = tracked.track(t_s[tracked.known][first], t_ns, 0)
+        place = self.tag.x_m, self.tag.y_m
         motion = measure_motion(self.tag.body_motion, alone, *place, causal=not self.settings.smooth)
         if motion.reason is None:
             tracked = with_motion(tracked, starts, motion, self.tag, first_ns)
         return self._result(tracked, on_track, motion)
-
-    def _track(self, tracked: Tracked | Known, on_track: np.ndarray) -> Track:
-        t_ns, first = np.unique(self.t_ns[on_track][tracked.known], return_index=True)
-        return tracked.track(tracked.body.ranges.t_s[tracked.known][first], t_ns, 0)
 
     def _track_settings(self) -> TrackSettings:
         """As this tag is tracked."""
@@ -221,56 +225,68 @@ class _Tag:
     def _result(
         self, tracked: Tracked | Known | None, on_track: np.ndarray, velocity: MeasuredMotion | None
     ) -> TagResult:
-        height_m, n_anchors = self.tag.height_m, len(self.anchors.ids)
-        predicted_m, weight = np.full(len(self.t_ns), np.nan), np.zeros(len(self.t_ns))
-        bias_m, shared_m, bias = self.anchors.known_bias_m, 0.0, None
+        bias_m, known_bias_m, shared_m, bias = self.anchors.known_bias_m, self.anchors.known_bias_m, 0.0, None
+        unknown, none = np.full(len(self.t_ns), np.nan), np.empty(0, np.int64)
+        rows, track = RangeRows(self.t_ns, self.anchor, self.range_m, unknown, 0 * self.range_m), no_track()
+        about = _OnTrack(track, rows, none, none, np.empty(0))
         subtracted_m = bias_m
-        heard = np.bincount(self.column, minlength=n_anchors)
-        if tracked is None:
-            track, restart_ns, n_ranges, nis = no_track(), np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-        else:
-            track = self._track(tracked, on_track)
-            rows = np.flatnonzero(on_track)[tracked.known]
-            t_ns, first, n_ranges = np.unique(self.t_ns[rows], return_index=True, return_counts=True)
-            residual_m, weight[rows], square = (each[tracked.known] for each in tracked.of_ranges())
-            predicted_m[rows] = self.range_m[rows] - residual_m
-            nis = np.add.reduceat(square, first) / n_ranges
-            cuts_ns = int(self.t_ns[0]) + np.rint(tracked.restarts_s * 1e9).astype(np.int64)
-            restart_ns = t_ns[np.searchsorted(t_ns, cuts_ns - 1)]
+        if tracked is not None:
+            row = np.flatnonzero(on_track)[tracked.known]
+            about = along(tracked, tracked.of_ranges(), 0, tracked.known, rows, row)
             own_m, std_m = tracked.biases()
             if self.settings.calibrate:
+                heard = np.bincount(self.column, minlength=len(bias_m))
                 bias = AnchorBias(own_m, std_m, heard, tracked.last.shares)
-                bias_m = bias_m + bias.applied_m
-                subtracted_m = bias_m
+                subtracted_m = bias_m = known_bias_m + bias.applied_m
                 if isinstance(tracked, Known):
                     known_s = (self.epochs.last_ns - int(self.t_ns[0])) * 1e-9
-                    subtracted_m = self.anchors.known_bias_m + tracked.biases_at(known_s)
+                    subtracted_m = known_bias_m + tracked.biases_at(known_s)
             else:
                 shared_m = float(own_m.mean())
-        fixes_height_m = None if self.height_solved else height_m
-        fixes = self.fix(self.settings.method, subtracted_m, fixes_height_m, track)
-        fewest = 4 if self.height_solved else 3
+        fixes_height_m = None if self.height_solved else self.tag.height_m
+        fixes = self.fix(self.settings.method, subtracted_m, fixes_height_m, about.track)
         return TagResult(
             tag=self.tag.id,
-            height_m=height_m,
+            height_m=self.tag.height_m,
             epoch_s=self.epoch_s,
             height_solved=self.height_solved,
             fix_t_ns=self.epochs.t_ns,
             fixes=fixes,
-            ranges=RangeRows(self.t_ns, self.anchor, self.range_m, predicted_m, weight),
-            track=track,
             bias=bias,
             bias_m=bias_m,
             shared_m=shared_m,
-            n_too_few=int((fixes.n_ranges < fewest).sum()),
+            n_too_few=int((fixes.n_ranges < (4 if self.height_solved else 3)).sum()),
             n_degenerate=int(fixes.degenerate.sum()),
-            n_untracked=int(np.isnan(predicted_m).sum()),
-            restart_ns=restart_ns,
-            n_ranges=n_ranges,
-            nis=nis,
             epochs=self.epochs,
             velocity=velocity,
+            **about._asdict(),
         )
+
+
+class _OnTrack(NamedTuple):
+    """What a track says of a tag: fields of TagResult."""
+
+    track: Track
+    ranges: RangeRows
+    restart_ns: Int
+    n_ranges: Int
+    nis: Float
+
+
+def along(
+    tracked: Tracked | Known, of_ranges: Sequence[Float], number: int, mine: np.ndarray, rows: RangeRows, row: Int
+) -> _OnTrack:
+    """What a track says of one of its tags, by those of its ranges that are `mine`, which are `row` of the tag's."""
+    predicted_m, weight = np.full(len(rows.t_ns), np.nan), np.zeros(len(rows.t_ns))
+    residual_m, weight[row], square = (each[mine] for each in of_ranges)
+    predicted_m[row] = rows.range_m[row] - residual_m
+    t_ns, first, n_ranges = np.unique(rows.t_ns[row], return_index=True, return_counts=True)
+    t_s = tracked.body.ranges.t_s[mine][first]
+    at = np.searchsorted(t_s, tracked.restarts_s - 1e-9).clip(max=len(t_ns) - 1)
+    ranges = replace(rows, predicted_m=predicted_m, weight=weight)
+    return _OnTrack(
+        tracked.track(t_s, t_ns, number), ranges, t_ns[at], n_ranges, np.add.reduceat(square, first) / n_ranges
+    )
 
 
 def with_motion(
@@ -279,12 +295,11 @@ def with_motion(
     """The track of a tag again, with the odometry of what carries it."""
     assert tag.body_motion is not None
     if isinstance(tracked, Known):
-        moves = moves_of(motion, first_ns)
-        return follow(replace(tracked.body, motion=moves), starts)
-    way = way_of(tag.body_motion, first_ns, tag.x_m, tag.y_m)
+        return follow(replace(tracked.body, motion=odometry_in_map(motion, first_ns)), starts)
+    odometry = tag_odometry(tag.body_motion, motion, first_ns, tag.x_m, tag.y_m)
     t_s, pose = tracked.body.timeline.t_s, tracked.last.knots[:, 0]
-    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, way.t_s, motion.yaw_rad)]))
-    return track_turning(replace(tracked.body, yaw=True, motion=OdometrySteps(way, motion.std_mps)), at_knots)
+    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, odometry.way.t_s, motion.yaw_rad)]))
+    return track_body(replace(tracked.body, yaw=True, motion=odometry), at_knots)
 
 
 def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, since_ns: Int, *, causal: bool) -> np.ndarray:

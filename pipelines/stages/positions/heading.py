@@ -13,9 +13,10 @@ from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.batch.motion import Track
-from quadlog.positioning.heading.heading import (
+from quadlog.positioning.heading import (
     IMU_DRIFT,
     ODOMETRY_DRIFT,
+    UNKNOWN_YAW_STD_RAD,
     AlignedHeading,
     TagsYaw,
     YawSensor,
@@ -24,7 +25,6 @@ from quadlog.positioning.heading.heading import (
     filter_lag_s,
     gyro_sensor,
 )
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
 from quadlog.recordings.streams import Streams
 
 if TYPE_CHECKING:
@@ -46,23 +46,26 @@ def find_heading(
 
     by_tags, of several tags on the robot, takes the place of the course unless it is known worse than that.
     """
-    if not data.config.uwb.smooth:
-        return _causal_heading(data, journal, track, tag_ahead_m, by_tags)
-    course, course_std = course_heading(track)
-    if by_tags is not None and np.median(by_tags.std_rad) > np.hypot(np.median(course_std), SIDEWAYS_STD_RAD):
+    causal = not data.config.uwb.smooth
+    # The first course lies in the future of a causal track.
+    course, course_std = course_heading(track, 0.0, filter_lag_s(track)) if causal else course_heading(track)
+    sideways = np.hypot(np.median(course_std), SIDEWAYS_STD_RAD)
+    if by_tags is not None and not causal and np.median(by_tags.std_rad) > sideways:
         tags_deg = _median_deg(by_tags.std_rad)
         journal.note(
             f"the lever arms of the tags show the heading to {tags_deg:.1f} degrees only, and are not used for it"
         )
         by_tags = None
+    own = (course, course_std) if by_tags is None else (by_tags.yaw_rad, by_tags.std_rad)
     sensors = _orientations(data.streams, journal)
-    aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags) for role, sensor in sensors.items()}
+    aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags, causal=causal) for role, sensor in sensors.items()}
     usable = {role: each for role, each in aligned.items() if each.is_known.any()}
+    if causal and usable:
+        return _first_known(journal, usable, own, "the course" if by_tags is None else "the tags")
     if "imu" in usable and usable["imu"].upside_down:
         journal.note("imu: its yaw rate fits the course with the sign turned; it seems to be mounted upside down")
-    base_std = course_std if by_tags is None else by_tags.std_rad
     best = min(usable, key=lambda role: np.median(usable[role].yaw_std_rad), default=None)
-    if best is not None and np.median(usable[best].yaw_std_rad) <= np.median(base_std):
+    if best is not None and np.median(usable[best].yaw_std_rad) <= np.median(own[1]):
         journal.use(best)
         _tell_choice(journal, best, usable)
         _tell_aligned(journal, best, usable[best], by_tags)
@@ -71,50 +74,35 @@ def find_heading(
     if by_tags is None:
         why = f"the yaw of {best} fits the course to {best_deg:.0f} degrees only" if best else _why_course(aligned)
         _tell_course(journal, why, course_std)
-        return course, course_std
+        return own
     others = f", better than {best} ({best_deg:.1f} degrees)" if best else ""
     journal.note(
         f"heading from the lever arms of the tags, known to {_median_deg(by_tags.std_rad):.1f} degrees{others}"
     )
     _warn_if_uncertain(journal, float(np.median(by_tags.std_rad)))
-    return by_tags.yaw_rad, by_tags.std_rad
+    return own
 
 
 def _median_deg(std_rad: Float) -> float:
     return float(np.degrees(np.median(std_rad)))
 
 
-def _causal_heading(
-    data: LogData, journal: Journal, track: Track, tag_ahead_m: float, by_tags: TagsYaw | None
+def _first_known(
+    journal: Journal, usable: Mapping[str, AlignedHeading], own: tuple[Float, Float], onto: str
 ) -> tuple[Float, Float]:
     """Heading that the robot could have had at each instant: of the first sensor, in a fixed order, that is aligned.
 
-    Before any is aligned it is that of the tags, or the course. The best sensor is known from the whole log only, and
-    is not used here.
+    Before any is, its own: that of the tags, or the course. The best sensor is known from the whole log only, and is
+    not used here.
     """
-    sensors = _orientations(data.streams, journal)
-    aligned = {role: align_yaw(track, sensor, tag_ahead_m, by_tags, causal=True) for role, sensor in sensors.items()}
-    # The first course lies in the future of a causal track.
-    yaw_rad, std_rad = course_heading(track, before_motion_rad=0.0, lag_s=filter_lag_s(track))
-    if by_tags is not None:
-        yaw_rad, std_rad = by_tags.yaw_rad, by_tags.std_rad
-    used = [role for role, heading in aligned.items() if heading.is_known.any()]
-    if not used:
-        if by_tags is None:
-            _tell_course(journal, _why_course(aligned), std_rad)
-        else:
-            journal.note(f"heading from the lever arms of the tags, known to {_median_deg(std_rad):.1f} degrees")
-            _warn_if_uncertain(journal, float(np.median(std_rad)))
-        return yaw_rad, std_rad
-    for role in reversed(used):
+    yaw_rad, std_rad = own
+    for role, each in reversed(list(usable.items())):
         journal.use(role)
-        known = aligned[role].is_known
-        yaw_rad = np.where(known, aligned[role].yaw_rad, yaw_rad)
-        std_rad = np.where(known, aligned[role].yaw_std_rad, std_rad)
+        yaw_rad = np.where(each.is_known, each.yaw_rad, yaw_rad)
+        std_rad = np.where(each.is_known, each.yaw_std_rad, std_rad)
     end_rad = float(std_rad[-1])
-    onto = "the course" if by_tags is None else "the tags"
     journal.note(
-        f"heading from {used[0]}, aligned to {onto} up to each instant; std at the end "
+        f"heading from {next(iter(usable))}, aligned to {onto} up to each instant; std at the end "
         f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m"
     )
     _warn_if_uncertain(journal, end_rad)

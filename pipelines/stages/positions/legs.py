@@ -10,8 +10,8 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.messages import JointSeries
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.positioning.heading.odometry_velocity import BodyMotion, motion_between
 from quadlog.positioning.leg_odometry import LegGeometry, better_foot_order, leg_track
+from quadlog.positioning.odometry import BodyMotion, motion_between
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
 if TYPE_CHECKING:

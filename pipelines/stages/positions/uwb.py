@@ -21,9 +21,9 @@ from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, t
 from quadlog.positioning.batch.links import link_quality, weak_first_path_share
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
-from quadlog.positioning.heading.odometry_velocity import BodyMotion
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
+from quadlog.positioning.odometry import BodyMotion
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
 from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
@@ -119,7 +119,7 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
             f"(uwb.range_std_m is {std_m} m); check ids and places in [[uwb.anchors]]"
         )
     anchors = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
-    share = link_quality(result.ranges, anchors, result.bias, std_m).nlos_share
+    share = link_quality(result.ranges, anchors, result.bias, std_m)["nlos_share"]
     texts += [
         f"anchor {anchors[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
         "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
@@ -359,20 +359,13 @@ def link_columns(result: TagResult, streams: Streams, config: Config) -> dict[st
     """Columns of links.parquet, but for the anchors' places: a row for each configured anchor, also a silent one."""
     assert streams.ranges is not None
     anchor = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
-    quality = link_quality(result.ranges, anchor, result.bias, config.uwb.range_std_m)
     weak = weak_first_path_share(streams.ranges, streams.range_gap_db, result.tag, anchor)
     return {
         "tag": result.tag,
         "anchor": anchor,
-        **{name: np.asarray(getattr(quality, name)) for name in LINK_QUALITY},
+        **link_quality(result.ranges, anchor, result.bias, config.uwb.range_std_m),
         "weak_first_path_share": weak,
     }
-
-
-LINK_QUALITY = (
-    *("n", "residual_rms_m", "residual_median_m", "bias_m", "bias_std_m"),
-    *("bias_applied", "why_not", "nlos_share"),
-)
 
 
 def _fix_columns(result: TagResult) -> dict[str, object]:

@@ -14,7 +14,7 @@ from quadlog.messages import Float
 from quadlog.positioning.anchors.walk import refine_place
 from quadlog.positioning.batch.factors import Border, TagRanges
 from quadlog.positioning.batch.solve import refine
-from quadlog.positioning.batch.tracking import Body, Starts, Tracked, TrackSettings, track_tag
+from quadlog.positioning.batch.tracking import Body, Starts, Tracked, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fixes import solve_fixes
 
@@ -78,19 +78,14 @@ def layout_misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: floa
 
 def _epoch_costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
     range_m = log.epochs.range_m[thin_rows(np.isfinite(log.epochs.range_m).sum(axis=1) >= MIN_RANGES, MAX_EPOCHS)]
+    if len(range_m) == 0:
+        return np.empty(0)
     fixes = solve_fixes("gauss_newton", anchors_m, range_m, log.height_m, range_std_m, np.inf)
-    bias_m = _medians(fixes.residual_m).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
+    known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
+    bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
     off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
     cost = np.log1p((off_std / COST_STD) ** 2)
     return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])
-
-
-def _medians(values: Float) -> Float:
-    """(A,) of columns, zero of those that are all NaN."""
-    known = np.isfinite(values).any(axis=0)
-    found = np.zeros(values.shape[1])
-    found[known] = np.nanmedian(values[:, known], axis=0)
-    return found
 
 
 MAX_SHIFT_EPOCHS = 400
@@ -168,7 +163,7 @@ def track_for_check(
     ranges = TagRanges(t_s[at], tag, anchor, range_m[at, anchor], np.zeros((1, 2)), own, len(anchors_m))
     settings = TrackSettings(range_std_m, acceleration_std_mps2, 0.0, calibrate=True)
     starts = Starts(t_s[fixes.solved], fixes.position_m[fixes.solved, :2])
-    tracked = track_tag(Body(ranges, anchors_m, settings, np.empty(0)), starts)
+    tracked = track_body(Body(ranges, anchors_m, settings, np.empty(0)), starts)
     checked = _CheckedTag(Epochs(t_ns, t_ns, range_m), t_s, tracked)
     return checked if np.sqrt(checked.place_m.var(axis=0).sum()) >= MIN_WALK_M else None
 
@@ -249,8 +244,8 @@ def check_survey(
     for anchor in range(len(anchors_m)):
         fits = [fit_anchor_shift(each, anchor) for each in tracked if each is not None]
         found = [fit for fit in fits if fit is not None]
-        if found:
-            shifts.append(_combine(found))
+        if found:  # several tags share the place and its errors: the one that knows it best counts
+            shifts.append(min(found, key=lambda fit: fit.widest_std_m))
     # A single displaced anchor, free to go anywhere, may explain more than the exchange does.
     if exchanged and not any(
         layout_misfit(logs, _place(anchors_m, shift.anchor, shift.shift_m), range_std_m) < CLEARLY_BETTER * misfit
@@ -260,15 +255,6 @@ def check_survey(
     if max((shift.lasted_s for shift in shifts), default=0.0) < MIN_LOG_S:
         return SurveyFaults()
     return SurveyFaults(shifted=_most_significant([shift for shift in shifts if shift.widest_std_m <= PLACED_STD_M]))
-
-
-def _combine(shifts: list[AnchorShift]) -> AnchorShift:
-    """What several tags say of one anchor: the weighted mean, no surer than one of them, as they share the place."""
-    information = [np.linalg.inv(shift.covariance_m2) for shift in shifts]
-    total = np.sum(information, axis=0)
-    mean_m = np.linalg.solve(total, np.sum([i @ s.shift_m for i, s in zip(information, shifts, strict=True)], axis=0))
-    lasted_s = max(shift.lasted_s for shift in shifts)
-    return AnchorShift(shifts[0].anchor, mean_m, np.linalg.inv(total / len(shifts)), lasted_s)
 
 
 def _place(anchors_m: Float, anchor: int, shift_m: Float) -> Float:

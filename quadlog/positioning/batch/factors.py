@@ -279,12 +279,12 @@ class Steps:
 
 
 class Moves:
-    """Steps of the body between knots in map, by way_m (M, 2) at t_s (M,). variance (K - 1,)."""
+    """Steps of the body between knots by a way in map. variance (K - 1,)."""
 
-    def __init__(self, timeline: Timeline, t_s: Float, way_m: Float, size: int, variance: Float) -> None:
-        self.interval, self.size = covered(timeline, t_s), size
-        at_knots = np.column_stack([np.interp(timeline.t_s, t_s, each) for each in way_m.T])
-        self.step_m, self.weight = np.diff(at_knots, axis=0)[self.interval], 1 / variance[self.interval]
+    def __init__(self, timeline: Timeline, way: Way, size: int, variance: Float) -> None:
+        self.interval, self.size = covered(timeline, way.t_s), size
+        self.step_m = np.diff(way.at(timeline.t_s)[0], axis=0)[self.interval]
+        self.weight = 1 / variance[self.interval]
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
         """Rows of both axes, and one over their variances."""

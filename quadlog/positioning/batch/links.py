@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.batch.solve import Estimate, posterior_of_globals
 
-NLOS_STD = 3.0
+NLOS_STD, NONE = 3.0, (np.nan,) * 3
 """A range longer than predicted by so many std was late: its straight way was blocked."""
 WEAK_FIRST_PATH_DB = 6.0
 """Receiver power this far above that of the first path is the radios' own hint of a blocked way."""
@@ -79,52 +79,34 @@ class AnchorBias:
         return f"the ranges favour {PRIORS[best]} ({self.shares[best]:.0%})"
 
 
-@dataclass(frozen=True, slots=True)
-class LinkQuality:
-    """One tag's links to A anchors, in the order asked for; what a link has no ranges for is NaN.
+def link_quality(
+    rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: float
+) -> dict[str, np.ndarray]:
+    """A tag's links to anchors (A,), by column, each (A,); what a link has no ranges for is NaN.
 
-    n: (A,) ranges on the track. residual_rms_m, residual_median_m: (A,) range less prediction, the applied
-    bias taken out. nlos_share: (A,) of them late by more than NLOS_STD.
-    bias_m, bias_std_m: (A,) as estimated, NaN where it was not. bias_applied: (A,) bool; why_not: A texts, empty
-    where the bias is applied.
+    bias: of these anchors, None when it was not estimated. n: ranges on the track; residual_rms_m, residual_median_m:
+    range less prediction, the applied bias taken out; nlos_share: of them late by more than NLOS_STD; bias_m,
+    bias_std_m: as estimated; bias_applied; why_not: empty where the bias is applied.
     """
-
-    n: Int
-    residual_rms_m: Float
-    residual_median_m: Float
-    nlos_share: Float
-    bias_m: Float
-    bias_std_m: Float
-    bias_applied: np.ndarray
-    why_not: tuple[str, ...]
-
-
-def link_quality(rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: float) -> LinkQuality:
-    """The links of a tag to anchors (A,), whose bias, in the same order, is None when it was not estimated."""
-    count = len(anchor_ids)
-    n = np.zeros(count, dtype=np.int64)
-    rms_m, median_m, nlos_share, unknown = (np.full(count, np.nan) for _ in range(4))
     residual_m = rows.range_m - rows.predicted_m
-    on_track = np.isfinite(residual_m)
-    for index, anchor in enumerate(anchor_ids):
-        mine_m = residual_m[on_track & (rows.anchor == anchor)]
-        n[index] = len(mine_m)
-        if len(mine_m):
-            rms_m[index] = np.sqrt(np.mean(mine_m**2))
-            median_m[index] = np.median(mine_m)
-            nlos_share[index] = np.mean(mine_m > NLOS_STD * range_std_m)
-    applied = np.zeros(count, dtype=bool) if bias is None else bias.applied
-    why_not = "calibration is off" if bias is None else "no ranges"
-    return LinkQuality(
-        n=n,
-        residual_rms_m=rms_m,
-        residual_median_m=median_m,
-        nlos_share=nlos_share,
-        bias_m=unknown if bias is None else bias.bias_m,
-        bias_std_m=unknown if bias is None else bias.std_m,
-        bias_applied=applied,
-        why_not=tuple("" if each else why_not for each in applied),
-    )
+    of_links_m = [residual_m[(rows.anchor == anchor) & np.isfinite(residual_m)] for anchor in anchor_ids]
+    found = [
+        (len(m), np.sqrt(np.mean(m**2)), np.median(m), np.mean(m > NLOS_STD * range_std_m)) if len(m) else (0, *NONE)
+        for m in of_links_m
+    ]
+    n, rms_m, median_m, nlos_share = np.array(found).reshape(-1, 4).T
+    unknown = np.full(len(anchor_ids), np.nan)
+    applied = np.zeros(len(anchor_ids), dtype=bool) if bias is None else bias.applied
+    return {
+        "n": n.astype(np.int64),
+        "residual_rms_m": rms_m,
+        "residual_median_m": median_m,
+        "bias_m": unknown if bias is None else bias.bias_m,
+        "bias_std_m": unknown if bias is None else bias.std_m,
+        "bias_applied": applied,
+        "why_not": np.where(applied, "", "calibration is off" if bias is None else "no ranges"),
+        "nlos_share": nlos_share,
+    }
 
 
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:
@@ -132,15 +114,10 @@ def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, a
 
     NaN for links whose radios do not report it.
     """
-    share = np.full(len(anchor_ids), np.nan)
-    if gap_db is None:
-        return share
-    known = (ranges.tag == tag) & np.isfinite(gap_db)
-    for index, anchor in enumerate(anchor_ids):
-        mine_db = gap_db[known & (ranges.anchor == anchor)]
-        if len(mine_db):
-            share[index] = np.mean(mine_db > WEAK_FIRST_PATH_DB)
-    return share
+    known = np.zeros(len(ranges), dtype=bool) if gap_db is None else (ranges.tag == tag) & np.isfinite(gap_db)
+    weak = known if gap_db is None else known & (gap_db > WEAK_FIRST_PATH_DB)
+    counts = [(int(weak[mine].sum()), int(known[mine].sum())) for mine in (ranges.anchor == i for i in anchor_ids)]
+    return np.array([weak_n / n if n else np.nan for weak_n, n in counts])
 
 
 RARE_SHARE = 0.05

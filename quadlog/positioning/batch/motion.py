@@ -60,23 +60,26 @@ def transition(motion: Motion, dt_s: float) -> tuple[Float, Float]:
     return step, step @ both[:2, 2:]
 
 
-def motion_information(motions: tuple[Motion, ...], timeline: Timeline, starts: Int) -> Float:
-    """(K - 1, 4D, 4D) information about two neighbouring knots (q, q', q, q') from D motions between them.
-
-    starts: knots that are known to start_std about zero, as the first of a segment is.
-    """
+@lru_cache(maxsize=1000)
+def step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
+    """(4D, 4D) information about two knots (q, q', q, q') dt_s apart from D motions between them."""
     size = len(motions)
-    lengths, which = np.unique(np.diff(timeline.t_s).round(7), return_inverse=True)
-    found = np.zeros((len(lengths), 4, size, 4, size))
-    for n, length_s in enumerate(lengths):
-        for axis, motion in enumerate(motions):
-            step, noise = transition(motion, float(length_s))
-            change = np.hstack([-step, np.eye(2)])
-            found[n, :, axis, :, axis] = change.T @ np.linalg.solve(noise, change)
-    information: Float = found.reshape(-1, 4 * size, 4 * size)[which] * timeline.connected[:, None, None]
+    found = np.zeros((4, size, 4, size))
+    for axis, motion in enumerate(motions):
+        step, noise = transition(motion, dt_s)
+        change = np.hstack([-step, np.eye(2)])
+        found[:, axis, :, axis] = change.T @ np.linalg.solve(noise, change)
+    return found.reshape(4 * size, 4 * size)
+
+
+def motion_information(motions: tuple[Motion, ...], timeline: Timeline) -> Float:
+    """(K - 1, 4D, 4D) information about neighbouring knots; the first of a segment is known to start_std about zero."""
+    size, lengths_s = len(motions), np.diff(timeline.t_s).round(7).tolist()
+    information = np.array([step_information(motions, each_s) for each_s in lengths_s])
+    information *= timeline.connected[:, None, None]
     start = np.array([m.start_std for m in motions] + [m.start_rate_std for m in motions])
     at = np.arange(2 * size)
-    for first in starts.tolist():
+    for first in timeline.firsts.tolist():
         row, shift = min(first, len(timeline) - 2), 0 if first < len(timeline) - 1 else 2 * size
         information[row, at + shift, at + shift] += start**-2.0
     return information

@@ -61,11 +61,9 @@ def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
 
 def link_medians(residual_m: Float, link: Int) -> Float:
     """(L,) median residual of each link, zero where it has none; ranges are sorted by link."""
-    ordered = np.append(residual_m[np.lexsort((residual_m, link))], 0.0)
     n = np.bincount(link)
-    first = np.cumsum(n) - n
-    middle: Float = (ordered[first + (n - 1).clip(0) // 2] + ordered[first + n // 2 * (n > 0)]) / 2
-    return np.where(n > 0, middle, 0.0)
+    parts_m = np.split(residual_m, np.cumsum(n)[:-1])
+    return np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])
 
 
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:

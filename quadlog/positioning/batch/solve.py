@@ -62,26 +62,6 @@ class Arrow:
         self.blocks += information
         self.pulls -= np.einsum("kij,kj->ki", information, _neighbours(knots))
 
-    def add_past(self, information: Float, pull: Float) -> None:
-        """Add information (size + width, ...) about the first knot and the globals, and the pull towards its mean."""
-        size = self.size
-        self.blocks[0, :size, :size] += information[:size, :size]
-        self.pulls[0, :size] += pull[:size]
-        self.border[:size] += information[:size, size:]
-        self.corner += information[size:, size:]
-        self.pull += pull[size:]
-
-    def dense(self) -> tuple[Float, Float]:
-        """The whole matrix (n + width, n + width) and its right side."""
-        n, twice = self.n_knots * self.size, 2 * self.size
-        matrix, right = np.zeros((n + self.width, n + self.width)), np.zeros(n + self.width)
-        for k, (block, pull) in enumerate(zip(self.blocks, self.pulls, strict=True)):
-            at = slice(k * self.size, k * self.size + twice)
-            matrix[at, at] += block
-            right[at] += pull
-        matrix[:n, n:], matrix[n:, :n], matrix[n:, n:], right[n:] = self.border, self.border.T, self.corner, self.pull
-        return matrix, right
-
     @cached_property
     def factorised(self) -> Factorised:
         """Cholesky of the band, Schur complement on the border; nothing is added afterwards."""
@@ -162,26 +142,13 @@ class Factor(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Past:
-    """What measurements before the first knot say about it and the globals, together n numbers.
-
-    at (n,): their values; information (2, n, n), pull (2, n) there: for the globals, and for the knots, which weigh
-    ranges differently. knows_knot: whether anything is known of the knot.
-    """
-
-    at: Float
-    information: Float
-    pull: Float
-    knows_knot: bool
-
-
 @dataclass(frozen=True)
 class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    past: before the first knot. in_sight: ranges count by the probability of line of sight, for knots and globals.
+    past: what earlier ranges say of the globals: values (M,), and information (M, M) and pull (M,) there. in_sight:
+    ranges count by the probability of line of sight, for knots and globals.
     """
 
     timeline: Timeline
@@ -191,7 +158,7 @@ class Problem:
     mean: Float
     priors: Float
     others: tuple[Factor, ...] = ()
-    past: Past | None = None
+    past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
 
     @cached_property
@@ -212,8 +179,7 @@ class Problem:
     @cached_property
     def motion(self) -> Float:
         """(K - 1, 4D, 4D) information about neighbouring knots."""
-        starts = self.timeline.firsts[self.past is not None and self.past.knows_knot :]
-        return motion_information(self.model.axes.motions, self.timeline, starts)
+        return motion_information(self.model.axes.motions, self.timeline)
 
     def stress(self, knots: Float) -> Float:
         """(K - 1,) normalised squared misfit of the knots to the motion."""
@@ -250,7 +216,7 @@ class Linearised:
 class Estimate:
     """knots (K, 2, D), values (M,) of the globals with covariance (M, M), and the share (P,) of each prior in them.
 
-    Weights and equations are those at the solution.
+    Weights and equations are those at the solution, but for the last step (M,) of the globals.
     """
 
     problem: Problem
@@ -262,18 +228,21 @@ class Estimate:
     linear: Linearised
     for_globals: Arrow
     for_knots: Factorised
+    last_step: Float
 
     def at(self, t_s: Float) -> tuple[Float, Float]:
         """Coordinates and rates (N, D)."""
         return self.problem.timeline.sample(t_s).of(self.knots)
 
+    def past(self) -> tuple[Float, Float, Float]:
+        """What its ranges, and those before, say of the globals; see Problem."""
+        arrow, factorised = self.for_globals, self.for_globals.factorised
+        pull = arrow.pull - arrow.border.T @ factorised.step - factorised.schur @ self.last_step
+        return self.values, factorised.schur, pull
+
     def knot_covariances(self) -> Float:
         """(K, 2D, 2D) of the knots' coordinates and rates."""
         return self.for_knots.covariances(self.covariance)
-
-    def arrows(self, count: int) -> tuple[Arrow, Arrow]:
-        """The normal equations of the first so many intervals between knots."""
-        return assemble(self.problem, self.linear, self.weights, self.knots, self.values, count)
 
 
 def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
@@ -304,31 +273,23 @@ def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
 
 
 def assemble(
-    problem: Problem, linear: Linearised, weights: Weights, knots: Float, values: Float, count: int | None = None
+    problem: Problem, linear: Linearised, weights: Weights, knots: Float, values: Float
 ) -> tuple[Arrow, Arrow]:
-    """Normal equations for the globals and for the knots, which differ by the weights of the ranges.
-
-    count: of the first so many intervals between knots alone.
-    """
-    count = len(knots) - 1 if count is None else count
-    for_globals = Arrow(count + 1, 2 * len(problem.model.axes), len(problem.mean))
-    for_globals.add_motion(problem.motion[:count], knots[: count + 1])
+    """Normal equations for the globals and for the knots, which differ by the weights of the ranges."""
+    for_globals = Arrow(len(knots), 2 * len(problem.model.axes), len(problem.mean))
+    for_globals.add_motion(problem.motion, knots)
     for factor in problem.others:
-        rows, weight = factor.linearise(knots, values)
-        within = rows.interval < count
-        for_globals.add(rows.rows(within), weight[within])
+        for_globals.add(*factor.linearise(knots, values))
     for_knots = for_globals.copy()
     if problem.past is not None:
-        off = np.append(knots[0], values) - problem.past.at
-        parts = zip((for_globals, for_knots), problem.past.information, problem.past.pull, strict=True)
-        for arrow, information, pull in parts:
-            arrow.add_past(information, pull - information @ off)
+        at, information, pull = problem.past
+        for_globals.corner += information
+        for_globals.pull += pull - information @ (values - at)
     variance_m2 = weights.lasts * problem.range_std_m**2
-    alike = problem.past is None and weights.knots is weights.globals
+    alike = weights.knots is weights.globals
     for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots))[: 1 if alike else 2]:
         rows, total = linear.weighted(problem.slots, each)
-        within = rows.interval < count
-        arrow.add(rows.rows(within), total[within] / variance_m2)
+        arrow.add(rows, total / variance_m2)
     return for_globals, for_globals if alike else for_knots
 
 
@@ -369,7 +330,7 @@ def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: 
         linear = linearise(problem, knots, values)
         if max(np.abs(step[:, 0, :2]).max(), np.abs(global_step).max()) < NEAR_M:
             break
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised)
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)
 
 
 def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> Estimate:
@@ -399,4 +360,5 @@ def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> 
             white = white and not near
     for_globals, for_knots = assemble(problem, linear, weights, knots, values)
     _, covariance, shares = posterior_of_globals(problem, for_globals, values)
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots.factorised)
+    last = for_knots.factorised, 0.0 * values
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, *last)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -14,6 +13,7 @@ from quadlog.positioning.batch.factors import (
     ERRORS_LAST_S,
     Axes,
     Border,
+    Moves,
     RangeModel,
     Steps,
     TagRanges,
@@ -22,7 +22,7 @@ from quadlog.positioning.batch.factors import (
 )
 from quadlog.positioning.batch.links import Deleted, bias_priors, delete_anchors
 from quadlog.positioning.batch.motion import Track, lifting, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Factor, Past, Problem, solve
+from quadlog.positioning.batch.solve import Estimate, Factor, Problem, solve
 from quadlog.positioning.batch.spline import Timeline, make_timeline
 
 KNOT_S = 0.2
@@ -68,43 +68,37 @@ class Starts:
         return np.column_stack([np.interp(t_s, self.t_s, each) for each in self.pose.T])
 
 
-class OwnMotion(Protocol):
-    """The motion of a body by another sensor."""
-
-    def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
-        """Between knots, with globals from a column on."""
-        ...
-
-    @property
-    def globals(self) -> tuple[Float, Float]:
-        """Mean and std of its own globals."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
-class OdometrySteps:
-    """A way in a frame of its own, with the std (M,) of a second's mean velocity at each of its instants."""
+class Odometry:
+    """A way with the std (M,) of a second's mean velocity at each of its instants.
+
+    In a frame of its own, for a body whose yaw is tracked, or in_map, as it was known at each instant.
+    """
 
     way: Way
     std_mps: Float
+    in_map: bool
 
     @property
     def globals(self) -> tuple[Float, Float]:
-        """Mean and std of the drift of its yaw, and of its scale."""
-        return np.array([0.0, 1.0]), np.array([DRIFT_STD_RADPS, SCALE_STD])
+        """Mean and std of its own globals: the drift of its yaw, and its scale; none in map."""
+        n = 0 if self.in_map else 2
+        return np.array([0.0, 1.0])[:n], np.array([DRIFT_STD_RADPS, SCALE_STD])[:n]
 
     def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
-        """Turns and steps between knots, the drift being in a column and the scale in the next."""
-        turns = Turns(timeline, self.way, axes, (column, None), WALK_STD**2 * np.diff(timeline.t_s))
-        variance_m2 = step_variances(timeline, self.way.t_s, self.std_mps)
-        return turns, Steps(timeline, self.way, axes, column + 1, variance_m2)
-
-
-def step_variances(timeline: Timeline, t_s: Float, std_mps: Float) -> Float:
-    """(K - 1,) of steps between knots by a velocity whose seconds' means have a std (M,) at t_s (M,)."""
-    between_s = (timeline.t_s[1:] + timeline.t_s[:-1]) / 2
-    variance_m2: Float = np.interp(between_s, t_s, std_mps) ** 2 * ERRORS_LAST_S * np.diff(timeline.t_s)
-    return variance_m2
+        """Turns and steps between knots, the drift being in a column and the scale in the next; in map steps alone, by
+        what had come by the last knot.
+        """
+        n = int(np.searchsorted(self.way.t_s, timeline.t_s[-1], side="right")) if self.in_map else len(self.way.t_s)
+        if n < 2:
+            return ()
+        way = Way(self.way.t_s[:n], self.way.xy_m[:n], self.way.yaw_rad[:n])
+        dt_s, middle_s = np.diff(timeline.t_s), (timeline.t_s[1:] + timeline.t_s[:-1]) / 2
+        variance_m2 = np.interp(middle_s, way.t_s, self.std_mps[:n]) ** 2 * ERRORS_LAST_S * dt_s
+        if self.in_map:
+            return (Moves(timeline, way, len(axes), variance_m2),)
+        turns = Turns(timeline, way, axes, (column, None), WALK_STD**2 * dt_s)
+        return turns, Steps(timeline, way, axes, column + 1, variance_m2)
 
 
 @dataclass(frozen=True)
@@ -112,7 +106,7 @@ class Body:
     """What the track of a body with one tag or several is estimated from: R > 0 ranges in time order among anchors.
 
     cuts_s: where it was carried away; softer: by how much the variance of its acceleration is raised; yaw: whether
-    that is tracked. first_s: of the first knot, where that is before the ranges.
+    that is tracked.
     """
 
     ranges: TagRanges
@@ -121,13 +115,12 @@ class Body:
     cuts_s: Float
     softer: float = 1.0
     yaw: bool = False
-    motion: OwnMotion | None = None
-    first_s: float | None = None
+    motion: Odometry | None = None
 
     @cached_property
     def timeline(self) -> Timeline:
         """The knots."""
-        t_s = self.ranges.t_s if self.first_s is None else np.append(self.first_s, self.ranges.t_s)
+        t_s = self.ranges.t_s
         return make_timeline(t_s, KNOT_S, LONGEST_GAP_S, self.cuts_s[self.cuts_s > t_s[0]])
 
     @property
@@ -141,7 +134,7 @@ class Body:
             motions.append(turning())
         return Axes(tuple(motions), z, len(motions) - 1 if self.yaw else None)
 
-    def problem(self, past: Past | None = None) -> Problem:
+    def problem(self) -> Problem:
         """All measurements; globals are the biases of the links, then those of its motion."""
         n = self.ranges.n_links
         priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Factor, ...]()
@@ -152,7 +145,7 @@ class Body:
             priors = np.array([block_diag(prior, np.diag(own_std**2)) for prior in priors])
         model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)
         slots = self.ranges.slots(self.timeline.t_s)
-        return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others, past)
+        return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
 
     def knots_from(self, starts: Starts) -> Float:
         """(K, 2, D) knots at their places between starts, moving as these do."""
@@ -248,31 +241,24 @@ def track_of(body: Body, t_ns: Int, poses: tuple[Float, Float, Float], excess: F
     return Track(t_ns, place_m, velocity_mps, place_m2, velocity_m2ps2, z_m, z_std_m, excess)
 
 
-def track_tag(body: Body, starts: Starts) -> Tracked:
-    """The track of one tag by itself, from ranges alone and F > 0 fixes to start from."""
+def track_body(body: Body, starts: Starts) -> Tracked:
+    """The track of a body from F > 0 starts.
+
+    Jumps are looked for where no yaw is tracked, of a tag by itself; what has a yaw starts from a track without them.
+    """
     for _ in range(1 + MOST_REPEATS):
-        problem = body.problem()
-        estimate = solve(problem, body.knots_from(starts), problem.mean)
-        jumps_s = np.setdiff1d(find_jumps(estimate, starts), body.cuts_s)
+        problem, knots, jumps_s = body.problem(), body.knots_from(starts), body.cuts_s[:0]
+        if body.yaw:
+            knots[:, 1] = np.gradient(knots[:, 0], body.timeline.t_s, axis=0)
+        estimate = solve(problem, knots, problem.mean)
+        if not body.yaw:
+            jumps_s = np.setdiff1d(find_jumps(estimate, starts), body.cuts_s)
         if len(jumps_s):
             body = replace(body, cuts_s=np.union1d(body.cuts_s, jumps_s))
         elif short_share(estimate) > STIFF_SHORT_SHARE:
             body = replace(body, softer=body.softer * SOFTER)
         else:
             break
-    return finish(body, estimate)
-
-
-def track_turning(body: Body, starts: Starts) -> Tracked:
-    """The track of a body from places, and yaw where that is tracked, that are about right."""
-    for _ in range(1 + MOST_REPEATS):
-        problem = body.problem()
-        knots = body.knots_from(starts)
-        knots[:, 1] = np.gradient(knots[:, 0], body.timeline.t_s, axis=0)
-        estimate = solve(problem, knots, problem.mean)
-        if short_share(estimate) <= STIFF_SHORT_SHARE:
-            break
-        body = replace(body, softer=body.softer * SOFTER)
     return finish(body, estimate)
 
 

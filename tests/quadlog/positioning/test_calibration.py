@@ -36,14 +36,6 @@ def track_error(lab, got: TagResult, series: RangeSeries, place_m: Float) -> flo
     return lab.rmse(got.track.position_m - place_m[np.searchsorted(series.t_ns, got.track.t_ns)])
 
 
-def test_motion_within_a_round_is_no_bias(lab):
-    """Rounds of 0.5 s at up to 0.8 m/s: at the mean time of its round, a range is off by up to 0.15 m."""
-    series, place_m = round_robin(lab, 3, period_s=0.5, duration_s=120)
-    got = run(lab, series)
-    np.testing.assert_allclose(got.bias.bias_m, BIAS_M / 5, atol=0.03)
-    assert track_error(lab, got, series, place_m) < 0.05
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_biases_that_are_not_there_are_hardly_applied(lab, seed):
     """Four anchors without a bias: what is subtracted is far below a range's std, and costs the track little."""
@@ -82,16 +74,6 @@ def test_std_is_the_scatter_over_many_logs(lab, bursts):
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.3
 
 
-def test_a_short_walk_through_bursts_is_not_made_worse(lab):
-    """Seeds at which a track bent by its own wrong biases once seemed to tell them well, and tripled its error."""
-    for seed in (39, 60, 72, 85):
-        simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, seed, bursts=True)
-        with_it, without = (run(lab, simulated.series, lab.TRIANGLE_M, calibrate=each) for each in (True, False))
-        off_m = [lab.rmse(each.track.position_m - simulated.truth_at(each.track.t_ns)) for each in (with_it, without)]
-        assert off_m[0] < 1.1 * off_m[1]
-        assert np.abs(with_it.bias.applied_m).max() < 0.15
-
-
 def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):
     """Ranges of 12 s that are all 0.25 m too long: not calibrated, fixes keep the bias; the track does without it."""
     simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 7, bias_m=0.25)
@@ -104,16 +86,6 @@ def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):
     assert np.median(got.ranges.weight) > 0.9
 
 
-def test_biases_are_known_as_they_were_known_then(lab):
-    """Causal: fixes of the first seconds are not corrected by what the rest of the log shows."""
-    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 1, duration_s=12, rate_hz=5, bias_m=0.3)
-    got = run(lab, simulated.series, smooth=False)
-    np.testing.assert_allclose(got.bias.bias_m, 0.3, atol=0.1)
-    begun = RangeSeries(*(getattr(simulated.series, name)[:40] for name in ("t_ns", "tag", "anchor", "range_m")))
-    part = run(lab, begun, smooth=False)
-    np.testing.assert_allclose(part.fixes.position_m, got.fixes.position_m[: len(part.fixes.position_m)], atol=1e-9)
-
-
 IDS = np.array([7, 3, 5])
 
 
@@ -124,16 +96,16 @@ def test_links_in_the_order_of_their_anchors():
     rows = RangeRows(np.arange(7), np.array([7] * 4 + [3] * 3), np.nan_to_num(residual_m) + 4, predicted_m, np.ones(7))
     bias = AnchorBias(np.array([0.2, 0.01, 0.1]), np.array([0.03, 0.03, 0.16]), np.array([4, 3, 0]), np.eye(4)[3])
     quality = link_quality(rows, IDS, bias, 0.1)
-    assert quality.n.tolist() == [4, 2, 0]
+    assert quality["n"].tolist() == [4, 2, 0]
     known = [residual_m[:4], residual_m[4:6]]
-    np.testing.assert_allclose(quality.residual_rms_m, [*(np.sqrt(np.mean(each**2)) for each in known), np.nan])
-    np.testing.assert_allclose(quality.residual_median_m, [*map(np.median, known), np.nan])
-    np.testing.assert_allclose(quality.nlos_share, [0.25, 0.0, np.nan])
-    assert quality.bias_applied.tolist() == [True, True, False]
-    assert quality.why_not == ("", "", "no ranges")
+    np.testing.assert_allclose(quality["residual_rms_m"], [*(np.sqrt(np.mean(each**2)) for each in known), np.nan])
+    np.testing.assert_allclose(quality["residual_median_m"], [*map(np.median, known), np.nan])
+    np.testing.assert_allclose(quality["nlos_share"], [0.25, 0.0, np.nan])
+    assert quality["bias_applied"].tolist() == [True, True, False]
+    assert quality["why_not"].tolist() == ["", "", "no ranges"]
     off = link_quality(rows, IDS, None, 0.1)
-    assert np.isnan(off.bias_m).all()
-    assert set(off.why_not) == {"calibration is off"}
+    assert np.isnan(off["bias_m"]).all()
+    assert set(off["why_not"]) == {"calibration is off"}
     series = RangeSeries(np.arange(6), np.array([0, 0, 0, 0, 1, 0]), np.array([7, 7, 7, 3, 3, 7]), np.ones(6))
     gap_db = np.array([5.9, 6.1, 20.0, np.nan, 9.0, np.nan])
     np.testing.assert_allclose(weak_first_path_share(series, gap_db, 0, IDS), [2 / 3, np.nan, np.nan])

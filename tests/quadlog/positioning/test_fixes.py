@@ -301,6 +301,20 @@ def test_anchors_on_a_line_give_the_side_that_was_asked_for(lab, side, sign):
     assert lab.rmse(found.fixes.position_m[fixed] - simulated.position_m[fixed] * [1, sign]) < 0.3
 
 
+def walk_across(t_s: np.ndarray) -> np.ndarray:
+    """From 3 m left of the row to 2 m right of it."""
+    return np.stack([2 + 0.3 * t_s, 3 - 0.45 * t_s], axis=1)
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_a_tag_that_crosses_the_line_is_on_the_other_side_afterwards(lab, smooth):
+    simulated, found = locate_one(lab, walk_across, ROW_M, replace(SETTINGS, mirror="left", smooth=smooth))
+    off_m = np.hypot(*(found.track.position_m - simulated.truth_at(found.track.t_ns)).T)
+    assert np.median(off_m[-100:]) < 0.2
+    fixed = found.fixes.solved
+    assert (np.sign(found.fixes.position_m[fixed, 1]) == np.sign(simulated.position_m[fixed, 1])).mean() > 0.98
+
+
 def test_what_gives_no_fix_is_refused_with_a_way_out(lab):
     with pytest.raises(AnchorsCollinear, match=r"uwb\.mirror") as caught:
         locate_one(lab, walk_beside, ROW_M, SETTINGS)

@@ -8,7 +8,7 @@ from evo.core.geometry import umeyama_alignment
 from scipy.spatial.transform import Rotation
 
 from quadlog.geometry import seconds_since
-from quadlog.positioning.lidar_odometry import LidarOdometry, LidarOdometrySettings, LidarTrack, ScanMatch, body_motion
+from quadlog.positioning.lidar_odometry import LidarOdometry, LidarTrack, ScanMatch, body_motion
 from quadlog.simulation.synthetic import corridor, follow, forest
 from quadlog.simulation.synthetic.recording import START_NS
 from tests.lab.strangers import Room, instants_s, ns
@@ -27,7 +27,7 @@ def scans_of(scenario, seed, duration_s, azimuth_steps=400):
 
 
 def odometry(scans) -> LidarTrack:
-    odometry = LidarOdometry(LidarOdometrySettings())
+    odometry = LidarOdometry()
     for scan in scans:
         odometry.take(*scan)
     return odometry.track()

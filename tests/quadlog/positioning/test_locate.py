@@ -49,15 +49,16 @@ def test_tags_are_kept_apart_and_anchors_may_come_in_any_order(lab):
     assert together.tags[1].tag == 9
 
 
-@pytest.mark.parametrize("cut_s", [2.0, 7.3])
-def test_causal_tracks_do_not_see_the_future(lab, cut_s):
-    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 5, bursts=True)
+@pytest.mark.parametrize(("cut_s", "calibrate"), [(2.0, False), (7.3, True)])
+def test_causal_tracks_and_fixes_do_not_see_the_future(lab, cut_s, calibrate):
+    """Biases too are as they were known then: fixes of the first seconds are not corrected by what the rest shows."""
+    simulated = lab.simulate(lab.walk_straight, lab.TRIANGLE_M, 5, rate_hz=10, bias_m=0.3, bursts=True)
     cut = int((simulated.series.t_ns < simulated.t_ns[0] + cut_s * 1e9).sum())
     begun = RangeSeries(*(getattr(simulated.series, name)[:cut] for name in ("t_ns", "tag", "anchor", "range_m")))
-    settings = LocateSettings(calibrate=False, smooth=False)
-    whole = locate(simulated.series, anchors(lab.TRIANGLE_M), [TAG], settings).tags[0].track
-    part = locate(begun, anchors(lab.TRIANGLE_M), [TAG], settings).tags[0].track
-    np.testing.assert_array_equal(part.position_m, whole.position_m[: len(part)])
+    settings = LocateSettings(calibrate=calibrate, smooth=False)
+    whole, part = (locate(each, anchors(lab.TRIANGLE_M), [TAG], settings).tags[0] for each in (simulated.series, begun))
+    np.testing.assert_array_equal(part.track.position_m, whole.track.position_m[: len(part.track)])
+    np.testing.assert_allclose(part.fixes.position_m, whole.fixes.position_m[: len(part.fixes.position_m)], atol=1e-9)
 
 
 def test_a_tag_that_appears_half_way_and_one_that_never_does(lab):

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
-from quadlog.positioning.anchors.walk import MOST_RANGES, HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 
 ANCHORS_M = np.array(
@@ -106,18 +106,3 @@ def test_where_the_odometry_doubts_its_poses_bounds_are_wider():
     sure, doubtful = (survey(6002, doubtful=doubts)[0] for doubts in (False, True))
     ratio = [after.radius_m / before.radius_m for before, after in zip(sure.anchors, doubtful.anchors, strict=True)]
     assert np.median(ratio) > 1.3
-
-
-def test_every_link_keeps_its_share_of_many_ranges():
-    """Eight anchors in turn: every eighth range is one anchor's alone. A ninth is rare."""
-    n, rare = 80_000, 40
-    t_s = 1e-3 * np.arange(n + rare)
-    anchor = np.concatenate([np.tile(np.arange(8), n // 8), np.full(rare, 8)])
-    seen = t_s, np.zeros(n + rare, dtype=np.int64), anchor, np.ones(n + rare)
-    way, ranges = Way(t_s, np.column_stack([t_s, 0 * t_s]), 0 * t_s), TagRanges(*seen, np.zeros((1, 2)), np.zeros(1), 9)
-    walk, n_far = make_walk(way, ranges, HeightPrior(np.zeros(9), np.ones(9)), LIDAR)
-    counts = np.bincount(walk.ranges.anchor)
-    assert n_far == 0
-    assert counts[8] == rare
-    assert len(set(counts[:8])) == 1
-    assert 0.8 * MOST_RANGES <= counts.sum() <= MOST_RANGES

@@ -10,7 +10,7 @@ from quadlog.positioning.batch import solve as module
 from quadlog.positioning.batch.factors import Axes, Border, Moves, RangeModel, Steps, TagRanges, Turns, Way
 from quadlog.positioning.batch.links import bias_priors
 from quadlog.positioning.batch.motion import lifting, motion_information, transition, turning, walking
-from quadlog.positioning.batch.solve import Problem, Weights, assemble, linearise, posterior_of_globals, solve
+from quadlog.positioning.batch.solve import Arrow, Problem, Weights, assemble, linearise, posterior_of_globals, solve
 from quadlog.positioning.batch.spline import make_timeline
 
 ANCHORS_M = np.array([[0, 0, 0.3], [8, 0, 2.4], [8, 7, 0.5], [0, 7, 2.5], [4, -1, 1.2]])
@@ -32,7 +32,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     others = (
         Turns(timeline, way, AXES, (n, None), variance),
         Steps(timeline, way, AXES, n + 1, variance),
-        Moves(timeline, way_s, way.xy_m, len(AXES), variance),
+        Moves(timeline, way, len(AXES), variance),
     )
     mean = np.concatenate([np.zeros(n), [0.0, 1.0], np.zeros(3)])
     border = Border(n, n + 5, np.array([-1, -1, n + 2, -1, -1]))
@@ -73,11 +73,24 @@ def test_slopes_are_finite_differences():
     np.testing.assert_allclose(dense[own:], numeric[own:], atol=1e-6)
 
 
+def dense(arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
+    """The whole matrix and its right side."""
+    n, size = arrow.n_knots * arrow.size, arrow.size
+    matrix, right = np.zeros((n + arrow.width, n + arrow.width)), np.zeros(n + arrow.width)
+    for k, (block, pull) in enumerate(zip(arrow.blocks, arrow.pulls, strict=True)):
+        at = slice(k * size, (k + 2) * size)
+        matrix[at, at] += block
+        right[at] += pull
+    matrix[:n, n:], matrix[n:, :n], matrix[n:, n:] = arrow.border, arrow.border.T, arrow.corner
+    right[n:] = arrow.pull
+    return matrix, right
+
+
 def test_the_arrow_is_the_dense_system_and_its_marginals():
     problem, knots, values = problem_of()
     weights = Weights(*np.random.default_rng(1).uniform(0.2, 1, (2, len(problem.slots.range_m))), 2.0)
     for_globals, for_knots = assemble(problem, linearise(problem, knots, values), weights, knots, values)
-    matrix, right = for_globals.dense()
+    matrix, right = dense(for_globals)
     n = knots.size
     prior = np.linalg.inv(problem.priors[0])
     full, pull = matrix.copy(), right.copy()
@@ -87,7 +100,7 @@ def test_the_arrow_is_the_dense_system_and_its_marginals():
     np.testing.assert_allclose(step, np.linalg.solve(full, pull)[n:], atol=1e-8)
     np.testing.assert_allclose(covariance, np.linalg.inv(full)[n:, n:], atol=1e-9)
     factorised = for_knots.factorised
-    own, own_right = for_knots.dense()
+    own, own_right = dense(for_knots)
     wanted = np.linalg.solve(own[:n, :n], own_right[:n] - own[:n, n:] @ step)
     np.testing.assert_allclose(factorised.step_of_knots(step).ravel(), wanted, atol=1e-7)
     inverse = np.linalg.inv(own[:n, :n])
@@ -142,28 +155,5 @@ def test_a_spline_passes_through_its_knots_and_segments_are_apart():
     np.testing.assert_allclose(value, knots[:, 0], atol=1e-9)
     inside = np.append(timeline.connected, False) | np.append(False, timeline.connected)
     np.testing.assert_allclose(rate[inside], knots[inside, 1], atol=1e-9)
-    information = motion_information((walking(1.0),), timeline, timeline.firsts)
+    information = motion_information((walking(1.0),), timeline)
     assert np.abs(information[~timeline.connected][:, :2, 2:]).max() == 0
-
-
-def test_what_is_forgotten_leaves_the_same_estimate():
-    """The first intervals eliminated, and the rest solved with what they said: the same as all at once."""
-    from quadlog.positioning.batch.causal import _eliminate
-
-    problem, knots, values = problem_of()
-    weights = Weights(*np.ones((2, len(problem.slots.range_m))))
-    linear = linearise(problem, knots, values)
-    count, size = 4, 8
-    whole, _ = assemble(problem, linear, weights, knots, values)
-    begun, _ = assemble(problem, linear, weights, knots, values, count)
-    wanted, wanted_right = _eliminate(whole.dense(), count * size)
-    information, pull = _eliminate(begun.dense(), count * size)
-    # What the later intervals say by themselves, and the prior of all that came before.
-    later, later_right = (each[count * size :].copy() for each in whole.dense())
-    later, own = later[:, count * size :], slice(-size - len(values), None)
-    n = len(later_right)
-    head = np.append(np.arange(size), np.arange(n - len(values), n))
-    later[np.ix_(head, head)] += information - begun.dense()[0][own, own]
-    later_right[head] += pull - begun.dense()[1][own]
-    np.testing.assert_allclose(later, wanted, atol=1e-6)
-    np.testing.assert_allclose(later_right, wanted_right, atol=1e-6)

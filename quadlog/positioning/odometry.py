@@ -9,11 +9,10 @@ import numpy as np
 
 from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.causal import OdometryMoves
 from quadlog.positioning.batch.factors import HOLD_S, Way, turned
 from quadlog.positioning.batch.motion import Track
-from quadlog.positioning.heading.heading import ODOMETRY_DRIFT, YawSensor, align_yaw
-from quadlog.positioning.heading.yaw_offset import UNKNOWN_YAW_STD_RAD
+from quadlog.positioning.batch.tracking import Odometry
+from quadlog.positioning.heading import ODOMETRY_DRIFT, UNKNOWN_YAW_STD_RAD, YawSensor, align_yaw
 
 STANDING_MPS = 0.05
 """Below it odometry has no course of its own."""
@@ -107,14 +106,16 @@ def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, 
         std = _std_so_far(motion.t_ns, per_leg)
     else:
         track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
-        std = np.full(len(missed_m), _typical_std(per_leg[compared], track_m2 / LEG_S))
+        # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
+        usual_m2ps = np.median(per_leg[compared]) / np.log(2) - track_m2 / LEG_S
+        std = np.full(len(missed_m), np.sqrt(max(usual_m2ps, LEAST_STD_MPS**2)))
     typical = float(std[-1])
     share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
     if not causal and share > BELIEVED_SHARE:
         ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
         reason = f"its motion is off by {100 * share:.0f} % of UWB's, its length {ratio:.2f} times UWB's"
         return refused(typical, motion.source, reason)
-    usual = np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
+    usual = std if causal else np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
     std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)
     yaw_rad = np.unwrap(motion.yaw_rad) + np.unwrap(offset_rad)
     return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std, offset_std, typical, motion.source)
@@ -127,23 +128,24 @@ def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
     return turned(motion.yaw_rad, np.stack([forward, left], axis=1))
 
 
-def way_of(motion: BodyMotion, start_ns: int, x_m: float, y_m: float) -> Way:
-    """The way of a tag by the sensor's velocities, since its poses may jump; instants in seconds since start_ns."""
-    t_s, velocity_mps, yaw_rad = (
-        seconds_since(motion.t_ns, start_ns),
-        _tag_velocity(motion, x_m, y_m),
-        np.unwrap(motion.yaw_rad),
-    )
-    steps_m = np.diff(t_s)[:, None] * (velocity_mps[1:] + velocity_mps[:-1]) / 2
-    return Way(t_s, np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)]), yaw_rad)
+def tag_odometry(motion: BodyMotion, measured: MeasuredMotion, start_ns: int, x_m: float, y_m: float) -> Odometry:
+    """The tag's way in the sensor's own frame, by velocities, since its poses may jump; seconds since start_ns."""
+    t_s = seconds_since(motion.t_ns, start_ns)
+    way = Way(t_s, _summed(t_s, _tag_velocity(motion, x_m, y_m)), np.unwrap(motion.yaw_rad))
+    return Odometry(way, measured.std_mps, in_map=False)
 
 
-def moves_of(motion: MeasuredMotion, start_ns: int) -> OdometryMoves:
+def odometry_in_map(motion: MeasuredMotion, start_ns: int) -> Odometry:
     """The way in map, with what its direction adds to the std."""
     t_s, speed_mps = seconds_since(motion.t_ns, start_ns), np.hypot(*motion.velocity_mps.T)
-    steps_m = np.diff(t_s)[:, None] * (motion.velocity_mps[1:] + motion.velocity_mps[:-1]) / 2
-    way_m = np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
-    return OdometryMoves(t_s, way_m, np.hypot(motion.std_mps, motion.yaw_std_rad * speed_mps))
+    way = Way(t_s, _summed(t_s, motion.velocity_mps), motion.yaw_rad)
+    return Odometry(way, np.hypot(motion.std_mps, motion.yaw_std_rad * speed_mps), in_map=True)
+
+
+def _summed(t_s: Float, velocity_mps: Float) -> Float:
+    """(M, 2) the way since the first instant, by trapezoids."""
+    steps_m = np.diff(t_s)[:, None] * (velocity_mps[1:] + velocity_mps[:-1]) / 2
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
 
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:
@@ -168,8 +170,7 @@ def _compare_legs(t_ns: Int, map_mps: Float, track: Track, *, causal: bool) -> t
     """
     start_ns = int(t_ns[0])
     t_s, track_s = seconds_since(t_ns, start_ns), seconds_since(track.t_ns, start_ns)
-    steps_m = np.diff(t_s)[:, None] * (map_mps[1:] + map_mps[:-1]) / 2
-    summed_m = np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
+    summed_m = _summed(t_s, map_mps)
     ends_s = [t_s - (LEG_S if causal else LEG_S / 2), t_s + (0.0 if causal else LEG_S / 2)]
     covered = (ends_s[0] >= t_s[0]) & (ends_s[1] <= t_s[-1]) & _near(ends_s[0], track_s) & _near(ends_s[1], track_s)
     # From and to poses that were known then, so that a causal leg needs no later one.
@@ -187,11 +188,6 @@ def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
     """(M,) bool: something is known at or before each instant, not longer ago than HOLD_S."""
     before = np.searchsorted(known_s, wanted_s, side="right") - 1
     return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
-
-
-def _typical_std(per_leg: Float, tracks_share: float) -> float:
-    """From the median, which slips do not move: of a squared Rayleigh variable it is 2 ln 2 variances."""
-    return float(np.sqrt(max(np.median(per_leg) / np.log(2) - tracks_share, LEAST_STD_MPS**2)))
 
 
 def _std_so_far(t_ns: Int, per_leg: Float) -> Float:

@@ -1,1 +1,0 @@
-"""Yaw from IMU, odometry or course."""
