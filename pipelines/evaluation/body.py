@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ from quadlog.messages import Float, Int
 from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import (
     BodySeries,
-    GaitStatistics,
     gait,
     ground_speed,
     stance_where,
@@ -23,7 +21,6 @@ from quadlog.metrics.walking import (
 )
 from quadlog.results.tables import (
     CONTACTS,
-    DUTY_FACTORS,
     FOOT_FORCES,
     JOINT_COLUMNS,
     TABLES,
@@ -171,17 +168,11 @@ def write_bodies(
     ):
         for name, body in bodies.items():
             for row in torque_rows(body):
-                torques.add_row({"body": name} | row._asdict())
+                torques.add_row({"body": name} | row)
             walked = gait(body, masses_kg[name])
             if name == "resimulated":
-                walked = replace(walked, cost_of_transport=resimulated_cost)
-            gaits.add_row({"body": name} | _gait_row(walked))
-            if name == "logged" and np.isfinite(walked.cost_of_transport):
-                n = int(body.cost_known.sum())
-                metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, n, "")
+                walked["cost_of_transport"] = resimulated_cost
+            gaits.add_row({"body": name} | walked)
+            if name == "logged" and np.isfinite(cost := walked["cost_of_transport"]):
+                metrics["logged_cost_of_transport"] = Metric(cost, int(body.cost_known.sum()), "")
     return metrics
-
-
-def _gait_row(walked: GaitStatistics) -> dict[str, float | int]:
-    columns = {each.name: getattr(walked, each.name) for each in fields(walked) if each.name != "duty_factor"}
-    return columns | dict(zip(DUTY_FACTORS, walked.duty_factor.tolist(), strict=True))
