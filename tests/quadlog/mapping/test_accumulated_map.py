@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import binned_statistic_2d
 
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.mapping.compact import NO_TOP, PlacedScan
 from quadlog.mapping.grid import Window, window_around
 from quadlog.mapping.memory import FREE, OCCUPIED, AccumulatedMap, GroundHeight
+from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY
 
 
@@ -65,50 +65,23 @@ def test_a_pose_far_off_is_skipped_and_counted() -> None:
     assert (cells == OCCUPIED).sum() == 2
 
 
-@pytest.fixture
-def add_ground_height(compacted):
-    """Add points of base that are all ground, with one of another class among them."""
-
-    def run(ground: GroundHeight, xy_m, height_m, pose: tuple = (0.0, 0.0, 0.0), **settings) -> None:
-        xyz_m = np.column_stack([xy_m, height_m])
-        label = np.full(len(xyz_m), PointClass.GROUND, dtype=np.uint8)
-        at = len(xyz_m) // 2
-        xyz_m, label = np.insert(xyz_m, at, [[3.0, 3.0, 99.0]], axis=0), np.insert(label, at, PointClass.OBSTACLE)
-        ground.add(compacted(xyz_m, label, **settings), np.array([pose]))
-
-    return run
-
-
-def test_mean_heights_agree_with_scipy(add_ground_height) -> None:
-    """Cells of base that are those of map lose nothing."""
+def test_mean_heights_agree_with_scipy_and_a_scan_beyond_the_limit_is_skipped(scanned) -> None:
     random = np.random.default_rng(0)
-    ground = GroundHeight(0.25)
-    scans = [random.uniform(-10, 10, (4000, 2)) for _ in range(4)]
+    ground, scans = GroundHeight(0.25), [random.uniform(-10, 10, (4000, 2)) for _ in range(4)]
     heights = [random.normal(0, 0.1, 4000) for _ in scans]
-    for i, (xy_m, height_m) in enumerate(zip(scans, heights, strict=True)):
-        add_ground_height(ground, xy_m, height_m, (5.0 * i, 0.0, 0.0), ground_cell_m=0.25, reach_m=20.0)
-
+    for x_m, xy_m, height_m in zip((0.0, 5.0, 10.0, 15.0), scans, heights, strict=True):
+        # One of another class among them.
+        xyz_m = np.insert(np.column_stack([xy_m, height_m]), 2000, [[3.0, 3.0, 99.0]], axis=0)
+        label = np.insert(np.full(4000, PointClass.GROUND, np.uint8), 2000, PointClass.OBSTACLE)
+        ground.add(scanned(xyz_m, label), np.array([[x_m, 0.0, 0.0]]), 20.0)
+    ground.add(scanned([[0.1, 0.1, 0.5]], PointClass.GROUND), np.array([[1e9, 0.0, 0.0]]), 20.0)
     terrain = ground.to_map()
-
     assert terrain is not None
     rows, cols = terrain.height_m.shape
     edges = [terrain.origin_m[axis] + 0.25 * np.arange(size + 1) for axis, size in ((1, rows), (0, cols))]
-    xy_m = np.concatenate([each + np.array([5.0 * i, 0]) for i, each in enumerate(scans)])
-    height_m = np.concatenate(heights)
-    mean_m, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "mean", bins=edges)
+    xy_m, height_m = np.concatenate([each + np.array([5.0 * i, 0]) for i, each in enumerate(scans)]), np.concatenate(heights)
     count, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "count", bins=edges)
-    assert terrain.count.sum() == 16000
-    assert (terrain.count == count).mean() > 0.99, "a mean on the edge of a cell is rounded to a millimetre"
-    assert terrain.height_m[terrain.count == count] == pytest.approx(
-        mean_m[terrain.count == count], abs=1e-3, nan_ok=True
-    )
-
-
-def test_a_scan_beyond_the_limit_is_skipped_and_counted(add_ground_height) -> None:
-    ground = GroundHeight(0.2)
-    add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]))
-    add_ground_height(ground, np.array([[0.1, 0.1]]), np.array([0.5]), (1e9, 0.0, 0.0))
-    terrain = ground.to_map()
+    mean_m, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "mean", bins=edges)
+    np.testing.assert_array_equal(terrain.count, count)
+    assert terrain.height_m == pytest.approx(mean_m, abs=1e-6, nan_ok=True)
     assert ground.lattice.skipped == 1
-    assert terrain is not None
-    assert terrain.height_m.tolist() == [[0.5]]

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.mapping.compact import NO_TOP, PlacedScan
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window
 from quadlog.mapping.memory import LogOddsMemory
+from quadlog.mapping.placing import NO_TOP, PlacedScan
 from quadlog.mapping.ray_tracing import NO_RAY
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
