@@ -20,7 +20,7 @@ from quadlog.mapping.placing import NO_TOP, PlacingSettings, place_scan, reach_o
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
-from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, WholeScan
+from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.results.arrays import ARRAYS, MapsWriter, write_arrays
@@ -105,15 +105,18 @@ def _filtered(
     """Every scan with its place; writes its row, and at the end the samples, and what is to be known of all."""
     journal.progress.begin("filter", len(data.streams.clouds_ns))
     tally, gap_s = _Tally(), config.lidar.pose_gap_s
+    sampled, samples = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples), list[_Sample]()
     with TableWriter(folder / "scans.parquet", TABLES["scans"]) as table:
-        for t_ns, cloud in data.clouds():
+        for number, (t_ns, cloud) in enumerate(data.clouds()):
             scan = scanner.classified(t_ns, cloud)
             place = place_of(t_ns, scan.slot_ns, robot, gap_s)
             table.add_row(scan.row)
+            if number in sampled:
+                samples.append(_Sample.of(scan, place))
             tally.count(journal, scan, place)
             yield scan, place
             journal.progress.advance((t_ns - data.first_ns) * 1e-9)
-    write_arrays(folder, "cloud_samples", _samples(scanner.samples, robot, gap_s))
+    write_arrays(folder, "cloud_samples", _samples(samples))
     journal.lose(data.log.recording.losses)
     for text in data.log.recording.warnings:
         journal.warn(text)
@@ -171,21 +174,30 @@ class _Tally:
                 journal.warn(f"{count} of {n} scans: {text}" + (why if count == n else ""))
 
 
-def _samples(scans: Sequence[WholeScan], robot: RobotTrack, max_gap_s: float) -> dict[str, Any]:
-    """The arrays of `cloud_samples.npz`: points in base at their scan's instant, if its place is known."""
-    places = [place_of(each.t_ns, each.slot_ns, robot, max_gap_s) for each in scans]
-    xyz_m = [
-        deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose)
-        if np.isfinite(place.pose).all()
-        else points.xyz_base_m
-        for (_, points, _), place in zip(scans, places, strict=True)
-    ]
-    pose_at = np.array([place.pose for place in places], np.float64).reshape(-1, 3)
+class _Sample(NamedTuple):
+    """A whole scan for figures: xyz_m (N, 3) in base at its instant and label (N,); pose (3,) of base, or NaN."""
+
+    t_ns: int
+    xyz_m: NDArray[np.float32]
+    label: NDArray[np.uint8]
+    pose: Float
+
+    @classmethod
+    def of(cls, scan: TimedScan, place: ScanPlace) -> _Sample:
+        points = scan.found.points()
+        known = np.isfinite(place.pose).all()
+        xyz_m = deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose) if known else points.xyz_base_m
+        return cls(scan.t_ns, xyz_m, points.label, place.pose)
+
+
+def _samples(scans: Sequence[_Sample]) -> dict[str, Any]:
+    """The arrays of `cloud_samples.npz`."""
+    pose_at = np.array([scan.pose for scan in scans], np.float64).reshape(-1, 3)
     return {
         "t_ns": [scan.t_ns for scan in scans],
-        "offset": np.cumsum([0, *map(len, xyz_m)], dtype=np.int64),
-        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *xyz_m], dtype=np.float32),
-        "label": np.concatenate([np.empty(0, np.uint8), *(scan.points.label for scan in scans)], dtype=np.uint8),
+        "offset": np.cumsum([0, *(len(scan.label) for scan in scans)], dtype=np.int64),
+        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *(scan.xyz_m for scan in scans)], dtype=np.float32),
+        "label": np.concatenate([np.empty(0, np.uint8), *(scan.label for scan in scans)], dtype=np.uint8),
         **dict(zip(("x_m", "y_m", "yaw_rad"), pose_at.T, strict=True)),
         "classes": [each.name.lower() for each in PointClass],
     }

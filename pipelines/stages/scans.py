@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Points
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.lidar.deskew import MAX_OFFSET_NS, Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
@@ -62,21 +62,10 @@ class TimedScan(NamedTuple):
     found: ClassifiedScan
 
 
-class WholeScan(NamedTuple):
-    """All valid points of a scan kept for figures, and the middles of its time slots (K,)."""
-
-    t_ns: int
-    points: Points
-    slot_ns: Int
-
-
 class Scanner:
-    """Classifies clouds one by one. samples: whole scans for figures, spread over the recording."""
+    """Classifies clouds one by one."""
 
     def __init__(self, config: Config, seed: int, data: LogData) -> None:
-        self._sampled = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples)
-        self.samples: list[WholeScan] = []
-        self._taken = 0
         self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
 
@@ -89,9 +78,6 @@ class Scanner:
         found = self._classifier.classify(cloud, transforms)
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
-        if self._taken in self._sampled:
-            self.samples.append(WholeScan(t_ns, found.points(), slot_ns))
-        self._taken += 1
         level = None if found.ground is None else found.ground.is_level
         return TimedScan(t_ns, row, slot_ns, level, skewed, not_levelled, found)
 

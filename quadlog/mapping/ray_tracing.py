@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.range_image import Returns, turn_of
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 
@@ -30,7 +30,7 @@ _DIRECTIONS = 4096
 # A ray stops this far before its end, in cells: the cell in which it ends, or that it only touches, is not crossed.
 _SHORT_CELLS = 0.75
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
-_INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
+_INF, _NONE = np.float32(np.inf), np.float32(0)
 
 
 def lowest_rays(
@@ -105,21 +105,6 @@ def _gather(
 
 
 @inner
-def _turn(x: np.float32, y: np.float32) -> np.float32:
-    """The azimuth of (x, y) in turns, [0, 1], by a polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
-    size_x, size_y = abs(x), abs(y)
-    steep = size_y > size_x
-    larger, smaller = size_y if steep else size_x, size_x if steep else size_y
-    q = smaller / (larger if larger > _TINY else _TINY)
-    s = q * q
-    part = np.float32(-0.05111625) + s * (np.float32(0.02327801) + s * np.float32(-0.00620448))
-    part = q * (np.float32(0.15902978) + s * part)
-    part = np.float32(0.25) - part if steep else part
-    part = np.float32(0.5) - part if x < _NONE else part
-    return _ONE - part if y < _NONE else part
-
-
-@inner
 def _bins(
     size: int, dx_m: Float32, dy_m: Float32, height_m: Float32, label: NDArray[np.uint8], limits: Float32,
     sectors: int, length_m: Float32, rise: Float32, place: NDArray[np.int32],
@@ -142,7 +127,7 @@ def _bins(
         k = (climb - steepest) * per_bin
         k = k if k > _NONE else _NONE
         k = k if counts else _NONE
-        sector = np.int32(_turn(dx, dy) * per_turn)
+        sector = np.int32(turn_of(dx, dy) * per_turn)
         sector = sector if sector < last else last
         length_m[c], rise[c] = length if counts else _INF, climb if counts else -_INF
         place[c] = sector * np.int32(BINS) + np.int32(k) if counts else nowhere
@@ -255,7 +240,7 @@ def _look_up(
             away = np.sqrt(dx[col] * dx[col] + squared) * np.float32(2)
             step[col] = np.int32(away if away < last else last)
         for col in range(cols):
-            at = np.int32(_turn(dx[col], dy) * np.float32(_DIRECTIONS))
+            at = np.int32(turn_of(dx[col], dy) * np.float32(_DIRECTIONS))
             direction[col] = at if at < np.int32(_DIRECTIONS) else np.int32(_DIRECTIONS - 1)
         for col in range(cols):
             lowest[col] = flat[np.uint32(sector[np.uint32(direction[col])] * steps + step[col])]

@@ -79,7 +79,8 @@ def test_mean_heights_agree_with_scipy_and_a_scan_beyond_the_limit_is_skipped(sc
     assert terrain is not None
     rows, cols = terrain.height_m.shape
     edges = [terrain.origin_m[axis] + 0.25 * np.arange(size + 1) for axis, size in ((1, rows), (0, cols))]
-    xy_m, height_m = np.concatenate([each + np.array([5.0 * i, 0]) for i, each in enumerate(scans)]), np.concatenate(heights)
+    xy_m = np.concatenate([each + np.array([5.0 * i, 0]) for i, each in enumerate(scans)])
+    height_m = np.concatenate(heights)
     count, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "count", bins=edges)
     mean_m, *_ = binned_statistic_2d(xy_m[:, 1], xy_m[:, 0], height_m, "mean", bins=edges)
     np.testing.assert_array_equal(terrain.count, count)
