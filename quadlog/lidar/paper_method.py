@@ -134,8 +134,7 @@ def fit_ground(xyz_m: Float, settings: PaperSettings, seed: int) -> tuple[Ground
     if n < max(fewest, 3):
         return None
     n_needed = ransac_iterations(settings.ground_confidence, settings.ground_inlier_share)
-    # A point drawn twice spans no plane.
-    normals, d_m = _planes_through(xyz_m, np.random.default_rng(seed).integers(0, n, (n_needed, 3)))
+    normals, d_m = _planes_through(xyz_m, _distinct_triples(n, n_needed, seed))
     best, n_best, across_m = -1, 0, np.ascontiguousarray(xyz_m.T)
     for begin in range(0, len(normals), _PLANES_AT_ONCE):
         rows = slice(begin, begin + _PLANES_AT_ONCE)
@@ -166,3 +165,17 @@ def _planes_through(xyz_m: Float, triples: Int) -> tuple[Float, Float]:
     size, most = np.linalg.norm(normals, axis=1), np.prod([np.linalg.norm(each, axis=1) for each in sides], axis=0)
     normals /= np.where(size > 1e-9 * most, size, np.nan)[:, None]
     return normals, -np.sum(normals * first, axis=1)
+
+
+def _distinct_triples(n_points: int, n_triples: int, seed: int) -> Int:
+    """(n_triples, 3) indices below n_points, different within each row."""
+    generator = np.random.default_rng(seed)
+    first = generator.integers(0, n_points, n_triples)
+    second = generator.integers(0, n_points - 1, n_triples)
+    third = generator.integers(0, n_points - 2, n_triples)
+    # Each draw is from the indices that are left: step over the ones taken.
+    second += second >= first
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    third += third >= low
+    third += third >= high
+    return np.stack([first, second, third], axis=1)
