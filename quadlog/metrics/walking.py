@@ -159,7 +159,7 @@ class BodySeries:
     """A walk of N rows: t_ns (N,) rising; what is unknown is NaN.
 
     speed_mps (N,) over ground; torque_nm (N, 12); stance (N, 4) 1 or 0; power_w (N,) sum of |torque x joint speed| of
-    all joints; height_m (N,) of the trunk above its feet or the ground; pitch_rad (N,) nose down.
+    all joints; pitch_rad (N,) nose down.
     """
 
     t_ns: Int
@@ -167,7 +167,6 @@ class BodySeries:
     torque_nm: NDArray[np.floating]
     stance: Float
     power_w: Float
-    height_m: Float
     pitch_rad: Float
 
     @property
@@ -257,31 +256,21 @@ def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
 def gait(body: BodySeries, mass_kg: float) -> dict[str, float | int]:
     """The row of gait.parquet, over the n rows in which the body moves; NaN where it is unknown.
 
-    duty_factor_0 to 3: share of these rows in which each foot stands. height and pitch: mean and standard deviation.
+    duty_factor_0 to 3: share of these rows in which each foot stands. cost_of_transport: mean power over weight and
+    mean speed, of rows with both known, at rest too; speeds below MOVING_MPS count as 0. mass_kg: NaN if unknown.
     """
-    moves = body.moves
-    height_m, pitch_rad = _known(body.height_m[moves]), _known(body.pitch_rad[moves])
+    moves, known = body.moves, body.cost_known
+    pitch_rad, way = _known(body.pitch_rad[moves]), float(np.where(moves, body.speed_mps, 0.0)[known].sum())
+    weight_n = mass_kg * GRAVITY_MPS2
     return {
         "n": int(moves.sum()),
         "speed_mps": _mean(body.speed_mps[moves]),
         "stride_frequency_hz": _mean(strides(body).values),
         **{f"duty_factor_{foot}": _mean(_known(stance[moves])) for foot, stance in enumerate(body.stance.T)},
-        "cost_of_transport": cost_of_transport(body, mass_kg),
-        "height_mean_m": _mean(height_m),
-        "height_std_m": float(np.std(height_m)) if len(height_m) else float("nan"),
+        "cost_of_transport": float(body.power_w[known].sum()) / (weight_n * way) if way > 0 else float("nan"),
         "pitch_mean_rad": _mean(pitch_rad),
         "pitch_std_rad": float(np.std(pitch_rad)) if len(pitch_rad) else float("nan"),
     }
-
-
-def cost_of_transport(body: BodySeries, mass_kg: float) -> float:
-    """Mean power over weight and mean speed, of rows with both known; speeds below MOVING_MPS count as 0.
-
-    mass_kg: NaN where it is not known; the result is NaN then, and for a body that does not move.
-    """
-    known = body.cost_known
-    way = float(np.where(body.moves, body.speed_mps, 0.0)[known].sum())
-    return float(body.power_w[known].sum()) / (mass_kg * GRAVITY_MPS2 * way) if way > 0 else float("nan")
 
 
 def _known(values: Float) -> Float:

@@ -91,7 +91,6 @@ def walk(n: int, step_s: float = 0.005, speed_mps: float = 0.5) -> BodySeries:
         torque_nm=np.tile(np.arange(1.0, 13.0), (n, 1)),
         stance=np.ones((n, 4)),
         power_w=np.full(n, 60.0),
-        height_m=np.full(n, 0.3),
         pitch_rad=np.zeros(n),
     )
 
