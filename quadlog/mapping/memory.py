@@ -15,7 +15,6 @@ from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.lidar.range_image import Returns
 from quadlog.mapping.grid import FARTHEST_CELL, MOST_CELLS, Grid, GrowingLattice, Window
 from quadlog.mapping.placing import NO_TOP, PlacedScan, slot_transforms
-from quadlog.mapping.ray_tracing import NO_RAY
 from quadlog.messages import Float, Float32, Int
 
 Int16 = NDArray[np.int16]
@@ -126,9 +125,10 @@ class AccumulatedMap:
         """
         if not self.lattice.cover(window):
             return
-        hits, row, col = self.lattice.whole("hits", window)
-        passes, _, _ = self.lattice.whole("passes", window)
-        _count(placed.top_mm, placed.lowest_ray_mm, np.int16(min(below_mm, int(NO_RAY))), hits, passes, row, col)
+        hits, passes = (self.lattice.view(name, window) for name in ("hits", "passes"))
+        hit = placed.top_mm > NO_TOP
+        hits += hit
+        passes += (placed.lowest_ray_mm < below_mm) & ~hit
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
@@ -140,21 +140,6 @@ class AccumulatedMap:
         cells[passes > 0] = FREE
         cells[(hits > 0) & (hits >= OCCUPIED_SHARE * (hits + passes))] = OCCUPIED
         return cells, window
-
-
-@kernel
-def _count(
-    top_mm: NDArray[np.int16], lowest_ray_mm: NDArray[np.int16], below_mm: int, hits: NDArray[np.int32],
-    passes: NDArray[np.int32], first_row: int, first_col: int,
-) -> None:  # fmt: skip
-    one, none = np.int32(1), np.int32(0)
-    rows, cols = top_mm.shape
-    for row in range(rows):
-        top, ray = top_mm[row], lowest_ray_mm[row]
-        hit, passed = hits[first_row + row, first_col:], passes[first_row + row, first_col:]
-        for col in range(cols):
-            hit[col] += one if top[col] > NO_TOP else none
-            passed[col] += one if (ray[col] < below_mm) & (top[col] <= NO_TOP) else none
 
 
 @dataclass(frozen=True, slots=True)
