@@ -26,7 +26,7 @@ LOSSES = ("Loss", "Damaged")
 
 HEADER = """# Troubleshooting by message
 
-Search this page for a few words of what quadlog printed; `…` stands for what varies. `make docs` writes it from
+Search this page for a few words of what quadlog printed; `…` stands for what varies. `make docs` writes this page from
 `docs/troubleshooting.toml` and the messages in the code; a test fails when it is out of date.
 
 ## Exit codes
@@ -36,8 +36,8 @@ Search this page for a few words of what quadlog printed; `…` stands for what 
 | 0 | done |
 | 1 | failed: one line on stderr says why. A traceback is a bug in quadlog: please report it |
 | 2 | wrong usage: an option or a name does not exist |
-| 3 | done, with loss: part of the recording could not be read, or had no position. The page of the run lists it |
-| 4 | a check did not hold (`quadlog check`, `--fail-if`), or two runs differ (`quadlog diff`) |
+| 3 | done, with loss: part of the recording was not read, or over 5 % of it had no position; `report.html` lists it |
+| 4 | a bound does not hold (`quadlog check`), a condition of `--fail-if` is true, or two runs differ (`quadlog diff`) |
 
 Warnings and losses are on stderr, in `run.json`, and at the end of the report. A line without `warning:` or `lost:` in
 front is a note: it says which choice led to the result, and needs no action.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,16 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     Only runs whose names begin as those of a recording are read.
     """
     begins = tuple(run_name(path.resolve().name if path.is_dir() else stem(path)).casefold() for path in recordings)
-    there = [entry.name for entry in output.iterdir()] if output.is_dir() else []
+    there = {entry.name for entry in output.iterdir()} if output.is_dir() else set()
     runs = {_recording_of(output / name): name for name in sorted(there) if name.casefold().startswith(begins)}
     kept = [runs.get(_place(recording)) for recording in recordings]
     taken, names = {name.casefold() for name in kept if name is not None}, []
+    others = {name.casefold() for name in there}
     for fresh, own in zip(run_names(recordings), kept, strict=True):
-        free = (f"{fresh}-{number}" if number else fresh for number in (0, *range(2, len(taken) + 3)))
-        names.append(own or next(name for name in free if name.casefold() not in taken))
+        wanted = chain([fresh], (f"{fresh}-{number}" for number in count(2)))
+        free = (name for name in wanted if name.casefold() not in taken)
+        # A folder of that very name is for the caller to refuse or to replace; one of another case is in the way.
+        names.append(own or next(name for name in free if name in there or name.casefold() not in others))
         taken.add(names[-1].casefold())
     return names
 

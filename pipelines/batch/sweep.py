@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.config.file import Configured, configure
-from quadlog.errors import AlreadyExists, CannotWrite, InvalidConfigValue, RunExists, UsageError
+from quadlog.errors import AlreadyExists, CannotWrite, InvalidConfigValue, RunExists, UsageError, clipped
 from quadlog.pipelines.batch.batch import BatchOutcome, replay_all, trim_stores
 from quadlog.pipelines.batch.plan import existing_runs
 from quadlog.pipelines.executor.progress import BatchLines
@@ -52,7 +52,7 @@ def split_values(override: str) -> tuple[str, list[str]]:
     values = _VALUE.findall(text)
     if not values or ",".join(values) != text or not all(map(str.strip, values)):
         reason = "a value is empty, or a quote or bracket is not closed"
-        raise InvalidConfigValue(key.strip(), reason, f"--set {override}")
+        raise InvalidConfigValue(key.strip(), reason, f"--set {clipped(override)}")
     return key.strip(), [value.strip() for value in values]
 
 

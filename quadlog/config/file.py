@@ -23,6 +23,7 @@ from quadlog.errors import (
     UnknownName,
     UnreadableConfig,
     UsageError,
+    clipped,
 )
 from quadlog.metrics.catalogue import CATALOGUE
 
@@ -229,7 +230,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 def _override_layer(override: str) -> Layer:
     key, equals, text = override.partition("=")
-    source = f"--set {override}"
+    source = f"--set {clipped(override)}"
     if not equals or not key.strip():
         raise InvalidConfigValue(override, "expected section.key=value", "--set")
     return Layer(source, _nest(key.strip().split("."), _parse_value(text.strip()), source))

@@ -11,7 +11,6 @@ PLANNER_CLASSES = {
     "d_star_lite": "quadlog.planning.planners.d_star_lite:DStarLite",
     "mt_d_star_lite": "quadlog.planning.planners.d_star_lite:MTDStarLite",
     "lpa_star": "quadlog.planning.planners.d_star_lite:LPAStar",
-    "ara_star": "quadlog.planning.planners.ara_star:ARAStar",
     "dijkstra": "quadlog.planning.planners.astar:Dijkstra",
 }
 PLANNER_NAMES = tuple(PLANNER_CLASSES)

@@ -118,7 +118,7 @@ def _class_of(place: str) -> type[Planner]:
 
 PLANNERS: dict[str, type[Planner]] = {name: _class_of(place) for name, place in PLANNER_CLASSES.items()}
 """quadlog's own."""
-OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "ara_star", "dijkstra")
+OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "dijkstra")
 """Planners whose every path is the cheapest there is, by usual rules."""
 
 

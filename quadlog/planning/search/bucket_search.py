@@ -32,7 +32,7 @@ from quadlog.planning.search.grid_steps import (
     legal_steps,
     octile,
 )
-from quadlog.planning.search.heap_search import HeapSearch
+from quadlog.planning.search.heap_search import HeapSearch, walk_back
 
 RING = 16
 # Columns of the per-cell record: best cost, stamp (2 * generation, + 1 when closed), list neighbours.
@@ -161,18 +161,6 @@ def _unlink(heads, slot, cell, records):  # type: ignore[no-untyped-def]
         records[after, PREVIOUS] = before
 
 
-@inlined
-def _walk_back(parent_step, way, width, start, goal_col, goal_row):  # type: ignore[no-untyped-def]
-    """Writes the path to the last rows of way, (col, row) from start to goal without the border: how many they are."""
-    col, row, first = goal_col, goal_row, len(way) - 1
-    way[first, 0], way[first, 1] = col - 1, row - 1
-    while row * width + col != start:
-        k = parent_step[row * width + col]
-        col, row, first = col - STEP_COL[k], row - STEP_ROW[k], first - 1
-        way[first, 0], way[first, 1] = col - 1, row - 1
-    return len(way) - first
-
-
 @inner
 def _search(  # type: ignore[no-untyped-def]
     padded, records, parent_step, stack, listed, keys, way, heads, steps, width, start, goal_cell, cutting, is_open,
@@ -202,7 +190,7 @@ def _search(  # type: ignore[no-untyped-def]
         records[cell, STAMP] = is_closed
         expanded += 1
         if cell == goal:
-            length = _walk_back(parent_step, way, width, start, goal_col, goal_row)
+            length, _ = walk_back(parent_step, way, width, start, goal)
             return length, records[goal, G], expanded, generated, touched
         g, row = records[cell, G], cell // width
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)

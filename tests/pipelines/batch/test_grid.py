@@ -81,6 +81,7 @@ ANY = [A, B, C, Path("/x/rec.bag"), Path("/x/rec-2.mcap"), Path("/x/Rec.db3")]
 
 
 @example([[C, B], [B, A], [A]])
+@example([[A], [Path("/x/Rec.db3")], [A, Path("/x/Rec.db3")]])  # which are one folder on some disks
 @given(st.lists(st.lists(st.sampled_from(ANY), unique=True), max_size=4))
 def test_no_two_share_a_folder_and_none_ever_changes_its_own(tmp_path_factory, batches):
     output = tmp_path_factory.mktemp("runs")

@@ -39,7 +39,7 @@ def test_slid_window_keeps_what_it_shares(make):
     np.testing.assert_array_equal(after.cells, before.cells - 1)
 
 
-COUNTED = ("astar", "ara_star", "d_star_lite", "lpa_star", "mt_d_star_lite")
+COUNTED = ("astar", "d_star_lite", "lpa_star", "mt_d_star_lite")
 ENDS_AND_MAPS = (st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4]), st.sampled_from(COSTS))
 
 
@@ -64,7 +64,7 @@ def least_f(costs_from, blocked, root, target, rules):
     return f, g[target[1], target[0]], np.isfinite(g)
 
 
-@pytest.mark.parametrize("name", [name for name in COUNTED if name != "ara_star"])
+@pytest.mark.parametrize("name", COUNTED)
 @given(*ENDS_AND_MAPS)
 def test_a_first_search_closes_the_cells_that_scipy_knows_the_goal_among_them(costs_from, name, seed, density, costs):
     """With ties to the smaller g, whatever the order among equals: all cells with g + h up to the optimal cost.
@@ -89,8 +89,7 @@ def test_no_first_search_closes_fewer_cells_than_any_optimal_one_must(costs_from
     plan = make_planner(name, rules).plan(blocked, start, goal)
     if plan.found:
         assert plan.expanded >= np.count_nonzero(f < best * (1 - 1e-9)) + 1
-        if name != "ara_star":  # which closes cells of its first rounds again
-            assert plan.expanded <= np.count_nonzero(f <= best * (1 + 1e-9))
+        assert plan.expanded <= np.count_nonzero(f <= best * (1 + 1e-9))
 
 
 @pytest.mark.parametrize("name", COUNTED)

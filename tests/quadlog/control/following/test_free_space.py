@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from quadlog.control.following.path import (
@@ -45,6 +45,7 @@ def test_a_wall_in_the_corner_ends_the_look_ahead_where_the_line_of_sight_touche
         assert aim(*place, wall) == lookahead_within(CORNER, *place[:2], near, place[2], math.inf)
 
 
+@example(seed=56170396)  # nothing ahead is in sight: the point is the nearest one, but for rounding
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_chord_is_free_and_no_longer_than_asked(seed):
     rng = np.random.default_rng(seed)
@@ -60,7 +61,7 @@ def test_the_chord_is_free_and_no_longer_than_asked(seed):
         assert found == plain
     chord_m = np.linspace((x_m, y_m), found[:2], 2000)
     cells = np.floor((chord_m - ORIGIN_M) / CELL_M).astype(int)
-    if found[2] > 0 and math.dist(found[:2], (x_m, y_m)) > LEAST_CHORD_M:
+    if found[2] > 1e-9 and math.dist(found[:2], (x_m, y_m)) > LEAST_CHORD_M:
         assert not blocked[cells[:, 1], cells[:, 0]].any()
 
 
