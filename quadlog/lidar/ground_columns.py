@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.compiled import inner
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.isolation_filter import Isolated
 from quadlog.messages import Float32
 
@@ -126,7 +126,7 @@ class Walked(NamedTuple):
     wall: Marks
 
 
-@inner
+@kernel
 def walk_columns(seen: Isolated, range_m: Float32, descending: NDArray[np.bool_], floor_m: float) -> Walked:
     """range_m: (rows * columns,). floor_m: height of the ground under the lidar, float32.
 

@@ -172,7 +172,7 @@ def test_it_names_the_best_the_best_optimal_one_and_the_fastest() -> None:
     assert first.startswith("ia_star saved most: 6.00 times fewer cells expanded than astar in the median episode")
     assert "as the best of 3), its paths 2.5 % costlier" in first
     assert optimal.startswith("with optimal paths throughout, mt_d_star_lite saved most, 4.00 times")
-    assert found["Time"].startswith("ia_star was fastest, with a median of 14.0 µs per replan, 0.700 times")
+    assert found["Time"].startswith("ia_star was fastest, with a median of 14.0 µs per replan")
     assert found["Rests on"] == "12 episodes, 36 replans solved by all 4 planners."
 
 
