@@ -110,7 +110,8 @@ def add(whole: AccumulatedMap, window: Window, hit: np.ndarray, crossed: np.ndar
 def test_a_cell_is_occupied_by_its_share_of_hits(hits: int, passes: int, expected: int) -> None:
     window, nothing, there = Window(0, 0, 1.0, (1, 10)), np.zeros((1, 10), bool), np.arange(10)[None] == 4
     whole = AccumulatedMap(1.0)
-    for hit, crossed in [(there, nothing)] * hits + [(nothing, there)] * passes:
+    # What is hit is not seen through in the same scan.
+    for hit, crossed in [(there, there)] * hits + [(nothing, there)] * passes:
         add(whole, window, hit, crossed)
     assert whole.to_cells()[0][0, 4] == expected
 

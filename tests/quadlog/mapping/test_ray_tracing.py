@@ -90,8 +90,8 @@ def sweep_returns():
 def test_one_short_ray_holds_back_its_sector(lowest_rays) -> None:
     """A cell is free only where all that looked that way agree."""
     long_m, short_m = fan(6.0), fan(2.0)[:40:4]
-    end_m = np.concatenate([long_m, short_m])
-    height_m = np.concatenate([np.zeros(len(long_m)), np.full(len(short_m), SENSOR_M * (1 - 2 / 6))])
+    end_m = np.concatenate([short_m, long_m])
+    height_m = np.concatenate([np.full(len(short_m), SENSOR_M * (1 - 2 / 6)), np.zeros(len(long_m))])
     lowest_mm = lowest_rays(np.zeros(2), end_m, height_m)
     assert at(lowest_mm, 4.05, 0.08) == NO_RAY
     assert at(lowest_mm, 0.08, 4.05) < NO_RAY

@@ -115,10 +115,11 @@ def test_duty_factor_and_stride_frequency_of_a_gait_known_by_construction(period
     assert metrics["duty_factor"].value == pytest.approx(np.mean(duties))
 
 
-def test_strides_over_a_gap_and_of_a_body_that_rests_are_none():
+def test_strides_over_a_gap_too_long_or_of_a_body_that_rests_are_none():
     body = trotting(0.5, 0.5, 0.005)
     t_ns = body.t_ns + np.where(np.arange(len(body.t_ns)) < 1000, 0, 10**9)
     assert gait(replace(body, t_ns=t_ns), 10.0)["stride_frequency_hz"] == pytest.approx(2.0, rel=1e-6)
+    assert np.isnan(gait(trotting(2.5, 0.5, 0.005), 10.0)["stride_frequency_hz"])
     rests = gait(replace(body, speed_mps=np.zeros(len(t_ns))), 10.0)
     assert (rests.pop("n"), np.isnan(list(rests.values())).all()) == (0, True)
 
