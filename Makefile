@@ -27,7 +27,7 @@ tables: install  ## the papers' tables beside ours, into tables/; FAST=1 draws l
 
 test: install lint typecheck unit  ## everything a change must pass
 
-test-all: install lint typecheck  ## with the nightly tests, and 500 examples of each property; takes an hour
+test-all: install lint typecheck  ## with the nightly tests, and 500 examples of each property; takes half an hour
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "" --hypothesis-profile nightly
 
 install: $(INSTALLED)  ## quadlog with what lint, tests and docs need

@@ -41,7 +41,7 @@ def is_absent(name: str) -> bool:
 
 def run_name(name: str) -> str:
     """`name` as the name of one folder: no separator, no control character, no leading dot or dash, not too long."""
-    safe = re.sub(r"[/\\:\x00-\x1f\x7f]", "_", name).lstrip(".-").strip()
+    safe = re.sub(r"^[.\-\s]+", "", re.sub(r"[/\\:\x00-\x1f\x7f]", "_", name)).rstrip()
     safe = safe.encode("utf-8", "replace")[:_MAX_BYTES].decode("utf-8", "ignore").rstrip(". ")
     if safe.casefold() in _TAKEN:
         return f"{safe}_"

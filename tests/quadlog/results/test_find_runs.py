@@ -67,6 +67,7 @@ def test_those_without_a_run_are_told_with_their_reason(tiny_run: Path, tmp_path
 @given(st.text())
 @example("../../etc/passwd")
 @example("-rf")
+@example(" -rf")
 @example("C:\\x\n")
 @example("report.html")
 @example("é" * 200)
