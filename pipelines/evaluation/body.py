@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ from quadlog.messages import Float, Int
 from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import (
     BodySeries,
-    GaitStatistics,
     gait,
     ground_speed,
     stance_where,
@@ -23,7 +21,6 @@ from quadlog.metrics.walking import (
 )
 from quadlog.results.tables import (
     CONTACTS,
-    DUTY_FACTORS,
     FOOT_FORCES,
     JOINT_COLUMNS,
     TABLES,
@@ -34,13 +31,9 @@ from quadlog.results.tables import (
 
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
-    from quadlog.positioning.leg_odometry import LegGeometry
-    from quadlog.simulation.robot.height_field import HeightField
 
 _ANGLES, _RATES, _TORQUES = JOINT_COLUMNS
 _CONTACT = 0.5
-_ROWS = 1 << 16
-"""Heights are computed of so many rows at a time: at 1 kHz the feet of an hour would be 1 GB."""
 
 
 def known_robot(config: Config) -> Robot | None:
@@ -50,9 +43,9 @@ def known_robot(config: Config) -> Robot | None:
     return robot_of(config) if config.robot.model_fields_set & {"model", "preset"} else None
 
 
-def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
-    """From joints.parquet and poses.parquet; geometry: of the legs, for the height. Raises NotARun."""
-    poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "roll_rad", "pitch_rad"])
+def logged_body(run: Path) -> BodySeries:
+    """From joints.parquet and poses.parquet. Raises NotARun."""
+    poses = read_table(run, "poses", ["t_ns", "x_m", "y_m", "pitch_rad"])
     t_ns = read_table(run, "joints", ["t_ns"])["t_ns"]
     # Leg by leg, as the whole table of an hour at 1 kHz would be 1 GB.
     torque_nm, power_w = np.empty((len(t_ns), 12), np.float32), np.zeros(len(t_ns))
@@ -65,16 +58,13 @@ def logged_body(run: Path, geometry: LegGeometry | None = None) -> BodySeries:
         )
         torque_nm[:, joints] = leg_torque_nm
         power_w += np.abs(leg_torque_nm * rates_radps).sum(axis=1)
-    tilt_rad = [np.interp(t_ns, poses["t_ns"], poses[name], np.nan, np.nan) for name in ("roll_rad", "pitch_rad")]
-    stance = _logged_stance(run, t_ns, torque_nm)
     return BodySeries(
         t_ns=t_ns,
         speed_mps=ground_speed(t_ns, poses["t_ns"], np.column_stack([poses["x_m"], poses["y_m"]])),
         torque_nm=torque_nm,
-        stance=stance,
+        stance=_logged_stance(run, t_ns, torque_nm),
         power_w=power_w,
-        height_m=np.full(len(t_ns), np.nan) if geometry is None else _height(run, geometry, stance, *tilt_rad),
-        pitch_rad=tilt_rad[1],
+        pitch_rad=np.interp(t_ns, poses["t_ns"], poses["pitch_rad"], np.nan, np.nan),
     )
 
 
@@ -94,42 +84,15 @@ def _logged_stance(run: Path, t_ns: Int, torque_nm: NDArray[np.floating]) -> Flo
     return stance
 
 
-def _height(run: Path, geometry: LegGeometry, stance: Float, roll_rad: Float, pitch_rad: Float) -> Float:
-    """(N,) of the body's origin above the soles of its standing feet; an unknown tilt is level, no foot is NaN."""
-    angles = list(read_table(run, "joints", _ANGLES).values())
-    height_m = np.empty(len(stance))
-    for first in range(0, len(stance), _ROWS):
-        rows = slice(first, first + _ROWS)
-        tilt_rad = np.nan_to_num(roll_rad[rows]), np.nan_to_num(pitch_rad[rows])
-        below_m = _feet_below(np.column_stack([each[rows] for each in angles]), geometry, *tilt_rad)
-        stands = (stance[rows] == 1) & np.isfinite(below_m)
-        count = stands.sum(axis=1)
-        summed_m = np.where(stands, below_m, 0.0).sum(axis=1)
-        height_m[rows] = np.where(count > 0, summed_m / np.maximum(count, 1), np.nan)
-    return height_m
-
-
-def _feet_below(position_rad: Float, geometry: LegGeometry, roll_rad: Float, pitch_rad: Float) -> Float:
-    """(N, 4) how far each sole is below the body's origin, of joints (N, 12), roll and pitch (N,)."""
-    from quadlog.positioning.leg_odometry import feet_in_body
-
-    x_m, y_m, z_m = np.moveaxis(feet_in_body(position_rad, geometry), -1, 0)
-    roll, pitch = roll_rad[:, None], pitch_rad[:, None]
-    across_m = np.sin(roll) * y_m + np.cos(roll) * z_m
-    return geometry.foot_radius_m + np.sin(pitch) * x_m - np.cos(pitch) * across_m
-
-
-def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries | None:
-    """From control.parquet until a fall, None for a robot without joints; ground: that it walked on. Raises NotARun.
+def resimulated_body(run: Path) -> BodySeries | None:
+    """From control.parquet until a fall, None for a robot without joints. Raises NotARun.
 
     Its torques are those at its control's ticks, its power is the mean until the next one.
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 
     forces, torques = [f"fz_{leg}_n" for leg in range(4)], list(_TORQUES)
-    table = read_table(
-        run, "control", ["t_ns", "x_m", "y_m", "z_m", "pitch_rad", "fallen", "energy_j", *torques, *forces]
-    )
+    table = read_table(run, "control", ["t_ns", "x_m", "y_m", "pitch_rad", "fallen", "energy_j", *torques, *forces])
     standing = ~table["fallen"]
     table = {name: column[standing] for name, column in table.items()}
     torque_nm = np.column_stack([table[name] for name in torques])
@@ -142,46 +105,30 @@ def resimulated_body(run: Path, ground: HeightField | None = None) -> BodySeries
         torque_nm=torque_nm,
         stance=stance_where(t_ns, share_of_usual(np.column_stack([table[name] for name in forces])), CARRIES_SHARE),
         power_w=np.append(np.diff(table["energy_j"]) / (np.diff(t_ns) * 1e-9), np.nan)[: len(t_ns)],
-        height_m=np.full(len(t_ns), np.nan) if ground is None else table["z_m"] - ground.height_at(xy_m),
         pitch_rad=table["pitch_rad"],
     )
 
 
-def compare_bodies(run: Path, robot: Robot | None, ground: HeightField | None) -> dict[str, BodySeries]:
-    """Logged and, where there is one with joints, resimulated. Raises NotARun."""
-    from quadlog.pipelines.stages.positions.legs import geometry_of
+def write_bodies(run: Path, masses_kg: Mapping[str, float], resimulated_cost: float) -> Metrics:
+    """Writes body.parquet and gait.parquet; the metrics that no other table gives. Raises NotARun.
 
-    bodies = {"logged": logged_body(run, None if robot is None else geometry_of(robot))}
-    resimulated = resimulated_body(run, ground) if has_table(run, "control") else None
-    return bodies if resimulated is None else bodies | {"resimulated": resimulated}
-
-
-def write_bodies(
-    run: Path, bodies: Mapping[str, BodySeries], masses_kg: Mapping[str, float], resimulated_cost: float
-) -> Metrics:
-    """Writes body.parquet and gait.parquet; the metrics that no other table gives.
-
-    masses_kg: of each body, NaN where it is not known. resimulated_cost: cost of transport of its whole walk, at the
-    rate of the simulation.
+    masses_kg: of the body logged and, where there is one with joints, resimulated, NaN where it is not known.
+    resimulated_cost: cost of transport of its whole walk, at the rate of the simulation.
     """
     metrics: Metrics = {}
+    resimulated = resimulated_body(run) if has_table(run, "control") else None
+    bodies = {"logged": logged_body(run)} | ({} if resimulated is None else {"resimulated": resimulated})
     with (
         TableWriter(run / "body.parquet", TABLES["body"]) as torques,
         TableWriter(run / "gait.parquet", TABLES["gait"]) as gaits,
     ):
         for name, body in bodies.items():
             for row in torque_rows(body):
-                torques.add_row({"body": name} | row._asdict())
+                torques.add_row({"body": name} | row)
             walked = gait(body, masses_kg[name])
             if name == "resimulated":
-                walked = replace(walked, cost_of_transport=resimulated_cost)
-            gaits.add_row({"body": name} | _gait_row(walked))
-            if name == "logged" and np.isfinite(walked.cost_of_transport):
-                n = int(body.cost_known.sum())
-                metrics["logged_cost_of_transport"] = Metric(walked.cost_of_transport, n, "")
+                walked["cost_of_transport"] = resimulated_cost
+            gaits.add_row({"body": name} | walked)
+            if name == "logged" and np.isfinite(cost := walked["cost_of_transport"]):
+                metrics["logged_cost_of_transport"] = Metric(cost, int(body.cost_known.sum()), "")
     return metrics
-
-
-def _gait_row(walked: GaitStatistics) -> dict[str, float | int]:
-    columns = {each.name: getattr(walked, each.name) for each in fields(walked) if each.name != "duty_factor"}
-    return columns | dict(zip(DUTY_FACTORS, walked.duty_factor.tolist(), strict=True))

@@ -9,7 +9,7 @@ from pathlib import Path
 from quadlog.config.file import read_bounds
 from quadlog.errors import ExitCode, NotARun, QuadlogError, UsageError, printable
 from quadlog.metrics.catalogue import CATALOGUE, Condition
-from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, summarise, worst_of
+from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, detail_of, metrics_of, worst_of
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.results import check
@@ -139,22 +139,16 @@ def _measure(run: Run, reference: references.Reference | None, detail: bool) -> 
     if detail:
         samples, errors = read_samples(run.path, metrics)
         problems += dict.fromkeys(map(str, errors))
-        metrics |= {name: replace(metrics[name], summary=summarise(each)) for name, each in samples.items()}
+        metrics |= {
+            name: replace(metrics[name], detail=detail_of(each)) for name, each in samples.items() if each.count
+        }
     if reference is not None:
         metrics = {name: each for name, each in metrics.items() if name not in references.REFERENCE_METRICS}
         compared = references.compare_with_reference(run.path, reference)
         said += compared.said
-        metrics |= _measured(compared.samples)
+        measured = metrics_of(compared.samples)
+        metrics |= {name: replace(of, detail=detail_of(compared.samples[name])) for name, of in measured.items()}
     return {name: metrics[name] for name in CATALOGUE if name in metrics}, said, problems
-
-
-def _measured(samples: Mapping[str, Samples]) -> Metrics:
-    found = {name: summarise(each) for name, each in samples.items()}
-    return {
-        name: Metric(of.value, of.n, CATALOGUE[name].unit, of.interval, summary=of)
-        for name, of in found.items()
-        if of is not None and of.value == of.value
-    }
 
 
 def _failing(run: Path, metrics: Mapping[str, Metric], conditions: Sequence[Condition]) -> list[str]:

@@ -14,9 +14,13 @@ from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
 from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
-from quadlog.metrics.alignment import ClockOffset, estimate_clock_offset
 from quadlog.metrics.positioning import fix_error_samples
-from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories
+from quadlog.metrics.reference_offset import (
+    TRAJECTORY_METRICS,
+    ClockOffset,
+    compare_trajectories,
+    estimate_clock_offset,
+)
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of, roles_of, tag_truth
 from quadlog.results.record import read_record

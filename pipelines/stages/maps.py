@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,13 +14,13 @@ from quadlog.config.schema import Config
 from quadlog.lidar.classified_scan import FEWEST_RETURNS, PointClass
 from quadlog.lidar.deskew import Skewed, slot_poses
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.mapping.compact import NO_TOP, place_scan
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
+from quadlog.mapping.placing import NO_TOP, PlacingSettings, place_scan, reach_of
 from quadlog.messages import Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
-from quadlog.pipelines.stages.scans import ROUTE_WORDS, ReducedScan, Scanner, WholeScan
+from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.results.arrays import ARRAYS, MapsWriter, write_arrays
@@ -41,11 +40,11 @@ MAPPING = (
 def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
     with journal.clock.stage("filter"):
-        for _ in _filtered(folder, journal, config, data, tracks.robot, Scanner(config, seed, data, maps=False)):
+        for _ in _filtered(folder, journal, config, data, tracks.robot, Scanner(config, seed, data)):
             pass
 
 
-# One pass over the clouds for both: compact scans are not saved, so changed settings of maps read the clouds again.
+# One pass over the clouds for both: classified scans are not saved, so changed settings of maps read the clouds again.
 @stage("filter", "map", reads=MAPPING, load=lambda folder, _: folder)
 def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
@@ -54,7 +53,7 @@ def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData
         journal.clock.stage("filter", "map") as lap,
         MapsWriter(folder / "maps.npz", config.grid.cell_m, shape) as maps,
     ):
-        mapper, scanner = _Mapper(config, tracks.target, maps), Scanner(config, seed, data, maps=True)
+        mapper, scanner = _Mapper(config, tracks.target, maps), Scanner(config, seed, data)
         for scan, place in _filtered(folder, journal, config, data, tracks.robot, scanner):
             lap("filter")
             mapper.add(journal, scan, place)
@@ -79,21 +78,16 @@ ROUNDING_NS = 1_000_000
 """Of a scan's middle, which is found from its times in two ways."""
 
 
-def places_of(scans: Sequence[tuple[int, Int]], robot: RobotTrack, max_gap_s: float) -> list[ScanPlace]:
-    """The places of scans, each given by its stamp and the middles of its time slots (K,)."""
-    bounds = np.cumsum([0, *(1 + len(slot_ns) for _, slot_ns in scans)]).tolist()
-    instants = np.concatenate([part for t_ns, slot_ns in scans for part in ([t_ns], slot_ns)])
-    found = robot.poses_at(np.asarray(instants, dtype=np.int64), max_gap_s)
-    places = []
-    for (t_ns, slot_ns), begin, end in zip(scans, bounds[:-1], bounds[1:], strict=True):
-        if robot.source == "lidar":
-            # A scan that gave no pose at its own middle was lost: it shows another place than the map's.
-            middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
-            at = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
-            found[begin:end] = found[begin:end] if at[1] > at[0] else np.nan
-        at_slots, skewed = slot_poses(t_ns, slot_ns, found[begin:end])
-        places.append(ScanPlace(found[begin], at_slots, skewed if robot.source != "fixed" else Skewed.NO_TIMES))
-    return places
+def place_of(t_ns: int, slot_ns: Int, robot: RobotTrack, max_gap_s: float) -> ScanPlace:
+    """The place of a scan, given by its stamp and the middles of its time slots (K,)."""
+    found = robot.poses_at(np.array([t_ns, *slot_ns], dtype=np.int64), max_gap_s)
+    if robot.source == "lidar":
+        # A scan that gave no pose at its own middle was lost: it shows another place than the map's.
+        middle_ns = int(slot_ns[0]) + (int(slot_ns[-1]) - int(slot_ns[0])) // 2
+        first, end = np.searchsorted(robot.t_ns, [middle_ns - ROUNDING_NS, middle_ns + ROUNDING_NS])
+        found = found if end > first else np.full_like(found, np.nan)
+    at_slots, skewed = slot_poses(t_ns, slot_ns, found)
+    return ScanPlace(found[0], at_slots, skewed if robot.source != "fixed" else Skewed.NO_TIMES)
 
 
 def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Float) -> NDArray[np.float32]:
@@ -105,26 +99,24 @@ def deskewed(xyz_m: Float, slot: NDArray[np.uint8], pose: Float, slot_pose: Floa
     return np.column_stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, xyz_m[:, 2]]).astype(np.float32)
 
 
-AT_ONCE = 64
-"""Scans whose poses are looked up together."""
-
-
 def _filtered(
     folder: Path, journal: Journal, config: Config, data: LogData, robot: RobotTrack, scanner: Scanner
-) -> Iterator[tuple[ReducedScan, ScanPlace]]:
+) -> Iterator[tuple[TimedScan, ScanPlace]]:
     """Every scan with its place; writes its row, and at the end the samples, and what is to be known of all."""
     journal.progress.begin("filter", len(data.streams.clouds_ns))
     tally, gap_s = _Tally(), config.lidar.pose_gap_s
-    clouds = (scanner.classified(t_ns, cloud) for t_ns, cloud in data.clouds())
+    sampled, samples = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples), list[_Sample]()
     with TableWriter(folder / "scans.parquet", TABLES["scans"]) as table:
-        while scans := list(islice(clouds, AT_ONCE)):
-            places = places_of([(each.t_ns, each.slot_ns) for each in scans], robot, gap_s)
-            for scan, place in zip(scans, places, strict=True):
-                table.add_row(scan.row)
-                tally.count(journal, scan, place)
-                yield scan, place
-                journal.progress.advance((scan.t_ns - data.first_ns) * 1e-9)
-    write_arrays(folder, "cloud_samples", _samples(scanner.samples, robot, gap_s))
+        for number, (t_ns, cloud) in enumerate(data.clouds()):
+            scan = scanner.classified(t_ns, cloud)
+            place = place_of(t_ns, scan.slot_ns, robot, gap_s)
+            table.add_row(scan.row)
+            if number in sampled:
+                samples.append(_Sample.of(scan, place))
+            tally.count(journal, scan, place)
+            yield scan, place
+            journal.progress.advance((t_ns - data.first_ns) * 1e-9)
+    write_arrays(folder, "cloud_samples", _samples(samples))
     journal.lose(data.log.recording.losses)
     for text in data.log.recording.warnings:
         journal.warn(text)
@@ -150,15 +142,15 @@ class _Tally:
         self._skewed: Counter[Skewed] = Counter()
         self._tilted: Counter[NotLevelled] = Counter()
 
-    def count(self, journal: Journal, scan: ReducedScan, place: ScanPlace) -> None:
+    def count(self, journal: Journal, scan: TimedScan, place: ScanPlace) -> None:
         """One scan more."""
         journal.count("scans")
         if scan.not_levelled is not None:
             self._tilted[scan.not_levelled] += 1
-        if scan.shows_nothing:
+        if scan.found.shows_nothing:
             journal.count("scans_without_points")
             return
-        self._routes[scan.route] += 1
+        self._routes[scan.found.route] += 1
         if (reason := scan.skewed or place.skewed) is not None:
             self._skewed[reason] += 1
         if not scan.level:
@@ -182,21 +174,30 @@ class _Tally:
                 journal.warn(f"{count} of {n} scans: {text}" + (why if count == n else ""))
 
 
-def _samples(scans: Sequence[WholeScan], robot: RobotTrack, max_gap_s: float) -> dict[str, Any]:
-    """The arrays of `cloud_samples.npz`: points in base at their scan's instant, if its place is known."""
-    places = places_of([(each.t_ns, each.slot_ns) for each in scans], robot, max_gap_s) if scans else []
-    xyz_m = [
-        deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose)
-        if np.isfinite(place.pose).all()
-        else points.xyz_base_m
-        for (_, points, _), place in zip(scans, places, strict=True)
-    ]
-    pose_at = np.array([place.pose for place in places], np.float64).reshape(-1, 3)
+class _Sample(NamedTuple):
+    """A whole scan for figures: xyz_m (N, 3) in base at its instant and label (N,); pose (3,) of base, or NaN."""
+
+    t_ns: int
+    xyz_m: NDArray[np.float32]
+    label: NDArray[np.uint8]
+    pose: Float
+
+    @classmethod
+    def of(cls, scan: TimedScan, place: ScanPlace) -> _Sample:
+        points = scan.found.points()
+        known = np.isfinite(place.pose).all()
+        xyz_m = deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose) if known else points.xyz_base_m
+        return cls(scan.t_ns, xyz_m, points.label, place.pose)
+
+
+def _samples(scans: Sequence[_Sample]) -> dict[str, Any]:
+    """The arrays of `cloud_samples.npz`."""
+    pose_at = np.array([scan.pose for scan in scans], np.float64).reshape(-1, 3)
     return {
         "t_ns": [scan.t_ns for scan in scans],
-        "offset": np.cumsum([0, *map(len, xyz_m)], dtype=np.int64),
-        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *xyz_m], dtype=np.float32),
-        "label": np.concatenate([np.empty(0, np.uint8), *(scan.points.label for scan in scans)], dtype=np.uint8),
+        "offset": np.cumsum([0, *(len(scan.label) for scan in scans)], dtype=np.int64),
+        "xyz_m": np.concatenate([np.empty((0, 3), np.float32), *(scan.xyz_m for scan in scans)], dtype=np.float32),
+        "label": np.concatenate([np.empty(0, np.uint8), *(scan.label for scan in scans)], dtype=np.uint8),
         **dict(zip(("x_m", "y_m", "yaw_rad"), pose_at.T, strict=True)),
         "classes": [each.name.lower() for each in PointClass],
     }
@@ -209,13 +210,14 @@ class _Mapper:
         self._grid, self._height_mm, self._maps = config.grid, round(config.robot.height_m * 1000), maps
         # Returns of a target with a body are kept out of the map.
         self._target = target if target is not None and target.has_body else None
+        self._placing = _placing_settings(config)
         self._memory = make_memory(config)
         self._whole = AccumulatedMap(config.grid.cell_m)
         self._ground = GroundHeight(config.results.ground_cell_m)
 
-    def add(self, journal: Journal, scan: ReducedScan, place: ScanPlace) -> None:
+    def add(self, journal: Journal, scan: TimedScan, place: ScanPlace) -> None:
         """One scan more, in time order."""
-        if scan.shows_nothing or scan.compact is None:
+        if scan.found.shows_nothing:
             return
         if not np.isfinite(place.pose).all():
             journal.count("scans_without_pose")
@@ -223,15 +225,14 @@ class _Mapper:
         at_ns = np.array([scan.t_ns], np.int64)
         target_m = np.full(2, np.nan) if self._target is None else self._target.at(at_ns)[0]
         window = window_around(place.pose[:2], self._grid.cell_m, self._grid.size_cells)
-        limits = self._grid.min_points, self._grid.target_radius_m
-        placed = place_scan(scan.compact, place.slot_pose, window, target_m, *limits)
+        placed = place_scan(scan.found, place.slot_pose, window, target_m, self._placing)
         now = placed.top_mm > NO_TOP if self._memory is None else self._memory.add(scan.t_ns, window, placed)
         self._maps.append(scan.t_ns, window.origin_m, now)
         # An obstacle lower than the robot blocks, even if rays pass above it.
         self._whole.add(window, placed, self._height_mm)
         # A wall taken for the ground says nothing about the height of the floor.
         if scan.level:
-            self._ground.add(scan.compact, place.slot_pose)
+            self._ground.add(scan.found, place.slot_pose, reach_of(scan.found, window))
 
     def write(self, folder: Path, journal: Journal, gap_s: float) -> None:
         """The map of the whole run and its ground; and what is in no map."""
@@ -248,6 +249,23 @@ class _Mapper:
         if lost := journal.counts.get("scans_without_pose", 0):
             none = "" if self._whole.to_cells() is not None else "; if their clock differs, try  --stamp log"
             journal.warn(f"{lost} scans are not in the map: no pose within {gap_s} s of them{none}")
+
+
+ABOVE_M = 0.1
+"""Margin above the highest relevant height within which rays are kept."""
+
+
+def _placing_settings(config: Config) -> PlacingSettings:
+    grid, robot = config.grid, config.robot
+    return PlacingSettings(
+        min_height_m=grid.min_height_m,
+        max_height_m=grid.max_height_m,
+        body_length_m=robot.length_m,
+        body_width_m=robot.width_m,
+        highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
+        min_points=grid.min_points,
+        target_radius_m=grid.target_radius_m,
+    )
 
 
 def make_memory(config: Config) -> LogOddsMemory | None:

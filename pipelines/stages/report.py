@@ -12,12 +12,11 @@ from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics
-from quadlog.pipelines.evaluation.body import compare_bodies, known_robot, write_bodies
+from quadlog.pipelines.evaluation.body import known_robot, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.replay import StageResults
 from quadlog.pipelines.request import ReplayRequest
-from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages.log import Log
 from quadlog.pipelines.stages.positions.uwb import with_anchors
 from quadlog.pipelines.store import Doing, run_key
@@ -120,14 +119,12 @@ def _of_bodies(run: Path, done: Finished, effort: Metrics) -> Metrics:
         return {}
     known, body = known_robot(done.config), done.body
     if known is None:
-        done.journal.note("no logged_cost_of_transport and no height of the body: set robot.preset or robot.model")
-    ground = None if body is None else walkable_ground(run, done.config.simulation.friction)[0]
-    bodies = compare_bodies(run, known, ground)
+        done.journal.note("no logged_cost_of_transport: set robot.preset or robot.model")
     masses_kg = {
         "logged": math.nan if known is None else known.mass_kg,
         "resimulated": math.nan if body is None else body.mass_kg,
     }
-    return write_bodies(run, bodies, masses_kg, effort["cost_of_transport"].value if effort else math.nan)
+    return write_bodies(run, masses_kg, effort["cost_of_transport"].value if effort else math.nan)
 
 
 def _trajectory_metrics(run: Path, done: Finished) -> Metrics:

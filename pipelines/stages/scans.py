@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -10,12 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Points
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.lidar.deskew import Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.compact import CompactScan, CompactSettings, compact_scan, reach_of
 from quadlog.messages import Float, Int, PointCloud
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
@@ -45,52 +43,32 @@ ROUTE_WORDS = {
     "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",
 }
-ABOVE_M = 0.1
-"""Margin above the highest relevant height within which rays are kept."""
 
 
-class ReducedScan(NamedTuple):
-    """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,), and what maps take.
+class TimedScan(NamedTuple):
+    """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,).
 
-    level: whether its ground can be one, None where none is found. route: how it was classified. skewed: why its points
-    have no times; not_levelled: why it keeps the robot's tilt; None where they have, and it does not. compact: None
-    where no maps are made.
+    level: whether its ground can be one, None where none is found. skewed: why its points have no times; not_levelled:
+    why it keeps the robot's tilt; None where they have, and it does not. found: overwritten by the next one.
     """
 
     t_ns: int
     row: dict[str, float]
     slot_ns: Int
     level: bool | None
-    route: str
     skewed: Skewed | None
     not_levelled: NotLevelled | None
-    shows_nothing: bool
-    compact: CompactScan | None
-
-
-class WholeScan(NamedTuple):
-    """All valid points of a scan kept for figures, and the middles of its time slots (K,)."""
-
-    t_ns: int
-    points: Points
-    slot_ns: Int
+    found: ClassifiedScan
 
 
 class Scanner:
-    """Classifies clouds one by one. samples: whole scans for figures, spread over the recording."""
+    """Classifies clouds one by one."""
 
-    def __init__(self, config: Config, seed: int, data: LogData, *, maps: bool) -> None:
-        """maps: whether scans are made compact for maps."""
-        self._sampled = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples)
-        self.samples: list[WholeScan] = []
-        self._taken = 0
+    def __init__(self, config: Config, seed: int, data: LogData) -> None:
         self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
-        # Windows are centred on base, compact scans on the lidar.
-        beside_m = math.hypot(*self._mount[:2, 3])
-        self._compacted = _compact_settings(config, beside_m) if maps else None
 
-    def classified(self, t_ns: int, cloud: PointCloud) -> ReducedScan:
+    def classified(self, t_ns: int, cloud: PointCloud) -> TimedScan:
         """The next cloud."""
         started = time.perf_counter()
         span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
@@ -99,14 +77,10 @@ class Scanner:
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
-        compact = None if self._compacted is None else compact_scan(found, self._compacted)
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
-        if self._taken in self._sampled:
-            self.samples.append(WholeScan(t_ns, found.points(), slot_ns))
-        self._taken += 1
         level = None if found.ground is None else found.ground.is_level
-        return ReducedScan(t_ns, row, slot_ns, level, found.route, skewed, not_levelled, found.shows_nothing, compact)
+        return TimedScan(t_ns, row, slot_ns, level, skewed, not_levelled, found)
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
@@ -210,21 +184,6 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
         max_range_m=lidar.max_range_m,
         field_of_view_deg=lidar.field_of_view_deg or 360.0,
         ground_min_points=ground.min_points,
-    )
-
-
-def _compact_settings(config: Config, beside_m: float) -> CompactSettings:
-    """beside_m: how far the lidar is from base."""
-    grid, robot = config.grid, config.robot
-    return CompactSettings(
-        min_height_m=grid.min_height_m,
-        max_height_m=grid.max_height_m,
-        body_length_m=robot.length_m,
-        body_width_m=robot.width_m,
-        reach_m=reach_of(grid.cell_m, grid.size_cells) + beside_m,
-        highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
-        ground_cell_m=config.results.ground_cell_m,
-        counts=grid.min_points > 1,
     )
 
 

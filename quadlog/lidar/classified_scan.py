@@ -54,6 +54,17 @@ class GroundPlane(NamedTuple):
         return height_m
 
 
+def level_plane(xyz_m: Float, floor_m: float) -> Float:
+    """(3,) a, b, c of the plane z = a x + b y + c nearest in height to points (N, 3).
+
+    A slight pull towards level at floor_m keeps it defined when there are few points or all in a line.
+    """
+    ones = np.column_stack([xyz_m[:, :2], np.ones(len(xyz_m))])
+    pull = np.diag([1.0, 1.0, 1e-3])
+    plane: Float = np.linalg.solve(ones.T @ ones + pull, ones.T @ xyz_m[:, 2] + pull[2] * floor_m)
+    return plane
+
+
 class Points(NamedTuple):
     """Points of a scan in base, in the order of its message: xyz_base_m (N, 3); label, height_m, slot (N,)."""
 

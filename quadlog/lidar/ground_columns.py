@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.compiled import inner
+from quadlog.compiled import inner, kernel
 from quadlog.lidar.isolation_filter import Isolated
 from quadlog.messages import Float32
 
@@ -111,7 +111,6 @@ _WALL_FOOT_M = np.float32(0.012)
 # Farther off, no return is at a wall's foot.
 _WALL_FOOT_REACH_M = np.float32(0.3)
 _VOTERS, _VOTER_M, _VOTER_PER_M = 4, np.float32(0.05), np.float32(0.02)
-_SPREAD_M, _SPREAD_PER_M, _SPREAD_RISE_M = np.float32(0.05), np.float32(0.01), np.float32(0.03)
 
 
 _YES, _NO, _AYES, _NO_BITS = np.int8(1), np.int8(0), np.int8(15), np.int8(4)
@@ -127,7 +126,7 @@ class Walked(NamedTuple):
     wall: Marks
 
 
-@inner
+@kernel
 def walk_columns(seen: Isolated, range_m: Float32, descending: NDArray[np.bool_], floor_m: float) -> Walked:
     """range_m: (rows * columns,). floor_m: height of the ground under the lidar, float32.
 
@@ -137,13 +136,12 @@ def walk_columns(seen: Isolated, range_m: Float32, descending: NDArray[np.bool_]
     good, distance_m, z_m = seen.good, seen.distance_m, seen.z_m
     rows, columns = good.shape
     ground, wall = np.empty((rows, columns), np.int8), np.empty((rows, columns), np.int8)
-    floats, marks = np.empty((6, columns), np.float32), np.empty((7, columns), np.int8)
+    floats, marks = np.empty((6, columns), np.float32), np.empty((5, columns), np.int8)
     wide = np.empty(columns + 2 * _VOTERS, np.int8)
     # Of every column: where its last ground is, how steep the ground was there, and what lies between.
     last_m, last_z_m, slope = floats[0], floats[1], floats[2]
     gap_m, rise_m, off_m = floats[3], floats[4], floats[5]
-    hidden, rises, walkable, votes = marks[0], marks[1], marks[2], marks[3]
-    undecided, link, kind = marks[4], marks[5], marks[6]
+    hidden, rises, walkable, votes, kind = marks[0], marks[1], marks[2], marks[3], marks[4]
     last_m[:], last_z_m[:], slope[:], hidden[:] = _NONE, floor_m, _NONE, _NO
     for row in range(rows):
         distance, z, here = distance_m[row], z_m[row], good[row]
@@ -170,7 +168,6 @@ def walk_columns(seen: Isolated, range_m: Float32, descending: NDArray[np.bool_]
             _vote(wide, kind, distance, wall[row], off_m, votes, ground[row])
             ranges = range_m[row * columns :]
             _drop_pieces(kind, seen, ranges, row, off_m, gap_m, rise_m, ground[row])
-            _spread(kind, distance, z, wall[row], ground[row], undecided, link)
         _step_out(kind, ground[row], distance, z, hidden, last_m, last_z_m, slope)
     return Walked(ground, wall)
 
@@ -272,49 +269,3 @@ def _vote(
                 voters += 1
                 agreeing += kind[other] == POSSIBLE
         ground[c] = 2 * agreeing > voters
-
-
-@inner
-def _spread(
-    kind: Marks, distance_m: Float32, z_m: Float32, wall: Marks, ground: Marks, undecided: Marks, link: Marks
-) -> None:
-    """Along the beam, both ways round, over what the columns alone could not tell, such as a ramp behind a pole."""
-    columns = len(kind)
-    for c in range(columns):
-        open_kind = (kind[c] == OBSTACLE) | (kind[c] == POSSIBLE)
-        undecided[c] = np.int8((wall[c] == _NO) & open_kind)
-    for step in (1, -1):
-        _link(distance_m, z_m, undecided, ground, step, link)
-        any_link = _NO
-        for c in range(columns):
-            any_link |= link[c]
-        if any_link == _NO:
-            continue
-        # Once round, and on over the seam as long as the ground does.
-        begin = 0 if step == 1 else columns - 1
-        before = ground[columns - 1 - begin]
-        for k in range(columns):
-            c = begin + step * k
-            before = ground[c] | (link[c] & before)
-            ground[c] = before
-        for k in range(columns):
-            c = begin + step * k
-            if ground[c] != _NO or (link[c] & before) == _NO:
-                break
-            ground[c] = _YES
-
-
-@inner
-def _link(distance_m: Float32, z_m: Float32, undecided: Marks, ground: Marks, step: int, link: Marks) -> None:
-    """Which undecided returns, that are not ground, lie level and next to the one before, at c - step."""
-    columns = len(link)
-    first, end = (1, columns) if step == 1 else (0, columns - 1)
-    for c in range(first, end):
-        level = abs(z_m[c] - z_m[c - step]) <= _SPREAD_RISE_M
-        near = abs(distance_m[c] - distance_m[c - step]) <= _SPREAD_M + _SPREAD_PER_M * distance_m[c]
-        link[c] = undecided[c] if level & near & (ground[c] == _NO) else _NO
-    c = 0 if step == 1 else columns - 1
-    before = columns - 1 - c
-    level = abs(z_m[c] - z_m[before]) <= _SPREAD_RISE_M
-    near = abs(distance_m[c] - distance_m[before]) <= _SPREAD_M + _SPREAD_PER_M * distance_m[c]
-    link[c] = undecided[c] if level & near & (ground[c] == _NO) else _NO

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import cached, inner, kernel
-from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.classified_scan import PointClass, level_plane
 from quadlog.lidar.ground_columns import Walked, walk_columns
 from quadlog.lidar.isolation_filter import Isolated, supported
-from quadlog.lidar.range_image import Image, Returns
+from quadlog.lidar.range_image import Image
 from quadlog.messages import Float, Float32
 
 Marks = NDArray[np.int8]
@@ -59,51 +59,27 @@ def label_beams(
 ) -> Float:
     """Fill label and height_m of an image of beams; returns (3,) a, b, c of the plane z = a x + b y + c in base.
 
-    descending: (rows,) as in `walk_columns`; floor_m: height of the ground under the lidar. A slight pull towards level
-    through base's origin keeps the plane defined when there are few points or all in a line.
+    descending: (rows,) as in `walk_columns`; floor_m: height of the ground under the lidar. The plane is that of every
+    fourth of the ground's returns.
     """
-    plane: Float = np.zeros(3)
-    turn, lidar_m = transform_lidar_to_level[:2, :2].copy(), transform_lidar_to_level[:2, 3].copy()
-    _label_beams(image, seen, descending, floor_m, turn, lidar_m, _sectors(image.columns), plane)
+    turn, lidar_m = transform_lidar_to_level[:2, :2].copy(), transform_lidar_to_level[:2, 3]
+    walked, held = walk_columns(seen, image.range_m[0], descending, np.float32(floor_m)), image.held
+    used, shape = walked.ground[:, ::_PLANE_COLUMNS] != 0, walked.ground.shape
+    places = [each[: walked.ground.size].reshape(shape)[:, ::_PLANE_COLUMNS][used] for each in held[:3]]
+    plane = level_plane(np.column_stack(places) + np.array([*lidar_m, 0.0]), 0.0)
+    _label(image, seen, walked, floor_m, turn, _sectors(image.columns), plane)
     return plane
 
 
 @kernel
-def _label_beams(
-    image: Image, seen: Isolated, descending: NDArray[np.bool_], floor_m: float, turn: Float, lidar_m: Float,
-    sectors: Sectors, plane: Float,
-) -> None:  # fmt: skip
+def _label(
+    image: Image, seen: Isolated, walked: Walked, floor_m: float, turn: Float, sectors: Sectors, plane: Float
+) -> None:
     """turn: (2, 2) from the lidar's frame to base."""
-    walked = walk_columns(seen, image.range_m[0], descending, np.float32(floor_m))
-    _fit_plane(walked.ground, image.held, lidar_m, plane)
     heights_m = _profile(walked.ground, seen, floor_m, sectors.outward, turn, plane).reshape(-1)
     _label_cells(image, seen, walked, heights_m, sectors)
     if image.n_others > 0:
         _label_others(image, heights_m, sectors)
-
-
-@inner
-def _fit_plane(ground: Marks, held: Returns, lidar_m: Float, plane: Float) -> None:
-    """The plane nearest in height to every fourth of the ground's returns: normal equations, by Cramer's rule."""
-    dx_m, dy_m, z_m = held.dx_m, held.dy_m, held.z_m
-    n, sx, sy, sz, xx, xy, yy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    rows, columns = ground.shape
-    x0, y0 = lidar_m[0], lidar_m[1]
-    for row in range(rows):
-        for c in range(0, columns, _PLANE_COLUMNS):
-            if ground[row, c] != 0:
-                i = np.uint32(row * columns + c)
-                x, y, z = np.float64(dx_m[i]) + x0, np.float64(dy_m[i]) + y0, np.float64(z_m[i])
-                n, sx, sy, sz = n + 1, sx + x, sy + y, sz + z
-                xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
-    # Pulled towards level through the origin.
-    xx, yy, n = xx + 1.0, yy + 1.0, n + 1e-3
-    a0, a1, a2 = yy * n - sy * sy, sx * sy - xy * n, xy * sy - yy * sx
-    size = xx * a0 + xy * a1 + sx * a2
-    b1, b2 = xx * n - sx * sx, xy * sx - xx * sy
-    plane[0] = (a0 * xz + a1 * yz + a2 * sz) / size
-    plane[1] = (a1 * xz + b1 * yz + b2 * sz) / size
-    plane[2] = (a2 * xz + b2 * yz + (xx * yy - xy * xy) * sz) / size
 
 
 # Sums of a sector's sixteen returns may be taken in any order.

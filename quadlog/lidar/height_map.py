@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.classified_scan import PointClass, level_plane
 from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Int
 
@@ -37,7 +37,7 @@ def grow_ground(returns: Returns, floor_m: float) -> Float:
     """
     label = returns.label
     cells, known = _grow(returns, floor_m, _outwards())
-    plane = _plane(cells[known], floor_m)
+    plane = level_plane(cells[known][:, :3], floor_m)
     _measure(returns, cells, known, plane)
     label[(label == PointClass.OBSTACLE) & (np.abs(returns.height_m) <= _GROUND_M)] = PointClass.GROUND
     return plane
@@ -48,13 +48,6 @@ def _outwards() -> Int:
     middle = np.arange(2 * HALF_CELLS) - HALF_CELLS + 0.5
     order: Int = np.argsort((middle[:, None] ** 2 + middle**2).ravel(), kind="stable")
     return order
-
-
-def _plane(cells: Float, floor_m: float) -> Float:
-    ones = np.column_stack([cells[:, :2], np.ones(len(cells))])
-    pull = np.diag([1.0, 1.0, 1e-3])
-    plane: Float = np.linalg.solve(ones.T @ ones + pull, ones.T @ cells[:, 2] + pull @ np.array([0.0, 0.0, floor_m]))
-    return plane
 
 
 @kernel

@@ -319,34 +319,39 @@ def _lay(
 
 
 @inner
-def _directions(
-    size: int, x_m: Float32, y_m: Float32, z_m: Float32, limits: Float32, columns: int, r_m: Float32, part: Float32,
-    column: NDArray[np.int32],
-) -> None:  # fmt: skip
-    """Range of each point of a block, 0 where it does not count, and its column.
+def turn_of(x: np.float32, y: np.float32) -> np.float32:
+    """The azimuth of (x, y) in turns, [0, 1].
 
     The arctangent is a polynomial of degree 9 (Abramowitz and Stegun 4.4.49, error below 1e-5 rad): a hundredth of
     the step between two columns of any spinning lidar.
     """
-    nothing, tiny, steps, last = np.float32(0), np.float32(1e-30), np.float32(columns), np.int32(columns)
+    size_x, size_y, tiny = abs(x), abs(y), np.float32(1e-30)
+    steep = size_y > size_x
+    larger, smaller = size_y if steep else size_x, size_x if steep else size_y
+    q = smaller / (larger if larger > tiny else tiny)
+    s = q * q
+    rad = np.float32(0.1801410) + s * (np.float32(-0.0851330) + s * np.float32(0.0208351))
+    rad = q * (np.float32(0.9998660) + s * (np.float32(-0.3302995) + s * rad))
+    turn = rad * np.float32(0.5 / math.pi)
+    turn = np.float32(0.25) - turn if steep else turn
+    turn = np.float32(0.5) - turn if x < np.float32(0) else turn
+    return np.float32(1.0) - turn if y < np.float32(0) else turn
+
+
+@inner
+def _directions(
+    size: int, x_m: Float32, y_m: Float32, z_m: Float32, limits: Float32, columns: int, r_m: Float32, part: Float32,
+    column: NDArray[np.int32],
+) -> None:  # fmt: skip
+    """Range of each point of a block, 0 where it does not count, and its column."""
+    nothing, steps, last = np.float32(0), np.float32(columns), np.int32(columns)
     least, most, shift = limits[0], limits[1], limits[2]
     for j in range(size):
         x, y, z = x_m[j], y_m[j], z_m[j]
         squared = x * x + y * y + z * z
         real = (squared > nothing) & (squared >= least) & (squared <= most)
         r_m[j] = np.sqrt(squared) if real else nothing
-        size_x, size_y = abs(x), abs(y)
-        steep = size_y > size_x
-        larger, smaller = size_y if steep else size_x, size_x if steep else size_y
-        q = smaller / (larger if larger > tiny else tiny)
-        s = q * q
-        rad = np.float32(0.1801410) + s * (np.float32(-0.0851330) + s * np.float32(0.0208351))
-        rad = q * (np.float32(0.9998660) + s * (np.float32(-0.3302995) + s * rad))
-        turn = rad * np.float32(0.5 / math.pi)
-        turn = np.float32(0.25) - turn if steep else turn
-        turn = np.float32(0.5) - turn if x < nothing else turn
-        turn = np.float32(1.0) - turn if y < nothing else turn
-        part[j] = turn if real else nothing
+        part[j] = turn_of(x, y) if real else nothing
     for j in range(size):
         c = np.int32(part[j] * steps + shift) - np.int32(1)
         c = c + last if c < 0 else c

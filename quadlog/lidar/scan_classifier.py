@@ -89,7 +89,7 @@ class _Known:
 
 
 class ScanClassifier:
-    """Classifies the scans of one lidar, one after the other, in arrays that are kept from scan to scan.
+    """Classifies the scans of one lidar, one after the other, in an image that is kept from scan to scan.
 
     The beams are found in the first scan and looked for again when a scan contradicts them, and every
     SCANS_BETWEEN_LOOKS scans. uses_times: whether the points' own times count; without them all of a scan is in one
@@ -101,8 +101,6 @@ class ScanClassifier:
         self._ranges_m = float(settings.min_range_m), float(settings.max_range_m)
         self._known: _Known | None = None
         self._image: Image | None = None
-        self._xyz_m, self._ring = np.zeros((3, 0), np.float32), np.zeros(0, np.uint16)
-        self._slot = np.zeros(0, np.uint8)
 
     def classify(self, cloud: PointCloud, transform_lidar_to_level: Float) -> ClassifiedScan:
         """The classified returns of a cloud, any values accepted; they are overwritten by the next one.
@@ -112,19 +110,20 @@ class ScanClassifier:
         field of view: points outside it help to judge those inside.
         """
         transforms, settings, n = transform_lidar_to_level.reshape(-1, 4, 4), self._settings, len(cloud.xyz_m)
-        if n > len(self._slot):
-            room = n + n // 8
-            self._xyz_m, self._ring = np.zeros((3, room), np.float32), np.zeros(room, np.uint16)
-            self._slot = np.zeros(room, np.uint8)
-        slots = sweep_slots(cloud.times if self._uses_times else None, self._slot[:n])
+        slot = np.empty(n, np.uint8)
+        slots = sweep_slots(cloud.times if self._uses_times else None, slot)
         if isinstance(settings, PaperSettings):
             mean = transforms.mean(axis=0)
-            return classify_as_paper(cloud.xyz_m, self._slot[:n], slots, mean, settings, self._seed)
+            return classify_as_paper(cloud.xyz_m, slot, slots, mean, settings, self._seed)
         moving = np.empty((2, 4, 4))
         moving[0], moving[1] = transforms[0], (transforms[-1] - transforms[0]) / max(len(slots.middle_ns) - 1, 1)
         # Heights are measured, and the plane lies, about where the lidar is on average.
         moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
-        scan, transform = self._loaded(cloud, moving), moving[0]
+        with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no return
+            x_m, y_m, z_m = np.array(cloud.xyz_m.T, np.float32, order="C")
+        rings = cloud.ring is not None and len(cloud.ring) == n
+        ring = np.array(cloud.ring, np.uint16) if rings else None
+        scan, transform = _Scan((x_m, y_m, z_m), ring, slot, moving), moving[0]
         laid = self._lay_beams(scan) if abs(float(transform[2, 2])) >= MOST_TILT_COSINE else None
         image, beams, route = laid or self._lay_bins(scan)
         plane = _label_bins(image, transform) if route == "height_map" else _label_beams(image, beams, transform)
@@ -137,19 +136,6 @@ class ScanClassifier:
         ground = _as_ground(plane) if enough else None
         place_m = lidar_above(ground, transform)
         return ClassifiedScan(found, image.rows, image.columns, n, ground, route, place_m, slots)
-
-    def _loaded(self, cloud: PointCloud, transforms: Float) -> _Scan:
-        """Coordinates and rings are copied from the message's payload into arrays of their own."""
-        n = len(cloud.xyz_m)
-        ring: NDArray[np.uint16] | None = None
-        with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no return
-            for axis in range(3):
-                np.copyto(self._xyz_m[axis, :n], cloud.xyz_m[:, axis], casting="same_kind")
-        if cloud.ring is not None and len(cloud.ring) == n:
-            self._ring[:n] = cloud.ring
-            ring = self._ring[:n]
-        x_m, y_m, z_m = self._xyz_m
-        return _Scan((x_m[:n], y_m[:n], z_m[:n]), ring, self._slot[:n], transforms)
 
     def _lay_beams(self, scan: _Scan) -> tuple[Image, Beams, Route] | None:
         """The scan in an image of its beams; None where it shows none."""

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.mapping.compact import NO_TOP, CompactScan, PlacedScan, slot_transforms
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
+from quadlog.lidar.range_image import Returns
 from quadlog.mapping.grid import FARTHEST_CELL, MOST_CELLS, Grid, GrowingLattice, Window
-from quadlog.mapping.ray_tracing import NO_RAY
-from quadlog.messages import Float, Int
+from quadlog.mapping.placing import NO_TOP, PlacedScan, slot_transforms
+from quadlog.messages import Float, Float32, Int
 
 Int16 = NDArray[np.int16]
 
+_GROUND = np.uint8(PointClass.GROUND)
 _HIT_MS = np.int16(200)
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
 LONGEST_STEP_S = 0.2
@@ -123,9 +125,10 @@ class AccumulatedMap:
         """
         if not self.lattice.cover(window):
             return
-        hits, row, col = self.lattice.whole("hits", window)
-        passes, _, _ = self.lattice.whole("passes", window)
-        _count(placed.top_mm, placed.lowest_ray_mm, np.int16(min(below_mm, int(NO_RAY))), hits, passes, row, col)
+        hits, passes = (self.lattice.view(name, window) for name in ("hits", "passes"))
+        hit = placed.top_mm > NO_TOP
+        hits += hit
+        passes += (placed.lowest_ray_mm < below_mm) & ~hit
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
@@ -137,21 +140,6 @@ class AccumulatedMap:
         cells[passes > 0] = FREE
         cells[(hits > 0) & (hits >= OCCUPIED_SHARE * (hits + passes))] = OCCUPIED
         return cells, window
-
-
-@kernel
-def _count(
-    top_mm: NDArray[np.int16], lowest_ray_mm: NDArray[np.int16], below_mm: int, hits: NDArray[np.int32],
-    passes: NDArray[np.int32], first_row: int, first_col: int,
-) -> None:  # fmt: skip
-    one, none = np.int32(1), np.int32(0)
-    rows, cols = top_mm.shape
-    for row in range(rows):
-        top, ray = top_mm[row], lowest_ray_mm[row]
-        hit, passed = hits[first_row + row, first_col:], passes[first_row + row, first_col:]
-        for col in range(cols):
-            hit[col] += one if top[col] > NO_TOP else none
-            passed[col] += one if (ray[col] < below_mm) & (top[col] <= NO_TOP) else none
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,24 +165,24 @@ class GroundHeight:
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
         self.lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, MOST_CELLS // 4)
-        self._cells, self._bounds = np.zeros((0, 2), np.int64), np.zeros(4, np.int64)
+        self._cells, self._bounds = np.zeros((0, 3), np.int64), np.zeros(4, np.int64)
 
-    def add(self, scan: CompactScan, slot_pose_base_in_map: Float) -> None:
-        """Count one scan's ground; slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots."""
-        n = len(scan.ground)
-        if n == 0:
+    def add(self, scan: ClassifiedScan, slot_pose_base_in_map: Float, reach_m: float) -> None:
+        """Count one scan's ground up to reach_m from the lidar; slot_pose_base_in_map: (K, 3) at its time slots."""
+        found, cells, bounds = scan.returns, self._cells, self._bounds
+        if len(found.label) > len(cells):
+            self._cells = cells = np.zeros((len(found.label), 3), np.int64)
+        place = np.array([*scan.lidar_base_m[:2], self._cell_m, reach_m])
+        cells = cells[: _cells_of_ground(found, place, slot_pose_base_in_map, cells, bounds)]
+        if len(cells) == 0:
             return
-        if n > len(self._cells):
-            self._cells = np.zeros((2 * n, 2), np.int64)
-        cells, bounds = self._cells, self._bounds
-        _cells_of_ground(scan.ground, slot_pose_base_in_map, scan.unit_m, self._cell_m, cells, bounds)
         col0, row0, col1, row1 = (int(bound) for bound in bounds)
         window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
         if not self.lattice.cover(window):
             return
         sums, row, col = self.lattice.whole("sum_m", window)
         counts, _, _ = self.lattice.whole("count", window)
-        _add(scan.ground, cells, col0 - col, row0 - row, sums, counts)
+        _add(found.z_m, cells, col0 - col, row0 - row, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
@@ -209,25 +197,36 @@ class GroundHeight:
 
 
 @kernel
-def _cells_of_ground(
-    ground: NDArray[np.void], poses: Float, unit_m: float, cell_m: float, cells: Int, bounds: Int
-) -> None:
-    """The lattice's cells (col, row) of the ground's means, and their bounds."""
+def _cells_of_ground(returns: Returns, place: Float, poses: Float, cells: Int, bounds: Int) -> int:
+    """The lattice's cells (col, row) of ground points and the points' numbers, how many, and the cells' bounds.
+
+    place: the lidar's x and y in base, the edge of a cell, and the reach.
+    """
     bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
-    moved = slot_transforms(poses, unit_m)
-    for i in range(len(ground)):
-        at, x, y = ground[i]["slot"], ground[i]["x"] + 0.5, ground[i]["y"] + 0.5
-        col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / cell_m)
-        row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / cell_m)
-        cells[i, 0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
-        cells[i, 1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
-        bounds[0], bounds[2] = min(bounds[0], cells[i, 0]), max(bounds[2], cells[i, 0])
-        bounds[1], bounds[3] = min(bounds[1], cells[i, 1]), max(bounds[3], cells[i, 1])
+    moved, found, farthest = slot_transforms(poses), 0, place[3] * place[3]
+    for i in range(len(returns.label)):
+        if returns.label[i] != _GROUND:
+            continue
+        dx, dy, at = np.float64(returns.dx_m[i]), np.float64(returns.dy_m[i]), returns.slot[i]
+        # NaN fails this comparison as well.
+        if not dx * dx + dy * dy <= farthest:
+            continue
+        x, y = dx + place[0], dy + place[1]
+        col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / place[2])
+        row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / place[2])
+        cell = cells[found]
+        cell[0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
+        cell[1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
+        cell[2] = i
+        bounds[0], bounds[2] = min(bounds[0], cell[0]), max(bounds[2], cell[0])
+        bounds[1], bounds[3] = min(bounds[1], cell[1]), max(bounds[3], cell[1])
+        found += 1
+    return found
 
 
 @kernel
-def _add(ground: NDArray[np.void], cells: Int, col0: int, row0: int, sum_m: Float, count: NDArray[np.int32]) -> None:
-    for i in range(len(ground)):
+def _add(z_m: Float32, cells: Int, col0: int, row0: int, sum_m: Float, count: NDArray[np.int32]) -> None:
+    for i in range(len(cells)):
         row, col = cells[i, 1] - row0, cells[i, 0] - col0
-        sum_m[row, col] += ground[i]["count"] * (ground[i]["z_mm"] * 0.001)
-        count[row, col] += ground[i]["count"]
+        sum_m[row, col] += z_m[cells[i, 2]]
+        count[row, col] += 1

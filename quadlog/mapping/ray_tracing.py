@@ -1,22 +1,20 @@
 """Ray tracing: free space between the lidar and its returns, down to the height of the lowest ray.
 
-Before the robot's poses are known, the rays of a scan are kept by direction: of each sector the few that count, by
-reach and slope. With the poses, every cell of the window takes its height from the sector it lies in, so that none in
-sight is left out, however far off it is.
+The rays of a scan are gathered by direction: of each sector the few that count, by reach and slope. Every cell of the
+window takes its height from the sector it lies in, so that none in sight is left out, however far off it is.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.range_image import Returns, turn_of
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 
@@ -26,121 +24,84 @@ RAYS_IN_SECTOR = 16
 """Rays per sector for scattered points, so that no sector between filled ones is empty."""
 STEEPEST, FLATTEST, BINS = -1.0, 0.25, 40
 """Bins of slope, rise per metre: 1.8 degrees each, finer than the spacing of beams."""
-SLOPE_UNIT = 1 / 16384
 NO_RAY = np.int16(32767)
 """Height, in mm, of the lowest ray through a cell that none crossed."""
 _DIRECTIONS = 4096
 # A ray stops this far before its end, in cells: the cell in which it ends, or that it only touches, is not crossed.
 _SHORT_CELLS = 0.75
 _GROUND, _OBSTACLE = np.uint8(PointClass.GROUND), np.uint8(PointClass.OBSTACLE)
-_INF, _NONE, _ONE, _TINY = np.float32(np.inf), np.float32(0), np.float32(1), np.float32(1e-30)
+_INF, _NONE = np.float32(np.inf), np.float32(0)
 
 
-SECTOR = np.dtype([("count", "u1"), ("slot", "u1")])
-RAY = np.dtype([("reach", "u2"), ("slope", "i2")])
+def lowest_rays(
+    scan: ClassifiedScan,
+    half_body_m: Float,
+    highest_m: float,
+    slot_pose_base_in_map: Float,
+    window: Window,
+    reach_m: float,
+    lowest_mm: NDArray[np.int16],
+) -> None:
+    """Fill lowest_mm (rows, cols) with the height above the ground of the lowest ray through each cell, or NO_RAY.
 
-
-class Rays(NamedTuple):
-    """The rays of one scan by sector, in units of unit_m and SLOPE_UNIT.
-
-    sector: (S,) of SECTOR, number of rays and time slot; sector s looks along (s + 1/2) / S turns in base. ray: (R,) of
-    RAY, horizontal length and rise per length, sector by sector, each reaching farther and passing higher than the one
-    before.
+    Rays end on the ground or on an obstacle, but not on the robot: half_body_m (2,) is half of the box about base's
+    origin. Rays of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called
+    crossed only where all agree. highest_m, reach_m: what lies higher above the ground or farther from the lidar does
+    not matter. slot_pose_base_in_map: (K, 3) x, y, yaw at the scan's time slots. The rays start where the lidar was on
+    average; what it moved while the scan lasted moves their ends.
     """
-
-    sector: NDArray[np.void]
-    ray: NDArray[np.void]
-
-
-def gather_rays(scan: ClassifiedScan, half_body_m: Float, unit_m: float, reach_m: float, highest_m: float) -> Rays:
-    """The rays of a scan that end on the ground or on an obstacle, but not on the robot.
-
-    half_body_m: (2,) half of the box about base's origin that is the robot. reach_m, highest_m: what lies farther
-    off, or higher above the ground, does not matter. Rays of one sector and one slope count as one, the shortest
-    and flattest of them, so that a cell is called crossed only where all agree.
-    """
-    sectors, together = _sectors(scan)
-    limits = np.array([*scan.lidar_base_m, *half_body_m, 1 / unit_m, reach_m, highest_m], np.float32)
-    sector, ray = np.zeros(sectors, SECTOR), np.zeros(sectors * BINS, RAY)
-    width = scan.columns or max(len(scan.returns.label), 1)
-    n_rays = _gather(scan.returns, width, limits, together, sector, ray)
-    return Rays(sector, ray[:n_rays].copy())
-
-
-def _sectors(scan: ClassifiedScan) -> tuple[int, int]:
-    """How many sectors, and how many neighbouring columns may count as one ray."""
     if scan.route in ("rings", "elevations"):
-        # One and a half of these in each sector at least: wherever the columns lie, none is empty.
-        together = 2 if scan.columns >= 3 * MOST_SECTORS else 1
-        return min(max(scan.columns // together * 2 // 3, 1), MOST_SECTORS), together
-    n_ended = scan.count(PointClass.GROUND) + scan.count(PointClass.OBSTACLE)
-    return min(max(n_ended // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS), 1
+        # One and a half columns in each sector at least: wherever they lie, none is empty.
+        sectors = min(max(scan.columns * 2 // 3, 1), MOST_SECTORS)
+    else:
+        n_ended = scan.count(PointClass.GROUND) + scan.count(PointClass.OBSTACLE)
+        sectors = min(max(n_ended // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS)
+    limits = np.array([*scan.lidar_base_m, *half_body_m, reach_m, highest_m], np.float32)
+    where = np.array([*scan.lidar_base_m, window.col0, window.row0, window.cell_m, reach_m], np.float64)
+    width = scan.columns or max(len(scan.returns.label), 1)
+    _trace(scan.returns, width, limits, slot_pose_base_in_map, where, _outward(sectors), lowest_mm)
 
 
-@kernel
+@inner
 def _gather(
-    returns: Returns, width: int, limits: Float32, together: int, sector: NDArray[np.void], ray: NDArray[np.void]
-) -> int:
-    """Fill sector and ray, as in Rays; returns how many rays there are.
+    returns: Returns, width: int, limits: Float32, reach_m: Float32, slope: Float32, sector_slot: NDArray[np.int32]
+) -> None:
+    """Fill reach_m and slope (sectors * BINS + 1,) with the rays, whose reach is infinite where there is none, and
+    sector_slot with the time slot of each sector, -1 without rays.
 
-    width: points that are looked at together. limits: the lidar's x, y and height, half of the body, units per metre,
-    and the greatest reach and height.
+    width: points that are looked at together. limits: the lidar's x, y and height, half of the body, and the greatest
+    reach and height. Of a sector each ray reaches farther and passes higher than the one before.
     """
     dx_m, dy_m, height_m, label, slot = returns.dx_m, returns.dy_m, returns.height_m, returns.label, returns.slot
-    n, sectors, last = len(label), len(sector), len(sector) * BINS + 1
+    n, sectors = len(label), len(sector_slot)
     length_m, rise, place = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.int32)
-    reach_m, slope, bin_slot = np.empty(last, np.float32), np.empty(last, np.float32), np.empty(last, np.uint8)
+    bin_slot = np.empty(len(reach_m), np.uint8)
     for bin_k in range(sectors * BINS + 1):
         reach_m[bin_k], slope[bin_k] = _INF, -_INF
     for begin in range(0, n, width):
         size = min(width, n - begin)
         slots = slot[begin:]
         _bins(size, dx_m[begin:], dy_m[begin:], height_m[begin:], label[begin:], limits, sectors, length_m, rise, place)
-        if together == 2:
-            size //= 2
-            for c in range(size):
-                nearer = length_m[2 * c] <= length_m[2 * c + 1]
-                place[c] = place[2 * c] if nearer else place[2 * c + 1]
-                rise[c] = max(rise[2 * c], rise[2 * c + 1])
-                length_m[c] = min(length_m[2 * c], length_m[2 * c + 1])
         for c in range(size):
             k = np.uint32(place[c])
             # Written unconditionally: a mispredicted branch takes longer.
             reach_m[k] = min(length_m[c], reach_m[k])
             slope[k] = max(rise[c], slope[k])
-            bin_slot[k] = slots[together * c]
-    lidar_m, per_unit, most_m, highest_m = limits[2], limits[5], limits[6], limits[7]
-    n_rays = 0
+            bin_slot[k] = slots[c]
+    lidar_m, most_m, highest_m = limits[2], limits[5], limits[6]
     for s in range(sectors):
-        farthest, found = _NONE, 0
+        farthest, matters = _NONE, True
+        sector_slot[s] = -1
         for place_k in range(s * BINS, (s + 1) * BINS):
             k = np.uint32(place_k)
-            far = reach_m[k]
-            if far == _INF or far <= farthest:
+            if reach_m[k] == _INF:
                 continue
-            if farthest > most_m or lidar_m + slope[k] * farthest > highest_m:
-                break
-            ray[n_rays]["reach"] = np.uint16(min(far * per_unit, np.float32(65535)))
-            ray[n_rays]["slope"] = np.int16(max(slope[k], np.float32(-1.99)) * np.float32(1 / SLOPE_UNIT))
-            sector[s]["slot"] = bin_slot[k]
-            farthest, found, n_rays = far, found + 1, n_rays + 1
-        sector[s]["count"] = found
-    return n_rays
-
-
-@inner
-def _turn(x: np.float32, y: np.float32) -> np.float32:
-    """The azimuth of (x, y) in turns, [0, 1], by a polynomial fitted to the arctangent, within 1.3e-5 of a turn."""
-    size_x, size_y = abs(x), abs(y)
-    steep = size_y > size_x
-    larger, smaller = size_y if steep else size_x, size_x if steep else size_y
-    q = smaller / (larger if larger > _TINY else _TINY)
-    s = q * q
-    part = np.float32(-0.05111625) + s * (np.float32(0.02327801) + s * np.float32(-0.00620448))
-    part = q * (np.float32(0.15902978) + s * part)
-    part = np.float32(0.25) - part if steep else part
-    part = np.float32(0.5) - part if x < _NONE else part
-    return _ONE - part if y < _NONE else part
+            longer = reach_m[k] > farthest
+            matters &= not longer or (farthest <= most_m and lidar_m + slope[k] * farthest <= highest_m)
+            if longer and matters:
+                farthest, sector_slot[s] = reach_m[k], bin_slot[k]
+            else:
+                reach_m[k] = _INF
 
 
 @inner
@@ -166,29 +127,10 @@ def _bins(
         k = (climb - steepest) * per_bin
         k = k if k > _NONE else _NONE
         k = k if counts else _NONE
-        sector = np.int32(_turn(dx, dy) * per_turn)
+        sector = np.int32(turn_of(dx, dy) * per_turn)
         sector = sector if sector < last else last
         length_m[c], rise[c] = length if counts else _INF, climb if counts else -_INF
         place[c] = sector * np.int32(BINS) + np.int32(k) if counts else nowhere
-
-
-def lowest_rays(
-    rays: Rays,
-    unit_m: float,
-    lidar_base_m: Float,
-    slot_pose_base_in_map: Float,
-    window: Window,
-    reach_m: float,
-    lowest_mm: NDArray[np.int16],
-) -> None:
-    """Fill lowest_mm (rows, cols) with the height above the ground of the lowest ray through each cell, or NO_RAY.
-
-    lidar_base_m: (3,) x, y in base and height above the ground. slot_pose_base_in_map: (K, 3) x, y, yaw at the
-    rays' time slots. Cells farther than reach_m from the lidar are not crossed. The rays start where the lidar
-    was on average; what it moved while the scan lasted moves their ends.
-    """
-    corner = np.array([window.col0, window.row0, window.cell_m], np.float64)
-    _place(*rays, unit_m, lidar_base_m, slot_pose_base_in_map, corner, reach_m, _outward(len(rays.sector)), lowest_mm)
 
 
 @lru_cache(maxsize=8)
@@ -199,58 +141,57 @@ def _outward(sectors: int) -> Float:
 
 
 @kernel
-def _place(
-    sectors: NDArray[np.void], rays: NDArray[np.void], unit_m: float, lidar_base_m: Float, poses: Float,
-    corner: Float, reach_m: float, outward: Float, lowest_mm: NDArray[np.int16],
+def _trace(
+    returns: Returns, width: int, limits: Float32, poses: Float, where: Float, outward: Float,
+    lowest_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
-    """corner: the window's first column and row on the lattice, and the edge of a cell."""
-    n, cell_m = len(poses), corner[2]
-    sector, moved_m = np.empty(_DIRECTIONS, np.int32), np.empty((5, n))
-    profile_mm = np.empty((len(sectors) + 1, int(2 * reach_m / cell_m) + 2), np.int16)
-    for k in range(n):
-        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        moved_m[0, k] = poses[k, 0] + cos * lidar_base_m[0] - sin * lidar_base_m[1]
-        moved_m[1, k] = poses[k, 1] + sin * lidar_base_m[0] + cos * lidar_base_m[1]
-        moved_m[2, k] = poses[k, 2] / (2.0 * math.pi)
-        moved_m[3, k], moved_m[4, k] = cos, sin
+    """where: the lidar's x, y and height, the window's first column and row on the lattice, the edge of a cell, and
+    the reach. outward: (2, sectors) directions of the sectors in base.
+    """
+    sectors, n, cell_m = outward.shape[1], len(poses), where[5]
+    reach_m, slope = np.empty(sectors * BINS + 1, np.float32), np.empty(sectors * BINS + 1, np.float32)
+    sector_slot, sector, moved_m = np.empty(sectors, np.int32), np.empty(_DIRECTIONS, np.int32), np.empty((5, n))
+    profile_mm = np.empty((sectors + 1, int(2 * where[6] / cell_m) + 2), np.int16)
+    _gather(returns, width, limits, reach_m, slope, sector_slot)
     start_x_m, start_y_m = 0.0, 0.0
     for k in range(n):
+        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        moved_m[0, k] = poses[k, 0] + cos * where[0] - sin * where[1]
+        moved_m[1, k] = poses[k, 1] + sin * where[0] + cos * where[1]
+        moved_m[2, k] = poses[k, 2] / (2.0 * math.pi)
+        moved_m[3, k], moved_m[4, k] = cos, sin
         start_x_m += moved_m[0, k]
         start_y_m += moved_m[1, k]
     start_x_m, start_y_m = start_x_m / n, start_y_m / n
     for k in range(n):
         moved_m[0, k] -= start_x_m
         moved_m[1, k] -= start_y_m
-    _draw_profiles(sectors, rays, unit_m, lidar_base_m[2], moved_m, outward, cell_m, sector, profile_mm)
-    col, row = start_x_m / cell_m - corner[0], start_y_m / cell_m - corner[1]
+    _draw_profiles(sector_slot, reach_m, slope, where[2], moved_m, outward, cell_m, sector, profile_mm)
+    col, row = start_x_m / cell_m - where[3], start_y_m / cell_m - where[4]
     _look_up(np.float32(col), np.float32(row), sector, profile_mm, lowest_mm)
 
 
 @inner
 def _draw_profiles(
-    sectors: NDArray[np.void], rays: NDArray[np.void], unit_m: float, lidar_m: float, moved: Float, outward: Float,
+    sector_slot: NDArray[np.int32], reach_m: Float32, slope: Float32, lidar_m: float, moved: Float, outward: Float,
     cell_m: float, sector: NDArray[np.int32], profile_mm: NDArray[np.int16],
 ) -> None:  # fmt: skip
     """Fill sector (_DIRECTIONS,), which one looks along each direction of map, and profile_mm (sectors + 1, steps),
     the height of the lowest ray of each every half a cell outwards; the last one is for directions without a sector.
 
     moved: (5, K) x, y in metres by which the lidar was elsewhere at each time slot, its yaw in turns, and the cosine
-    and sine of that. outward: (2, sectors) directions of the sectors in base.
+    and sine of that.
     """
-    n, steps = len(sectors), profile_mm.shape[1]
-    for d in range(_DIRECTIONS):
-        sector[d] = n
-    for k in range(steps):
-        profile_mm[n, k] = NO_RAY
-    ray, step_m = np.int64(0), 0.5 * cell_m
+    n, steps, step_m = len(sector_slot), profile_mm.shape[1], 0.5 * cell_m
+    sector[:], profile_mm[n, :] = n, NO_RAY
     for s in range(n):
-        if sectors[s]["count"] == 0:
+        at = sector_slot[s]
+        if at < 0:
             continue
-        at, beside = sectors[s]["slot"], s + 1 if s + 1 < n else 0
-        after = sectors[beside]["slot"] if sectors[beside]["count"] > 0 else at
+        after = sector_slot[s + 1 if s + 1 < n else 0]
         first = moved[2, at] + s / n
         # The next sector was perhaps measured later, when the robot had turned; a wide gap is the scan's seam.
-        wide = moved[2, after] - moved[2, at] + 1.0 / n
+        wide = moved[2, after if after >= 0 else at] - moved[2, at] + 1.0 / n
         wide -= math.floor(wide)
         wide = wide if wide < 2.0 / n else 1.0 / n
         begin, end = math.ceil(first * _DIRECTIONS - 0.5), math.ceil((first + wide) * _DIRECTIONS - 0.5)
@@ -260,13 +201,15 @@ def _draw_profiles(
         y = moved[4, at] * outward[0, s] + moved[3, at] * outward[1, s]
         shift_m = x * moved[0, at] + y * moved[1, at]
         done, heights = np.int64(0), profile_mm[s]
-        for _ in range(sectors[s]["count"]):
-            until_m = np.int64(rays[ray]["reach"]) * unit_m + shift_m - _SHORT_CELLS * cell_m
+        for k in range(s * BINS, (s + 1) * BINS):
+            if reach_m[k] == _INF:
+                continue
+            until_m = reach_m[k] + shift_m - _SHORT_CELLS * cell_m
             until = min(max(np.int64(math.floor(until_m / step_m)), done), steps - 1)
-            climb = rays[ray]["slope"] * SLOPE_UNIT
+            climb = np.float64(slope[k])
             first_mm = np.float32(1000.0 * (lidar_m + climb * (0.5 * step_m - shift_m)))
             _draw_line(heights, done, until, first_mm, np.float32(1000.0 * climb * step_m))
-            done, ray = until, ray + 1
+            done = until
         _draw_line(heights, done, steps, np.float32(NO_RAY), _NONE)
 
 
@@ -297,7 +240,7 @@ def _look_up(
             away = np.sqrt(dx[col] * dx[col] + squared) * np.float32(2)
             step[col] = np.int32(away if away < last else last)
         for col in range(cols):
-            at = np.int32(_turn(dx[col], dy) * np.float32(_DIRECTIONS))
+            at = np.int32(turn_of(dx[col], dy) * np.float32(_DIRECTIONS))
             direction[col] = at if at < np.int32(_DIRECTIONS) else np.int32(_DIRECTIONS - 1)
         for col in range(cols):
             lowest[col] = flat[np.uint32(sector[np.uint32(direction[col])] * steps + step[col])]

@@ -1,4 +1,4 @@
-"""One trajectory brought onto another: the rigid motion, the plane and the clock's offset between them."""
+"""One trajectory brought onto another by a rigid motion, and whether their frames differ."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.messages import Float, Int, PoseSeries
+from quadlog.metrics.summary import Samples
 
 _RANK = 1e-9  # of the largest singular value
 
@@ -48,145 +48,6 @@ def project_to_plane(trajectory: PoseSeries) -> PoseSeries:
     """The trajectory in the plane z = 0: heights, roll and pitch left out."""
     position_m = trajectory.position_m * np.array([1.0, 1.0, 0.0])
     return PoseSeries(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
-
-
-def aligned_square_m2(spread_m2: Float, other_spread_m2: Float, covariance_m2: Float) -> Float:
-    """Mean squared distance (L,) that the best rigid motion leaves between the pairs of each of L sets [Umeyama].
-
-    From what a set can be summed up in: the variances (L,) of both trajectories, as mean squared distances from
-    their means, and covariance_m2 (L, D, D) of D axes, one row for each axis of the first. On one line, too.
-    """
-    turned = np.linalg.svd(covariance_m2, compute_uv=False)
-    turned[:, -1] *= np.sign(np.linalg.det(covariance_m2))
-    left_m2: Float = np.maximum(spread_m2 + other_spread_m2 - 2 * turned.sum(axis=1), 0)
-    return left_m2
-
-
-_STEP_S = 0.05
-_MOST_STEPS = 1 << 17
-_LEAST_S = 5.0  # of either trajectory: some steps look like any others
-_LEAST_PAIRS = 10
-_LEAST_OVERLAP = 0.5  # of the most that could be: at its ends anything fits
-_LONGEST_GAP_S = 1.0  # that a straight line bridges, unless most gaps are longer
-# Shares of how far the robot moved about its mean place:
-_PERFECT = 0.01  # whatever fits better than this fits as well
-_WORST = 0.25
-_APART_S = 1.0
-_CLEAR = 2.5
-"""How much worse all offsets farther away than _APART_S must fit. Of a walk that UWB positions to 0.1 m, parts of 5 to
-40 s are then aligned to 0.3 s or called ambiguous; two different walks come to 1.3 at most."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClockOffset:
-    """offset_s: what to add to the estimate's times; residual_m: how far apart positions are then, rms, once aligned.
-
-    rival_s: another offset, more than a second away, that fits about as well; None when offset_s is clearly the best.
-    """
-
-    offset_s: float
-    residual_m: float
-    rival_s: float | None
-
-
-def estimate_clock_offset(reference: PoseSeries, estimate: PoseSeries) -> ClockOffset | None:
-    """The offset at which a rigid motion brings the positions of both nearest to each other, whatever frames they have.
-
-    None where one is too short or stands still, and where they fit at no offset. Not by speeds, which are quicker to
-    compare: those of a steady walk are alike at many offsets, and those of noisy positions at all.
-    """
-    durations_s = [int(each.t_ns[-1] - each.t_ns[0]) / NS_PER_S for each in (reference, estimate)]
-    if min(durations_s) < _LEAST_S:
-        return None
-    step_s = max(_STEP_S, max(durations_s) / _MOST_STEPS)
-    own = _median_gap_s(reference.t_ns) > _median_gap_s(estimate.t_ns)
-    fits = _fits(_sampled(reference, step_s, own), _sampled(estimate, step_s, not own))
-    if fits is None:
-        return None
-    lags, square_m2, spread_m2 = fits
-    share = np.sqrt(square_m2 / spread_m2)
-    best = int(np.argmin(share))
-    far = np.flatnonzero(np.abs(lags - lags[best]) * step_s > _APART_S)
-    if share[best] > _WORST or len(far) == 0:
-        return None
-    between_starts_s = int(reference.t_ns[0] - estimate.t_ns[0]) / NS_PER_S
-    offset_s = between_starts_s + (float(lags[best]) + _vertex(lags, square_m2, best)) * step_s
-    rival = int(far[np.argmin(share[far])])
-    clear = share[rival] >= _CLEAR * max(share[best], _PERFECT)
-    rival_s = None if clear else between_starts_s + float(lags[rival]) * step_s
-    return ClockOffset(offset_s, float(np.sqrt(square_m2[best])), rival_s)
-
-
-def _median_gap_s(t_ns: Int) -> float:
-    return float(np.median(np.diff(t_ns))) / NS_PER_S
-
-
-def _sampled(trajectory: PoseSeries, step_s: float, own: bool) -> tuple[Float, Float]:
-    """Positions (K, 3) about their mean at even steps from the start on, and the weight (K,) of each: 1 or 0.
-
-    1 only beside the trajectory's own poses, or anywhere but in gaps: so one of few poses is compared where it has
-    them, with the other one between whose poses a straight line does.
-    """
-    seconds = (trajectory.t_ns - trajectory.t_ns[0]) / NS_PER_S
-    at_s = np.arange(int(seconds[-1] / step_s) + 1) * step_s
-    position_m = np.column_stack([np.interp(at_s, seconds, axis_m) for axis_m in trajectory.position_m.T])
-    if own:
-        weight = np.zeros(len(at_s))
-        weight[np.minimum(np.round(seconds / step_s).astype(np.int64), len(at_s) - 1)] = 1
-    else:
-        after = np.clip(np.searchsorted(seconds, at_s), 1, len(seconds) - 1)
-        longest_s = max(_LONGEST_GAP_S, 3 * _median_gap_s(trajectory.t_ns))
-        weight = (seconds[after] - seconds[after - 1] <= longest_s).astype(np.float64)
-    return position_m - position_m.mean(axis=0), weight
-
-
-@np.errstate(over="ignore", invalid="ignore")  # of positions beyond all measure, which then fit nowhere
-def _fits(a: tuple[Float, Float], b: tuple[Float, Float]) -> tuple[Int, Float, Float] | None:
-    """For b moved by lags (L,): the mean squared distance (L,) that alignment leaves, and the smaller variance (L,).
-
-    Only lags with enough overlap and motion; None if there are none.
-    """
-    lags = np.arange(-(len(b[0]) - 1), len(a[0]))
-    sums = _sliding_sums(a, b)
-    count = sums[0, 0]
-    enough = count >= max(_LEAST_PAIRS - 0.5, _LEAST_OVERLAP * count.max())
-    lags, means = lags[enough], sums[:, :, enough] / count[enough]
-    if len(lags) == 0 or not np.isfinite(means).all():
-        return None
-    centre_a, centre_b = means[1:4, 0], means[0, 1:4]
-    spread_a, spread_b = means[4, 0] - (centre_a**2).sum(axis=0), means[0, 4] - (centre_b**2).sum(axis=0)
-    covariance = np.moveaxis(means[1:4, 1:4] - centre_a[:, None] * centre_b[None, :], 2, 0)
-    smaller = np.minimum(spread_a, spread_b)
-    # What the transforms round is no motion.
-    moved = smaller > 1e-9 * max(spread_a.max(), spread_b.max())
-    if not moved.any():
-        return None
-    square = aligned_square_m2(spread_a[moved], spread_b[moved], covariance[moved])
-    return lags[moved], square, smaller[moved]
-
-
-def _sliding_sums(a: tuple[Float, Float], b: tuple[Float, Float]) -> Float:
-    """Sums (5, 5, L) over the overlap of products of 1, x, y, z and the squared length of a with those of b, weighted.
-
-    For each lag from -(N - 1) to M - 1, by Fourier transforms.
-    """
-    size = len(a[0]) + len(b[0]) - 1
-    terms = [
-        np.vstack([np.ones(len(weight)), position_m.T, (position_m**2).sum(axis=1)]) * weight
-        for position_m, weight in (a, b)
-    ]
-    of_a, of_b = np.fft.rfft(terms[0], size), np.fft.rfft(terms[1][:, ::-1], size)
-    sums: Float = np.fft.irfft(of_a[:, None] * of_b[None, :], size)
-    return sums
-
-
-def _vertex(lags: Int, square: Float, best: int) -> float:
-    """Where the parabola through the best lag and its neighbours has its top, from it; 0 where one is missing."""
-    if not 0 < best < len(lags) - 1 or lags[best + 1] - lags[best - 1] != 2:
-        return 0.0
-    before, middle, after = square[best - 1 : best + 2]
-    bend = before - 2 * middle + after
-    return float(np.clip(0.5 * (before - after) / bend, -1, 1)) if bend > 0 else 0.0
 
 
 MIN_SHIFT_M = 0.3
@@ -237,12 +98,13 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
 
 def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> dict[str, Samples]:
     """Of lidar_uwb_rmse_m: distances of positions (N, 2), NaN where unknown, once a rigid motion has aligned them."""
-    offset = find_frame_offset(lidar_xy_m, uwb_xy_m)
-    if offset is None:
+    known = np.isfinite(lidar_xy_m).all(axis=1) & np.isfinite(uwb_xy_m).all(axis=1)
+    if known.sum() < MIN_PAIRS:
         return {}
-    cos, sin = np.cos(offset.turn_rad), np.sin(offset.turn_rad)
-    moved_m = lidar_xy_m @ np.array([[cos, sin], [-sin, cos]]) + offset.shift_m
-    return {"lidar_uwb_rmse_m": finite_samples(t_ns, np.hypot(*(moved_m - uwb_xy_m).T), "rms")}
+    lidar_xy_m, uwb_xy_m = lidar_xy_m[known], uwb_xy_m[known]
+    rotation, shift_m = rigid_motion(lidar_xy_m, uwb_xy_m)
+    apart_m = np.hypot(*(lidar_xy_m @ rotation.T + shift_m - uwb_xy_m).T)
+    return {"lidar_uwb_rmse_m": Samples(t_ns[known], apart_m, "rms")}
 
 
 def mirror_words(position_m: Float, reference_m: Float) -> str | None:

@@ -17,7 +17,7 @@ COVERAGE = (
     "to 1.00 (rms) of simulations whose errors are correlated over 0.1 to 2 s; on pieces of 12 s of a real log in "
     "0.95, 0.92 and 0.94."
 )
-"""What tests/quadlog/metrics/test_mean_in_time.py measures; the page and docs/metrics.md state it."""
+"""What tests/quadlog/metrics/test_summary.py measures; the page and docs/metrics.md state it."""
 
 Interval = tuple[float, float]
 Z_95 = 1.959963984540054

@@ -81,12 +81,7 @@ def _time_clause(comparison: Comparison) -> str:
     if not comparison.us.beats_all(fastest):
         medians = f"medians of {times(median[fastest])} ({fastest}) to {times(median[slowest])} µs ({slowest})"
         return f"times do not show which planner is quickest, with {medians} per replan"
-    words = f"{fastest} was fastest, with a median of {times(median[fastest])} µs per replan"
-    ratio = comparison.us.ratio(fastest, comparison.baseline, corrected_confidence(len(median)))
-    if fastest == comparison.baseline or ratio is None or ratio.interval is None:
-        return words
-    bounds = f"{_bounds(ratio.interval)}, as the best of {len(median)}"
-    return f"{words}, {times(ratio.value)} times that of {comparison.baseline} ({bounds})"
+    return f"{fastest} was fastest, with a median of {times(median[fastest])} µs per replan"
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -107,11 +102,11 @@ def notes(comparison: Comparison) -> list[str]:
     lines.append(f"The ratio is {what} by {base} / {what} by the planner: {how}.")
     repeats = next(iter(comparison.us.of.values()))
     if repeats.ndim == 2:
-        known = []
-        for row in comparison.rows:
-            ratio = comparison.us.ratio(row.planner, base)
-            if row.planner != base and ratio is not None and ratio.interval is not None:
-                known.append(f"{row.planner} {times(ratio.value)} ({_bounds(ratio.interval)})")
+        known = [
+            f"{row.planner} {times(ratio.value)} ({_bounds(ratio.interval)})"
+            for row in comparison.rows
+            if row.planner != base and (ratio := comparison.us.ratio(row.planner, base)) and ratio.interval
+        ]
         asked = f"Every replan was timed {repeats.shape[1]} times, the planners in turns; its time is the median."
         lines.append(f"{asked} Times over those of {base}: {'; '.join(known)}." if known else asked)
     for planner, ratio in comparison.ratios.items():

@@ -183,6 +183,7 @@ def _row(source: str, planner: str, mine: Table, paired: Bool, ratio: Ratio | No
     is_first = np.concatenate([[True], np.diff(mine["episode"]) != 0])
     later = mine["from_scratch"][~is_first]
     excess = _excess(both["cost"], both["optimal_cost"])
+    excess = excess[np.isfinite(excess)]
     return PlannerRow(
         source=source,
         planner=planner,
@@ -205,9 +206,10 @@ def _row(source: str, planner: str, mine: Table, paired: Bool, ratio: Ratio | No
 
 
 def _excess(cost: Float, optimal: Float) -> Float:
-    """Fractions above the optimum, where there is one; a robot at its goal already has nothing to be worse than."""
-    known = optimal > 0
-    excess: Float = cost[known] / optimal[known] - 1
+    """(N,) fractions above the optimum; NaN where there is none, or a robot at its goal, 0 / 0."""
+    excess = np.full(len(cost), np.nan)
+    np.divide(cost, optimal, out=excess, where=optimal > 0)
+    excess -= 1
     return np.where(np.abs(excess) < ROUNDING, 0.0, excess)
 
 
@@ -235,10 +237,7 @@ def search_samples(replans: Table) -> dict[str, Samples]:
     fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
     first one, which always does.
     """
-    # A robot that is at its goal already has nothing to be worse than: 0 / 0.
-    compared = np.asarray(replans["found"], np.bool_) & (np.asarray(replans["optimal_cost"], np.float64) > 0)
-    excess = np.full(len(compared), np.nan)
-    excess[compared] = replans["cost"][compared] / replans["optimal_cost"][compared] - 1
+    excess = np.where(replans["found"], _excess(replans["cost"], replans["optimal_cost"]), np.nan)
     return {
         "expanded_total": finite_samples(replans["t_ns"], replans["expanded"], "sum"),
         "generated_total": finite_samples(replans["t_ns"], replans["generated"], "sum"),

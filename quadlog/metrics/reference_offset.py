@@ -7,7 +7,9 @@ constant speed) does not observe the offset, and none is claimed then.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +17,8 @@ import numpy as np
 from quadlog.errors import PosesOnLine
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.alignment import (
-    FrameOffset,
     align_rigidly,
-    aligned_square_m2,
     are_on_line,
-    estimate_clock_offset,
     find_frame_offset,
     frame_offset_words,
     mirror_words,
@@ -53,6 +52,126 @@ _FARTHEST_M = 1e7  # of positions; beyond, squares lose what is measured
 _LEAST_MOVED_M = 0.1  # by a reference onto which a trajectory can be turned
 _FEWEST_SAMPLES, _FEWEST_INDEPENDENT = 100, 6.0  # with fewer the offset's error is not known
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
+
+# Of the search over all offsets at which the two overlap:
+_WIDE_STEP_S, _MOST_STEPS, _MOST_WIDE_SAMPLES, _WIDE_GAP_S = 0.25, 8000, 500, 1.0
+_LEAST_S = 5.0  # of either trajectory: some steps look like any others
+_LEAST_PAIRS = 10
+_LEAST_OVERLAP = 0.5  # of the most that could be: at its ends anything fits
+_PERFECT = 0.01  # of the spread of positions: whatever fits better than this fits as well
+_CLEAR = 2.5
+"""How much worse all offsets more than _WINDOW_S away must fit. Of a walk that UWB positions to 0.1 m, parts of 5 to
+40 s are then aligned to 0.3 s or called ambiguous; two different walks come to 1.3 at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pairing:
+    """K samples of the trajectory with fewer poses, and the other one to be interpolated at their times.
+
+    sample_ns (K,), at the estimate's clock for both; sample_m (K, D); sign: 1 where the reference is interpolated.
+    """
+
+    sample_ns: Int
+    sample_m: Float
+    dense: PoseSeries
+    max_gap_ns: int
+    sign: int
+
+    @classmethod
+    def of(
+        cls, reference: PoseSeries, estimate: PoseSeries, axes: int, most_samples: int, gap_s: float
+    ) -> _Pairing | None:
+        """gap_s: the longest that is bridged, unless three usual ones are longer. None for positions too far off."""
+        if max(np.abs(each.position_m).max() for each in (reference, estimate)) > _FARTHEST_M:
+            return None
+        gaps_ns = [float(np.median(np.diff(each.t_ns))) for each in (reference, estimate)]
+        sign = 1 if gaps_ns[0] <= gaps_ns[1] else -1
+        dense, sparse = (reference, estimate) if sign == 1 else (estimate, reference)
+        rows = _thinned(sparse.t_ns, most_samples)
+        max_gap_ns = max(round(gap_s * NS_PER_S), round(3 * min(gaps_ns)))
+        return cls(sparse.t_ns[rows], sparse.position_m[rows, :axes], dense, max_gap_ns, sign)
+
+    def with_partners(self, offsets_s: Iterable[float]) -> _Pairing | None:
+        """The samples that have a partner at all of these offsets; None for too few of them."""
+        known = np.all([np.isfinite(self.partner_m(each)).all(axis=1) for each in offsets_s], axis=0)
+        kept = replace(self, sample_ns=self.sample_ns[known], sample_m=self.sample_m[known])
+        return kept if known.sum() >= _LEAST_PAIRS else None
+
+    def partner_m(self, offset_s: float) -> Float:
+        """(K, D) where the dense trajectory was, the estimate's times counted with that offset."""
+        at_ns = self.sample_ns + self.sign * round(offset_s * NS_PER_S)
+        partner_m: Float = positions_at(at_ns, self.dense, self.max_gap_ns)[:, : self.sample_m.shape[1]]
+        return partner_m
+
+    def fit(self, offset_s: float) -> tuple[int, float, float]:
+        """Number of pairs, mean squared distance that the best rigid motion leaves [Umeyama], and smaller variance."""
+        partner_m = self.partner_m(offset_s)
+        known = np.isfinite(partner_m[:, 0])
+        n = int(known.sum())
+        if n < _LEAST_PAIRS:
+            return n, math.inf, 0.0
+        sample_m, partner_m = (each[known] - each[known].mean(axis=0) for each in (self.sample_m, partner_m))
+        covariance_m2 = sample_m.T @ partner_m / n
+        turned_m2 = np.linalg.svd(covariance_m2, compute_uv=False)
+        turned_m2[-1] *= np.sign(np.linalg.det(covariance_m2))
+        spreads_m2 = [float(np.mean(np.sum(each**2, axis=1))) for each in (sample_m, partner_m)]
+        return n, max(sum(spreads_m2) - 2 * float(turned_m2.sum()), 0.0), min(spreads_m2)
+
+    def best_offset_s(self, about_s: float, window_s: float) -> float | None:
+        """Where the fit is best, to _RESOLUTION_S; None at the window's ends."""
+        from scipy.optimize import minimize_scalar  # slow to import
+
+        offsets_s = about_s + np.arange(-window_s, window_s + _GRID_S / 2, _GRID_S)
+        best = int(np.argmin([self.fit(float(each))[1] for each in offsets_s]))
+        if best in (0, len(offsets_s) - 1):
+            return None
+        bounds = float(offsets_s[best - 1]), float(offsets_s[best + 1])
+        options = {"xatol": _RESOLUTION_S}
+        return float(minimize_scalar(lambda each_s: self.fit(each_s)[1], bounds=bounds, options=options).x)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """offset_s: what to add to the estimate's times; residual_m: how far apart positions are then, rms, once aligned.
+
+    rival_s: another offset, more than a second away, that fits about as well; None when offset_s is clearly the best.
+    """
+
+    offset_s: float
+    residual_m: float
+    rival_s: float | None
+
+
+def estimate_clock_offset(reference: PoseSeries, estimate: PoseSeries) -> ClockOffset | None:
+    """The offset at which a rigid motion brings the positions of both nearest to each other, whatever frames they have.
+
+    None where one is too short or stands still, and where they fit at no offset. Not by speeds, which are quicker to
+    compare: those of a steady walk are alike at many offsets, and those of noisy positions at all.
+    """
+    durations_s = [int(each.t_ns[-1] - each.t_ns[0]) / NS_PER_S for each in (reference, estimate)]
+    if min(durations_s) < _LEAST_S:
+        return None
+    pairing = _Pairing.of(reference, estimate, 3, _MOST_WIDE_SAMPLES, _WIDE_GAP_S)
+    if pairing is None:
+        return None
+    step_s = max(_WIDE_STEP_S, sum(durations_s) / _MOST_STEPS)
+    first_s = int(reference.t_ns[0] - estimate.t_ns[-1]) / NS_PER_S
+    offsets_s = first_s + np.arange(0.0, sum(durations_s) + step_s, step_s)
+    count, square_m2, spread_m2 = np.array([pairing.fit(float(each)) for each in offsets_s]).T
+    # What rounding leaves is no motion.
+    usable = (count >= max(_LEAST_PAIRS, _LEAST_OVERLAP * count.max())) & (spread_m2 > 1e-9 * spread_m2.max())
+    offsets_s, share = offsets_s[usable], np.sqrt(square_m2[usable] / spread_m2[usable])
+    if not usable.any():
+        return None
+    offset_s = float(offsets_s[np.argmin(share)])
+    offset_s = pairing.best_offset_s(offset_s, step_s + _GRID_S) or offset_s
+    _, best_m2, best_spread_m2 = pairing.fit(offset_s)
+    best, far = math.sqrt(best_m2 / best_spread_m2), np.abs(offsets_s - offset_s) > _WINDOW_S
+    if best > _MOST_OF_SPREAD or not far.any():
+        return None
+    rival = int(np.argmin(share[far]))
+    clear = share[far][rival] >= _CLEAR * max(best, _PERFECT)
+    return ClockOffset(offset_s, math.sqrt(best_m2), None if clear else float(offsets_s[far][rival]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,70 +211,15 @@ def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOff
         return _unknown("too few poses")
     coarse = estimate_clock_offset(reference, estimate)
     start_s = coarse.offset_s if coarse is not None and coarse.rival_s is None else 0.0
-    pairing = _Pairing.of(reference, estimate, start_s)
+    pairing = _Pairing.of(reference, estimate, _known_axes(reference, estimate), _MOST_SAMPLES, _LONGEST_GAP_S)
+    if pairing is not None:
+        pairing = pairing.with_partners((start_s - _WINDOW_S, start_s, start_s + _WINDOW_S))
     if pairing is None:
         return _unknown("too few poses at common times")
-    offsets_s = start_s + np.arange(-_WINDOW_S, _WINDOW_S + _GRID_S / 2, _GRID_S)
-    squares_m2 = [pairing.square_m2(float(each)) for each in offsets_s]
-    best = int(np.argmin(squares_m2))
-    if best in (0, len(offsets_s) - 1):
+    offset_s = pairing.best_offset_s(start_s, _WINDOW_S)
+    if offset_s is None:
         return _unknown(f"positions fit best at the end of what was searched, {_WINDOW_S:g} s")
-    from scipy.optimize import minimize_scalar  # slow to import
-
-    bounds = float(offsets_s[best - 1]), float(offsets_s[best + 1])
-    offset_s = float(minimize_scalar(pairing.square_m2, bounds=bounds, options={"xatol": _RESOLUTION_S}).x)
     return _with_interval(pairing, offset_s)
-
-
-@dataclass(frozen=True, slots=True)
-class _Pairing:
-    """K samples of one trajectory, and the other one to be interpolated at their times.
-
-    sample_ns (K,), at the estimate's clock for both; sample_m (K, D); sign: 1 where the reference is interpolated.
-    """
-
-    sample_ns: Int
-    sample_m: Float
-    dense: PoseSeries
-    max_gap_ns: int
-    sign: int
-
-    @classmethod
-    def of(cls, reference: PoseSeries, estimate: PoseSeries, start_s: float) -> _Pairing | None:
-        """Samples that have a partner at all offsets within the window about start_s; None for too few of them."""
-        gaps_ns = [float(np.median(np.diff(each.t_ns))) for each in (reference, estimate)]
-        sign = 1 if gaps_ns[0] <= gaps_ns[1] else -1
-        dense, sparse = (reference, estimate) if sign == 1 else (estimate, reference)
-        axes = _known_axes(reference, estimate)
-        rows = _thinned(sparse.t_ns)
-        if max(np.abs(each.position_m).max() for each in (dense, sparse)) > _FARTHEST_M:
-            return None
-        pairing = cls(
-            sparse.t_ns[rows],
-            sparse.position_m[rows, :axes],
-            dense,
-            max(round(_LONGEST_GAP_S * NS_PER_S), round(3 * min(gaps_ns))),
-            sign,
-        )
-        ends = [start_s + shift_s for shift_s in (-_WINDOW_S, 0.0, _WINDOW_S)]
-        known = np.all([np.isfinite(pairing.partner_m(each)).all(axis=1) for each in ends], axis=0)
-        if known.sum() < 10:
-            return None
-        return cls(pairing.sample_ns[known], pairing.sample_m[known], dense, pairing.max_gap_ns, sign)
-
-    def partner_m(self, offset_s: float) -> Float:
-        """(K, D) where the dense trajectory was, the estimate's times counted with that offset."""
-        at_ns = self.sample_ns + self.sign * round(offset_s * NS_PER_S)
-        partner_m: Float = positions_at(at_ns, self.dense, self.max_gap_ns)[:, : self.sample_m.shape[1]]
-        return partner_m
-
-    def square_m2(self, offset_s: float) -> float:
-        """Mean squared distance that the best rigid motion leaves at that offset."""
-        partner_m = self.partner_m(offset_s)
-        known = np.isfinite(partner_m).all(axis=1)
-        sample_m, partner_m = (each[known] - each[known].mean(axis=0) for each in (self.sample_m, partner_m))
-        spread_m2, other_m2 = (np.mean(np.sum(each**2, axis=1), keepdims=True) for each in (sample_m, partner_m))
-        return float(aligned_square_m2(spread_m2, other_m2, (sample_m.T @ partner_m / len(sample_m))[None])[0])
 
 
 def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
@@ -175,7 +239,7 @@ def _with_interval(pairing: _Pairing, offset_s: float) -> TimeOffset:
     told_m2ps2, speed_m2ps2 = (float(np.mean(np.sum(each**2, axis=1))) for each in (unexplained_mps, velocity_mps))
     if told_m2ps2 <= _LEAST_OF_SPEED**2 * speed_m2ps2:
         return _unknown("its motion is one that another place or direction explains as well as another time")
-    around_m2 = [pairing.square_m2(offset_s + shift_s) for shift_s in (-_DERIVATIVE_S, 0.0, _DERIVATIVE_S)]
+    around_m2 = [pairing.fit(offset_s + shift_s)[1] for shift_s in (-_DERIVATIVE_S, 0.0, _DERIVATIVE_S)]
     curvature_m2ps2 = (around_m2[0] - 2 * around_m2[1] + around_m2[2]) / (2 * _DERIVATIVE_S**2)
     if curvature_m2ps2 <= _LEAST_OF_CURVATURE * told_m2ps2:
         return _unknown("the noise of the positions hides it")
@@ -200,9 +264,9 @@ def _without_rigid_motions(velocity_mps: Float, position_m: Float) -> Float:
     return left_mps
 
 
-def _thinned(t_ns: Int) -> Int:
-    """Rows at least _LEAST_STEP_S apart, about, and at most _MOST_SAMPLES of them."""
-    step_ns = max(round(_LEAST_STEP_S * NS_PER_S), int(t_ns[-1] - t_ns[0]) // _MOST_SAMPLES, 1)
+def _thinned(t_ns: Int, most: int) -> Int:
+    """Rows at least _LEAST_STEP_S apart, about, and at most so many of them."""
+    step_ns = max(round(_LEAST_STEP_S * NS_PER_S), int(t_ns[-1] - t_ns[0]) // most, 1)
     _, rows = np.unique((t_ns - t_ns[0]) // step_ns, return_index=True)
     return rows.astype(np.int64)
 
@@ -249,11 +313,6 @@ class ReferenceComparison:
             found["ate_aligned_rmse_m"] = pair_samples(self.corrected_truth, self.aligned)["ate_rmse_m"]
         return {name: each for name, each in found.items() if len(each.values)}
 
-    @property
-    def frame(self) -> FrameOffset | None:
-        """The rigid motion of the plane from the time-corrected estimate onto the reference."""
-        return find_frame_offset(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
-
     @cached_property
     def mirrored(self) -> str | None:
         """A line for a reference that fits only mirrored."""
@@ -261,7 +320,8 @@ class ReferenceComparison:
 
     def warnings(self) -> list[str]:
         """A line for a clock, and one for a frame, that differ from the reference's by more than can be chance."""
-        words = [self.mirrored or (None if self.frame is None else frame_offset_words(self.frame))]
+        frame = find_frame_offset(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
+        words = [self.mirrored or (None if frame is None else frame_offset_words(frame))]
         if self.offset.differs_from(self.given_offset_s):
             words.insert(0, f"the reference's clock is not that of the poses: {self.summary()}")
         return [each for each in words if each is not None]
@@ -277,11 +337,7 @@ class ReferenceComparison:
             clock = f"time offset {self.offset.offset_s:+.3f} s (95 % {low_s:+.3f} to {high_s:+.3f})"
             errors.append(f"{rms_m['ate_time_corrected_rmse_m']:.3f} m with it added to the poses' times")
         if "ate_aligned_rmse_m" in rms_m:
-            motion, frame = "", self.frame
-            if frame is not None:
-                (x_m, y_m), turn_deg = frame.mean_shift_m, round(float(np.degrees(frame.turn_rad)), 1) + 0.0
-                motion = f" (turned {turn_deg:.1f} degrees, shifted ({x_m:.3f}, {y_m:.3f}) m on average)"
-            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned{motion}")
+            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned")
         return f"{clock}; {', '.join(errors)}"
 
 
@@ -299,7 +355,7 @@ def compare_trajectories(
     align, planar: as evo's --align and --project_to_plane xy, for every one of the errors. None without a pair. Raises
     PosesOnLine where poses on one line are to be aligned.
     """
-    offset = estimate_time_offset(*((_flat(reference), _flat(estimate)) if planar else (reference, estimate)))
+    offset = estimate_time_offset(*(project_to_plane(each) if planar else each for each in (reference, estimate)))
     told_s = offset_s if offset.offset_s is None else offset.offset_s
     pairs = [_paired(reference, estimate, max_difference_s, each_s, align, planar) for each_s in (offset_s, told_s)]
     given, corrected = pairs
@@ -308,11 +364,6 @@ def compare_trajectories(
     if corrected is None:
         offset, corrected = _unknown("too few poses at common times"), given
     return ReferenceComparison(offset_s, offset, *given, *corrected)
-
-
-def _flat(trajectory: PoseSeries) -> PoseSeries:
-    """Its positions in the plane z = 0."""
-    return PoseSeries(trajectory.t_ns, trajectory.position_m * [1, 1, 0], trajectory.quat_xyzw)
 
 
 def _paired(

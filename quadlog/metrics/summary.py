@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +35,7 @@ class Metric:
     """One number of metrics.json: a value, the number of samples it is made of, its unit ("" for counts and shares).
 
     interval: 95 %, of the value; None where the samples are too few for one, or there are none. worst: the worst
-    sample and its instant, None for metrics without samples in time. summary: of the samples, None where not read.
+    sample and its instant, None for metrics without samples in time. detail: as detail_of, empty where not read.
     """
 
     value: float
@@ -43,7 +43,7 @@ class Metric:
     unit: str
     interval: Interval | None = None
     worst: tuple[float, int] | None = None
-    summary: SampleSummary | None = None
+    detail: Mapping[str, float] = field(default_factory=dict)
 
 
 Metrics = dict[str, Metric]
@@ -114,40 +114,12 @@ def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
     return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
 
 
-@dataclass(frozen=True, slots=True)
-class SampleSummary:
-    """A value of n samples; mean and sample std of these, and quantiles of their size; interval: 95 %, of the value.
-
-    None where there is nothing to say: a deviation or an interval of too few samples, or of samples all alike.
-    """
-
-    value: float
-    n: int
-    mean: float
-    std: float | None
-    p50: float
-    p95: float
-    interval: Interval | None
-
-
-def summarise(samples: Samples) -> SampleSummary | None:
-    """The summary of a run's samples in time order; None when there are none.
-
-    The interval says how the value would scatter over walks as long as this one that go on as it did. It treats
-    neighbours in time as dependent (`mean_interval_in_time`); it knows nothing of how other walks would differ.
-    """
+def detail_of(samples: Samples) -> dict[str, float]:
+    """mean, std of N >= 1 samples (not of one), and p50 and p95, quantiles of their size."""
     x = samples.values
-    if samples.count == 0:
-        return None
     p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
-    return SampleSummary(
-        value=value_of(samples),
-        n=samples.count,
-        mean=float(np.mean(x)),
-        std=float(np.std(x, ddof=1)) if len(x) > 1 else None,
-        p50=p50,
-        p95=p95,
-        interval=interval_of(samples),
+    return {"mean": float(np.mean(x)), "p50": p50, "p95": p95} | (
+        {"std": float(np.std(x, ddof=1))} if len(x) > 1 else {}
     )
 
 
@@ -201,6 +173,7 @@ def effects(samples: Samples) -> Float | None:
 def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
+    It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
     None of extremes, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,9 +143,6 @@ def clearance_samples(t_ns: Int, clearance_m: Float, target_distance_m: Float) -
     }
 
 
-Phase = Literal["stance", "swing", "all"]
-PHASES: tuple[Phase, ...] = ("stance", "swing", "all")
-
 SPEED_OVER_S = 1.0
 """A speed is the distance between the places before and after an instant, so far apart: sway is not speed."""
 LEAST_OVER_S = 0.25
@@ -162,7 +159,7 @@ class BodySeries:
     """A walk of N rows: t_ns (N,) rising; what is unknown is NaN.
 
     speed_mps (N,) over ground; torque_nm (N, 12); stance (N, 4) 1 or 0; power_w (N,) sum of |torque x joint speed| of
-    all joints; height_m (N,) of the trunk above its feet or the ground; pitch_rad (N,) nose down.
+    all joints; pitch_rad (N,) nose down.
     """
 
     t_ns: Int
@@ -170,7 +167,6 @@ class BodySeries:
     torque_nm: NDArray[np.floating]
     stance: Float
     power_w: Float
-    height_m: Float
     pitch_rad: Float
 
     @property
@@ -208,8 +204,7 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
 
     The majority of each SHORTEST_PHASE_S counts.
     """
-    rows = len(t_ns)
-    half = 0
+    half, rows = 0, len(t_ns)
     if rows > 1:
         half = min(round(SHORTEST_PHASE_S / float(np.median(np.diff(t_ns)) * 1e-9 + 1e-12)) // 2, rows)
     summed = np.concatenate([np.zeros((1, carried.shape[1])), np.cumsum(carried >= least, axis=0)])
@@ -218,105 +213,64 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
     return np.where(np.isnan(carried), np.nan, share > 0.5)
 
 
-class Strides(NamedTuple):
-    """S strides, each from one touch-down of a foot to its next.
+def strides(body: BodySeries) -> Samples:
+    """The frequency in Hz of strides, each from one touch-down of a foot to its next, at the first of the two.
 
-    t_ns, row (S,): instant and row of the first touch-down, rising; frequency_hz (S,).
+    Of all legs while the body moves; those over a gap, or longer than LONGEST_STRIDE_S, are left out.
     """
-
-    t_ns: Int
-    row: Int
-    frequency_hz: Float
-
-
-def strides(body: BodySeries) -> Strides:
-    """Of all legs while the body moves; those over a gap, or longer than LONGEST_STRIDE_S, are none."""
     gaps = np.concatenate([[0], np.cumsum(np.diff(body.t_ns) > MAX_GAP_S * 1e9)])
-    begins: list[Int] = []
-    ends: list[Int] = []
+    whole: list[Int] = []
     for stance in body.stance.T:
         down = np.flatnonzero((stance[1:] == 1) & (stance[:-1] == 0)) + 1
         unknown = np.concatenate([[0], np.cumsum(np.isnan(stance))])
         begin, end = down[:-1], down[1:]
-        lasts_s = (body.t_ns[end] - body.t_ns[begin]) * 1e-9
-        whole = (gaps[end] == gaps[begin]) & (unknown[end] == unknown[begin]) & (lasts_s <= LONGEST_STRIDE_S)
-        whole &= body.moves[begin] & body.moves[end]
-        begins.append(begin[whole])
-        ends.append(end[whole])
-    begin, end = np.concatenate(begins), np.concatenate(ends)
+        kept = (gaps[end] == gaps[begin]) & (unknown[end] == unknown[begin]) & body.moves[begin] & body.moves[end]
+        kept &= body.t_ns[end] - body.t_ns[begin] <= LONGEST_STRIDE_S * 1e9
+        whole.append(np.stack([begin, end])[:, kept])
+    begin, end = np.concatenate(whole, axis=1)
     order = np.argsort(begin, kind="stable")
-    begin, end = begin[order], end[order]
-    return Strides(body.t_ns[begin], begin, 1e9 / (body.t_ns[end] - body.t_ns[begin]))
+    begin_ns, end_ns = body.t_ns[begin[order]], body.t_ns[end[order]]
+    return Samples(begin_ns, 1e9 / (end_ns - begin_ns), "mean")
 
 
-class TorqueRow(NamedTuple):
-    """One joint in one phase over n rows with a known torque; n_unknown: rows of the phase without one."""
+def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
+    """The rows of body.parquet: every joint in every phase of its own leg, where it has a torque.
 
-    joint: str
-    phase: Phase
-    torque_rms_nm: float
-    torque_peak_nm: float
-    n: int
-    n_unknown: int
-
-
-def torque_rows(body: BodySeries) -> list[TorqueRow]:
-    """Every joint in every phase of its own leg that has a torque."""
-    rows = []
+    n: rows of the phase with a known torque, n_unknown: without.
+    """
+    rows: list[dict[str, str | float | int]] = []
     for joint, name in enumerate(JOINTS):
         torque_nm, stance = body.torque_nm[:, joint].astype(np.float64), body.stance[:, joint // 3]
-        known = np.isfinite(torque_nm)
-        for phase, inside in zip(PHASES, (stance == 1, stance == 0, np.ones(len(stance), bool)), strict=True):
-            used = torque_nm[inside & known]
+        for phase, inside in (("stance", stance == 1), ("swing", stance == 0), ("all", np.full(len(stance), True))):
+            used = _known(torque_nm[inside])
             if len(used):
-                rms_nm, peak_nm = float(np.sqrt(np.mean(used**2))), float(np.abs(used).max())
-                rows.append(TorqueRow(name, phase, rms_nm, peak_nm, len(used), int(inside.sum()) - len(used)))
+                figures = {
+                    "torque_rms_nm": float(np.sqrt(np.mean(used**2))),
+                    "torque_peak_nm": float(np.abs(used).max()),
+                }
+                counts = {"n": len(used), "n_unknown": int(inside.sum()) - len(used)}
+                rows.append({"joint": name, "phase": phase} | figures | counts)
     return rows
 
 
-@dataclass(frozen=True, slots=True)
-class GaitStatistics:
-    """How a body walked over n rows; NaN where it is unknown.
+def gait(body: BodySeries, mass_kg: float) -> dict[str, float | int]:
+    """The row of gait.parquet, over the n rows in which the body moves; NaN where it is unknown.
 
-    speed_mps: mean. duty_factor: (4,) share of the moving rows in which each foot stands. cost_of_transport: see the
-    function. Height and pitch: mean and standard deviation over the moving rows.
+    duty_factor_0 to 3: share of these rows in which each foot stands. cost_of_transport: mean power over weight and
+    mean speed, of rows with both known, at rest too; speeds below MOVING_MPS count as 0. mass_kg: NaN if unknown.
     """
-
-    n: int
-    speed_mps: float
-    stride_frequency_hz: float
-    duty_factor: Float
-    cost_of_transport: float
-    height_mean_m: float
-    height_std_m: float
-    pitch_mean_rad: float
-    pitch_std_rad: float
-
-
-def gait(body: BodySeries, mass_kg: float) -> GaitStatistics:
-    """Over all rows."""
-    height_m, pitch_rad = (_known(each[body.moves]) for each in (body.height_m, body.pitch_rad))
-    return GaitStatistics(
-        n=int(body.moves.sum()),
-        speed_mps=_mean(body.speed_mps[body.moves]),
-        stride_frequency_hz=_mean(strides(body).frequency_hz),
-        duty_factor=np.array([_mean(_known(stance[body.moves])) for stance in body.stance.T]),
-        cost_of_transport=cost_of_transport(body, mass_kg),
-        height_mean_m=_mean(height_m),
-        height_std_m=float(np.std(height_m)) if len(height_m) else float("nan"),
-        pitch_mean_rad=_mean(pitch_rad),
-        pitch_std_rad=float(np.std(pitch_rad)) if len(pitch_rad) else float("nan"),
-    )
-
-
-def cost_of_transport(body: BodySeries, mass_kg: float) -> float:
-    """Mean power over weight and mean speed, of rows with both known; speeds below MOVING_MPS count as 0.
-
-    mass_kg: NaN where it is not known; the result is NaN then, and for a body that does not move.
-    """
-    known = body.cost_known
-    way = float(np.where(body.moves, body.speed_mps, 0.0)[known].sum())
-    return float(body.power_w[known].sum()) / (mass_kg * GRAVITY_MPS2 * way) if way > 0 else float("nan")
+    moves, known = body.moves, body.cost_known
+    pitch_rad, way = _known(body.pitch_rad[moves]), float(np.where(moves, body.speed_mps, 0.0)[known].sum())
+    weight_n = mass_kg * GRAVITY_MPS2
+    return {
+        "n": int(moves.sum()),
+        "speed_mps": _mean(body.speed_mps[moves]),
+        "stride_frequency_hz": _mean(strides(body).values),
+        **{f"duty_factor_{foot}": _mean(_known(stance[moves])) for foot, stance in enumerate(body.stance.T)},
+        "cost_of_transport": float(body.power_w[known].sum()) / (weight_n * way) if way > 0 else float("nan"),
+        "pitch_mean_rad": _mean(pitch_rad),
+        "pitch_std_rad": float(np.std(pitch_rad)) if len(pitch_rad) else float("nan"),
+    }
 
 
 def _known(values: Float) -> Float:
@@ -337,12 +291,11 @@ def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:
         squared[known] += np.square(torque_nm[known], dtype=np.float64)
         np.fmax(peak_nm, np.abs(torque_nm), out=peak_nm)
     some = count > 0
-    found = strides(body)
     standing = np.where(body.moves, body.stance.mean(axis=1), np.nan)
     samples = {
         "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / count[some]), "rms", weights=count[some]),
         "duty_factor": finite_samples(body.t_ns, standing, "mean"),
-        "stride_frequency_hz": Samples(found.t_ns, found.frequency_hz, "mean"),
+        "stride_frequency_hz": strides(body),
         "torque_max_nm": Samples(body.t_ns[some], peak_nm[some], "max"),
     }
     return {prefix + name: each for name, each in samples.items()}

@@ -83,7 +83,7 @@ TABLES: dict[str, pa.Schema] = {
     "body": table_schema("body:text joint:text phase:text torque_rms_nm torque_peak_nm n:int n_unknown:int"),
     "gait": table_schema(
         f"body:text n:int speed_mps stride_frequency_hz {' '.join(DUTY_FACTORS)} cost_of_transport "
-        "height_mean_m height_std_m pitch_mean_rad pitch_std_rad"
+        "pitch_mean_rad pitch_std_rad"
     ),
     "summary": table_schema(
         f"recording:text exit_code:int reason:text {' '.join((*METRIC_NAMES, *COST_NAMES))} worker:text"

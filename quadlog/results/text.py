@@ -236,7 +236,7 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
     if to == "csv":
         rows = [
             [str(run.path), name, of.value, of.unit, of.n,
-             *(getattr(of.summary, part, None) for part in _CSV[5:9]), *(of.interval or (None, None))]
+             *map(of.detail.get, _CSV[5:9]), *(of.interval or (None, None))]
             for run in runs for name, of in run.metrics.items()
         ]  # fmt: skip
         return print_table(_CSV, rows, to)

@@ -32,7 +32,7 @@ def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, mo
     streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
     up = up_of_base(streams, tree, config.topics, of_imu) if config.lidar.level else None
     data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up)
-    return Scanner(config, 0, data, maps=True)
+    return Scanner(config, 0, data)
 
 
 def at(count: int) -> Int:

@@ -161,7 +161,7 @@ _SHOWN = {
         "Contacts of the simulated body. A cell that first appears inside the body is no collision."),
     "gait": (
         {"body": "body", "speed_mps": "speed (m/s)", "stride_frequency_hz": "strides (Hz)",
-         **_LEGS, "cost_of_transport": "cost of transport", "height_mean_m": "height (m)"},
+         **_LEGS, "cost_of_transport": "cost of transport"},
         "The logged and the simulated body."),
 }  # fmt: skip
 """Heads of the columns shown of a table of the run, and a note."""

@@ -62,8 +62,6 @@ def test_the_logged_body_is_the_one_that_walked(run, walked):
     true_cost = energy_j / (robot.mass_kg * GRAVITY_MPS2 * way_m)
     assert walked_gait["cost_of_transport"] == pytest.approx(true_cost, rel=0.05)
     assert read_metrics(run)["logged_cost_of_transport"]["value"] == walked_gait["cost_of_transport"]
-    true_height_m = rows["position_m"][moves, 2].mean() + robot.standing_height_m
-    assert walked_gait["height_mean_m"] == pytest.approx(true_height_m, abs=0.005)
     assert walked_gait["pitch_mean_rad"] == pytest.approx(rows["rpy_rad"][moves, 1].mean(), abs=0.02)
 
 
@@ -86,4 +84,4 @@ def test_the_resimulated_body_is_that_of_the_tables_and_metrics(run, walked):
     assert outcome.problems == []
     for name in ("logged_torque_rms_nm", "logged_torque_max_nm", "logged_duty_factor", "stride_frequency_hz"):
         found = outcome.runs[0].metrics[name]
-        assert (found.value, found.n, found.summary is None) == (metrics[name]["value"], metrics[name]["n"], False)
+        assert (found.value, found.n, bool(found.detail)) == (metrics[name]["value"], metrics[name]["n"], True)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.metrics.catalogue import CATALOGUE, parse_condition
+from quadlog.metrics.summary import value_of
 from quadlog.pipelines.evaluation.metrics import explain_runs, measure_runs
 from quadlog.pipelines.evaluation.reference import OnTime, Reference, compare_with_reference
-from quadlog.pipelines.evaluation.samples import SAMPLED
+from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
@@ -49,10 +50,11 @@ def test_what_the_tables_give_again_is_what_the_replay_said(lean_run):
     assert (outcome.problems, outcome.exit_code) == ([], ExitCode.DONE)
     found = outcome.runs[0].metrics
     assert list(found) == [name for name in CATALOGUE if name in saved]
-    again = {name: each.summary for name, each in found.items() if each.summary is not None}
+    again, _ = read_samples(lean_run, saved)
+    assert {name for name, each in found.items() if each.detail} == set(again)
     assert set(again) == SAMPLED & set(saved) >= {"eta_m", "ate_rmse_m", "uwb_residual_m", "expanded_total"}
-    for name, summary in again.items():
-        assert (summary.value, summary.n) == (saved[name]["value"], saved[name]["n"]), name
+    for name, samples in again.items():
+        assert (value_of(samples), samples.count) == (saved[name]["value"], saved[name]["n"]), name
     for name, each in found.items():
         assert (each.value, each.n, each.unit) == tuple(saved[name][key] for key in ("value", "n", "unit")), name
         assert each.unit == CATALOGUE[name].unit

@@ -15,27 +15,32 @@ from quadlog.messages import PointCloud
 
 
 @pytest.fixture(scope="session")
-def ring_scan():
-    """A 16-beam scan (N, 3) in a 16 m square room, and which points are (floor, wall, false): see `make_ring_scan`."""
-    return make_ring_scan(n_azimuth=320, seed=0)
+def room_scan():
+    """A function that makes a scan of a square room without a ceiling by 16 beams, with 2 cm of noise.
 
+    mount: of the lidar in base, whose floor is z = 0. Returns points, rings, and which are floor and which false.
+    """
 
-def make_ring_scan(n_azimuth: int, seed: int, height_m: float = 0.5, wall_m: float = 8.0):
-    """Beams of -15..15 degrees over a flat floor between four walls, 2 cm noise, 1 % of the ranges false."""
-    random = np.random.default_rng(seed)
-    elevation, azimuth = np.meshgrid(
-        np.deg2rad(np.linspace(-15, 15, 16)), np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False)
-    )
-    beams = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
-    ).reshape(-1, 3)
-    to_wall_m = (wall_m / np.maximum(np.abs(beams[:, :2]), 1e-9)).min(axis=1)
-    to_floor_m = np.where(beams[:, 2] < 0, height_m / np.maximum(-beams[:, 2], 1e-9), np.inf)
-    range_m = np.minimum(to_wall_m, to_floor_m) + random.normal(0, 0.02, len(beams))
-    false = random.random(len(beams)) < 0.01
-    range_m[false] = random.uniform(0.5, wall_m, false.sum())
-    floor = (to_floor_m < to_wall_m) & ~false
-    return beams * range_m[:, None], {"floor": floor, "wall": ~floor & ~false, "false": false}
+    def made(mount, wall_m=6.0, n_azimuth=900, half_view_deg=15.0, false_share=0.0):
+        random = np.random.default_rng(0)
+        azimuth, elevation = np.meshgrid(
+            np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False),
+            np.deg2rad(np.linspace(-half_view_deg, half_view_deg, 16)),
+            indexing="ij",
+        )
+        flat = np.cos(elevation)
+        beams = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+        out, start = beams @ mount[:3, :3].T, mount[:3, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_walls = ((wall_m - np.sign(out[:, :2]) * start[:2]) / np.abs(out[:, :2])).min(axis=1)
+            to_floor = np.where(out[:, 2] < 0, -start[2] / out[:, 2], np.inf)
+        range_m = np.minimum(to_walls, to_floor) + random.normal(0, 0.02, len(beams))
+        false = random.random(len(beams)) < false_share
+        range_m[false] = random.uniform(0.5, wall_m, false.sum())
+        ring = np.tile(np.arange(16, dtype=np.uint16), n_azimuth)
+        return (beams * range_m[:, None]).astype(np.float32), ring, (to_floor < to_walls) & ~false, false
+
+    return made
 
 
 @pytest.fixture(scope="session")

@@ -38,19 +38,14 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
         ([300_000_000, 350_000_000, 400_000_000, 400_000_000], Skewed.ABSURD_TIMES),
         ([-400_000_000, -350_000_000, -300_000_000, -300_000_000], Skewed.ABSURD_TIMES),
         ([-(2**63), 2**63 - 1, 0, 0], Skewed.ABSURD_TIMES),
+        ([], Skewed.NO_TIMES),
     ],
 )
 def test_unusable_times_are_refused(offset_ns, why):
     offsets = None if offset_ns is None else PointTimes.of_offsets(np.array(offset_ns, dtype=np.int64))
-    slot = np.ones(4, np.uint8)
+    slot = np.ones(0 if offset_ns == [] else 4, np.uint8)
     slots = sweep_slots(offsets, slot)
-    assert (slots.skewed, slots.middle_ns.tolist(), slot.tolist()) == (why, [0], [0] * 4)
-
-
-def test_an_empty_scan_has_no_times():
-    assert (
-        sweep_slots(PointTimes.of_offsets(np.empty(0, dtype=np.int64)), np.empty(0, np.uint8)).skewed is Skewed.NO_TIMES
-    )
+    assert (slots.skewed, slots.middle_ns.tolist(), slot.any()) == (why, [0], False)
 
 
 def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
@@ -69,13 +64,8 @@ def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
 )  # fmt: skip
 def test_unknown_or_jumping_poses_disable_deskewing(row, column, change, why):
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
-    poses = poses_of(slot_ns)
+    poses = poses_of(slot_ns, np.pi - 0.02)  # wraps, which is no jump
     poses[row:, column] += change
     found, skewed = slot_poses(T_NS, slot_ns, poses)
     assert skewed is why
     np.testing.assert_array_equal(found, poses[1:] if why is None else np.tile(poses[0], (len(slot_ns), 1)))
-
-
-def test_a_yaw_wrapping_at_pi_is_no_jump():
-    slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
-    assert slot_poses(T_NS, slot_ns, poses_of(slot_ns, np.pi - 0.02))[1] is None

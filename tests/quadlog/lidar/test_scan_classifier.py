@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from quadlog.geometry import transform_from_rpy
-from quadlog.lidar.classified_scan import PointClass
+from quadlog.lidar.classified_scan import GroundPlane, PointClass, outside_view
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
@@ -85,10 +85,10 @@ def test_held_out_scans(classified, scans, name: str, precision: float, recall: 
 
 
 @pytest.mark.parametrize("min_range_m", [0.05, 0.35])
-def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(classify, min_range_m: float) -> None:
+def test_dust_right_before_the_lidar_has_no_support_from_empty_cells(classify, room_scan, min_range_m: float) -> None:
     """Their range is 0, and so is near that of dust; see the filter's NEAR_M."""
     mount = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
-    xyz_m, ring, _ = room_scan(mount)
+    xyz_m, ring, *_ = room_scan(mount)
     random = np.random.default_rng(3)
     dust = random.choice(len(ring), 200, replace=False)
     xyz_m[dust] *= (min_range_m * 1.02 / np.linalg.norm(xyz_m[dust], axis=1))[:, None].astype(np.float32)
@@ -181,11 +181,11 @@ def test_mount_order_and_bad_points_change_nothing_about_good_points(classified,
     ],
 )
 def test_floor_and_walls_are_found_from_a_tilted_or_unknown_mount(
-    classify, roll_deg: float, pitch_deg: float, half_view_deg: float, known: bool
+    classify, room_scan, roll_deg: float, pitch_deg: float, half_view_deg: float, known: bool
 ) -> None:
     height_m = 0.5 if known else 0.9
     mount = transform_from_rpy(np.array([0.0, 0.0, height_m]), *np.deg2rad([roll_deg, pitch_deg, 0.0]))
-    xyz_m, ring, floor = room_scan(mount, half_view_deg=half_view_deg)
+    xyz_m, ring, floor, _ = room_scan(mount, half_view_deg=half_view_deg)
     result = classify(xyz_m, ring, mount if known else np.eye(4), ALL_ROUND)
     ground = result.label == PointClass.GROUND
     assert result.route == "rings"
@@ -193,25 +193,6 @@ def test_floor_and_walls_are_found_from_a_tilted_or_unknown_mount(
     assert share(ground, floor) > 0.95
     assert result.ground.normal == pytest.approx([0, 0, 1], abs=0.02)
     assert result.ground.d_m == pytest.approx(0 if known else height_m, abs=0.02)
-
-
-def room_scan(mount: np.ndarray, wall_m: float = 6.0, n_azimuth: int = 900, half_view_deg: float = 15.0):
-    """A room of 12 m without a ceiling, seen by 16 beams through a mount: points, rings and which are floor."""
-    azimuth, elevation = np.meshgrid(
-        np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False),
-        np.deg2rad(np.linspace(-half_view_deg, half_view_deg, 16)),
-        indexing="ij",
-    )
-    beams = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
-    ).reshape(-1, 3)
-    out, start = beams @ mount[:3, :3].T, mount[:3, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_walls = (wall_m - np.sign(out[:, :2]) * start[:2]) / np.abs(out[:, :2])
-        to_floor = np.where(out[:, 2] < 0, -start[2] / out[:, 2], np.inf)
-    range_m = np.minimum(to_walls.min(axis=1), to_floor)
-    xyz_m = beams * (range_m + np.random.default_rng(0).normal(0, 0.02, len(range_m)))[:, None]
-    return xyz_m.astype(np.float32), np.tile(np.arange(16, dtype=np.uint16), n_azimuth), to_floor < to_walls.min(axis=1)
 
 
 def circle(range_m: np.ndarray) -> np.ndarray:
@@ -315,3 +296,34 @@ def test_a_floor_and_what_stands_on_it(classify, slope: float, box_height_m: flo
     inside = looked_at & box
     assert (result.label[inside] == PointClass.OBSTACLE).mean() > 0.95
     assert np.median(result.height_m[inside]) == pytest.approx(box_height_m, abs=0.1)
+
+
+def test_classes_are_the_numbers_that_files_hold() -> None:
+    assert {c.name: int(c) for c in PointClass} == {
+        "INVALID": 0,
+        "CROPPED": 1,
+        "OUTLIER": 2,
+        "GROUND": 3,
+        "OBSTACLE": 4,
+    }
+
+
+@given(st.floats(1, 359.9), st.floats(-179.9, 180), st.floats(0.1, 50))
+def test_field_of_view_agrees_with_the_azimuth(field_of_view_deg: float, azimuth_deg: float, range_m: float) -> None:
+    if abs(abs(azimuth_deg) - field_of_view_deg / 2) < 1e-6:
+        return
+    azimuth = np.deg2rad(azimuth_deg)
+    x_m, y_m = np.array([[range_m * np.cos(azimuth)], [range_m * np.sin(azimuth)]])
+    assert outside_view(x_m, y_m, field_of_view_deg)[0] == (abs(azimuth_deg) > field_of_view_deg / 2)
+    assert not outside_view(x_m, y_m, 360.0).any()
+
+
+def test_heights_are_vertical_and_walls_are_no_ground() -> None:
+    slope = np.tan(np.deg2rad(20))
+    unit = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
+    plane = GroundPlane(unit, 0.5 * unit[2])
+    on_slope = np.array([3.0, 1.0, -0.5 + 3.0 * slope])
+    heights_m = plane.height_m(on_slope + np.array([[0, 0, 0], [0, 0, 0.8], [0, 0, -0.2]]))
+    assert heights_m == pytest.approx([0.0, 0.8, -0.2])
+    assert plane.is_level
+    assert not GroundPlane(np.array([-1.0, 0.0, 0.05]) / np.hypot(1, 0.05), 0.0).is_level

@@ -6,13 +6,13 @@ import pytest
 from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
 from quadlog.lidar.deskew import Slots
 from quadlog.lidar.range_image import Returns
-from quadlog.mapping.compact import CompactScan, CompactSettings, PlacedScan, compact_scan, place_scan
 from quadlog.mapping.grid import Window
+from quadlog.mapping.placing import PlacedScan, PlacingSettings, place_scan
 
 
 @pytest.fixture(scope="session")
-def compacted():
-    """A function that makes a compact scan of points (N, 3) in base; label: of one class, or (N,) of many."""
+def scanned():
+    """A function that makes a classified scan of points (N, 3) in base; label: of one class, or (N,) of many."""
 
     def make(
         xyz_m,
@@ -21,8 +21,7 @@ def compacted():
         ground: GroundPlane | None = None,
         lidar_m=(0.0, 0.0, 0.5),
         slot=None,
-        **settings,
-    ) -> CompactScan:
+    ) -> ClassifiedScan:
         xyz_m = np.asarray(xyz_m, dtype=np.float64).reshape(-1, 3)
         labels = np.broadcast_to(np.asarray(label, np.uint8), len(xyz_m)).copy()
         if height_m is None:
@@ -32,25 +31,17 @@ def compacted():
         x_m, y_m, z_m = np.float32(xyz_m - [*place_m[:2], 0]).T.copy()
         arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
         slots = Slots(np.zeros(1, np.int64), None)
-        scan = ClassifiedScan(Returns(*arrays), 0, 0, len(xyz_m), ground, "paper", place_m, slots)
-        return compact_scan(scan, CompactSettings(**settings))
+        return ClassifiedScan(Returns(*arrays), 0, 0, len(xyz_m), ground, "paper", place_m, slots)
 
     return make
 
 
 @pytest.fixture(scope="session")
 def placed():
-    """A function that places a compact scan in a window; pose: (3,) at all time slots, or (K, 3)."""
+    """A function that places a scan in a window; pose: (3,) at all time slots, or (K, 3)."""
 
-    def make(
-        compact: CompactScan,
-        pose,
-        window: Window,
-        target_xy_m=(np.nan, np.nan),
-        min_points: int = 1,
-        radius_m: float = 0.5,
-    ) -> PlacedScan:
+    def make(scan: ClassifiedScan, pose, window: Window, target_xy_m=(np.nan, np.nan), **settings) -> PlacedScan:
         poses = np.broadcast_to(np.asarray(pose, dtype=np.float64), (32, 3)).copy()
-        return place_scan(compact, poses, window, target_xy_m, min_points, radius_m)
+        return place_scan(scan, poses, window, np.array(target_xy_m), PlacingSettings(**settings))
 
     return make

@@ -66,124 +66,83 @@ def test_projection_is_reachable_and_the_nearest_such_cell(blocked: np.ndarray, 
         assert edge[row, col] or not (edge & reachable).any()
 
 
-def test_goal_beyond_the_window_is_where_the_line_leaves_it() -> None:
-    free = np.zeros((40, 60), dtype=np.bool_)
-    for goal_cell, expected in (
-        ((130, 20), (59, 20)),
-        ((-70, 20), (0, 20)),
-        ((30, 1020), (30, 39)),
-        ((30, -500), (30, 0)),
-        ((130, 118), (50, 39)),
-    ):
-        goal = WINDOW.centre_of(np.array(goal_cell))
-        assert project_goal(free, WINDOW, (30, 20), goal) == (expected, True)
-
-
-def test_blocked_crossing_is_left_along_the_margin() -> None:
+@pytest.mark.parametrize(
+    ("goal_cell", "wall", "expected"),
+    [
+        ((130, 20), (), (59, 20)),
+        ((-70, 20), (), (0, 20)),
+        ((30, 1020), (), (30, 39)),
+        ((30, -500), (), (30, 0)),
+        ((130, 118), (), (50, 39)),
+        ((10**15, 20), (), (59, 20)),
+        ((130, 20), range(15, 24), (59, 24)),  # the crossing is (59, 20): five cells up are blocked, six down
+        ((130, 20), range(15, 26), (59, 26)),  # now six each way: counter-clockwise is up here
+        ((130, 20), range(15, 40), (59, 14)),
+    ],
+)
+def test_goal_beyond_the_window_is_where_the_line_leaves_it_or_along_the_margin(goal_cell, wall, expected) -> None:
     blocked = np.zeros((40, 60), dtype=np.bool_)
-    blocked[15:24, 59] = True  # the crossing is (59, 20): five cells up are blocked, six down
-    goal = WINDOW.centre_of(np.array([130, 20]))
-    assert project_goal(blocked, WINDOW, (30, 20), goal) == ((59, 24), True)
-    blocked[24:26, 59] = True  # now six each way: counter-clockwise is up here
-    assert project_goal(blocked, WINDOW, (30, 20), goal) == ((59, 26), True)
-    blocked[26:, 59] = True
-    assert project_goal(blocked, WINDOW, (30, 20), goal) == ((59, 14), True)
+    blocked[list(wall), 59] = True
+    assert project_goal(blocked, WINDOW, (30, 20), WINDOW.centre_of(np.array(goal_cell))) == (expected, True)
 
 
 def test_invalid_starts_and_goals_give_none() -> None:
     blocked = np.zeros((40, 60), dtype=np.bool_)
     blocked[20, 30] = True
     goal = WINDOW.centre_of(np.array([3, 3]))
-    assert project_goal(blocked, WINDOW, (30, 20), goal) is None
-    assert project_goal(blocked, WINDOW, (60, 20), goal) is None
-    assert project_goal(blocked, WINDOW, (3, 4), np.array([np.nan, 0.0])) is None
-
-
-def test_goal_at_the_far_end_of_the_world() -> None:
-    free = np.zeros((40, 60), dtype=np.bool_)
-    assert project_goal(free, WINDOW, (30, 20), np.array([1e300, 5.55])) == ((59, 20), True)
-
-
-@given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.3), st.floats(0, 4))
-def test_agrees_with_scipys_dijkstra(seed: int, rows: int, cols: int, share: float, radius: float) -> None:
-    random = np.random.default_rng(seed)
-    occupied = random.random((rows, cols)) < share
-    blocked = inflate(occupied, radius)
-    start = (int(random.integers(cols)), int(random.integers(rows)))
-
-    escape = escape_start(occupied, blocked, start)
-
-    cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
-    if escape is None:
-        assert np.isinf(cost).all()
-        return
-    assert escape.path.dtype == np.int32
-    assert tuple(escape.path[0]) == start
-    assert tuple(escape.path[-1]) == escape.cell
-    assert not blocked[escape.cell[1], escape.cell[0]]
-    assert not occupied[escape.path[1:, 1], escape.path[1:, 0]].any()
-    steps = np.abs(np.diff(escape.path.astype(np.int64), axis=0))
-    assert (steps.max(axis=1, initial=0) == 1).all()
-    assert walked(escape.path) == cost.min()
-
-
-def test_walled_in_or_outside_is_none() -> None:
+    for start, goal_xy_m in (((30, 20), goal), ((60, 20), goal), ((3, 4), np.array([np.nan, 0.0]))):
+        assert project_goal(blocked, WINDOW, start, goal_xy_m) is None
     occupied = np.ones((5, 5), dtype=np.bool_)
     occupied[2, 2] = False
-    assert escape_start(occupied, np.ones((5, 5), dtype=np.bool_), (2, 2)) is None
-    assert escape_start(occupied, occupied, (5, 2)) is None
-    assert escape_start(occupied, occupied, (-1, 2)) is None
+    for start in ((2, 2), (5, 2), (-1, 2)):
+        assert escape_start(occupied, np.ones((5, 5), dtype=np.bool_), start) is None
 
 
-@given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.2), st.floats(1, 4))
-def test_towards_a_goal_it_takes_the_shortest_way_there_within_a_detour(seed, rows, cols, share, radius) -> None:
+@given(st.integers(0, 2**32), st.integers(1, 15), st.integers(1, 15), st.floats(0, 0.2), st.floats(0, 6))
+def test_ways_out_are_the_shortest_by_scipys_dijkstra_or_towards_a_goal_within_a_detour(
+    seed: int, rows: int, cols: int, share: float, radius: float
+) -> None:
     random = np.random.default_rng(seed)
     occupied = random.random((rows, cols)) < share
     blocked = inflate(occupied, radius)
-    start = (int(random.integers(cols)), int(random.integers(rows)))
-    goal = (int(random.integers(-5, 20)), int(random.integers(-5, 20)))
-    escape = escape_start(occupied, blocked, start, goal)
-    nearest = escape_start(occupied, blocked, start)
-    assert (escape is None) == (nearest is None)
-    if escape is None or nearest is None:
+    start, goal = (int(random.integers(cols)), int(random.integers(rows))), tuple(random.integers(-5, 20, 2).tolist())
+    nearest, escape = escape_start(occupied, blocked, start), escape_start(occupied, blocked, start, goal)
+    cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
+    assert (nearest is None) == (escape is None) == np.isinf(cost).all()
+    if nearest is None or escape is None:
         return
-    assert not blocked[escape.cell[1], escape.cell[0]]
-    assert not occupied[escape.path[1:, 1], escape.path[1:, 0]].any()
-    # All but the last cell lie in the growth: it leaves it once.
-    assert blocked[escape.path[:-1, 1], escape.path[:-1, 0]].all()
-
+    for found in (nearest, escape):
+        path = found.path.astype(np.int64)
+        assert found.path.dtype == np.int32
+        assert (tuple(path[0]), tuple(path[-1])) == (start, found.cell)
+        assert not blocked[found.cell[1], found.cell[0]]
+        assert not occupied[path[1:, 1], path[1:, 0]].any()
+        assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == (1 if len(path) > 1 else 0)).all()
+        # All but the last cell lie in the growth: it leaves it once.
+        assert blocked[path[:-1, 1], path[:-1, 0]].all()
     away = np.abs(np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1) - goal)
     on = 10 * (away.max(axis=-1) - away.min(axis=-1)) + 14 * away.min(axis=-1)
-    cost = np.where(blocked, np.inf, costs_by_scipy(occupied, start))
-    least = cost.min()
-
-    assert walked(escape.path) <= least + DETOUR
-    assert walked(escape.path) + on[escape.cell[1], escape.cell[0]] <= least + on[nearest.cell[1], nearest.cell[0]]
+    assert walked(nearest.path) == cost.min()
+    assert walked(escape.path) <= cost.min() + DETOUR
+    assert walked(escape.path) + on[escape.cell[::-1]] <= cost.min() + on[nearest.cell[::-1]]
 
 
 occupied_grids = arrays(np.bool_, st.tuples(st.integers(1, 30), st.integers(1, 30)))
 
 
 @given(occupied_grids, st.one_of(st.floats(0, 12), st.integers(0, 12).map(float)))
-def test_euclidean_is_the_distance_to_the_nearest_occupied_cell(occupied: np.ndarray, radius_cells: float) -> None:
+def test_growth_is_by_distance_and_in_squares_as_scipys(occupied: np.ndarray, radius_cells: float) -> None:
     apart = cdist(np.argwhere(np.ones_like(occupied)), np.argwhere(occupied)).min(axis=1, initial=np.inf)
     assert (inflate(occupied, radius_cells).ravel() == (apart <= radius_cells + 1e-9)).all()
-
-
-@given(occupied_grids, st.integers(0, 12))
-def test_square_agrees_with_scipy(occupied: np.ndarray, radius_cells: int) -> None:
-    expected = ndimage.binary_dilation(occupied, np.ones((2 * radius_cells + 1,) * 2))
+    expected = ndimage.binary_dilation(occupied, np.ones((2 * int(radius_cells) + 1,) * 2))
     assert (inflate_square(occupied, radius_cells) == expected).all()
 
 
-def test_a_radius_in_metres_reaches_the_cells_it_names() -> None:
+def test_a_radius_in_metres_reaches_the_cells_it_names_and_a_negative_one_is_refused() -> None:
     occupied = np.zeros((9, 9), dtype=np.bool_)
     occupied[4, 4] = True
     grown = inflate(occupied, 0.3 / 0.1)  # a little less than 3
-    assert grown[4].tolist() == grown[:, 4].tolist() == [False, True, True, True, True, True, True, True, False]
-
-
-@pytest.mark.parametrize("radius", [-1.0, float("nan")])
-def test_negative_radius_is_refused(radius: float) -> None:
-    with pytest.raises(ValueError, match="inflation radius"):
-        inflate(np.zeros((3, 3), dtype=np.bool_), radius)
+    assert grown[4].tolist() == grown[:, 4].tolist() == [False, *[True] * 7, False]
+    for radius in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="inflation radius"):
+            inflate(occupied, radius)

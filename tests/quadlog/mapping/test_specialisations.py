@@ -10,12 +10,9 @@ import sys
 import numpy as np
 from numba.core.registry import CPUDispatcher
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
-from quadlog.mapping.memory import AccumulatedMap
-from quadlog.mapping.compact import CompactSettings, compact_scan
-from quadlog.mapping.memory import GroundHeight
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice
-from quadlog.mapping.memory import LogOddsMemory
-from quadlog.mapping.compact import place_scan
+from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
+from quadlog.mapping.placing import PlacingSettings, place_scan
 from quadlog.mapping.grid import window_around
 from quadlog.messages import PointCloud
 from quadlog.simulation.synthetic.labelled_scans import labelled_scans
@@ -39,12 +36,12 @@ for view_deg in (360.0, 180.0):
         for k, cloud in enumerate(clouds):
             returns = classifier.classify(cloud, scan.transform_lidar_to_base)
             returns.points()
-            compact, window = compact_scan(returns, CompactSettings()), window_around(np.zeros(2), 0.1, 200)
+            window = window_around(np.zeros(2), 0.1, 200)
             poses = np.zeros((len(returns.slots.middle_ns), 3))
-            placed = place_scan(compact, poses, window, np.zeros(2), 2, 0.5)
+            placed = place_scan(returns, poses, window, np.zeros(2), PlacingSettings(min_points=2))
             memory.add(k, window, placed)
             whole.add(window, placed, 400)
-            ground.add(compact, poses)
+            ground.add(returns, poses, 15.0)
 seen = {}
 for name, module in list(sys.modules.items()):
     if name.startswith(("quadlog.lidar", "quadlog.mapping")):

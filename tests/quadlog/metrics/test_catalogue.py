@@ -4,19 +4,63 @@ import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.errors import BadCondition, ExitCode, UnknownMetric, UsageError
+from quadlog.metrics.catalogue import CATALOGUE, OPERATORS, Condition, parse_condition
 
 REFERENCES = (Path(__file__).parents[3] / "docs" / "references.md").read_text()
 UNITS = {"_m": "m", "_s": "s", "_rad": "rad", "_nm": "N·m", "_degps": "deg/s", "_hz": "Hz"}
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_every_entry_says_all_there_is(name):
-    entry = CATALOGUE[name]
-    assert entry.name == name
-    assert all([entry.meaning, entry.formula, entry.source, entry.counted])
-    suffix = next((each for each in UNITS if name.endswith(each)), "")
-    assert entry.unit == UNITS.get(suffix, "")
-    for key in re.findall(r"\[[^]]+\]", entry.source):
-        assert f"| {key} |" in REFERENCES
+def test_every_entry_says_all_there_is():
+    for name, entry in CATALOGUE.items():
+        assert entry.name == name
+        assert all([entry.meaning, entry.formula, entry.source, entry.counted]), name
+        suffix = next((each for each in UNITS if name.endswith(each)), "")
+        assert entry.unit == UNITS.get(suffix, ""), name
+        assert all(f"| {key} |" in REFERENCES for key in re.findall(r"\[[^]]+\]", entry.source)), name
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+spaces = st.text(" \t", max_size=3)
+
+
+@given(st.sampled_from(sorted(CATALOGUE)), st.sampled_from(sorted(OPERATORS)), numbers, st.tuples(*[spaces] * 4))
+def test_every_condition_is_read_as_it_is_written(name, sign, limit, gaps):
+    before, after_name, after_sign, after = gaps
+    found = parse_condition(f"{before}{name}{after_name}{sign}{after_sign}{limit!r}{after}")
+    assert found == Condition(name, sign, limit)
+
+
+@given(st.text(st.sampled_from("eta_m<>=!0123456789.eE+- ()x\n\x00"), max_size=30) | st.text(max_size=300))
+def test_any_other_text_is_one_line_of_usage(text):
+    try:
+        found = parse_condition(text)
+    except UsageError as error:
+        refused = error
+    else:
+        name, limit = text.split(found.operator, 1)
+        assert (name.strip(), float(limit)) == (found.name, found.limit)
+        return
+    assert refused.exit_code is ExitCode.USAGE
+    assert len(str(refused)) < 1500
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "eta_m", "eta_m > ", "> 0.3", "0.3 < eta_m", "eta_m > sigma_m", "eta_m = 1", "eta_m > nan", "eta_m > ١"),
+        *("eta_m > 0.3 or fallen == 1", "eta_m > 1e999", "eta_m > 0x10", "eta_m > " + "9" * 300),
+    ],
+)
+def test_what_is_no_condition(text):
+    with pytest.raises(BadCondition, match=r"write NAME OPERATOR NUMBER, as in 'eta_m>0\.3'; operators: >= <="):
+        parse_condition(text)
+
+
+@pytest.mark.parametrize(("typo", "meant"), [("eta", "eta_m"), ("ETA_M", "eta_m"), ("ate_rmse", "ate_rmse_m")])
+def test_the_nearest_name_is_suggested(typo, meant):
+    with pytest.raises(UnknownMetric, match=f"unknown metric '{typo}'; did you mean {meant}\\?"):
+        parse_condition(f"{typo}>1")

@@ -12,14 +12,14 @@ from evo import main_ape
 from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from quadlog.messages import PoseSeries
-from quadlog.metrics.reference_offset import compare_trajectories, estimate_time_offset
-from quadlog.metrics.summary import summarise
+from quadlog.metrics.reference_offset import compare_trajectories, estimate_clock_offset, estimate_time_offset
+from quadlog.metrics.summary import value_of
 from quadlog.storage.formats.tum import read_tum
 
 S = 1_000_000_000
@@ -75,26 +75,41 @@ def test_a_known_offset_is_found_in_whatever_frame(offset_s, turn_rad, x_m, seed
     assert found.offset_s == pytest.approx(offset_s, abs=2.5 * (high_s - low_s) + 1e-3)
 
 
-@pytest.mark.parametrize("offset_s", [-12.3, 4.0])
-def test_a_large_offset_is_found_where_clocks_overlap(offset_s):
-    at_s, xyz_m = walk(3)
-    found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s + offset_s, xyz_m, 0.0, 0.05, 40))
-    assert found.offset_s == pytest.approx(-offset_s, abs=0.1)
+@given(
+    st.floats(0, 10), st.floats(45, 60), st.sampled_from([1, 5, 20]), st.sampled_from([-1e9, -12.3, 0.4, 3600, 1e9]),
+    st.integers(0, 9), st.booleans(),
+)  # fmt: skip
+@settings(max_examples=15)
+def test_clocks_of_any_epoch_are_brought_together_by_a_part_of_the_walk(first_s, last_s, hz, clock_s, seed, holed):
+    """In whatever frame of space, at whatever rate; with noise of which speeds would be made, and over a gap."""
+    at_s, xyz_m = walk(seed)
+    part = noisy(at_s + clock_s, xyz_m, clock_s + first_s, 0.02, last_s - first_s, hz)
+    kept = np.arange(len(part.t_ns))
+    part = part.rows(kept[(kept < 15 * hz) | (kept > 20 * hz)] if holed else kept)
+    tilted = np.array([3, -2, 1]) + Rotation.from_rotvec([0.3, -1.2, 2.0]).apply(part.position_m)
+    moved, reference = PoseSeries(part.t_ns, tilted, part.quat_xyzw), trajectory(at_s + clock_s, xyz_m)
+    for one, other, expected_s in ((reference, moved, clock_s + first_s), (moved, reference, -clock_s - first_s)):
+        found = estimate_clock_offset(one, other)
+        assert found.offset_s == pytest.approx(expected_s, abs=0.1)
+        assert found.rival_s is None
+        assert found.residual_m < 0.04
+    near = estimate_time_offset(reference, part)
+    assert near.offset_s is None or near.offset_s == pytest.approx(clock_s + first_s, abs=0.1)
 
 
 def test_the_interval_holds_the_truth_about_as_often_as_it_says():
-    """Errors of 5 cm correlated over half a second, 60 s: of 60 walks, 57 would be expected."""
+    """Errors of 5 cm correlated over half a second, 60 s: of 30 walks, 28.5 would be expected."""
     held = 0
-    for seed in range(60):
+    for seed in range(30):
         at_s, xyz_m = walk(seed)
         found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s, xyz_m, 0.1, 0.05, 60, seed=seed))
         held += found.interval[0] <= 0.1 <= found.interval[1]
-    assert 51 <= held <= 60
+    assert held >= 25
 
 
 def test_no_offset_is_seldom_taken_for_one():
     """Also on short walks, whose intervals are too narrow."""
-    for seed in range(40):
+    for seed in range(20):
         at_s, xyz_m = walk(seed, 20)
         found = estimate_time_offset(trajectory(at_s, xyz_m), noisy(at_s, xyz_m, 0.0, 0.05, 20, seed=seed))
         assert not found.differs_from(0.0), seed
@@ -104,47 +119,44 @@ AT_S = np.arange(0, 60, 0.05)
 NOTHING = 0 * AT_S
 
 
-@pytest.mark.parametrize("noise_m", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize("noise_m", [0.0, 0.1])
 @pytest.mark.parametrize(
-    ("x_m", "y_m"),
+    ("x_m", "y_m", "observes"),
     [
-        (NOTHING, NOTHING),
-        (0.6 * AT_S, NOTHING),
-        (0.6 * AT_S, 0.3 * AT_S),
-        (3 * np.cos(0.2 * AT_S), 3 * np.sin(0.2 * AT_S)),
+        (NOTHING, NOTHING, False),
+        (0.6 * AT_S, 0.3 * AT_S, False),
+        (3 * np.cos(0.2 * AT_S), 3 * np.sin(0.2 * AT_S), False),
+        (np.abs((AT_S / 10) % 2 - 1) * 5, NOTHING, True),
+        (3 * np.sin(0.5 * AT_S), np.sin(AT_S), True),
     ],
-    ids=["still", "straight", "slanted", "circle"],
+    ids=["still", "straight", "circle", "to and fro", "figure of eight"],
 )
-def test_a_motion_that_does_not_observe_it_tells_no_offset(x_m, y_m, noise_m):
+def test_a_motion_that_does_not_observe_it_tells_no_offset_and_one_that_repeats_itself_a_near_one(
+    x_m, y_m, observes, noise_m
+):
     rng = np.random.default_rng(1)
     both = [np.column_stack([x_m, y_m, NOTHING]) + noise_m * rng.normal(size=(len(AT_S), 3)) * [1, 1, 0] for _ in "ab"]
-    compared = compare_trajectories(trajectory(AT_S, both[0]), trajectory(AT_S - 0.2, both[1]), 0.03)
-    assert compared.offset.offset_s is None
+    reference, estimate = trajectory(AT_S, both[0]), trajectory(AT_S - 0.2, both[1])
+    wide = estimate_clock_offset(reference, estimate)
+    assert wide is None or abs(wide.rival_s - wide.offset_s) > 1
+    compared = compare_trajectories(reference, estimate, 0.03)
+    assert (compared.offset.offset_s is not None) == observes
+    if observes:
+        assert compared.offset.offset_s == pytest.approx(0.2, abs=0.05)
+        return
     assert compared.offset.why_not
     assert not {"reference_time_offset_s", "ate_time_corrected_rmse_m"} & set(compared.samples)
-    assert "time offset unknown" in compared.summary()
 
 
-def test_another_walk_tells_no_offset():
-    for seed in range(5):
-        one, other = (trajectory(*walk(each)) for each in (seed, seed + 20))
-        assert estimate_time_offset(one, other).offset_s is None
-
-
-@pytest.mark.parametrize("n", [1, 2, 12, 99])
-def test_few_poses_tell_nothing(n):
+def test_other_walks_few_poses_and_positions_beyond_all_measure_tell_no_offset():
     at_s, xyz_m = walk(0)
-    few = noisy(at_s, xyz_m, 0.1, 0.05, n / 20)
-    assert estimate_time_offset(trajectory(at_s, xyz_m), few).offset_s is None
-    assert estimate_time_offset(few, trajectory(at_s, xyz_m)).offset_s is None
-
-
-def test_positions_beyond_all_measure_tell_nothing():
-    at_s, xyz_m = walk(0)
+    one, others = trajectory(at_s, xyz_m), [noisy(at_s, xyz_m, 0.1, 0.05, n / 20) for n in (1, 2, 12, 99)]
+    others += [trajectory(*walk(seed)) for seed in (20, 21, 22)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        huge = trajectory(at_s, xyz_m * 1e200)
-        assert estimate_time_offset(huge, huge).offset_s is None
+        for other in [*others, trajectory(at_s, xyz_m * 1e200)]:
+            assert estimate_time_offset(one, other).offset_s is None
+            assert estimate_time_offset(other, one).offset_s is None
 
 
 def rmse_by_evo(reference: PoseSeries, estimate: PoseSeries, offset_s: float, align: bool) -> float:
@@ -156,8 +168,7 @@ def as_evo(poses: PoseSeries) -> PoseTrajectory3D:
     return PoseTrajectory3D(poses.position_m, np.roll(poses.quat_xyzw, 1, axis=1), poses.t_ns / S)
 
 
-@pytest.mark.parametrize("heights", [False, True])
-@pytest.mark.parametrize("offset_s", [0.11, -0.4])
+@pytest.mark.parametrize(("offset_s", "heights"), [(0.11, False), (-0.4, True)])
 def test_errors_equal_evos_with_that_offset_and_alignment(offset_s, heights):
     at_s, xyz_m = walk(5)
     if heights:
@@ -165,7 +176,7 @@ def test_errors_equal_evos_with_that_offset_and_alignment(offset_s, heights):
     estimate = moved(noisy(at_s, xyz_m, offset_s, 0.05, 60), 0.05, (0.2, -0.1, 0.3 if heights else 0))
     reference = trajectory(at_s, xyz_m)
     compared = compare_trajectories(reference, estimate)
-    values = {name: summarise(each).value for name, each in compared.samples.items()}
+    values = {name: value_of(each) for name, each in compared.samples.items()}
     found_s = values["reference_time_offset_s"]
     assert found_s == pytest.approx(offset_s, abs=0.05)
     for name, shift_s, align in (

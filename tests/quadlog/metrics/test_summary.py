@@ -1,3 +1,5 @@
+"""Values and intervals of samples, against pandas, SciPy and draws of which the truth is known."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -7,107 +9,138 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
+from scipy.signal import lfilter
 
-from quadlog.metrics.summary import Samples, finite_samples, spread, summarise, worst_instants
+from quadlog.metrics.intervals import FEWEST_IN_TIME, mean_interval_in_time, ratio_interval_in_time
+from quadlog.metrics.summary import (
+    Samples,
+    detail_of,
+    finite_samples,
+    interval_of,
+    metrics_of,
+    spread,
+    value_of,
+    worst_instants,
+)  # fmt: skip
 
-STATISTICS = ("mean", "std", "rms", "sum", "max")
+S = 1_000_000_000
+HZ = 20
 
 
-def of(values, statistic="mean", weights=None):
+def of(values, statistic="mean", weights=None, hz=HZ):
     values = np.asarray(values, dtype=np.float64)
-    return Samples(np.arange(len(values)) * 100_000_000, values, statistic, weights)
+    return Samples(np.arange(len(values)) * (S // hz), values, statistic, weights)
 
 
 @given(arrays(np.float64, st.integers(2, 40), elements=st.floats(-1e6, 1e6)))
 def test_equal_to_pandas(values):
-    series, found = pd.Series(values), summarise(of(values))
-    assert found.n == series.count()
-    assert found.mean == pytest.approx(series.mean(), abs=1e-9)
-    assert found.std == pytest.approx(series.std(), abs=1e-6)
-    assert found.p50 == pytest.approx(series.abs().quantile(0.5))
-    assert found.p95 == pytest.approx(series.abs().quantile(0.95))
-
-
-def test_values_by_hand():
-    found = {statistic: summarise(of([3.0, -4.0, 1.0], statistic)).value for statistic in STATISTICS}
-    assert found == pytest.approx(
-        {"mean": 0.0, "std": 13**0.5, "rms": (26 / 3) ** 0.5, "sum": 0.0, "max": 3.0}, abs=1e-12
-    )
+    series, squares = pd.Series(values), pd.Series(values**2)
+    wanted = {"mean": series.mean(), "std": series.std(), "sum": series.sum(), "rms": squares.mean() ** 0.5}
+    wanted |= {"min": series.min(), "max": series.max()}
+    assert {each: value_of(of(values, each)) for each in wanted} == pytest.approx(wanted, abs=1e-6)
+    quantiles = dict(zip(("p50", "p95"), series.abs().quantile([0.5, 0.95]), strict=True))
+    assert detail_of(of(values)) == pytest.approx({"mean": wanted["mean"], "std": wanted["std"]} | quantiles, abs=1e-6)
 
 
 def test_weights_are_repetitions():
     rng = np.random.default_rng(0)
-    values, weights = np.abs(rng.normal(size=200)), rng.integers(1, 6, 200)
-    found = summarise(of(values, "rms", weights))
-    repeated = summarise(of(np.repeat(values, weights), "rms"))
-    assert found.n == repeated.n == weights.sum()
-    assert found.value == pytest.approx(repeated.value)
-    low, high = found.interval
-    assert low < found.value < high
-    alike = summarise(of(values, "rms", np.full(200, 4)))
-    assert alike.interval == pytest.approx(summarise(of(values, "rms")).interval)
+    values, weights = np.abs(rng.normal(size=300)), rng.integers(1, 6, 300)
+    weighted, repeated = of(values, "rms", weights), of(np.repeat(values, weights), "rms")
+    assert weighted.count == repeated.count == weights.sum()
+    assert value_of(weighted) == pytest.approx(value_of(repeated))
+    low, high = interval_of(weighted)
+    assert low < value_of(weighted) < high
+    assert interval_of(of(values, "rms", np.full(300, 4))) == pytest.approx(interval_of(of(values, "rms")))
 
 
 def test_an_interval_keeps_to_what_can_be():
     rare = np.zeros(200)
     rare[150] = 1
-    low, high = summarise(of(rare)).interval
-    assert low == 0
-    low, high = summarise(of(1 - rare)).interval
-    assert high == 1
-    assert summarise(of(100 * rare)).interval[1] > 1
-    assert summarise(of(rare - 0.5)).interval[0] < -0.5
+    assert interval_of(of(rare))[0] == 0
+    assert interval_of(of(1 - rare))[1] == 1
+    assert interval_of(of(100 * rare))[1] > 1
+    assert interval_of(of(rare - 0.5))[0] < -0.5
 
 
 def test_nothing_and_little():
-    assert summarise(of([])) is None
-    assert summarise(of([1.0], "rms", np.array([0]))) is None
-    one = summarise(of([2.0]))
-    assert (one.value, one.n, one.std, one.interval) == (2.0, 1, None, None)
+    several = {"eta_m": of([]), "uwb_residual_m": of([1.0], "rms", np.array([0])), "sigma_m": of([1.0], "std")}
+    assert metrics_of(several) == {}
+    one = metrics_of({"eta_m": of([2.0])})["eta_m"]
+    assert (one.value, one.n, one.interval, "std" in detail_of(of([2.0]))) == (2.0, 1, None, False)
     assert finite_samples(np.arange(3), np.array([np.nan, 1, np.inf]), "mean").t_ns.tolist() == [1]
 
 
-several = st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30)
+def walks(seconds: float, lasting_s: float, n: int) -> np.ndarray:
+    """(n, T) stationary AR(1) errors of deviation 1, of which neighbours share 1/e after lasting_s."""
+    share = np.exp(-1 / (HZ * lasting_s))
+    noise = np.random.default_rng(1).normal(size=(n, round(seconds * HZ)))
+    noise[:, 0] /= np.sqrt(1 - share**2)
+    return lfilter([np.sqrt(1 - share**2)], [1, -share], noise, axis=1)
 
 
-@given(several)
-def test_a_spread_is_equal_to_scipys(x):
+def assert_held(seconds: float, lasting_s: float, n: int, least: float) -> None:
+    """95 % intervals of n walks hold the truth in this share at least."""
+    for statistic, added, truth in (("mean", 0.5, 0.5), ("std", 0.0, 1.0), ("rms", 0.5, 1.25**0.5)):
+        found = [interval_of(of(each + added, statistic)) for each in walks(seconds, lasting_s, n)]
+        assert np.mean([each is not None and each[0] <= truth <= each[1] for each in found]) >= least, statistic
+
+
+@pytest.mark.parametrize(("seconds", "lasting_s"), [(12, 0.1), (12, 1.0), (60, 2.0)])
+def test_the_truth_is_held_as_often_as_the_page_says(seconds, lasting_s):
+    assert_held(seconds, lasting_s, 60, 0.85)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("seconds", [12, 30, 60, 300])
+@pytest.mark.parametrize("lasting_s", [0.1, 0.3, 1.0, 2.0])
+def test_every_kind_of_interval_holds_the_truth_in_nine_of_ten(seconds, lasting_s):
+    assert_held(seconds, lasting_s, 1000, 0.9)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("lasting_s", [0.1, 1.0, 2.0])
+def test_the_ratio_of_two_series_is_held_in_nine_of_ten(lasting_s):
+    parts, wholes = np.exp(0.5 * walks(60, lasting_s, 500)), np.exp(0.5 * walks(60, lasting_s, 1000)[500:])
+    found = [ratio_interval_in_time(a, b) for a, b in zip(parts, wholes, strict=True)]
+    assert np.mean([each is not None and each[0] <= 1 <= each[1] for each in found]) >= 0.9
+
+
+def test_a_series_that_is_moved_and_scaled_or_does_not_tell():
+    x, noise, ones = walks(12, 0.1, 1)[0], np.random.default_rng(4).normal(size=FEWEST_IN_TIME), np.ones(40)
+    low, high = mean_interval_in_time(x)
+    assert mean_interval_in_time(-10 * x - 3) == pytest.approx((-10 * high - 3, -10 * low - 3))
+    assert [mean_interval_in_time(each) is None for each in (noise, noise[1:], ones)] == [False, True, True]
+    short = [interval_of(of(walks(10, 0.1, 1)[0], kind)) is None for kind in ("mean", "rms", "std", "max")]
+    assert short == [False, True, True, True]
+    ratios = [ratio_interval_in_time(*each) for each in ((2 * ones, ones), (ones[:19], ones[:19]), (ones, 0 * ones))]
+    assert ratios == [(2.0, 2.0), None, None]
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.lists(st.integers(0, 1), min_size=2, max_size=60))
+def test_a_spread_is_equal_to_scipys_and_that_of_falls_to_wilsons(x, falls):
     found = spread(x)
-    assert (found.runs, found.p50) == (len(x), pytest.approx(np.median(x)))
-    assert found.mean == pytest.approx(np.mean(x), abs=1e-9)
-    assert found.std == pytest.approx(np.std(x, ddof=1), abs=1e-9)
-    assert (x[found.lowest], x[found.highest]) == (min(x), max(x))
+    assert (found.runs, x[found.lowest], x[found.highest]) == (len(x), min(x), max(x))
+    wanted = np.mean(x), np.std(x, ddof=1), np.median(x), np.percentile(x, 95)
+    assert (found.mean, found.std, found.p50, found.p95) == pytest.approx(wanted, abs=1e-9)
     if np.ptp(x) > 1e-6:
         expected = stats.t.interval(0.95, len(x) - 1, np.mean(x), stats.sem(x))
         assert found.interval == pytest.approx(expected, rel=1e-9, abs=1e-9)
-
-
-@given(st.lists(st.integers(0, 1), min_size=2, max_size=60))
-def test_falls_have_wilsons_interval(falls):
-    low, high = spread(falls, kind="yes or no").interval
-    expected = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
-    assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert 0 <= low <= np.mean(falls) <= high <= 1
+    wilsons = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
+    assert spread(falls, kind="yes or no").interval == pytest.approx((wilsons.low, wilsons.high), abs=1e-12)
 
 
 def test_a_spread_of_few_and_all_alike():
     assert spread([]) is None
-    one = spread([3.0])
+    one, alike = spread([3.0]), spread([0.1] * 7)
     assert (one.mean, one.std, one.interval) == (3.0, None, None)
-    alike = spread([0.1] * 7)
     assert (alike.mean, alike.std, alike.interval, alike.lowest) == (0.1, 0.0, None, 0)
     assert spread([1.0], kind="yes or no").interval is None
 
 
-S = 1_000_000_000
-
-
-@given(st.lists(st.tuples(st.integers(0, 10 * S), st.floats(0, 10)), max_size=30))
+@given(st.lists(st.tuples(st.integers(0, 10 * S), st.floats(0, 10)), max_size=30).map(sorted))
 def test_each_is_the_worst_of_what_is_left(rows):
-    rows = sorted(rows)
     t_ns, badness = np.array([t for t, _ in rows], dtype=np.int64), np.array([b for _, b in rows])
-    chosen = worst_instants(t_ns, badness)
-    left = [i for i in range(len(rows)) if badness[i] > 0]
+    chosen, left = worst_instants(t_ns, badness), [i for i in range(len(rows)) if badness[i] > 0]
     for worst in chosen:
         assert badness[worst] == max(badness[i] for i in left)
         left = [i for i in left if abs(t_ns[i] - t_ns[worst]) >= S]

@@ -16,19 +16,19 @@ from markdown_it import MarkdownIt
 
 from quadlog.cli import options
 from quadlog.errors import csv_cell
-from quadlog.metrics.summary import MeasuredRun, Metric, SampleSummary
+from quadlog.metrics.summary import MeasuredRun, Metric
 from quadlog.results.studies.planners import PLANNERS, format_rows
 from quadlog.results.text import FORMATS, metrics_text, print_table, values_text
 
 NASTY = "a|b_$x#\x1b[31m\nc & 100% ~^{}<script>`*\\"
 HEADER = ("name", "value", "n")
 ROWS = [("a_b", 0.123456789, 1234567), ("[x]", None, 0), (NASTY, -1.5, -3), ("late", float("nan"), 2)]
-SUMMARY = SampleSummary(0.25, 600, 0.25, 0.125, 0.2, 0.5, (0.2, 0.3))
+DETAIL = {"mean": 0.25, "std": 0.125, "p50": 0.2, "p95": 0.5}
 
 
 def runs(*labels: str) -> list[MeasuredRun]:
     metrics = {
-        "eta_m": Metric(0.1 + 0.2, 600, "m", (0.2, 0.3), summary=SUMMARY),
+        "eta_m": Metric(0.1 + 0.2, 600, "m", (0.2, 0.3), detail=DETAIL),
         "expanded_total": Metric(5931.0, 120, ""),
     }
     return [MeasuredRun(Path("runs") / label, label, metrics) for label in labels]
