@@ -13,7 +13,7 @@ from quadlog.cli.progress import folded, open_progress, print_json, say
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 
 @options.command(
@@ -50,7 +50,7 @@ def command(
     typed = ("quadlog", *sys.argv[1:])
     batch = plan_batch(recordings, output, config, ReplayOptions(**given), existing, typed, notes, not no_plots)
     if dry_run:
-        _print_plan(preview_batch(batch), as_json)
+        _print_plan(preview_batch(batch), {each.run.parent for each in batch}, as_json)
         return 0
     with open_progress() as progress:
         if len(batch) == 1 and scheduler is None:
@@ -66,7 +66,9 @@ def command(
     return outcome.exit_code
 
 
-def _print_plan(rows: Sequence[dict[str, Any]], as_json: bool) -> None:
+def _print_plan(rows: Sequence[dict[str, Any]], folders: Iterable[Path], as_json: bool) -> None:
+    from quadlog.pipelines.store import stored_bytes
+
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
@@ -78,6 +80,9 @@ def _print_plan(rows: Sequence[dict[str, Any]], as_json: bool) -> None:
     click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)
     if any(row["action"] == "refuse" for row in rows):
         click.echo("refuse: a run exists there; use --resume, --force or another -o", err=as_json)
+    for folder in filter(stored_bytes, sorted(folders)):
+        size_mb = stored_bytes(folder) / 1e6
+        click.echo(f"{folder / '.stages'}: {size_mb:.1f} MB of results, which may be deleted", err=as_json)
 
 
 def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:

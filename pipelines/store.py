@@ -207,6 +207,12 @@ class Store:
                 yield from results.values() if isinstance(results, dict) else ()
 
 
+def stored_bytes(output: Path) -> int:
+    """Size of the results beside the runs of a folder, of which runs have most too."""
+    folder = output / STORE
+    return sum(file.stat().st_size for file in folder.glob("*/*")) if folder.is_dir() else 0
+
+
 def _taken(source: Path, run: Path) -> Any:
     """The state of a result, and its files put into a run: hard links where the file system has them, else copies."""
     kept = json.loads((source / STATE).read_text())

@@ -21,6 +21,8 @@ STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 NEAR_S = 1.0
 """Fixes and late ranges are shown at instants within this time."""
+MOST_OBSTACLES = 6000
+"""Obstacle points of all saved scans together."""
 LATE = "late ranges (NLOS)"
 CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 """Colours of the classes of points; all others are soft."""
@@ -31,7 +33,7 @@ def walk_scene(run: Run) -> view.Scene | None:
     tracks, walls, ways = list(_tracks(run)), list(_walls(run)), list(_reference(run))
     if not tracks:
         return None
-    layers: list[view.Layer] = [*walls, *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
+    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_errors(run), *_contacts(run)]
     extent = _extent(run, [*ways, *tracks], walls)
     body = run.config.robot.length_m, run.config.robot.width_m
@@ -113,6 +115,24 @@ def _anchors(run: Run) -> Iterator[view.Layer]:
     if anchors := run.config.uwb.anchors:
         x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in anchors]).T
         yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
+
+
+def _scans(run: Run) -> Iterator[view.Layer]:
+    """Obstacle points of the saved scans, about their instants."""
+    saved = run.arrays("cloud_samples")
+    names = [] if saved is None else saved["classes"].tolist()
+    if saved is None or "obstacle" not in names:
+        return
+    scan = np.repeat(np.arange(len(saved["t_ns"])), np.diff(saved["offset"]))
+    known = np.isfinite(saved["xyz_m"]).all(axis=1) & np.isfinite(saved["x_m"][scan])
+    keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
+    keep = keep[view.thin_evenly(len(keep), MOST_OBSTACLES)]
+    scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
+    seconds, cos, sin = run.seconds(saved["t_ns"])[scan], np.cos(saved["yaw_rad"][scan]), np.sin(saved["yaw_rad"][scan])
+    x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
+    y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
+    if len(keep):
+        yield view.Marks("obstacle points", "note", x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
 
 
 def _course(run: Run) -> Iterator[view.Layer]:

@@ -66,7 +66,8 @@ def test_of_a_batch_failures_are_the_last_lines_and_a_dry_run_says_what_is_left(
     assert [line.split(": ")[0].strip() for line in last] == bad
     run, page = done.out.splitlines()
     assert (run.split(": ")[0], page) == (str(tmp_path / "runs" / "a"), str(tmp_path / "runs" / "report.html"))
-    first, second, third = ok("replay", *two, "--dry-run", "--resume", "--jobs", "2").splitlines()
+    first, second, third, stored = ok("replay", *two, "--dry-run", "--resume", "--jobs", "2").splitlines()
     assert (first.split()[0], second.split()[0], third[:18]) == ("skip", "run", "1 of 2 to replay, ")
+    assert stored.startswith(f"{tmp_path / 'runs' / '.stages'}: ")
     done = quadlog("replay", *two, "--dry-run", "--resume", "--json")
     assert json.loads(done.out)[1]["size_bytes"] == (FIXTURES / "follow.mcap").stat().st_size
