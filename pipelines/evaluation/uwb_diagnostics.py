@@ -10,7 +10,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
 from quadlog.pipelines.stages.positions import uwb, uwb_tags
-from quadlog.positioning.dilution import ellipse_95
+from quadlog.positioning.ellipses import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
-from quadlog.positioning.dilution import CHI2_95
+from quadlog.positioning.ellipses import CHI2_95
 
 
 def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:

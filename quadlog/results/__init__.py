@@ -8,7 +8,7 @@ from typing import Any
 STAGE_FILES: dict[str, tuple[str, ...]] = {
     "ingest": ("reference.tum",),
     "position": (
-        *("fixes.parquet", "ranges.parquet", "links.parquet", "dilution.npz", "poses.parquet"),
+        *("fixes.parquet", "ranges.parquet", "links.parquet", "poses.parquet"),
         *("pose_uncertainty.parquet", "other_poses.parquet", "target.parquet", "uwb_errors.parquet"),
         *("innovations.parquet", "joints.parquet"),
     ),

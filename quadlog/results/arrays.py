@@ -26,11 +26,13 @@ from quadlog.storage.atomic_write import whole_file
 Array = NDArray[Any]
 Shape = tuple[int | str | None, ...]
 
-_PLACE: dict[str, tuple[str, Shape]] = {"origin_m": ("f8", (2,)), "cell_m": ("f8", ())}
-_CELLS: Shape = ("rows", "columns")
 ARRAYS: dict[str, dict[str, tuple[str, Shape]]] = {
-    "dilution": {**_PLACE, "tag_height_m": ("f8", ()), "hdop": ("f8", _CELLS)},
-    "ground": {**_PLACE, "height_m": ("f8", _CELLS), "count": ("i8", _CELLS)},
+    "ground": {
+        "origin_m": ("f8", (2,)),
+        "cell_m": ("f8", ()),
+        "height_m": ("f8", ("rows", "columns")),
+        "count": ("i8", ("rows", "columns")),
+    },
     "cloud_samples": {
         "t_ns": ("i8", ("scans",)),
         "offset": ("i8", ("borders",)),
@@ -42,10 +44,9 @@ ARRAYS: dict[str, dict[str, tuple[str, Shape]]] = {
 }
 """Type and shape of the arrays in each file; lengths of one name are equal.
 
-Origins are lower-left corners in map, row = y, column = x. dilution: HDOP, inf where ranges give no fix, for a tag at
-tag_height_m. ground: mean heights, NaN where no ground was seen, and numbers of points. cloud_samples: points in base,
-one scan after the other, scan k being rows offset[k] to offset[k + 1], their classes, and the robot's pose in map, NaN
-where it is unknown. `maps.npz` is a MapSequence.
+Origins are lower-left corners in map, row = y, column = x. ground: mean heights, NaN where no ground was seen, and
+numbers of points. cloud_samples: points in base, one scan after the other, scan k being rows offset[k] to
+offset[k + 1], their classes, and the robot's pose in map, NaN where it is unknown. `maps.npz` is a MapSequence.
 """
 
 _MAX_BYTES, _HEADER_BYTES = 1 << 30, 4096
@@ -81,9 +82,7 @@ def read_arrays(run: Path, name: str) -> dict[str, Array]:
 
 def _check(arrays: Mapping[str, Array]) -> None:
     """Raises ValueError for arrays that contradict each other."""
-    place = [arrays[key].ravel() for key in ("origin_m", "cell_m", "tag_height_m") if key in arrays]
-    size = [arrays[key].size for key in ("cell_m", "hdop") if key in arrays]
-    if place and not (np.isfinite(np.concatenate(place)).all() and arrays["cell_m"] > 0 and all(size)):
+    if "cell_m" in arrays and not (np.isfinite(arrays["origin_m"]).all() and 0 < arrays["cell_m"] < np.inf):
         raise ValueError("a map without a place or a size")
     if "offset" in arrays:
         points, label = np.diff(arrays["offset"], prepend=0), arrays["label"]

@@ -15,7 +15,7 @@ from quadlog.results.record import InputRecord, RunRecord, read_record, write_re
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 
-UWB = ("fixes", "ranges", "links", "innovations", "uwb_errors", "pose_uncertainty", "dilution")
+UWB = ("fixes", "ranges", "links", "innovations", "uwb_errors", "pose_uncertainty")
 LIDAR = ("scans", "cloud_samples", "ground", "maps", "plans", "paths", "astar", "clearances")
 WALK = ("control", "contacts", "clearances", "resim_plans", "resim_paths")
 
@@ -133,7 +133,7 @@ def with_large_map(run: Path) -> None:
 
 def until_ingest(run: Path) -> None:
     """Only the recording was read."""
-    remove(run, *TABLES, "maps", "cloud_samples", "ground", "dilution")
+    remove(run, *TABLES, "maps", "cloud_samples", "ground")
     (run / "metrics.json").write_text("{}")
     for name in ("trajectory.tum", "reference.tum"):
         (run / name).unlink(missing_ok=True)
@@ -147,7 +147,7 @@ def until_map(run: Path) -> None:
 
 def along_course(run: Path) -> None:
     """A simulated walk."""
-    remove(run, *(name for name in TABLES if name not in ("control", "paths")), "maps", "cloud_samples", "dilution")
+    remove(run, *(name for name in TABLES if name not in ("control", "paths")), "maps", "cloud_samples")
     (run / "trajectory.tum").unlink(missing_ok=True)
     course = read_table(run, "paths")
     write_table(run / "paths.parquet", TABLES["paths"], {key: of[:10] for key, of in course.items()})

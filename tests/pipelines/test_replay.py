@@ -28,7 +28,7 @@ CONTRACT_FILES = {
     *("fixes.parquet", "ranges.parquet", "poses.parquet", "target.parquet", "scans.parquet", "plans.parquet"),
     *("paths.parquet", "astar.parquet", "control.parquet", "clearances.parquet", "resim_plans.parquet"),
     *("contacts.parquet", "resim_paths.parquet", "maps.npz", "cloud_samples.npz", "ground.npz", "trajectory.tum"),
-    *("map.pgm", "map.yaml", "links.parquet", "dilution.npz", "uwb_errors.parquet", "innovations.parquet"),
+    *("map.pgm", "map.yaml", "links.parquet", "uwb_errors.parquet", "innovations.parquet"),
     *("pose_uncertainty.parquet", "reference.tum"),
 }
 START_NS = 1_767_225_600_000_000_000

@@ -29,13 +29,11 @@ from quadlog.recordings.formatting import listed
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
-from quadlog.results.arrays import ARRAYS, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.log import LogData
 
-DILUTION_ROWS, DILUTION_COLUMNS = 240, 240
 MOST_DESCRIBED = 10
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
@@ -327,7 +325,7 @@ def settings_of(config: Config) -> LocateSettings:
 
 
 def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:
-    """fixes, ranges, innovations and links, tag after tag; dilution, and uwb_errors of the tags on the robot."""
+    """fixes, ranges, innovations and links, tag after tag; uwb_errors of the tags on the robot."""
     names = ("fixes", "ranges", "innovations", "links")
     places = {f"{axis}_m": [getattr(each, f"{axis}_m") for each in data.config.uwb.anchors] for axis in "xyz"}
     with ExitStack() as stack:
@@ -342,9 +340,6 @@ def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:
             ranges.append(columns | {"tag": result.tag, "predicted_m": rows.predicted_m, "weight": rows.weight})
             links.append(places | link_columns(result, data.streams, data.config))
     robot_tag = None if uwb.robot is None else uwb.robot.tag
-    dilution = uwb_tags.dilution_of(uwb.located, robot_tag, data.config, DILUTION_ROWS, DILUTION_COLUMNS)
-    if dilution is not None:
-        write_arrays(folder, "dilution", {key: getattr(dilution, key) for key in ARRAYS["dilution"]})
     if errors := uwb_tags.errors_of_tags(
         uwb.located, uwb_tags.levers_on_robot(data.config, robot_tag), data.streams.reference
     ):

@@ -12,7 +12,7 @@ from quadlog.config.schema import Config
 from quadlog.geometry import base_to_tag, yaw_from_quat
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.metrics.positioning import positions_at
-from quadlog.positioning.dilution import DilutionMap, map_dilution, radius_95
+from quadlog.positioning.ellipses import radius_95
 from quadlog.recordings.formatting import listed
 
 if TYPE_CHECKING:  # what locates takes half a second to load, and `quadlog metrics` needs none of it
@@ -104,19 +104,6 @@ def _errors(
     error_m = position_m - tag_truth(t_ns, reference, lever_m)
     known = np.isfinite(error_m).all(axis=1)
     return PositionErrors(t_ns[known], error_m[known], radius_95(covariance_m2[known], error_m[known]))
-
-
-def dilution_of(
-    located: Located, tag: int | None, config: Config, max_rows: int, max_columns: int
-) -> DilutionMap | None:
-    """HDOP of that tag, or the first one without it, over the anchors it was heard by; None without ranges."""
-    ranked = sorted(located.tags, key=lambda result: result.tag != tag)
-    chosen = next((result for result in ranked if len(result.ranges.anchor)), None)
-    if chosen is None:
-        return None
-    heard = set(np.unique(chosen.ranges.anchor).tolist())
-    anchors_m = np.array([(each.x_m, each.y_m, each.z_m) for each in config.uwb.anchors if each.id in heard])
-    return map_dilution(anchors_m, chosen.height_m, chosen.track.position_m, max_rows, max_columns)
 
 
 def solve_body(

@@ -10,7 +10,7 @@ import numpy as np
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.check import MATTERS_M, SIGNIFICANT_STD, AnchorShift, SurveyFaults
 from quadlog.positioning.anchors.walk import OdometryPrior
-from quadlog.positioning.dilution import CHI2_95
+from quadlog.positioning.ellipses import CHI2_95
 
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""

@@ -188,7 +188,7 @@ def test_what_only_the_clouds_show_is_kept_where_they_are_not_read_again(tmp_pat
 @pytest.mark.parametrize(
     ("work", "most_bytes", "file", "count"),
     [
-        ("positions.position:write_uwb", 50_000, "dilution.npz", 0),
+        ("positions.position:write_uwb", 5000, "ranges.parquet", 0),
         ("maps:_Tally", 20_000, "cloud_samples.npz", 1),
         ("plan:recorded_maps", 2000, "paths.parquet", 3),
         ("control:_write_walk", 2000, "control.parquet", 4),

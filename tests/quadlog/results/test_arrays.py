@@ -109,7 +109,6 @@ def test_foreign_or_hostile_maps_are_refused(tmp_path: Path, changed: Any, error
 
 CELLS: dict[str, Any] = {"origin_m": [-1.0, 2.0], "cell_m": 0.2}
 SOUND: dict[str, dict[str, Any]] = {
-    "dilution": CELLS | {"tag_height_m": 0.6, "hdop": [[0.8, np.inf, 1.0], [0.9, 1.1, 4.0]]},
     "ground": CELLS | {"height_m": [[0.1, np.nan, 0.3]], "count": [[0, 1, 2]]},
     "cloud_samples": {"t_ns": [1, 2], "offset": [0, 0, 2], "xyz_m": [[np.nan] * 3, [1, 2, 3]], "label": [1, 0]}
     | {"x_m": [1.0, np.nan], "y_m": [0.0, 1.0], "yaw_rad": [0.5, 0.5], "classes": ["ground", "obstacle"]},
@@ -131,9 +130,9 @@ def test_arrays_come_back_and_the_same_have_the_same_bytes(tmp_path: Path, name:
 @pytest.mark.parametrize(
     ("name", "changed", "match"),
     [
-        ("dilution", {"cell_m": np.array(0.0)}, "without a place or a size"),
-        ("dilution", {"hdop": np.zeros((0, 3))}, "without a place or a size"),
-        ("dilution", {"hdop": np.array([[{}]], dtype=object)}, "hdop"),
+        ("ground", {"cell_m": np.array(0.0)}, "without a place or a size"),
+        ("ground", {"origin_m": np.array([0.0, np.nan])}, "without a place or a size"),
+        ("ground", {"height_m": np.array([[{}]], dtype=object)}, "height_m"),
         ("cloud_samples", {"offset": np.array([0, 3, 2])}, "offset does not fit"),
         ("cloud_samples", {"label": np.full(2, 7, np.uint8)}, "a label without a class"),
         ("cloud_samples", None, ""),
