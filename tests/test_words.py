@@ -11,10 +11,12 @@ ROOT = Path(__file__).parents[1]
 FILES = sorted(path for top in ("quadlog", "cli", "pipelines") for path in (ROOT / top).rglob("*.py"))
 PAGES = sorted(
     path for kind in ("jinja", "js") for path in (ROOT / "quadlog").rglob(f"*.{kind}") if "vendor" not in path.parts
-)
+) + sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
 WEEDED = re.compile(
     r"\b(?:told|said)\b(?!:)|(?<!`)\btells?\b|\b(?:anew|amid|whoever)\b|\bspeaks? (?:of|for)\b"
-    r"|\b(?:is|was|were|are|be|been) had\b|which is said|none of these|beside which|is none of|nowhere on",
+    r"|\b(?:is|was|were|are|be|been) had\b|which is said|none of these|beside which|is none of|nowhere on"
+    r"|\b(?:of|for|about|around|beside|behind|at|than|what|how) each(?=[.,;:)!?]|\s*\Z| (?:that|is|are|has|was)\b)"
+    r"|[.:;(] each (?:is|are|has|was|lies)\b",
     re.IGNORECASE,
 )
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef

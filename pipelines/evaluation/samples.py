@@ -55,7 +55,7 @@ class _Source(NamedTuple):
 def read_samples(
     run: Path, wanted: Iterable[str], robot: references.RobotTag | None = None
 ) -> tuple[dict[str, Samples], list[QuadlogError]]:
-    """The samples of the wanted metrics, as far as their files are there, and an error for each that is damaged.
+    """The samples of the wanted metrics, as far as their files are there, and an error for each damaged file.
 
     robot: the robot's tag; None reads it from the finished run.
     """

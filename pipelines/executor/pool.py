@@ -35,7 +35,7 @@ T = TypeVar("T")
 class LocalPool(Executor):
     """A thread for each worker, and in it a pool of one process, so that a death breaks one pool and one task.
 
-    Processes start with their first task; each has one thread for BLAS and numba, and temporary files in a folder that
+    Processes start with their first task and have one thread for BLAS and numba, and temporary files in a folder that
     goes with it. The future of a task whose process has ended raises WorkerDied. An exception in the body of a `with`
     ends all processes at once.
     """

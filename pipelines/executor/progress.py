@@ -135,7 +135,7 @@ class BatchCounts:
 
 
 class BatchLines(Progress):
-    """What the command line shows while recordings are replayed: a line for each that ends, as for a log file."""
+    """What the command line shows while recordings are replayed: a line for each finished one, as in a log file."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say, self._tally = say, BatchCounts(0)

@@ -1,4 +1,4 @@
-"""The papers' tables: the name of each, and the module whose `table(fast, seed)` gives it."""
+"""The papers' tables: their names, and the modules whose `table(fast, seed)` gives it."""
 
 TABLES = {
     "following-uwb": "quadlog.pipelines.tables.following_uwb",

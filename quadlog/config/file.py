@@ -151,7 +151,7 @@ def _bounds(table: Any, where: str, path: Path) -> dict[str, ExpectedRange | Non
 
 
 def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A configuration without the keys of RETIRED, and a line for each that it had."""
+    """A configuration without the keys of RETIRED, and a line for each key that it had."""
     kept, lines = {key: dict(of) if isinstance(of, Mapping) else of for key, of in table.items()}, []
     for key, why in RETIRED.items():
         section, _, name = key.partition(".")

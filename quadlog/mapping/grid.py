@@ -100,7 +100,7 @@ MOST_CELLS = 4096 * 4096
 
 
 class GrowingLattice:
-    """Named arrays over one window of the lattice, zero where nothing was added; layers: the dtype of each.
+    """Named arrays over one window of the lattice, zero where nothing was added; layers: their dtypes.
 
     covered: what was covered so far, None before the first window. skipped: how often there was no room.
     """

@@ -86,7 +86,7 @@ def mean_interval_in_time(values: Float, confidence: float = 0.95) -> Interval |
 
     The variance of the mean is what the slowest waves of the series have, each of half a period more (Müller 2007):
     few, so that faster swings than those between them do not count, and more where the series is worth more independent
-    values; Student's t has a degree of freedom for each. It is widened where these are few.
+    values; Student's t has as many degrees of freedom. It is widened where these are few.
     None below FEWEST_IN_TIME values and for values all alike.
     """
     if len(values) < FEWEST_IN_TIME or np.ptp(values) == 0:

@@ -17,7 +17,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def verdict_lines(comparison: Comparison) -> list[tuple[str, str]]:
-    """The findings by subject: what each is about, and a sentence."""
+    """The findings by subject: the subject, and a sentence."""
     names = tuple(row.planner for row in comparison.rows)
     # A planner's name that comes first keeps its small letter.
     clauses = [

@@ -61,7 +61,7 @@ class PlannerRow:
 
 
 class Ratio(NamedTuple):
-    """What a planner spent over what another did: the median over episodes, (E,) of each, and its interval."""
+    """What a planner spent over what another did: the values of E episodes (E,), their median, and its interval."""
 
     value: float
     of_episodes: Float

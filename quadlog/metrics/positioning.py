@@ -66,7 +66,7 @@ def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Sampl
 
 
 def positions_at(t_ns: Int, trajectory: PoseSeries, max_gap_ns: int) -> Float:
-    """Positions (N, 3) at t_ns (N,), on the straight line between the poses around each.
+    """Positions (N, 3) at t_ns (N,), on the straight line between the two poses around.
 
     NaN before the first pose, after the last one, and where those around lie farther apart than max_gap_ns.
     """

@@ -1,4 +1,4 @@
-"""The rules of a search that decide what it costs and what it counts: each has a name, printed beside every result."""
+"""The rules of a search that decide what it costs and what it counts; their names are printed beside every result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a lidar was, from its scans alone: each is matched with a voxel map of those before it, by [small_gicp].
+"""Where a lidar was, from its scans alone: every scan is matched with a voxel map of those before it, by [small_gicp].
 
 The state is the pose in the middle of a sweep. Were it that of the sweep's first point, an error in speed would shift
 the deskewed scan, the shift would make the next speed wrong the other way, and the track would swing up.

@@ -282,7 +282,7 @@ def repeated_rows(t_ns: Int) -> NDArray[np.bool_]:
 
 
 def clock_losses(topic: str, things: str, senders: Iterable[Int]) -> list[Loss]:
-    """No loss or one: what repeated_rows leaves out of a topic; senders: the stamps (N,) of each, as logged."""
+    """No loss or one: what repeated_rows leaves out of a topic; senders: their stamps (N,), as logged."""
     total = dropped = 0
     worst = (0, 0)
     for t_ns in senders:

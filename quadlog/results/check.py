@@ -25,7 +25,7 @@ NO_BOUNDS = "no bounds are expected of this run"
 
 @dataclass(frozen=True, slots=True)
 class RunCheck:
-    """A run held to its bounds: `metric, min, max, value, holds, reason` of each, those that apply.
+    """A run held to its bounds: rows of `metric, min, max, value, holds, reason`, those that apply.
 
     error: why the run could not be read.
     """

@@ -114,7 +114,7 @@ def solve_body(
     settings: LocateSettings,
     motion: BodyMotion | None,
 ) -> tuple[Located, LocatedBody]:
-    """The robot's tags together: their results with the body's track at the place of each, and that track."""
+    """The robot's tags together: their results with the body's track at the place of each tag, and that track."""
     from quadlog.positioning.body import locate_body
 
     by_id = {result.tag: result for result in located.tags}

@@ -241,7 +241,7 @@ def repair(  # type: ignore[no-untyped-def]
 
     opened: cells to put into OPEN that are not there, though g and rhs differ.
     orphans: after a move of the root, all cells with costs, by rising g: see _prune.
-    changed: cells that were blocked or freed; the eight around each are looked at too.
+    changed: cells that were blocked or freed; their eight neighbours are looked at too.
     """
     for cell in opened:
         _settle(records, keys, heap, state, cell)

@@ -284,7 +284,7 @@ class PieceFormat:
         raise NotImplementedError
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
-        """All messages of each by its message index, bodies unread except those of loose pieces. Raises Damaged."""
+        """All messages of the pieces by their indexes, bodies unread except those of loose pieces. Raises Damaged."""
         raise NotImplementedError
 
     def counts(self, piece: Piece) -> Mapping[int, int] | None:

@@ -183,7 +183,7 @@ def _shortened(names: list[str]) -> str:
 
 
 class SplitReader(ClosedOnExit):
-    """Files of one recording, merged in order of log time; each is read when its time comes."""
+    """Files of one recording, merged in order of log time; a file is read when its time comes."""
 
     def __init__(
         self,

@@ -46,7 +46,7 @@ class Flat(NamedTuple):
 
 
 def each_of(path: str, names: str) -> dict[str, int]:
-    """`a.x` and `a.y` for the path `a` and the names `xy`: one number of each."""
+    """`a.x` and `a.y` for the path `a` and the names `xy`: one number for each name."""
     return {f"{path}.{name}": 1 for name in names}
 
 

@@ -155,7 +155,7 @@ def s_course(band_m: float = 0.045, seed: int = 0) -> HeightField:
     """[Tracking]'s outdoor course: 15 degrees up on its first straight, 20 degrees down on its last, undulating.
 
     The straights lie along x, from 0 to 6 m and from 18 to 24 m. The paper does not say where on them the slopes
-    begin: here the first and the last metre of each are level.
+    begin: here their first and their last metre are level.
     """
     extent = Extent(-3.0, -4.0, 28.0, 10.0)
     uneven = undulating(band_m, seed=seed, extent=extent)

@@ -1,4 +1,4 @@
-"""A recording made of simulated sensors on a site, as a stream of messages, with the truth behind each."""
+"""A recording made of simulated sensors on a site, as a stream of messages, with the truth behind them."""
 
 from __future__ import annotations
 
