@@ -193,7 +193,8 @@ def cut(
         writer, channels, reader = Writer(written), {}, make_reader(read)
         writer.start()
         end_ns = reader.get_summary().statistics.message_start_time + int(seconds * 1e9)
-        kept = (each for each in reader.iter_messages(ending_before=end_ns) if keep(each[0].name, each[1].topic))
+        early = (each for each in reader.iter_messages() if each[2].log_time < end_ns)
+        kept = (each for each in early if keep(each[0].name, each[1].topic))
         for count, (schema, channel, message) in enumerate(kept):
             if channel.id not in channels:
                 known = writer.register_schema(schema.name, schema.encoding, schema.data)
