@@ -171,10 +171,6 @@ def _write_uwb_quality(path: Path, t_ns: Any) -> None:
     _table(path, "innovations", t_ns=both_ns, n_ranges=4, nis=1.0)
     errors = {"error_x_m": 0.03, "error_y_m": np.tile([0.04, 0.4], 40), "bound_m": 0.2}
     _table(path, "uwb_errors", t_ns=both_ns, source=np.repeat(["fixes", "track"], 40), **errors)
-    x, y = np.meshgrid(np.arange(30) - 15, np.arange(24) - 12)
-    hdop = 0.8 + (x**2 + y**2) / 200
-    hdop[0, 0] = np.inf
-    write_arrays(path, "dilution", {"origin_m": [-3, -6], "cell_m": 0.5, "tag_height_m": 0.6, "hdop": hdop})
 
 
 def _write_scans(path: Path, t_ns: Any, robot_m: Any) -> None:

@@ -113,6 +113,10 @@ def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
     assert "reference" in layers
     assert len(fixes.x) + len(outliers.x) == len(layers["95 % ellipse of the fix"].x) == 79
     assert (fixes.until - fixes.seconds) == pytest.approx(2.0)
+    saved, points = Run(tiny_run).arrays("cloud_samples"), layers["obstacle points"]
+    assert saved is not None
+    assert len(points.x) == np.count_nonzero(saved["label"] == saved["classes"].tolist().index("obstacle"))
+    assert set((points.seconds + points.until) / 2) <= set(Run(tiny_run).seconds(saved["t_ns"]))
     moments = {moment.name: moment for moment in scene.moments}
     assert (moments["ate_rmse_m"].seconds, bool(moments["ate_rmse_m"].shows)) == (pytest.approx(2.0), True)
     assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ())
