@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import (
     align_rigidly,
-    are_on_line,
     find_frame_offset,
     frame_offset_words,
     mirror_words,
@@ -106,9 +105,6 @@ def test_alignment_and_projection_are_equal_to_evos(seed, flat):
     theirs = as_evo(reference)
     theirs.project(Plane.XY)
     assert_same_poses(project_to_plane(reference), theirs)
-    assert not are_on_line(estimate, reference)
-    line = PoseSeries(estimate.t_ns, np.outer(np.arange(50), [1.0, 2, 3]), estimate.quat_xyzw)
-    assert all(are_on_line(each, each) for each in (line, line.rows(np.arange(1)), line.rows(np.arange(2))))
 
 
 def walk(n: int = 200, noise_m: float = 0.05, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +121,7 @@ def moved(points: np.ndarray, turn_rad: float, shift_m) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("turn_deg", "shift_m", "warns"),
-    [(0, (0.2, 0), False), (0, (0.4, 0), True), (2, (0, 0), False), (8, (0, 0), True), (180, (7, 2), True)],
+    [(0, (0.2, 0), False), (0, (0.3, 0), True), (2, (0, 0), False), (8, (0, 0), True), (180, (7, 2), True)],
 )
 def test_only_what_is_large_and_explains_the_error_is_told(turn_deg, shift_m, warns):
     track, truth = walk()
