@@ -46,8 +46,8 @@ _JOINTS = "joint torques, 12 at each tick of the simulation"
 _REPLANS = "replans"
 
 _OF_BODIES: tuple[tuple[str, str, str, str, str, str, ValueKind], ...] = (
-    ("torque_rms_nm", "N·m", "torque, rms", "root mean square of the joint torques", "√( 1/N Σ tau_ij² )",
-     "known joint torques", "quantity"),
+    ("torque_rms_nm", "N·m", "torque, rms", "root mean square of the joint torques",
+     "√( Σ tau_ij² / known torques )", "instants with a known torque", "quantity"),
     ("duty_factor", "", "duty factor", "share of the time in which a foot stands, mean over all,",
      "1/N Σ stance_i, of instants at 0.1 m/s or faster", "instants of the walk with known contacts", "share"),
     ("stride_frequency_hz", "Hz", "stride frequency", "mean frequency of the strides, a foot's touch-downs,",

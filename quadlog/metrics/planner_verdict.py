@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.metrics.intervals import FEWEST_VALUES, Interval, corrected_confidence
+from quadlog.metrics.intervals import Interval, corrected_confidence, fewest_values
 from quadlog.metrics.planning import Comparison, PlannerRow
 
 _SPENT = {"expanded": "expanded", "generated": "generated", "touched": "tested"}
@@ -95,7 +95,7 @@ def notes(comparison: Comparison) -> list[str]:
         return lines
     what, episodes = f"{_WHAT[comparison.counted]} {_SPENT[comparison.counted]}", comparison.paired_episodes
     if episodes > 1:
-        few = f"; fewer than {FEWEST_VALUES} have none" if episodes < FEWEST_VALUES else ""
+        few = f"; fewer than {fewest} have none" if episodes < (fewest := fewest_values(0.95)) else ""
         how = f"the median over {episodes} episodes, with the exact 95 % interval of a median{few}"
     else:
         how = "with a 95 % interval of replans that follow one another, which does not hold for other episodes"

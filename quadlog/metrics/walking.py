@@ -293,7 +293,7 @@ def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:
     some = count > 0
     standing = np.where(body.moves, body.stance.mean(axis=1), np.nan)
     samples = {
-        "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / count[some]), "rms", weights=count[some]),
+        "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / (count.sum() / max(some.sum(), 1))), "rms"),
         "duty_factor": finite_samples(body.t_ns, standing, "mean"),
         "stride_frequency_hz": strides(body),
         "torque_max_nm": Samples(body.t_ns[some], peak_nm[some], "max"),

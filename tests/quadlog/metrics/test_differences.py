@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from quadlog.metrics.differences import PairedDifference, clear_best, over_seeds, paired_differences
+from quadlog.metrics.differences import PairedDifference, clear_best, over_runs, paired_differences
 from quadlog.metrics.summary import Samples, Statistic
 
 N = 2000
@@ -43,7 +43,6 @@ def test_intervals_hold_the_true_difference_and_are_no_wider_than_chance(name: s
         a, b = series(seed)
         found = difference(name, Samples(T_NS, a, statistic), Samples(T_NS, b, statistic))
         assert found.difference == pytest.approx(value(b) - value(a))
-        assert found.pairs == N
         differences.append(found.difference)
         intervals.append((np.nan, np.nan) if found.interval is None else found.interval)
     low, high = np.array(intervals).T
@@ -64,7 +63,6 @@ def test_only_common_instants_count_and_a_run_that_goes_on_is_not_the_same() -> 
     a = Samples(T_NS[:300], np.arange(300.0), "mean")
     b = Samples(T_NS[100:420:2], np.arange(160.0), "mean")
     found = difference("eta_m", a, b)
-    assert (found.pairs, found.alone_a, found.alone_b) == (100, 200, 60)
     assert found.difference == pytest.approx(np.mean(np.arange(100.0)) - np.mean(np.arange(100.0, 300.0, 2)))
     assert paired_differences({"eta_m": a}, {"eta_m": replace(b, t_ns=b.t_ns + 1001)}) == {}
     assert [difference("eta_m", a, each).same for each in (a, a.rows(np.arange(99)))] == [True, False]
@@ -123,10 +121,20 @@ def test_a_setting_to_which_a_metric_does_not_apply_is_no_rival():
     assert [clear_best(values, lower=each) for each in (True, False)] == [0, 2]
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9).filter(lambda values: np.ptp(values) > 1e-3))
-def test_the_interval_over_seeds_is_students(values):
-    mean, low, high = over_seeds(np.array([*values, math.nan]))
-    expected = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
-    assert (mean, low, high) == pytest.approx((np.mean(values), *expected), rel=1e-9, abs=1e-6)
-    assert over_seeds(np.array([2.0, 2.0, 2.0])) == (2.0, None, None)
-    assert math.isnan(over_seeds(np.array([math.nan])).mean)
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.lists(st.integers(0, 1), min_size=2, max_size=60))
+def test_intervals_over_runs_are_students_and_those_of_falls_wilsons(x, falls):
+    found = over_runs(np.array([*x, math.nan]))
+    assert (found.mean, found.runs) == (pytest.approx(np.mean(x), abs=1e-9), len(x))
+    if np.ptp(x) > 1e-6:
+        expected = stats.t.interval(0.95, len(x) - 1, np.mean(x), stats.sem(x))
+        assert found.interval == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert over_runs(np.array(x), "count").interval is None
+    wilsons = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
+    interval = over_runs(np.array(falls, float), "yes or no").interval
+    assert interval == pytest.approx((wilsons.low, wilsons.high), abs=1e-12)
+
+
+def test_one_run_and_runs_all_alike_have_no_interval_over_runs():
+    assert over_runs(np.full(7, 0.1)) == (0.1, None, 7)
+    assert over_runs(np.ones(1), "yes or no") == over_runs(np.array([1.0, math.nan])) == (1.0, None, 1)
+    assert math.isnan(over_runs(np.array([math.nan])).mean)
