@@ -26,11 +26,6 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
     }
 
 
-def innovation_samples(t_ns: Int, nis: Float) -> dict[str, Samples]:
-    """Of uwb_nis, from the normalised innovations squared (T,) of a track's instants."""
-    return {"uwb_nis": finite_samples(t_ns, nis, "mean")}
-
-
 def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, Samples]:
     """Of uwb_nees and uwb_coverage_95, from the lengths of errors (N,) and the reach of 95 % ellipses towards them.
 
@@ -66,18 +61,18 @@ def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Sampl
     }
 
 
-def positions_at(t_ns: Int, trajectory: PoseSeries, max_gap_ns: int) -> Float:
-    """Positions (N, 3) at t_ns (N,), on the straight line between the two poses around.
+def positions_at(t_ns: Int, known_ns: Int, known_m: Float, max_gap_ns: int) -> Float:
+    """Positions (N, D) at t_ns (N,), on the straight line between the two around of known_m (M, D) at known_ns (M,).
 
-    NaN before the first pose, after the last one, and where those around lie farther apart than max_gap_ns.
+    NaN before the first, after the last, and where those around lie farther apart than max_gap_ns.
     """
-    known_ns, position_m = trajectory.t_ns, np.full((len(t_ns), 3), np.nan)
+    position_m = np.full((len(t_ns), known_m.shape[1]), np.nan)
     before, after = np.searchsorted(known_ns, t_ns, "right") - 1, np.searchsorted(known_ns, t_ns, "left")
     inside = np.flatnonzero((before >= 0) & (after < len(known_ns)))
     inside = inside[known_ns[after[inside]] - known_ns[before[inside]] <= max_gap_ns]
     if len(inside):
         known_s, at_s = (seconds_since(each, int(known_ns[0])) for each in (known_ns, t_ns[inside]))
-        position_m[inside] = np.column_stack([np.interp(at_s, known_s, axis_m) for axis_m in trajectory.position_m.T])
+        position_m[inside] = np.column_stack([np.interp(at_s, known_s, axis_m) for axis_m in known_m.T])
     return position_m
 
 

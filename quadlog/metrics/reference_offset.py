@@ -127,7 +127,7 @@ def _fits(reference: PoseSeries, estimate: PoseSeries, duration_s: float) -> tup
     columns = []
     for each in (reference, estimate):
         grid_ns = np.arange(each.t_ns[0], each.t_ns[-1] + 1, round(step_s * NS_PER_S))
-        position_m = _positions_on(grid_ns, each)
+        position_m = _positions_on(grid_ns, each.t_ns, each)
         known = np.isfinite(position_m[:, :1])
         centred_m = np.where(known, position_m - np.nanmean(position_m, axis=0), 0.0)
         columns.append(np.column_stack([known, centred_m, (centred_m**2).sum(axis=1)]))
@@ -151,10 +151,10 @@ def _fits(reference: PoseSeries, estimate: PoseSeries, duration_s: float) -> tup
     return apart_s + lags[moves] * step_s, count[moves] * step_s, share
 
 
-def _positions_on(t_ns: Int, trajectory: PoseSeries) -> Float:
-    """Positions (N, 3), NaN in gaps longer than _LONGEST_GAP_S and than three usual ones."""
-    usual_ns = int(np.median(np.diff(trajectory.t_ns)))
-    return positions_at(t_ns, trajectory, max(round(_LONGEST_GAP_S * NS_PER_S), 3 * usual_ns))
+def _positions_on(t_ns: Int, known_ns: Int, poses: PoseSeries) -> Float:
+    """Positions (N, 3) of poses at known_ns, NaN in gaps longer than _LONGEST_GAP_S and than three usual ones."""
+    usual_ns = int(np.median(np.diff(known_ns)))
+    return positions_at(t_ns, known_ns, poses.position_m, max(round(_LONGEST_GAP_S * NS_PER_S), 3 * usual_ns))
 
 
 def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> TimeOffset:
@@ -165,8 +165,8 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
         first_ns, last_ns = max(reference.t_ns[0], own_ns[0]), min(reference.t_ns[-1], own_ns[-1])
         step_ns = max(round(_STEP_S * NS_PER_S), int(last_ns - first_ns) // _MOST_SAMPLES)
         t_ns = np.arange(first_ns, last_ns + 1, step_ns)
-        sample_m = _positions_on(t_ns, PoseSeries(own_ns, estimate.position_m, estimate.quat_xyzw))
-        partners_m = [_positions_on(t_ns + shift_ns, reference) for shift_ns in shifts_ns]
+        sample_m = _positions_on(t_ns, own_ns, estimate)
+        partners_m = [_positions_on(t_ns + shift_ns, reference.t_ns, reference) for shift_ns in shifts_ns]
         known = np.isfinite(sum(partners_m, sample_m)).all(axis=1)
         if known.sum() * step_ns < _LEAST_S * NS_PER_S - 2 * shifts_ns[2]:
             return _unknown("too few poses at common times")
@@ -311,8 +311,5 @@ def _paired(
     if align:
         moved = align_rigidly(moved, truth)
     if planar:
-        truth = project_to_plane(truth)
-        # A run's poses lie in the plane, and projecting them again would change their last digit.
-        if moved.position_m[:, 2].any() or moved.quat_xyzw[:, :2].any():
-            moved = project_to_plane(moved)
+        truth, moved = project_to_plane(truth), project_to_plane(moved)
     return truth, moved

@@ -44,12 +44,6 @@ def test_a_trots_drifts_are_those_of_its_cycles_whatever_swings_within(rate, swa
     assert [found["forward_m"], found["lateral_drift_m"]] == pytest.approx([30 * x_mps, 30 * y_mps], abs=1e-9)
 
 
-@pytest.mark.parametrize("rest", [REST + 1, SAMPLES - 1, SAMPLES - 1 - PERIOD])
-def test_what_is_no_two_whole_cycles_is_refused(rest):
-    with pytest.raises(ValueError, match="whole cycles"):
-        drift(np.zeros((SAMPLES, 3)), np.zeros((SAMPLES, 3)), rest)
-
-
 def ticks(n=50, **columns):
     rng = np.random.default_rng(0)
     signed = rng.normal(0, 0.1, n)
