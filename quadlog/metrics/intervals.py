@@ -133,7 +133,5 @@ def ratio_interval_in_time(parts: Float, wholes: Float, confidence: float = 0.95
         return None
     ratio = float(parts.sum() / wholes.sum())
     series = ratio + (parts - ratio * wholes) / wholes.mean()
-    if len(parts) >= FEWEST_IN_TIME and np.ptp(series) <= 1e-12 * ratio:
-        return ratio, ratio
     found = mean_interval_in_time(series, confidence)
     return None if found is None else log_interval(ratio, found)

@@ -102,20 +102,13 @@ def compare_planners(
     paired = {name: {column: each[solved] for column, each in own.items()} for name, own in of.items()}
     comparison = Comparison(str(table["source"][0]), [], baseline, counted, paired, {})
     ratios = {name: ratio for name in names if (ratio := comparison.ratio(counted, baseline, name)) is not None}
-    rows = [
-        _row(name, of[name], paired[name], name in incremental) | _ratio_columns(ratios.get(name)) for name in names
-    ]
+    rows = [_row(name, of[name], paired[name], ratios.get(name), name in incremental) for name in names]
     return Comparison(comparison.source, rows, baseline, counted, paired, ratios)
 
 
-def _ratio_columns(ratio: Ratio | None) -> dict[str, float | None]:
-    """ratio_expanded: cells of the baseline / cells of this planner, the median over episodes; its 95 % interval."""
-    low, high = (None if ratio is None else ratio.interval) or (None, None)
-    return {"ratio_expanded": None if ratio is None else ratio.value, "ratio_low": low, "ratio_high": high}
-
-
-def _row(planner: str, own: Table, paired: Table, incremental: bool) -> dict[str, Any]:
+def _row(planner: str, own: Table, paired: Table, ratio: Ratio | None, incremental: bool) -> dict[str, Any]:
     """suboptimality: cost / optimal cost - 1; fallback_share: of the replans but the first of each episode."""
+    low, high = (None if ratio is None else ratio.interval) or (None, None)
     totals = {f"{name}_total": int(own[name].sum()) for name in COUNTS}
     is_first = np.diff(own["episode"], prepend=-1) != 0
     excess = _excess(paired["cost"], paired["optimal_cost"])
@@ -128,6 +121,9 @@ def _row(planner: str, own: Table, paired: Table, incremental: bool) -> dict[str
         "success_rate": float(np.mean(own["found"])),
         **totals,
         "expanded_mean": totals["expanded_total"] / len(is_first),
+        "ratio_expanded": None if ratio is None else ratio.value,
+        "ratio_low": low,
+        "ratio_high": high,
         "suboptimality_mean": _some(np.mean, excess),
         "suboptimality_p95": _some(_p95, excess),
         "fallback_share": _some(np.mean, own["from_scratch"][~is_first]) if incremental else None,

@@ -83,16 +83,13 @@ def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: flo
     the earlier of two as near, if within max_difference_s; one of the longer may be taken twice.
     offset_s is added to the other's times; that is, taken from the first ones where these are the longer series.
     """
-    if len(other_t_ns) > len(t_ns):
-        return _nearest_pairs(_as_evo_reads(t_ns), _as_evo_reads(other_t_ns) + offset_s, max_difference_s)
-    in_other, in_first = _nearest_pairs(_as_evo_reads(other_t_ns), _as_evo_reads(t_ns) - offset_s, max_difference_s)
+    # Python divides integers to the nearest float, as reading a TUM file does; numpy rounds t_ns first. So pairs
+    # exactly max_difference_s apart fall on the same side as evo's.
+    first_s, other_s = (np.array([t / NS_PER_S for t in each.tolist()], np.float64) for each in (t_ns, other_t_ns))
+    if len(other_s) > len(first_s):
+        return _nearest_pairs(first_s, other_s + offset_s, max_difference_s)
+    in_other, in_first = _nearest_pairs(other_s, first_s - offset_s, max_difference_s)
     return in_first, in_other
-
-
-def _as_evo_reads(t_ns: Int) -> Float:
-    """Float seconds, as from a TUM file: so pairs exactly max_difference_s apart fall on the same side as evo's."""
-    # Python divides integers to the nearest float, as reading the decimal does; numpy rounds t_ns first.
-    return np.array([t / NS_PER_S for t in t_ns.tolist()], dtype=np.float64)
 
 
 def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:

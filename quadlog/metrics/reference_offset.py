@@ -50,8 +50,8 @@ _CLEAR = 2.5
 _MOST_OF_SPREAD = 0.25  # residual over the spread of positions: beyond, the two did not walk alike
 _DERIVATIVE_S = 0.2  # half the base of differences: noise of positions is no motion
 _RESOLUTION_S = 1e-5
-_LEAST_OF_SPEED = 0.1  # speed that no rigid motion explains, over speed
-_LEAST_OF_CURVATURE = 0.3  # of what that speed promises: below, most of it is noise
+_LEAST_OF_SPEED = 0.1  # what the fit depends on time by, over speed
+_LEAST_OF_CURVATURE = 0.3  # of what the speed that no rigid motion explains promises: below, most of it is noise
 _FEWEST_INDEPENDENT = 6.0  # with fewer the offset's error is not known
 _LEAST_MOVED_M = 0.1  # by a reference onto which a trajectory can be turned
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
@@ -177,11 +177,10 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
         unexplained_mps = _without_rigid_motions(velocity_mps, centred_m)
         if squares_m2[1] > _MOST_OF_SPREAD**2 * _mean_square(centred_m):
             return _unknown(_ANOTHER_WALK)
-        if _mean_square(unexplained_mps) <= _LEAST_OF_SPEED**2 * _mean_square(velocity_mps):
-            return _unknown("its motion is one that another place or direction explains as well as another time")
         curvature_m2ps2 = (squares_m2[0] - 2 * squares_m2[1] + squares_m2[2]) / (2 * _DERIVATIVE_S**2)
-        if curvature_m2ps2 <= _LEAST_OF_CURVATURE * _mean_square(unexplained_mps):
-            return _unknown("the noise of the positions hides it")
+        promised_m2ps2, speed_m2ps2 = _mean_square(unexplained_mps), _mean_square(velocity_mps)
+        if curvature_m2ps2 <= max(_LEAST_OF_CURVATURE * promised_m2ps2, _LEAST_OF_SPEED**2 * speed_m2ps2):
+            return _unknown("another place or direction explains its motion as well as another time, or noise hides it")
         offset_s += (squares_m2[0] - squares_m2[2]) / (4 * _DERIVATIVE_S * curvature_m2ps2)
         if abs(offset_s - start_s) > _WINDOW_S:
             return _unknown("positions fit better at any other offset near")
@@ -234,22 +233,19 @@ class ReferenceComparison:
     corrected_estimate: PoseSeries
 
     @cached_property
-    def aligned(self) -> PoseSeries:
-        """The time-corrected estimate, moved in the plane, or in space where both have heights, onto the reference."""
-        estimate, truth = self.corrected_estimate, self.corrected_truth
-        have_heights = all(np.ptp(each.position_m[:, 2]) > 0 for each in (estimate, truth))
-        return align_rigidly(estimate, truth, 3 if have_heights else 2)
-
-    @cached_property
     def samples(self) -> dict[str, Samples]:
-        """Of each metric of a trajectory against a reference, those that apply."""
-        found = pair_samples(self.truth, self.estimate)
-        corrected = pair_samples(self.corrected_truth, self.corrected_estimate)["ate_rmse_m"]
+        """Of each metric of a trajectory against a reference, those that apply.
+
+        Aligned in the plane, or in space where both have heights.
+        """
+        found, truth, estimate = pair_samples(self.truth, self.estimate), self.corrected_truth, self.corrected_estimate
         if self.offset.offset_s is not None:
-            found["ate_time_corrected_rmse_m"] = corrected
+            found["ate_time_corrected_rmse_m"] = pair_samples(truth, estimate)["ate_rmse_m"]
             found["reference_time_offset_s"] = Samples(self.offset.t_ns, self.offset.samples_s, "mean")
-        if np.ptp(self.corrected_truth.position_m, axis=0).max() > _LEAST_MOVED_M:
-            found["ate_aligned_rmse_m"] = pair_samples(self.corrected_truth, self.aligned)["ate_rmse_m"]
+        extents_m = [np.ptp(each.position_m, axis=0) for each in (truth, estimate)]
+        if extents_m[0].max() > _LEAST_MOVED_M:
+            aligned = align_rigidly(estimate, truth, 3 if min(extent_m[2] for extent_m in extents_m) > 0 else 2)
+            found["ate_aligned_rmse_m"] = pair_samples(truth, aligned)["ate_rmse_m"]
         return {name: each for name, each in found.items() if len(each.values)}
 
     @cached_property

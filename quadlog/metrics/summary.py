@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -107,22 +106,20 @@ def detail_of(samples: Samples) -> dict[str, float]:
     )
 
 
+_VALUES: dict[Statistic, Callable[[Float], Any]] = {
+    "mean": np.mean,
+    "std": lambda x: np.std(x, ddof=1),
+    "rms": lambda x: np.sqrt(np.mean(x**2)),
+    "sum": np.sum,
+    "min": np.min,
+    "max": np.max,
+    "length of mean": np.mean,
+}
+
+
 def value_of(samples: Samples) -> float:
-    """The value that N >= 1 samples make; NaN for the deviation of one."""
-    x = samples.values
-    match samples.statistic:
-        case "mean" | "length of mean":
-            return float(np.mean(x))
-        case "std":
-            return float(np.std(x, ddof=1)) if len(x) > 1 else math.nan
-        case "rms":
-            return float(np.sqrt(np.mean(x**2)))
-        case "sum":
-            return float(np.sum(x))
-        case "min":
-            return float(np.min(x))
-        case "max":
-            return float(np.max(x))
+    """The value that N samples make, two at least for a deviation, else one."""
+    return float(_VALUES[samples.statistic](samples.values))
 
 
 def effects(samples: Samples) -> Float | None:
