@@ -8,7 +8,7 @@ import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import Float, Int, PoseSeries
-from quadlog.metrics.summary import Samples
+from quadlog.metrics.summary import Samples, finite_samples
 
 
 def rigid_motion(position_m: Float, wanted_m: Float) -> tuple[Float, Float]:
@@ -51,12 +51,12 @@ MIN_PAIRS = 10
 
 @dataclass(frozen=True, slots=True)
 class FrameOffset:
-    """The best rigid motion from a track onto its reference: turned by turn_rad about map's origin, then shifted.
+    """The best rigid motion from a track onto its reference: turned by rotation (2, 2), then shifted by shift_m (2,).
 
-    shift_m: (2,); before_m, after_m: rmse without and with it.
+    before_m, after_m: rmse without and with it.
     """
 
-    turn_rad: float
+    rotation: Float
     shift_m: Float
     before_m: float
     after_m: float
@@ -72,20 +72,17 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
     if len(position_m) < MIN_PAIRS:
         return None
     rotation, shift_m = rigid_motion(position_m, reference_m)
-    turn_rad = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
     after_m = _rms(reference_m - position_m @ rotation.T - shift_m)
-    return FrameOffset(turn_rad, shift_m, _rms(reference_m - position_m), after_m)
+    return FrameOffset(rotation, shift_m, _rms(reference_m - position_m), after_m)
 
 
 def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> dict[str, Samples]:
     """Of lidar_uwb_rmse_m: distances of positions (N, 2), NaN where unknown, once a rigid motion has aligned them."""
-    known = np.isfinite(lidar_xy_m).all(axis=1) & np.isfinite(uwb_xy_m).all(axis=1)
-    if known.sum() < MIN_PAIRS:
+    offset = find_frame_offset(lidar_xy_m, uwb_xy_m)
+    if offset is None:
         return {}
-    lidar_xy_m, uwb_xy_m = lidar_xy_m[known], uwb_xy_m[known]
-    rotation, shift_m = rigid_motion(lidar_xy_m, uwb_xy_m)
-    apart_m = np.hypot(*(lidar_xy_m @ rotation.T + shift_m - uwb_xy_m).T)
-    return {"lidar_uwb_rmse_m": Samples(t_ns[known], apart_m, "rms")}
+    apart_m = np.hypot(*(lidar_xy_m @ offset.rotation.T + offset.shift_m - uwb_xy_m).T)
+    return {"lidar_uwb_rmse_m": finite_samples(t_ns, apart_m, "rms")}
 
 
 def mirror_words(position_m: Float, reference_m: Float) -> str | None:
@@ -107,10 +104,10 @@ def frame_offset_words(offset: FrameOffset) -> str | None:
     moved_m2 = offset.before_m**2 - offset.after_m**2
     if moved_m2 <= LEAST_MOVED_M**2 or offset.after_m > EXPLAINED * offset.before_m:
         return None
-    x_m, y_m = offset.shift_m
+    turn_deg, (x_m, y_m) = np.degrees(np.arctan2(offset.rotation[1, 0], offset.rotation[0, 0])), offset.shift_m
     return (
         f"the reference seems to lie in another frame than the poses: map turned by "
-        f"{np.degrees(offset.turn_rad):.1f} degrees and then shifted by ({x_m:.2f}, {y_m:.2f}) m would bring the "
+        f"{turn_deg:.1f} degrees and then shifted by ({x_m:.2f}, {y_m:.2f}) m would bring the "
         f"error from {offset.before_m:.2f} to {offset.after_m:.2f} m; errors against it count that too"
     )
 

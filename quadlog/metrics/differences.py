@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,9 +51,10 @@ def paired_differences(a: Mapping[str, Samples], b: Mapping[str, Samples]) -> di
         common, *rows = np.intersect1d(a[name].t_ns, b[name].t_ns, return_indices=True)
         if len(common) <= (a[name].statistic == "std"):
             continue
-        one, other = a[name].rows(rows[0]), b[name].rows(rows[1])
+        one = replace(a[name], t_ns=common, values=a[name].values[rows[0]])
+        other = replace(b[name], t_ns=common, values=b[name].values[rows[1]])
         of_one, of_other = effects(one), effects(other)
-        if of_one is not None and of_other is not None and one.statistic != "sum":  # all sums are counts
+        if of_one is not None and of_other is not None:
             series[name] = of_other - of_one
         interval = mean_interval_in_time(series[name]) if name in series else None
         same = np.array_equal(a[name].t_ns, b[name].t_ns) and np.array_equal(a[name].values, b[name].values)

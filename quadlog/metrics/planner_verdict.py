@@ -57,15 +57,12 @@ def _time(comparison: Comparison) -> str:
     medians = {row["planner"]: row["us_median"] for row in comparison.rows}
     fastest, *others = sorted(medians, key=medians.__getitem__)
     confidence = corrected_confidence(len(others))
-    ratios = [comparison.ratio(_timed(comparison), name, fastest, confidence) for name in others]
+    timed = "us_repeats" if "us_repeats" in comparison.paired[fastest] else "us"
+    ratios = [comparison.ratio(timed, name, fastest, confidence) for name in others]
     if all(each is not None and each.interval is not None and each.interval[0] > 1 for each in ratios):
         return f"{fastest} was fastest, with a median of {times(medians[fastest])} µs per replan."
     spread = " to ".join(f"{times(medians[name])} ({name})" for name in (fastest, others[-1]))
     return f"Times do not show which planner is quickest, with medians of {spread} µs per replan."
-
-
-def _timed(comparison: Comparison) -> str:
-    return "us_repeats" if "us_repeats" in next(iter(comparison.paired.values())) else "us"
 
 
 def notes(comparison: Comparison) -> list[str]:
@@ -83,14 +80,8 @@ def notes(comparison: Comparison) -> list[str]:
         how = f"the median over {episodes} episodes, with the exact 95 % interval of a median{few}"
     what = _SPENT[comparison.counted]
     lines.append(f"The ratio is {what} by {base} / {what} by the planner: {how}.")
-    if (timed := _timed(comparison)) == "us_repeats":
-        repeats = comparison.paired[base][timed].shape[1]
-        ratios = {name: comparison.ratio(timed, name, base) for name in comparison.paired if name != base}
-        known = [
-            f"{name} {times(of.value)} ({_bounds(of.interval)})" for name, of in ratios.items() if of and of.interval
-        ]
-        over = f" Times over those of {base}: {'; '.join(known)}." if known else ""
-        lines.append(f"Every replan was timed {repeats} times, the planners in turns; its time is the median.{over}")
+    if (repeats := comparison.paired[base].get("us_repeats")) is not None:
+        lines.append(f"Every replan was timed {repeats.shape[1]} times, the planners in turns; its time is the median.")
     for planner, ratio in comparison.ratios.items():
         if without := int(np.isnan(ratio.of_episodes).sum()):
             lines.append(f"{planner} spent none in {_count(without, 'episode')}, left out of its median.")

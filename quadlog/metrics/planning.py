@@ -162,12 +162,14 @@ def search_samples(replans: Table) -> dict[str, Samples]:
     fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
     first one, which always does.
     """
-    excess = np.where(replans["found"], _excess(replans["cost"], replans["optimal_cost"]), np.nan)
-    return {
-        "expanded_total": finite_samples(replans["t_ns"], replans["expanded"], "sum"),
-        "generated_total": finite_samples(replans["t_ns"], replans["generated"], "sum"),
-        "expanded_mean": finite_samples(replans["t_ns"], replans["expanded"], "mean"),
-        "success_rate": finite_samples(replans["t_ns"], replans["found"], "mean"),
-        "fallback_share": finite_samples(replans["t_ns"][1:], replans["from_scratch"][1:], "mean"),
-        "suboptimality_mean": finite_samples(replans["t_ns"], excess, "mean"),
+    t_ns, excess = (
+        replans["t_ns"],
+        np.where(replans["found"], _excess(replans["cost"], replans["optimal_cost"]), np.nan),
+    )
+    totals = {f"{name}_total": finite_samples(t_ns, replans[name], "sum") for name in ("expanded", "generated")}
+    return totals | {
+        "expanded_mean": finite_samples(t_ns, replans["expanded"], "mean"),
+        "success_rate": finite_samples(t_ns, replans["found"], "mean"),
+        "fallback_share": finite_samples(t_ns[1:], replans["from_scratch"][1:], "mean"),
+        "suboptimality_mean": finite_samples(t_ns, excess, "mean"),
     }

@@ -39,7 +39,6 @@ FRAME_METRICS = ("ate_rmse_m", "ate_time_corrected_rmse_m")
 _STEP_S = 0.05
 _MOST_STEPS, _MOST_SAMPLES = 16_000, 20_000  # of the search over all offsets; of the offset found
 _LONGEST_GAP_S = 0.5  # bridged by a straight line, unless three usual gaps are longer
-_FARTHEST_M = 1e7  # of positions; beyond, squares lose what is measured
 _LEAST_S = 5.0  # of an overlap: some steps look like any others
 _LEAST_OVERLAP = 0.5  # of the longest one: at its ends anything fits
 _WINDOW_S = 1.0  # offsets farther apart are rivals; about 0 also an ambiguous one is taken
@@ -53,7 +52,6 @@ _RESOLUTION_S = 1e-5
 _LEAST_OF_SPEED = 0.1  # what the fit depends on time by, over speed
 _LEAST_OF_CURVATURE = 0.3  # of what the speed that no rigid motion explains promises: below, most of it is noise
 _FEWEST_INDEPENDENT = 6.0  # with fewer the offset's error is not known
-_LEAST_MOVED_M = 0.1  # by a reference onto which a trajectory can be turned
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 _ANOTHER_WALK = "it moved too little, or another way than the reference"
 
@@ -99,8 +97,6 @@ def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOff
     durations_s = [int(np.ptp(each.t_ns)) / NS_PER_S if len(each.t_ns) else 0.0 for each in (reference, estimate)]
     if min(durations_s) < _LEAST_S:
         return _unknown(f"one of them is shorter than {_LEAST_S:g} s")
-    if max(np.abs(each.position_m).max() for each in (reference, estimate)) > _FARTHEST_M:
-        return _unknown("positions are too far away")
     offsets_s, seconds, share = _fits(reference, estimate, sum(durations_s))
     if not len(offsets_s):
         return _unknown("they share too little time or motion")
@@ -132,7 +128,7 @@ def _fits(reference: PoseSeries, estimate: PoseSeries, duration_s: float) -> tup
         centred_m = np.where(known, position_m - np.nanmean(position_m, axis=0), 0.0)
         columns.append(np.column_stack([known, centred_m, (centred_m**2).sum(axis=1)]))
     size = sum(map(len, columns)) - 1
-    (of_reference, of_estimate) = (np.fft.rfft(each, size, axis=0) for each in columns)
+    of_reference, of_estimate = (np.fft.rfft(each, size, axis=0) for each in columns)
     # Row k: sums over j of the reference's columns at step j + k times the estimate's at step j.
     sums = np.fft.irfft(of_reference[:, :, None] * of_estimate[:, None].conj(), size, axis=0)
     lags = np.arange(size) - size * (np.arange(size) >= len(columns[0]))
@@ -174,7 +170,7 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
         residuals_m = [_residual(sample_m, each) for each in partners_m]
         squares_m2, centred_m = [_mean_square(each) for each in residuals_m], partners_m[1] - partners_m[1].mean(axis=0)
         velocity_mps = (partners_m[2] - partners_m[0]) / (2 * _DERIVATIVE_S)
-        unexplained_mps = _without_rigid_motions(velocity_mps, centred_m)
+        unexplained_mps = (residuals_m[2] - residuals_m[0]) / (2 * _DERIVATIVE_S)
         if squares_m2[1] > _MOST_OF_SPREAD**2 * _mean_square(centred_m):
             return _unknown(_ANOTHER_WALK)
         curvature_m2ps2 = (squares_m2[0] - 2 * squares_m2[1] + squares_m2[2]) / (2 * _DERIVATIVE_S**2)
@@ -202,15 +198,6 @@ def _residual(sample_m: Float, partner_m: Float) -> Float:
 
 def _mean_square(vectors: Float) -> float:
     return float(np.mean(np.sum(vectors**2, axis=1)))
-
-
-def _without_rigid_motions(velocity_mps: Float, position_m: Float) -> Float:
-    """Velocities (K, 3) less what shifts and small turns of centred positions (K, 3) explain of them."""
-    axes = np.eye(3)
-    motions = [np.tile(axis, len(position_m)) for axis in axes] + [np.cross(axis, position_m).ravel() for axis in axes]
-    weights, *_ = np.linalg.lstsq(np.column_stack(motions), velocity_mps.ravel(), rcond=None)
-    left_mps: Float = velocity_mps - (np.column_stack(motions) @ weights).reshape(velocity_mps.shape)
-    return left_mps
 
 
 def _unknown(why: str) -> TimeOffset:
@@ -242,10 +229,9 @@ class ReferenceComparison:
         if self.offset.offset_s is not None:
             found["ate_time_corrected_rmse_m"] = pair_samples(truth, estimate)["ate_rmse_m"]
             found["reference_time_offset_s"] = Samples(self.offset.t_ns, self.offset.samples_s, "mean")
-        extents_m = [np.ptp(each.position_m, axis=0) for each in (truth, estimate)]
-        if extents_m[0].max() > _LEAST_MOVED_M:
-            aligned = align_rigidly(estimate, truth, 3 if min(extent_m[2] for extent_m in extents_m) > 0 else 2)
-            found["ate_aligned_rmse_m"] = pair_samples(truth, aligned)["ate_rmse_m"]
+        have_heights = all(np.ptp(each.position_m[:, 2]) > 0 for each in (truth, estimate))
+        aligned = align_rigidly(estimate, truth, 3 if have_heights else 2)
+        found["ate_aligned_rmse_m"] = pair_samples(truth, aligned)["ate_rmse_m"]
         return {name: each for name, each in found.items() if len(each.values)}
 
     @cached_property
@@ -267,9 +253,7 @@ class ReferenceComparison:
         errors = [f"ATE {rms_m['ate_rmse_m']:.3f} m"]
         if "ate_time_corrected_rmse_m" in rms_m:
             errors.append(f"{rms_m['ate_time_corrected_rmse_m']:.3f} m with it added to the poses' times")
-        if "ate_aligned_rmse_m" in rms_m:
-            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned")
-        return f"{self.offset.words()}; {', '.join(errors)}"
+        return f"{self.offset.words()}; {', '.join(errors)}, {rms_m['ate_aligned_rmse_m']:.3f} m aligned"
 
 
 def compare_trajectories(

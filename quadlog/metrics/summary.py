@@ -64,10 +64,6 @@ class Samples:
     values: Float
     statistic: Statistic
 
-    def rows(self, index: Int) -> Samples:
-        """The samples with these indices (M,)."""
-        return Samples(self.t_ns[index], self.values[index], self.statistic)
-
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
     """The samples (N,) that exist: NaN and infinity mean that there was nothing to measure."""
@@ -85,13 +81,9 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     }
 
 
-_OF_EVENTS = frozenset({"fallback_share", "generated_total", "expanded_total", "success_rate"})
-"""Sums of events of which one is as bad as the next; and totals, whose worst instant their mean has."""
-
-
 def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
-    """The worst sample of a metric and its instant; None for counts of events."""
-    if CATALOGUE[name].kind in ("count", "yes or no") or name in _OF_EVENTS or samples.statistic == "length of mean":
+    """The worst sample of a metric and its instant; None for totals and events, of which one is as bad as the next."""
+    if samples.statistic in ("sum", "length of mean") or np.isin(samples.values, (0.0, 1.0)).all():
         return None
     rows = worst_of(name, samples, most=1)
     return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
@@ -125,14 +117,12 @@ def value_of(samples: Samples) -> float:
 def effects(samples: Samples) -> Float | None:
     """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
 
-    To first order (the delta method); None of extremes, and of a value of 0 that only grows.
+    To first order (the delta method); None of extremes, of counts, and of a value of 0 that only grows.
     """
     x, value = samples.values, value_of(samples)
     match samples.statistic:
         case "mean" | "length of mean":
             return x
-        case "sum":
-            return x * len(x)
         case "std" | "rms" if value > 0:
             squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
             return value + (squares - np.mean(squares)) / (2 * value)
@@ -143,7 +133,7 @@ def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
     It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
-    None of extremes, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
+    None of extremes, of counts, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
     found = None if series is None else mean_interval_in_time(series)

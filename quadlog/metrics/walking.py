@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
-from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.positioning import positions_at
-from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples, metrics_of
+from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples
 from quadlog.planning.protocol import Bool
 
 
@@ -95,24 +94,13 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
 )
 
 
-def tracking_metrics(walk: Mapping[str, NDArray[Any]], completed_ns: int | None = None) -> Metrics:
-    """eta_m, sigma_m and their kin; those that do not apply are absent.
+def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
+    """The samples of eta_m, sigma_m and their kin; those that do not apply are absent.
 
     eta_m and sigma_m are the mean and the sample standard deviation of error_m over
     all N ticks [Tracking] eqs 46, 47, whose two names for the same number, N and N_e,
-    are one here. completed_ns: when a course was finished, None for a walk without an end.
-    """
-    metrics = metrics_of(tracking_samples(walk))
-    if completed_ns is not None and len(walk["t_ns"]):
-        metrics["completion_time_s"] = Metric((completed_ns - int(walk["t_ns"][0])) / 1e9, 1, "s")
-    return {name: metrics[name] for name in CATALOGUE if name in metrics}
-
-
-def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
-    """The samples behind tracking_metrics, completion_time_s apart.
-
-    walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only of a robot
-    that can fall.
+    are one here. walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only
+    of a robot that can fall.
     """
     return {
         name: finite_samples(walk["t_ns"], walk[column], statistic)

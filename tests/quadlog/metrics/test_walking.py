@@ -21,7 +21,7 @@ from quadlog.metrics.walking import (
     ground_speed,
     stance_where,
     torque_rows,
-    tracking_metrics,
+    tracking_samples,
 )
 
 REST, PERIOD, CYCLES, PERIOD_S = 100, 50, 30, 1.0
@@ -53,16 +53,16 @@ def ticks(n=50, **columns):
 
 def test_mean_and_sample_deviation_against_the_standard_library():
     tracked = ticks(fallen=np.arange(50) > 48)
-    metrics = tracking_metrics(tracked, completed_ns=1_500_000_000)
+    metrics = metrics_of(tracking_samples(tracked))
     for of, column in (("", tracked["error_m"]), ("_time", tracked["time_error_m"])):
         assert metrics[f"eta{of}_m"].value == pytest.approx(statistics.fmean(column))
         assert metrics[f"sigma{of}_m"].value == pytest.approx(statistics.stdev(column))
     assert metrics["cross_track_rmse_m"].value == pytest.approx(np.sqrt(np.mean(tracked["cross_track_m"] ** 2)))
     assert metrics["max_error_m"].value == tracked["error_m"].max()
-    assert (metrics["completion_time_s"].value, metrics["fallen"].value) == (1.5, 1.0)
+    assert metrics["fallen"].value == 1.0
     nothing = dict.fromkeys(("error_m", "cross_track_m", "time_error_m", "heading_error_rad"), np.full(4, np.nan))
-    assert tracking_metrics(ticks(4, **nothing)) == {}
-    assert {"eta_m", "sigma_m", "fallen", "completion_time_s"} & tracking_metrics(ticks(1)).keys() == {"eta_m"}
+    assert metrics_of(tracking_samples(ticks(4, **nothing))) == {}
+    assert {"eta_m", "sigma_m", "fallen"} & metrics_of(tracking_samples(ticks(1))).keys() == {"eta_m"}
 
 
 def test_a_collision_is_counted_once_while_it_lasts():
