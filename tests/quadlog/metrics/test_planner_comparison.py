@@ -115,9 +115,6 @@ def test_invariants(cells: np.ndarray, factor: int, shuffle: Any) -> None:
     shuffle.shuffle(order)
     shuffled = compare_planners({name: column[order] for name, column in table.items()})
     assert all(row_of(shuffled, row["planner"]) == row for row in plain.rows)
-    # Another planner that solves all changes nothing for these.
-    more = compare_planners(make_replans(named | {"dijkstra": cells[0] + 1}, found=found))
-    assert more.rows[:3] == plain.rows
     # With all cells times a factor ratios stay and totals grow.
     scaled = compare_planners(make_replans({name: factor * each for name, each in named.items()}, found=found))
     for row, larger in zip(plain.rows, scaled.rows, strict=True):
@@ -166,18 +163,6 @@ def test_what_cannot_be_compared_is_said() -> None:
     assert "No planner has a ratio of cells expanded to astar" in verdict(headless)
     assert "astar was not run" in notes(headless)[1]
     assert "too few for an interval" in said(make_replans({"astar": [[5, 5]], "ia_star": [[2, 2]]}))["Cells"]
-
-
-def test_the_notes_say_what_the_figures_rest_on() -> None:
-    cells = {"astar": np.full((8, 200), 9), "lpa_star": np.full((8, 200), 3)}
-    cells["lpa_star"][5] = 0
-    found = {"astar": np.arange(1600).reshape(8, 200) % 4 != 1}
-    solved, ratio, left_out = notes(compare_planners(make_replans(cells, found=found), counted="touched"))
-    assert solved.startswith("1 200 of 1 600 replans were solved by all")
-    assert ratio.startswith(
-        "The ratio is neighbours tested by astar / neighbours tested by the planner: the median over 8"
-    )
-    assert left_out == "lpa_star spent none in 1 episode, left out of its median."
 
 
 figures = st.lists(st.lists(st.integers(0, 30), min_size=4, max_size=4), min_size=1, max_size=12)

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
 from quadlog.metrics.intervals import FEWEST_IN_TIME, mean_interval_in_time, ratio_interval_in_time
+from quadlog.metrics.positioning import fix_error_samples, residual_samples
 from quadlog.metrics.summary import (
     Samples,
     detail_of,
@@ -113,3 +114,23 @@ def test_each_is_the_worst_of_what_is_left(rows, lowest):
         assert badness[worst] == max(badness[i] for i in left)
         left = [i for i in left if abs(t_ns[i] - t_ns[worst]) >= S]
     assert len(chosen) == 3 or not left
+
+
+def test_uwb_by_hand():
+    t_ns = np.arange(3)
+    samples = fix_error_samples(t_ns, np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]]))
+    metrics = metrics_of(samples | residual_samples(t_ns, np.array([0.1, 0.2, np.nan]), np.array([3, 1, 4])))
+    assert (metrics["uwb_rmse_m"].value, metrics["uwb_rmse_m"].n) == (5.0, 2)
+    assert (metrics["uwb_bias_m"].value, metrics["uwb_bias_m"].n) == (3.0, 2)
+    assert metrics["uwb_residual_m"].value == pytest.approx(np.sqrt((3 * 0.01 + 0.04) / 4))
+    assert metrics["uwb_residual_m"].n == 4
+    assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
+
+
+def test_the_interval_of_a_bias_excludes_zero_in_a_twentieth_of_the_logs_that_have_none():
+    rng = np.random.default_rng(5)
+    lows = []
+    for _ in range(400):
+        bias = fix_error_samples(np.arange(200), rng.normal(0, [0.1, 0.1], (200, 2)))["uwb_bias_m"]
+        lows.append(interval_of(bias)[0])
+    assert 0.02 < np.mean(np.array(lows) > 0) < 0.08

@@ -1,8 +1,7 @@
-"""Tracking errors against the standard library, drifts and gaits against what they were made of, torques by numpy."""
+"""Drifts and gaits against what they were made of, torques by numpy."""
 
 from __future__ import annotations
 
-import statistics
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +20,6 @@ from quadlog.metrics.walking import (
     ground_speed,
     stance_where,
     torque_rows,
-    tracking_samples,
 )
 
 REST, PERIOD, CYCLES, PERIOD_S = 100, 50, 30, 1.0
@@ -42,27 +40,6 @@ def test_a_trots_drifts_are_those_of_its_cycles_whatever_swings_within(rate, swa
     found = drift(position_m, np.radians(np.column_stack([0 * T_S, 0 * T_S, yaw_deg])))
     assert found["yaw_rate_degps"] == pytest.approx(rate, abs=1e-9)
     assert [found["forward_m"], found["lateral_drift_m"]] == pytest.approx([30 * x_mps, 30 * y_mps], abs=1e-9)
-
-
-def ticks(n=50, **columns):
-    rng = np.random.default_rng(0)
-    signed = rng.normal(0, 0.1, n)
-    errors = {"error_m": np.abs(signed), "cross_track_m": signed, "time_error_m": rng.uniform(0, 1, n)}
-    return errors | {"t_ns": np.arange(n) * 20_000_000, "heading_error_rad": rng.normal(0, 0.2, n)} | columns
-
-
-def test_mean_and_sample_deviation_against_the_standard_library():
-    tracked = ticks(fallen=np.arange(50) > 48)
-    metrics = metrics_of(tracking_samples(tracked))
-    for of, column in (("", tracked["error_m"]), ("_time", tracked["time_error_m"])):
-        assert metrics[f"eta{of}_m"].value == pytest.approx(statistics.fmean(column))
-        assert metrics[f"sigma{of}_m"].value == pytest.approx(statistics.stdev(column))
-    assert metrics["cross_track_rmse_m"].value == pytest.approx(np.sqrt(np.mean(tracked["cross_track_m"] ** 2)))
-    assert metrics["max_error_m"].value == tracked["error_m"].max()
-    assert metrics["fallen"].value == 1.0
-    nothing = dict.fromkeys(("error_m", "cross_track_m", "time_error_m", "heading_error_rad"), np.full(4, np.nan))
-    assert metrics_of(tracking_samples(ticks(4, **nothing))) == {}
-    assert {"eta_m", "sigma_m", "fallen"} & metrics_of(tracking_samples(ticks(1))).keys() == {"eta_m"}
 
 
 def test_a_collision_is_counted_once_while_it_lasts():
