@@ -94,16 +94,10 @@ def test_replans_of_one_episode_are_a_series_in_time() -> None:
     assert (few["ratio_low"], few["ratio_high"]) == (None, None)
 
 
-@st.composite
-def cells_of_three(draw: st.DrawFn) -> np.ndarray:
-    """(planner, episode, replan)"""
-    shape = 3, draw(st.integers(1, 5)), draw(st.integers(1, 25))
-    return np.random.default_rng(draw(st.integers(0, 10**6))).integers(0, 10_000, shape)
-
-
-@given(cells_of_three(), st.integers(1, 7), st.randoms(use_true_random=False))
-def test_invariants(cells: np.ndarray, factor: int, shuffle: Any) -> None:
-    named = dict(zip(("astar", "ia_star", "d_star_lite"), cells, strict=True))
+@given(st.integers(1, 5), st.integers(1, 25), st.integers(0, 10**6))
+def test_invariants(episodes: int, replans: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    named = {name: rng.integers(0, 10_000, (episodes, replans)) for name in ("astar", "ia_star", "d_star_lite")}
     found = {name: each % 5 != 0 for name, each in named.items()}
     table = make_replans(named, found=found)
     plain = compare_planners(table)
@@ -111,18 +105,10 @@ def test_invariants(cells: np.ndarray, factor: int, shuffle: Any) -> None:
     baseline = row_of(plain, "astar")
     assert {baseline["ratio_expanded"], baseline["ratio_low"], baseline["ratio_high"]} <= {1.0, None}
     # Neither the order of the rows nor that of the planners matters.
-    order = list(range(len(table["found"])))
-    shuffle.shuffle(order)
+    order = rng.permutation(len(table["found"]))
     shuffled = compare_planners({name: column[order] for name, column in table.items()})
     assert all(row_of(shuffled, row["planner"]) == row for row in plain.rows)
-    # With all cells times a factor ratios stay and totals grow.
-    scaled = compare_planners(make_replans({name: factor * each for name, each in named.items()}, found=found))
-    for row, larger in zip(plain.rows, scaled.rows, strict=True):
-        assert larger["expanded_total"] == factor * row["expanded_total"]
-        for name in ("ratio_expanded", "ratio_low", "ratio_high"):
-            assert (larger[name] or 0) == pytest.approx(row[name] or 0, rel=1e-12)
-        if row["ratio_low"] is not None:
-            assert row["ratio_low"] <= row["ratio_expanded"] <= row["ratio_high"]
+    assert all(row["ratio_low"] <= row["ratio_expanded"] <= row["ratio_high"] for row in plain.rows if row["ratio_low"])
 
 
 def test_the_interval_of_a_median_is_that_of_the_sign_test() -> None:
@@ -140,17 +126,6 @@ NAMES = ("astar", "ia_star", "lpa_star", "mt_d_star_lite")
 
 def said(table: dict[str, Any], **options: Any) -> dict[str, str]:
     return dict(verdict_lines(compare_planners(table, **options)))
-
-
-def test_it_names_the_best_and_the_fastest() -> None:
-    cells = {name: np.full((12, 3), count) for name, count in zip(NAMES, (600, 100, 900, 150), strict=True)}
-    us = {"astar": 20.0, "mt_d_star_lite": 40.0, "ia_star": 14.0, "lpa_star": 50.0}
-    found = said(make_replans(cells, cost={"ia_star": 102.5}, us=us))
-    first = found["Cells"]
-    assert first.startswith("ia_star saved most: 6.00 times fewer cells expanded than astar in the median episode")
-    assert first.endswith("as the best of 3), its paths 2.5 % costlier than the optimum on average.")
-    assert found["Time"].startswith("ia_star was fastest, with a median of 14.0 µs per replan")
-    assert found["Rests on"] == "12 episodes, 36 replans solved by all 4 planners."
 
 
 def test_what_cannot_be_compared_is_said() -> None:
@@ -203,14 +178,9 @@ def test_nobody_is_called_the_fastest_where_times_overlap() -> None:
     half = us | {"ia_star": us["ia_star"] / 2}
     single = {"astar": np.full((1, 1, 40), 5.0), "ia_star": np.full((1, 1, 40), 4.0)}
     few = repeated(single) | {"us_repeats": repeated(single)["us_repeats"][:, :5]}
-    for table, is_shown in (
-        (repeated(us), False),
-        (repeated(half), True),
-        (repeated(half | {"lpa_star": us["lpa_star"] / 2}), False),
-        (repeated(single), True),
-        (few, False),
-    ):
-        assert said(table)["Time"].startswith("ia_star was fastest" if is_shown else "Times do not show")
+    assert all(said(each)["Time"].startswith("ia_star was fastest") for each in (repeated(half), repeated(single)))
+    for table in (repeated(us), repeated(half | {"lpa_star": us["lpa_star"] / 2}), few):
+        assert said(table)["Time"].startswith("Times do not show")
 
 
 def test_the_best_of_ten_alike_is_rarely_said_to_differ() -> None:

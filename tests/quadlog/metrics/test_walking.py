@@ -116,14 +116,6 @@ def test_torques_of_each_joint_and_phase_are_those_of_numpy(seed, share):
     assert (rms.n, peak.value) == (np.isfinite(torque_nm).any(axis=1).sum(), np.nanmax(np.abs(torque_nm)))
 
 
-def test_cost_of_transport_is_power_per_weight_and_speed():
-    body = walk(1000)
-    # Half of the time it stands, with the same power.
-    halts = replace(body, speed_mps=np.where(np.arange(1000) < 500, 0.5, 0.01))
-    costs = [gait(of, mass_kg)["cost_of_transport"] for of, mass_kg in ((body, 12.0), (halts, 12.0), (body, np.nan))]
-    assert costs == pytest.approx([60 / (12 * 9.81 * 0.5), 2 * 60 / (12 * 9.81 * 0.5), np.nan], nan_ok=True)
-
-
 def test_speed_is_that_over_a_second_and_unknown_beside_gaps():
     places_ns = START_NS + np.arange(0, 20_000, 10) * 10**6
     s = (places_ns - START_NS) * 1e-9
