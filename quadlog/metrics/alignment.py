@@ -44,8 +44,6 @@ def project_to_plane(trajectory: PoseSeries) -> PoseSeries:
 LEAST_MOVED_M = 0.25
 """The rms by which another frame moves a track: what moves it by less is its noise, as a turn of a robot that stood."""
 EXPLAINED = 0.5
-MIRRORED_SHARE = 0.1
-"""Of the spread of a track: the least that a mirrored one misses its reference by."""
 MIN_PAIRS = 10
 
 
@@ -72,8 +70,8 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
     if len(position_m) < MIN_PAIRS:
         return None
     rotation, shift_m = rigid_motion(position_m, reference_m)
-    after_m = _rms(reference_m - position_m @ rotation.T - shift_m)
-    return FrameOffset(rotation, shift_m, _rms(reference_m - position_m), after_m)
+    after_m = rms(reference_m - position_m @ rotation.T - shift_m)
+    return FrameOffset(rotation, shift_m, rms(reference_m - position_m), after_m)
 
 
 def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> dict[str, Samples]:
@@ -91,7 +89,7 @@ def mirror_words(position_m: Float, reference_m: Float) -> str | None:
     if fit is None or mirrored is None or mirrored.after_m > EXPLAINED * fit.after_m:
         return None
     # A straight walk that bends a little the wrong way is not mirrored.
-    if fit.after_m < max(0.1, MIRRORED_SHARE * _rms(position_m - np.nanmean(position_m, axis=0))):
+    if fit.after_m < max(0.1, 0.1 * rms(position_m - position_m.mean(axis=0))):
         return None
     return (
         f"the reference fits the poses only mirrored (x and y swapped, as in NED against ENU): {fit.after_m:.2f} m "
@@ -112,5 +110,5 @@ def frame_offset_words(offset: FrameOffset) -> str | None:
     )
 
 
-def _rms(vectors_m: Float) -> float:
+def rms(vectors_m: Float) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors_m**2, axis=1))))

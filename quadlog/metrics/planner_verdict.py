@@ -66,7 +66,7 @@ def _time(comparison: Comparison) -> str:
 
 
 def notes(comparison: Comparison) -> list[str]:
-    """How many replans the figures are over, what the ratio counts and how its interval was found, what is left out."""
+    """How many replans the figures are over, what the ratio counts and how its interval was found."""
     base, paired, episodes = comparison.baseline, len(comparison.episodes), len(np.unique(comparison.episodes))
     of_all = f"{_number(paired)} of {_number(comparison.rows[0]['replans'])} replans were solved by all"
     lines = [f"{of_all}: ratio, excess cost, times, lengths and turns are over these, everything else is over all."]
@@ -82,9 +82,6 @@ def notes(comparison: Comparison) -> list[str]:
     lines.append(f"The ratio is {what} by {base} / {what} by the planner: {how}.")
     if (repeats := comparison.paired[base].get("us_repeats")) is not None:
         lines.append(f"Every replan was timed {repeats.shape[1]} times, the planners in turns; its time is the median.")
-    for planner, ratio in comparison.ratios.items():
-        if without := int(np.isnan(ratio.of_episodes).sum()):
-            lines.append(f"{planner} spent none in {_count(without, 'episode')}, left out of its median.")
     return lines
 
 

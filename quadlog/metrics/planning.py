@@ -22,8 +22,7 @@ from quadlog.metrics.intervals import Interval, median_interval, ratio_interval_
 from quadlog.metrics.summary import Metric, Metrics, Samples, finite_samples
 
 COUNTS = ("expanded", "generated", "touched")
-# √2 summed in another order is the same cost.
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # √2 summed in another order is the same cost
 
 Table = Mapping[str, NDArray[Any]]
 

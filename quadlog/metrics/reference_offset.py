@@ -21,6 +21,7 @@ from quadlog.metrics.alignment import (
     mirror_words,
     project_to_plane,
     rigid_motion,
+    rms,
 )
 from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
 from quadlog.metrics.positioning import associate, pair_samples, positions_at
@@ -168,14 +169,14 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
             return _unknown("too few poses at common times")
         sample_m, partners_m = sample_m[known], [each[known] for each in partners_m]
         residuals_m = [_residual(sample_m, each) for each in partners_m]
-        squares_m2, centred_m = [_mean_square(each) for each in residuals_m], partners_m[1] - partners_m[1].mean(axis=0)
+        squares_m2, centred_m = [rms(each) ** 2 for each in residuals_m], partners_m[1] - partners_m[1].mean(axis=0)
         velocity_mps = (partners_m[2] - partners_m[0]) / (2 * _DERIVATIVE_S)
         unexplained_mps = (residuals_m[2] - residuals_m[0]) / (2 * _DERIVATIVE_S)
-        if squares_m2[1] > _MOST_OF_SPREAD**2 * _mean_square(centred_m):
+        if squares_m2[1] > (_MOST_OF_SPREAD * rms(centred_m)) ** 2:
             return _unknown(_ANOTHER_WALK)
         curvature_m2ps2 = (squares_m2[0] - 2 * squares_m2[1] + squares_m2[2]) / (2 * _DERIVATIVE_S**2)
-        promised_m2ps2, speed_m2ps2 = _mean_square(unexplained_mps), _mean_square(velocity_mps)
-        if curvature_m2ps2 <= max(_LEAST_OF_CURVATURE * promised_m2ps2, _LEAST_OF_SPEED**2 * speed_m2ps2):
+        promised_m2ps2, least_m2ps2 = rms(unexplained_mps) ** 2, (_LEAST_OF_SPEED * rms(velocity_mps)) ** 2
+        if curvature_m2ps2 <= max(_LEAST_OF_CURVATURE * promised_m2ps2, least_m2ps2):
             return _unknown("another place or direction explains its motion as well as another time, or noise hides it")
         offset_s += (squares_m2[0] - squares_m2[2]) / (4 * _DERIVATIVE_S * curvature_m2ps2)
         if abs(offset_s - start_s) > _WINDOW_S:
@@ -194,10 +195,6 @@ def _residual(sample_m: Float, partner_m: Float) -> Float:
     """(K, 3) what the best rigid motion of the samples leaves."""
     rotation, shift_m = rigid_motion(sample_m, partner_m)
     return partner_m - sample_m @ rotation.T - shift_m
-
-
-def _mean_square(vectors: Float) -> float:
-    return float(np.mean(np.sum(vectors**2, axis=1)))
 
 
 def _unknown(why: str) -> TimeOffset:

@@ -162,9 +162,6 @@ class MeasuredRun:
     metrics: Mapping[str, Metric]
 
 
-_APART_NS = 1_000_000_000
-
-
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
     """Indices into the samples of the metric `name`, the worst first, no two within a second; at most `most`.
 
@@ -175,5 +172,5 @@ def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
     badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
     while len(chosen) < most and badness.max(initial=0.0) > 0:
         chosen.append(int(np.argmax(badness)))
-        badness = np.where(np.abs(samples.t_ns - samples.t_ns[chosen[-1]]) < _APART_NS, 0.0, badness)
+        badness = np.where(np.abs(samples.t_ns - samples.t_ns[chosen[-1]]) < NS_PER_S, 0.0, badness)
     return chosen
