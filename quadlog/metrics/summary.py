@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.intervals import Interval, log_interval, mean_interval_in_time
+from quadlog.metrics.intervals import Interval, positive_interval, mean_interval_in_time
 
 ELLIPSE_95_OF_AXIS = 1.249
 """How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
 
-_ROOTS_REACH_UP = 2.0
+_ROOTS_REACH_UP = 2.5
 SHORTEST_S = 11.5
 """Of a walk of 12 s, whose first and last samples may be missing."""
 
@@ -142,7 +142,7 @@ def interval_of(samples: Samples) -> Interval | None:
     match samples.statistic:
         case "std" | "rms":
             is_short = samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S
-            return None if is_short else log_interval(value, found, _ROOTS_REACH_UP)
+            return None if is_short else positive_interval(value, found, _ROOTS_REACH_UP)
         case "length of mean":
             # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
             return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
