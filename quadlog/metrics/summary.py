@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.intervals import Interval, positive_interval, mean_interval_in_time
+from quadlog.metrics.intervals import Interval, mean_interval_in_time, positive_interval
 
 ELLIPSE_95_OF_AXIS = 1.249
 """How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
