@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import PointClass, level_plane
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.classified_scan import PointClass, Returns, level_plane
 from quadlog.messages import Float, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
@@ -30,7 +29,7 @@ _GROUND_M = 0.06
 
 
 def grow_ground(returns: Returns, floor_m: float) -> Float:
-    """Fill height_m of returns of which `label_supported` labelled outliers, and label the ground.
+    """Fill height_m of returns that `isolate` labelled, and label the ground.
 
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.

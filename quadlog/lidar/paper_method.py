@@ -19,12 +19,11 @@ from quadlog.lidar.classified_scan import (
     ClassifiedScan,
     GroundPlane,
     PointClass,
+    Returns,
     height_without_ground,
     lidar_above,
     outside_view,
 )
-from quadlog.lidar.deskew import Slots
-from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Float32, Int
 
 MOST_ITERATIONS = 100_000
@@ -50,14 +49,14 @@ class PaperSettings:
 def classify_as_paper(
     xyz_lidar_m: Float,
     slot: NDArray[np.uint8],
-    slots: Slots,
+    slot_ns: Int,
     transform_lidar_to_base: Float,
     settings: PaperSettings,
     seed: int,
 ) -> ClassifiedScan:
     """The class of every point of a scan (N, 3) in the lidar's frame; any values are accepted. [Following]
 
-    slot: (N,). The seed alone decides which planes are tried, so that a result does not depend on the scans before.
+    slot: (N,) of the time slots with middles slot_ns (K,). The seed alone decides which planes are tried, so that a result does not depend on the scans before.
     """
     n, (x_m, y_m, z_m) = len(xyz_lidar_m), np.ascontiguousarray(xyz_lidar_m.T, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -87,8 +86,8 @@ def classify_as_paper(
         height_m = ground.height_m(base_m.T).astype(np.float32) if ground.is_level else height_m
     place_m = lidar_above(ground, transform_lidar_to_base)
     dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
-    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot, np.arange(n, dtype=np.int32)
-    return ClassifiedScan(Returns(*arrays), 0, 0, n, ground, "paper", place_m, slots)
+    returns = Returns(dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot)
+    return ClassifiedScan(returns, 0, ground, "paper", place_m, slot_ns)
 
 
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
 from quadlog.mapping.grid import FARTHEST_CELL, MOST_CELLS, Grid, GrowingLattice, Window
 from quadlog.mapping.placing import NO_TOP, PlacedScan, slot_transforms
 from quadlog.messages import Float, Float32, Int

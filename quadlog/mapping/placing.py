@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
 from quadlog.mapping.grid import Window
 from quadlog.mapping.ray_tracing import lowest_rays
 from quadlog.messages import Float, Float32

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns, turn_of
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
+from quadlog.lidar.range_image import turn_of
 from quadlog.mapping.grid import Window
 from quadlog.messages import Float, Float32
 

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
+from quadlog.lidar.classified_scan import GroundPlane, PointClass
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import PointCloud
 
@@ -85,14 +85,9 @@ def classify():
 
     def made(xyz_m, ring, transform, settings, seed: int = 0, classifier: ScanClassifier | None = None) -> Labelled:
         cloud = PointCloud(None, "", np.asarray(xyz_m), ring)
-        return labelled((classifier or ScanClassifier(settings, seed)).classify(cloud, transform), len(xyz_m))
+        scan = (classifier or ScanClassifier(settings, seed)).classify(cloud, transform)
+        found, invalid = scan.returns, scan.returns.label == PointClass.INVALID
+        places_m, height_m = (np.where(invalid, np.nan, each.T).T for each in (scan.xyz_base_m, found.height_m))
+        return Labelled(places_m, found.label, height_m, scan.ground, scan.route)
 
     return made
-
-
-def labelled(scan: ClassifiedScan, n: int) -> Labelled:
-    """The scan in the order of its message."""
-    points, numbers = scan.points(), np.sort(scan.returns.point[scan.returns.label != PointClass.INVALID])
-    xyz_m, label, height_m = np.full((n, 3), np.nan, np.float32), np.zeros(n, np.uint8), np.full(n, np.nan, np.float32)
-    xyz_m[numbers], label[numbers], height_m[numbers] = points.xyz_base_m, points.label, points.height_m
-    return Labelled(xyz_m, label, height_m, scan.ground, scan.route)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots
+from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots, sweep_span
 from quadlog.messages import PointTimes
 
 T_NS = 1_767_225_600_123_456_789
@@ -17,11 +17,9 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
     first_ns = max(first_ns, -lasts_ns)
     offsets = [first_ns, first_ns + lasts_ns, *(first_ns + random.randrange(lasts_ns + 1) for _ in range(n))]
     random.shuffle(offsets)
-    slot = np.full(len(offsets), 255, np.uint8)
-    slots = sweep_slots(PointTimes.of_offsets(np.array(offsets, dtype=np.int64)), slot)
-    assert slots.skewed is None
-    assert len(slots.middle_ns) == MOST_TIME_SLOTS
-    apart_ns = np.abs(slots.middle_ns[slot] - np.array(offsets))
+    slot, middle_ns = sweep_slots(PointTimes.of_offsets(np.array(offsets, dtype=np.int64)), len(offsets))
+    assert len(middle_ns) == MOST_TIME_SLOTS
+    apart_ns = np.abs(middle_ns[slot] - np.array(offsets))
     assert apart_ns.max() <= lasts_ns / (2 * MOST_TIME_SLOTS) * 1.001 + 1
 
 
@@ -43,9 +41,9 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
 )
 def test_unusable_times_are_refused(offset_ns, why):
     offsets = None if offset_ns is None else PointTimes.of_offsets(np.array(offset_ns, dtype=np.int64))
-    slot = np.ones(0 if offset_ns == [] else 4, np.uint8)
-    slots = sweep_slots(offsets, slot)
-    assert (slots.skewed, slots.middle_ns.tolist(), slot.any()) == (why, [0], False)
+    n = 0 if offset_ns == [] else 4
+    slot, middle_ns = sweep_slots(offsets, n)
+    assert (sweep_span(offsets, n), slot.tolist(), middle_ns.tolist()) == (why, [0] * n, [0])
 
 
 def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:

@@ -82,7 +82,7 @@ def sweep_returns():
         mount = transform_from_rpy(np.array([0.0, 0.0, 1.2]), tilt_rad, 0.0, 0.0)
         returns = ScanClassifier(RangeImageSettings()).classify(cloud, mount)
         assert returns.route == "rings"
-        return returns, returns.slots.middle_ns
+        return returns, returns.slot_ns
 
     return make
 

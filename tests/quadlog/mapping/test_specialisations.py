@@ -35,9 +35,8 @@ for view_deg in (360.0, 180.0):
         whole, ground = AccumulatedMap(0.1), GroundHeight(0.2)
         for k, cloud in enumerate(clouds):
             returns = classifier.classify(cloud, scan.transform_lidar_to_base)
-            returns.points()
             window = window_around(np.zeros(2), 0.1, 200)
-            poses = np.zeros((len(returns.slots.middle_ns), 3))
+            poses = np.zeros((len(returns.slot_ns), 3))
             placed = place_scan(returns, poses, window, np.zeros(2), PlacingSettings(min_points=2))
             memory.add(k, window, placed)
             whole.add(window, placed, 400)
