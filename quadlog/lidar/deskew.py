@@ -53,8 +53,7 @@ def sweep_span(times: PointTimes | None, n_points: int) -> tuple[int, int] | Ske
 
 
 def sweep_slots(times: PointTimes | None, n_points: int) -> tuple[NDArray[np.uint8], Int]:
-    """The time slot (N,) of each point, and the middles (K,) of the slots relative to the stamp; one if times are bad.
-    """
+    """The time slot (N,) of each point, and middles (K,) of the slots after the stamp; one slot without good times."""
     span_ns = sweep_span(times, n_points)
     if isinstance(span_ns, Skewed) or times is None:
         return np.zeros(n_points, np.uint8), np.zeros(1, np.int64)

@@ -51,7 +51,8 @@ class Walked(NamedTuple):
 
 class _Beam(NamedTuple):
     """One beam's returns, (columns,) each: whether they may be ground, and from the column's ground before them how
-    far, how much higher, and how much above its line."""
+    far, how much higher, and how much above its line.
+    """
 
     kind: Marks
     gap_m: Float32
@@ -89,7 +90,7 @@ def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> 
             walkable &= gap > _BACK_M and (descending[row] or last_m[c] > _NONE)
             above_foot = off > _WALL_FOOT_M
             if abs(off) < _WALL_FOOT_REACH_M + _NEAR_PER_M * gap or (walkable and above_foot):
-                wall[row, c] = _rises_above(image, good, row, c)
+                wall[row, c] = _rises_above(distance_m, z_m, good, row, c)
             possible = walkable and not (wall[row, c] and above_foot)
             any_possible |= possible
             beam.kind[c] = _POSSIBLE if possible else _OBSTACLE
@@ -109,9 +110,9 @@ def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> 
 
 
 @inner
-def _rises_above(image: Image, good: Bool, row: int, c: int) -> bool:
+def _rises_above(distance_m: Float32, z_m: Float32, good: Bool, row: int, c: int) -> bool:
     for above in range(row + 1, min(row + 1 + _WALL_BEAMS, len(good))):
-        rise, on = image.z_m[above, c] - image.z_m[row, c], image.distance_m[above, c] - image.distance_m[row, c]
+        rise, on = z_m[above, c] - z_m[row, c], distance_m[above, c] - distance_m[row, c]
         if good[above, c] and rise > _WALL_RISE_M and rise > _WALL_SLOPE * on:
             return True
     return False
@@ -272,7 +273,7 @@ def _label(image: Image, returns: Returns, walked: Walked, profile_m: Float32) -
         row, c = image.row[i], np.int64(image.column[i])
         x, y, z_m = returns.dx_m[i], returns.dy_m[i], returns.z_m[i]
         distance_m = np.sqrt(x * x + y * y)
-        alike = row >= 0 and shares_cell(image, i)
+        alike = row >= 0 and shares_cell(image.point_range_m[i], image.range_m[row, c])
         if alike:  # smoothed
             distance_m, z_m = image.distance_m[row, c], image.z_m[row, c]
         # The height of the ground between the sectors on either side, and the steps before and behind.
@@ -281,7 +282,10 @@ def _label(image: Image, returns: Returns, walked: Walked, profile_m: Float32) -
         along, column = away - np.float32(k), c + SECTOR_COLUMNS // 2
         second = column // SECTOR_COLUMNS
         across = (np.float32(column - second * SECTOR_COLUMNS) + _HALF) / np.float32(SECTOR_COLUMNS)
-        before, behind = profile_m[second - 1 if second > 0 else sectors - 1], profile_m[second if second < sectors else 0]
+        before, behind = (
+            profile_m[second - 1 if second > 0 else sectors - 1],
+            profile_m[second if second < sectors else 0],
+        )
         near = before[k] + along * (before[k + 1] - before[k])
         far = behind[k] + along * (behind[k + 1] - behind[k])
         above = z_m - (near + across * (far - near))

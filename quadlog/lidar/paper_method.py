@@ -56,7 +56,8 @@ def classify_as_paper(
 ) -> ClassifiedScan:
     """The class of every point of a scan (N, 3) in the lidar's frame; any values are accepted. [Following]
 
-    slot: (N,) of the time slots with middles slot_ns (K,). The seed alone decides which planes are tried, so that a result does not depend on the scans before.
+    slot: (N,) of the time slots with middles slot_ns (K,). The seed alone decides which planes are tried, so that a
+    result does not depend on the scans before.
     """
     n, (x_m, y_m, z_m) = len(xyz_lidar_m), np.ascontiguousarray(xyz_lidar_m.T, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):

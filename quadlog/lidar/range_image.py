@@ -89,7 +89,13 @@ def beams_by_number(polar: Polar, key: Keys, upright: bool) -> Beams | None:
         return None
     row = np.full(MOST_BEAMS + 1, -1, dtype=np.int16)
     row[order] = np.arange(len(order))
-    return Beams(row, up[order] < 0, _columns(number, polar.turn[known]), mean.astype(np.float32), max(gap * _STRANGE, _FLAT_SCATTER))
+    return Beams(
+        row,
+        up[order] < 0,
+        _columns(number, polar.turn[known]),
+        mean.astype(np.float32),
+        max(gap * _STRANGE, _FLAT_SCATTER),
+    )
 
 
 def elevation_keys(sine: Float32) -> Keys:
@@ -116,15 +122,15 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
 
 
 def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, Keys]:
-    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to a cell.
+    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to two cells.
 
     For clouds without beams; range_m, sine: (N,) by directions along base's axes from where the lidar stands.
     """
     known = range_m > 0
     key = ((np.arcsin(np.clip(sine, -1, 1)) + np.pi / 2) / _BIN_RAD).astype(np.uint16)
     used = np.unique(key[known])
-    per_turn = np.count_nonzero(known) / max(len(used), 1)
-    columns = int(np.clip(per_turn, 5 * FEWEST_COLUMNS, MOST_COLUMNS / 4))
+    per_turn = 2 * np.count_nonzero(known) / max(len(used), 1)
+    columns = int(np.clip(per_turn, 5 * FEWEST_COLUMNS, MOST_COLUMNS / 2))
     row = np.full(int(np.pi / _BIN_RAD) + 2, -1, dtype=np.int16)
     row[used] = np.arange(len(used))
     below = (used + 0.5) * _BIN_RAD < np.pi / 2
@@ -141,7 +147,7 @@ def phase_and_strangers(xyz_m: XyzM, key: Keys, beams: Beams, ranges_m: tuple[fl
     step = max(len(key) // _POINTS_FOR_PHASE, 1) | 1
     polar = to_polar((xyz_m[0][::step], xyz_m[1][::step], xyz_m[2][::step]), ranges_m)
     real = polar.range_m > 0
-    n = np.count_nonzero(real)
+    n = int(np.count_nonzero(real))
     number = np.minimum(key[::step][real], len(beams.row) - 1)
     on_beam = np.abs(polar.sine[real] - beams.sine[number]) <= beams.tolerance
     turn = np.exp(2j * np.pi * beams.columns * polar.turn[real].astype(np.float64)).sum()
@@ -192,8 +198,8 @@ def lay(
     """
     n, shape = len(key), (len(beams.descending), beams.columns)
     limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
-    returns = Returns(*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot)
-    image = Image(*np.zeros((3, *shape), np.float32), np.empty(n, np.float32), *np.empty((2, n), np.int16))
+    returns = Returns._make([*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot])
+    image = Image._make([*np.zeros((3, *shape), np.float32), np.empty(n, np.float32), *np.empty((2, n), np.int16)])
     _lay(*xyz_m, key, beams.row, transforms[:, :3].astype(np.float32).reshape(-1), limits, image, returns)
     return image, returns
 
@@ -243,7 +249,7 @@ def _lay(
         dy_m[i] = (t[4] + s * t[16]) * x + (t[5] + s * t[17]) * y + (t[6] + s * t[18]) * z
         base_z_m[i] = (t[8] + s * t[20]) * x + (t[9] + s * t[21]) * y + (t[10] + s * t[22]) * z + t[11]
     for i in range(len(key)):
-        row, c, r = row_of[min(np.int64(key[i]), last_key)], column[i], range_m[i]
+        row, c, r = row_of[min(int(key[i]), last_key)], column[i], range_m[i]
         image.row[i] = row
         if row >= 0 and r > nothing and (image.range_m[row, c] == nothing or r < image.range_m[row, c]):
             image.range_m[row, c], image.z_m[row, c] = r, base_z_m[i]
@@ -326,13 +332,13 @@ def isolate(image: Image, lidar_z: float, label: NDArray[np.uint8]) -> NDArray[n
                 here[c] = _supported(image.range_m, row, c, ranges[c])
     for i in range(len(label)):
         row, c, r = image.row[i], image.column[i], image.point_range_m[i]
-        real = row < 0 or (good[row, c] if shares_cell(image, i) else _supported(image.range_m, row, c, r))
+        nearest = image.range_m[row, c]
+        real = row < 0 or (good[row, c] if shares_cell(r, nearest) else _supported(image.range_m, row, c, r))
         label[i] = _INVALID if r == none else (_OBSTACLE if real else _OUTLIER)
     return good
 
 
 @inner
-def shares_cell(image: Image, i: int) -> bool:
-    """Whether point i is the nearest return of its cell, or as near as one of the same surface."""
-    r = image.point_range_m[i]
-    return r - image.range_m[image.row[i], image.column[i]] <= NEAR_M + NEAR_PER_M * r
+def shares_cell(r: np.float32, nearest: np.float32) -> np.bool_:
+    """Whether a return at range r is as near as the nearest one in its cell."""
+    return r - nearest <= NEAR_M + NEAR_PER_M * r

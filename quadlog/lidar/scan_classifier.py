@@ -167,8 +167,10 @@ class ScanClassifier:
 
     def _lay_on(self, beams: Beams, route: Route, scan: _Scan) -> tuple[Image, Returns, float]:
         """The scan in an image of these beams, and the share of points off them or without a cell of their own."""
-        key = scan.ring if route == "rings" and scan.ring is not None else elevation_keys(
-            to_polar(scan.xyz_m, self._ranges_m).sine
+        key = (
+            scan.ring
+            if route == "rings" and scan.ring is not None
+            else elevation_keys(to_polar(scan.xyz_m, self._ranges_m).sine)
         )
         phase, strangers = phase_and_strangers(scan.xyz_m, key, beams, self._ranges_m)
         image, returns = lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)

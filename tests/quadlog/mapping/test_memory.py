@@ -7,8 +7,7 @@ from scipy.stats import binned_statistic_2d
 from quadlog.lidar.classified_scan import PointClass
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window, window_around
 from quadlog.mapping.memory import FREE, OCCUPIED, AccumulatedMap, GroundHeight, LogOddsMemory
-from quadlog.mapping.placing import NO_TOP, PlacedScan
-from quadlog.mapping.ray_tracing import NO_RAY
+from quadlog.mapping.placing import NO_RAY, NO_TOP, PlacedScan
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
 STEP_NS = 100_000_000

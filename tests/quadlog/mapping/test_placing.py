@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from quadlog.geometry import apply_transform, transform_from_rpy
 from quadlog.lidar.classified_scan import GroundPlane, PointClass
 from quadlog.mapping.grid import window_around
-from quadlog.mapping.placing import NO_TOP
-from quadlog.mapping.ray_tracing import NO_RAY
+from quadlog.mapping.placing import NO_RAY, NO_TOP
 
 WINDOW = window_around(np.zeros(2), 0.1, 401)
 

@@ -9,7 +9,7 @@ from quadlog.geometry import transform_from_rpy
 from quadlog.lidar.classified_scan import PointClass
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.mapping.grid import window_around
-from quadlog.mapping.ray_tracing import NO_RAY
+from quadlog.mapping.placing import NO_RAY
 from quadlog.messages import PointCloud
 
 WINDOW = window_around(np.zeros(2), 0.1, 201)
