@@ -122,15 +122,15 @@ def beams_by_elevation(polar: Polar, upright: bool) -> Beams | None:
 
 
 def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, Keys]:
-    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to two cells.
+    """Bins of elevation in place of beams, and the bin (N,) of each point: about a point to a cell.
 
     For clouds without beams; range_m, sine: (N,) by directions along base's axes from where the lidar stands.
     """
     known = range_m > 0
     key = ((np.arcsin(np.clip(sine, -1, 1)) + np.pi / 2) / _BIN_RAD).astype(np.uint16)
     used = np.unique(key[known])
-    per_turn = 2 * np.count_nonzero(known) / max(len(used), 1)
-    columns = int(np.clip(per_turn, 5 * FEWEST_COLUMNS, MOST_COLUMNS / 2))
+    per_turn = np.count_nonzero(known) / max(len(used), 1)
+    columns = int(np.clip(per_turn, 5 * FEWEST_COLUMNS, MOST_COLUMNS / 4))
     row = np.full(int(np.pi / _BIN_RAD) + 2, -1, dtype=np.int16)
     row[used] = np.arange(len(used))
     below = (used + 0.5) * _BIN_RAD < np.pi / 2
@@ -174,13 +174,14 @@ class Image(NamedTuple):
     """Cells of the nearest return of each beam and step, and in which of them each point lies.
 
     range_m, distance_m, z_m: (rows, columns) of the nearest returns: range, 0 where there is none, horizontal distance
-    and height in base. point_range_m, row, column: (N,) of the points; range 0 of those that are no returns, row -1 of
-    those on no beam.
+    and height in base; farthest_m: range of the farthest. point_range_m, row, column: (N,) of the points; range 0 of
+    those that are no returns, row -1 of those on no beam.
     """
 
     range_m: Float32
     distance_m: Float32
     z_m: Float32
+    farthest_m: Float32
     point_range_m: Float32
     row: NDArray[np.int16]
     column: NDArray[np.int16]
@@ -199,7 +200,7 @@ def lay(
     n, shape = len(key), (len(beams.descending), beams.columns)
     limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
     returns = Returns._make([*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot])
-    image = Image._make([*np.zeros((3, *shape), np.float32), np.empty(n, np.float32), *np.empty((2, n), np.int16)])
+    image = Image._make([*np.zeros((4, *shape), np.float32), np.empty(n, np.float32), *np.empty((2, n), np.int16)])
     _lay(*xyz_m, key, beams.row, transforms[:, :3].astype(np.float32).reshape(-1), limits, image, returns)
     return image, returns
 
@@ -251,7 +252,10 @@ def _lay(
     for i in range(len(key)):
         row, c, r = row_of[min(int(key[i]), last_key)], column[i], range_m[i]
         image.row[i] = row
-        if row >= 0 and r > nothing and (image.range_m[row, c] == nothing or r < image.range_m[row, c]):
+        if row < 0 or r == nothing:
+            continue
+        image.farthest_m[row, c] = max(image.farthest_m[row, c], r)
+        if image.range_m[row, c] == nothing or r < image.range_m[row, c]:
             image.range_m[row, c], image.z_m[row, c] = r, base_z_m[i]
             image.distance_m[row, c] = np.sqrt(dx_m[i] * dx_m[i] + dy_m[i] * dy_m[i])
 
@@ -276,11 +280,11 @@ def wrapped(column: int, columns: int) -> int:
 
 
 @inner
-def _supported(range_m: Float32, row: int, column: int, r: float) -> bool:
+def _supported(range_m: Float32, farthest_m: Float32, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
-    The line is what ground looks like far away, where the range changes fast along the beam. The cell's own return does
-    not count. range_m: (rows, columns).
+    The line is what ground looks like far away, where the range changes fast along the beam. The cell's own returns do
+    not count. range_m, farthest_m: (rows, columns).
     """
     rows, columns = range_m.shape
     near_m, half, found = NEAR_M + NEAR_PER_M * r, np.float32(0.5), 0
@@ -290,8 +294,10 @@ def _supported(range_m: Float32, row: int, column: int, r: float) -> bool:
             return True
     for i in range(max(row - ROWS, 0), min(row + ROWS + 1, rows)):
         for k in range(-WINDOW, WINDOW + 1):
-            other = range_m[i, wrapped(column + k, columns)]
-            found += other > 0 and abs(other - r) <= near_m and (k != 0 or i != row)
+            c = wrapped(column + k, columns)
+            near, far = range_m[i, c], farthest_m[i, c]
+            if near > 0 and (k != 0 or i != row):
+                found += int(abs(near - r) <= near_m) + int(far > near and abs(far - r) <= near_m)
     return found >= SUPPORTERS
 
 
@@ -329,11 +335,13 @@ def isolate(image: Image, lidar_z: float, label: NDArray[np.uint8]) -> NDArray[n
             here[c] = (r > none) & (found > SUPPORTERS)
         for c in range(columns):
             if not here[c] and ranges[c] > none:
-                here[c] = _supported(image.range_m, row, c, ranges[c])
+                here[c] = _supported(image.range_m, image.farthest_m, row, c, ranges[c])
     for i in range(len(label)):
         row, c, r = image.row[i], image.column[i], image.point_range_m[i]
         nearest = image.range_m[row, c]
-        real = row < 0 or (good[row, c] if shares_cell(r, nearest) else _supported(image.range_m, row, c, r))
+        real = row < 0 or (
+            good[row, c] if shares_cell(r, nearest) else _supported(image.range_m, image.farthest_m, row, c, r)
+        )
         label[i] = _INVALID if r == none else (_OBSTACLE if real else _OUTLIER)
     return good
 
