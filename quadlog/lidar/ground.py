@@ -194,7 +194,7 @@ STEP_M, REACH_M = 0.125, 32.0
 STEPS = int(REACH_M / STEP_M) + 1
 _SECTORS_BESIDE, _FEWEST = 3, 3
 # Every so many points the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
-_PLANE_POINTS = 5
+_PLANE_POINTS = 15
 _STEP, _PER_STEP, _HALF = np.float32(STEP_M), np.float32(1 / STEP_M), np.float32(0.5)
 
 
@@ -275,7 +275,7 @@ def _label(image: Image, returns: Returns, walked: Walked, profile_m: Float32) -
         distance_m = np.sqrt(x * x + y * y)
         alike = row >= 0 and shares_cell(image.point_range_m[i], image.range_m[row, c])
         if alike:  # smoothed
-            distance_m, z_m = image.distance_m[row, c], image.z_m[row, c]
+            z_m = image.z_m[row, c]
         # The height of the ground between the sectors on either side, and the steps before and behind.
         away = min(distance_m * _PER_STEP, last)
         k = np.int64(away)
