@@ -5,8 +5,7 @@ was seen occupied or seen through, and how high the ground is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -141,18 +140,19 @@ class AccumulatedMap:
         return cells, window
 
 
-@dataclass(frozen=True, slots=True)
-class HeightMap:
-    """Mean height of the ground per cell.
-
-    origin_m: (2,) lower-left corner in map; height_m: (rows, cols) float32,
-    NaN where no ground was seen; count: (rows, cols) int32 points per cell.
+class HeightMap(NamedTuple):
+    """origin_m: (2,) lower-left corner in map; height_m: (rows, cols) of the ground, NaN where none was seen; count:
+    (rows, cols) points per cell.
     """
 
     origin_m: Float
     cell_m: float
-    height_m: NDArray[np.float32]
+    height_m: Float32
     count: NDArray[np.int32]
+
+
+# How far a robot moves while a scan lasts.
+_MOVED_M = 1.0
 
 
 class GroundHeight:
@@ -174,40 +174,22 @@ class GroundHeight:
         place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)
         sums, row, col = self.lattice.whole("sum_m", window)
         counts, _, _ = self.lattice.whole("count", window)
-        _add(
-            scan.returns,
-            place_m,
-            np.array([1 / self._cell_m, reach_m], np.float32),
-            window.shape[0],
-            row,
-            col,
-            sums,
-            counts,
-        )
+        limits = np.array([1 / self._cell_m, reach_m], np.float32)
+        _add(scan.returns, place_m, limits, window.shape[0], row, col, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
         whole = self.lattice.covered
         if whole is None:
             return None
-        count = self.lattice.view("count", whole)
-        rows, cols = (np.flatnonzero(count.any(axis=axis)) for axis in (1, 0))
+        rows, cols = np.nonzero(self.lattice.view("count", whole))
         if len(rows) == 0:
             return None
-        window = Window(
-            whole.col0 + int(cols[0]),
-            whole.row0 + int(rows[0]),
-            whole.cell_m,
-            (int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1),
-        )
+        shape = int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1
+        window = Window(whole.col0 + int(cols.min()), whole.row0 + int(rows.min()), whole.cell_m, shape)
         count, sum_m = (self.lattice.view(name, window) for name in ("count", "sum_m"))
         height_m = np.where(count > 0, sum_m / np.maximum(count, 1), np.nan).astype(np.float32)
         return HeightMap(window.origin_m, window.cell_m, height_m, count.copy())
-
-
-# How far a robot moves while a scan lasts.
-_MOVED_M = 1.0
-_GROUND = np.uint8(PointClass.GROUND)
 
 
 @kernel
@@ -221,7 +203,7 @@ def _add(
     """
     for i in range(len(returns.label)):
         dx, dy = returns.dx_m[i], returns.dy_m[i]
-        if returns.label[i] != _GROUND or not dx * dx + dy * dy <= limits[1] * limits[1]:
+        if returns.label[i] != np.uint8(PointClass.GROUND) or not dx * dx + dy * dy <= limits[1] * limits[1]:
             continue
         col, row = np.floor(place_m[0, i] * limits[0]), np.floor(place_m[1, i] * limits[0])
         # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
