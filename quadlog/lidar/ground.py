@@ -42,13 +42,6 @@ _NOTHING, _OBSTACLE, _POSSIBLE = np.int8(0), np.int8(1), np.int8(2)
 _NONE, _TURN = np.float32(0), np.float32(2 * np.pi)
 
 
-class Walked(NamedTuple):
-    """(rows, columns) each: which cells are ground, and which near the ground have a wall right above them."""
-
-    ground: Bool
-    wall: Bool
-
-
 class _Beam(NamedTuple):
     """One beam's returns, (columns,) each: whether they may be ground, and from the column's ground before them how
     far, how much higher, and how much above its line.
@@ -61,9 +54,10 @@ class _Beam(NamedTuple):
 
 
 @kernel
-def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> Walked:
-    """good: (rows, columns) of supported cells. floor_m: height of the ground under the lidar, float32.
+def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> tuple[Bool, Bool]:
+    """Which cells (rows, columns) are ground, and which near the ground have a wall right above them.
 
+    good: (rows, columns) of supported cells. floor_m: height of the ground under the lidar, float32.
     descending: (rows,) whether the beam points below the lidar's own horizon: a column's first ground is seen by one
     that does, or not at all.
     """
@@ -106,7 +100,7 @@ def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> 
                 steep = min(max(beam.rise_m[c] / gap, -STEEPEST), STEEPEST)
                 slope[c] += (steep - slope[c]) * min(gap / _SLOW_M, np.float32(1))
                 last_m[c], last_z_m[c] = distance_m[row, c], z_m[row, c]
-    return Walked(ground, wall)
+    return ground, wall
 
 
 @inner
@@ -206,9 +200,9 @@ def label_ground(
     Returns (3,) a, b, c of the plane z = a x + b y + c of the ground in base. good, descending, floor_m: as of
     `walk_columns`.
     """
-    walked = walk_columns(image, good, descending, np.float32(floor_m))
+    ground, wall = walk_columns(image, good, descending, np.float32(floor_m))
     rows, columns = image.row[::_PLANE_POINTS], image.column[::_PLANE_POINTS]
-    used = walked.ground[rows, columns] & (rows >= 0) & (returns.label[::_PLANE_POINTS] == PointClass.OBSTACLE)
+    used = ground[rows, columns] & (rows >= 0) & (returns.label[::_PLANE_POINTS] == PointClass.OBSTACLE)
     used = np.flatnonzero(used) * _PLANE_POINTS
     places = np.column_stack([returns.dx_m[used], returns.dy_m[used], returns.z_m[used]]).astype(np.float64)
     plane = level_plane(places + np.array([*transform_lidar_to_level[:2, 3], 0.0]), 0.0)
@@ -216,7 +210,7 @@ def label_ground(
     azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / image.range_m.shape[1] * 2 * np.pi)
     outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]) @ transform_lidar_to_level[:2, :2].T
     rise = (outward @ plane[:2] / np.linalg.norm(outward, axis=1)).astype(np.float32)
-    _label(image, returns, walked, _profile(image, walked.ground, np.float32(floor_m), rise))
+    _label(image, returns, ground, wall, _profile(image, ground, np.float32(floor_m), rise))
     return plane
 
 
@@ -265,7 +259,7 @@ _INVALID, _, _, _GROUND, _RETURN = (np.uint8(each) for each in PointClass)
 
 
 @kernel
-def _label(image: Image, returns: Returns, walked: Walked, profile_m: Float32) -> None:
+def _label(image: Image, returns: Returns, ground: Bool, wall: Bool, profile_m: Float32) -> None:
     sectors, last = len(profile_m), np.float32(STEPS - 2)
     for i in range(len(returns.label)):
         if returns.label[i] == _INVALID:
@@ -292,7 +286,7 @@ def _label(image: Image, returns: Returns, walked: Walked, profile_m: Float32) -
         returns.height_m[i] = above
         if returns.label[i] != _RETURN:
             continue
-        is_ground, at_wall = alike and walked.ground[row, c], alike and walked.wall[row, c]
+        is_ground, at_wall = alike and ground[row, c], alike and wall[row, c]
         most = _FOOT_M if at_wall else (_WALKED_M if is_ground else _LEVEL_M)
         if abs(above) <= most or (is_ground and _SUNKEN_M < above < _NONE):
             returns.label[i] = _GROUND

@@ -132,9 +132,8 @@ class ScanClassifier:
         label = returns.label
         if settings.field_of_view_deg < 360:
             x_m, y_m = returns.dx_m + np.float32(moving[0, 0, 3]), returns.dy_m + np.float32(moving[0, 1, 3])
-            label[outside_view(x_m, y_m, settings.field_of_view_deg) & (label != PointClass.INVALID)] = (
-                PointClass.CROPPED
-            )
+            outside = outside_view(x_m, y_m, settings.field_of_view_deg)
+            label[outside & (label != PointClass.INVALID)] = PointClass.CROPPED
         enough = np.count_nonzero(label == PointClass.GROUND) >= settings.ground_min_points
         ground = _as_ground(plane) if enough else None
         columns = image.range_m.shape[1]
@@ -144,16 +143,12 @@ class ScanClassifier:
         """The scan in an image of its beams; None where it shows none."""
         known, n, upright = self._known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
         self._n_scans += 1
-        if (
-            known is not None
-            and known.upright == upright
-            and (known.route == "elevations" or scan.ring is not None)
-            and abs(n - known.n_points) <= known.n_points // 4
-            and self._n_scans <= known.n_scan + SCANS_BETWEEN_LOOKS
-        ):
-            image, returns, strange = self._lay_on(known.beams, known.route, scan)
-            if strange <= known.strange + _CHANGED_SHARE:
-                return image, returns, known
+        if known is not None and known.upright == upright and (known.route == "elevations" or scan.ring is not None):
+            newer = self._n_scans <= known.n_scan + SCANS_BETWEEN_LOOKS
+            if newer and abs(n - known.n_points) <= known.n_points // 4:
+                image, returns, strange = self._lay_on(known.beams, known.route, scan)
+                if strange <= known.strange + _CHANGED_SHARE:
+                    return image, returns, known
         self._known, polar = None, to_polar(scan.xyz_m, self._ranges_m)
         route: Route = "rings"
         beams = None if scan.ring is None else beams_by_number(polar, scan.ring, upright)
@@ -167,11 +162,9 @@ class ScanClassifier:
 
     def _lay_on(self, beams: Beams, route: Route, scan: _Scan) -> tuple[Image, Returns, float]:
         """The scan in an image of these beams, and the share of points off them or without a cell of their own."""
-        key = (
-            scan.ring
-            if route == "rings" and scan.ring is not None
-            else elevation_keys(to_polar(scan.xyz_m, self._ranges_m).sine)
-        )
+        key = scan.ring if route == "rings" else None
+        if key is None:
+            key = elevation_keys(to_polar(scan.xyz_m, self._ranges_m).sine)
         phase, strangers = phase_and_strangers(scan.xyz_m, key, beams, self._ranges_m)
         image, returns = lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
         hidden = np.count_nonzero(image.point_range_m) - np.count_nonzero(image.range_m)

@@ -156,10 +156,7 @@ _MOVED_M = 1.0
 
 
 class GroundHeight:
-    """Sum and count of ground points' heights per cell, on a lattice that grows with the run.
-
-    lattice.skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
-    """
+    """Sum and count of ground points' heights per cell, on a lattice that grows with the run, as that of a map does."""
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
