@@ -76,15 +76,11 @@ def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float,
         return at_stamp, None
     if not np.isfinite(pose_base_in_map).all():
         return at_stamp, Skewed.NO_POSE
-    if _jumps(np.concatenate([np.array([t_ns], dtype=np.int64), slot_ns]), pose_base_in_map):
-        return at_stamp, Skewed.JUMP
-    return pose_base_in_map[1:], None
-
-
-def _jumps(t_ns: Int, pose: Float) -> bool:
-    in_order = np.argsort(t_ns, kind="stable")
-    step_s = np.diff(t_ns[in_order]) * 1e-9
-    step = np.diff(pose[in_order], axis=0)
+    t_ns_all = np.array([t_ns, *slot_ns], dtype=np.int64)
+    in_order = np.argsort(t_ns_all, kind="stable")
+    step_s, step = np.diff(t_ns_all[in_order]) * 1e-9, np.diff(pose_base_in_map[in_order], axis=0)
     turn_rad = np.abs((step[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     too_fast = np.hypot(step[:, 0], step[:, 1]) > MAX_SPEED_MPS * step_s
-    return bool((too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any())
+    if (too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any():
+        return at_stamp, Skewed.JUMP
+    return pose_base_in_map[1:], None

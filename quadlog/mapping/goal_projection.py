@@ -136,7 +136,7 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
     if not reachable[cell[1], cell[0]]:
         rows, cols = np.nonzero(reachable)
         nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
-        cell = cols[nearest], rows[nearest]
+        cell = np.array([cols[nearest], rows[nearest]])
     return int(cell[0]), int(cell[1])
 
 

@@ -5,7 +5,8 @@ was seen occupied or seen through, and how high the ground is.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -140,7 +141,8 @@ class AccumulatedMap:
         return cells, window
 
 
-class HeightMap(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class HeightMap:
     """origin_m: (2,) lower-left corner in map; height_m: (rows, cols) of the ground, NaN where none was seen; count:
     (rows, cols) points per cell.
     """
