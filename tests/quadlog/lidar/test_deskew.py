@@ -46,13 +46,6 @@ def test_unusable_times_are_refused(offset_ns, why):
     assert (sweep_span(offsets, n), slot.tolist(), middle_ns.tolist()) == (why, [0] * n, [0])
 
 
-def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
-    """Of a robot at 0.5 m/s that turns at 0.5 rad/s: at T_NS, and at its slots."""
-    t_s = np.concatenate([[0], slot_ns - T_NS]) * 1e-9
-    turned = (yaw_rad + 0.5 * t_s + np.pi) % (2 * np.pi) - np.pi
-    return np.column_stack([0.5 * t_s, np.zeros(len(t_s)), turned])
-
-
 @pytest.mark.parametrize(
     ("row", "column", "change", "why"),
     [
@@ -61,8 +54,10 @@ def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
     ],
 )  # fmt: skip
 def test_unknown_or_jumping_poses_disable_deskewing(row, column, change, why):
+    """Of a robot at 0.5 m/s that turns at 0.5 rad/s, past half a turn, where the yaw wraps, which is no jump."""
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
-    poses = poses_of(slot_ns, np.pi - 0.02)  # wraps, which is no jump
+    t_s = (np.array([T_NS, *slot_ns]) - T_NS) * 1e-9
+    poses = np.column_stack([0.5 * t_s, np.zeros(len(t_s)), (0.5 * t_s - 0.02) % (2 * np.pi) - np.pi])
     poses[row:, column] += change
     found, skewed = slot_poses(T_NS, slot_ns, poses)
     assert skewed is why
