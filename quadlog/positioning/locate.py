@@ -22,7 +22,7 @@ from quadlog.positioning.batch.tracking import (
     TrackSettings,
     track_body,
 )
-from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
+from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.odometry import (
     BodyMotion,
@@ -158,8 +158,7 @@ class _Tag:
         mine = ranges.tag == tag.id
         self.t_ns, self.anchor, self.range_m = ranges.t_ns[mine], ranges.anchor[mine], ranges.range_m[mine]
         self.column = columns_of(anchors.ids, self.anchor)
-        self.epoch_s = settings.epoch_s or derive_epoch_s(ranges, tag.id, anchors.ids)
-        self.epochs = group_epochs(ranges, tag.id, anchors.ids, self.epoch_s)
+        self.epochs, self.epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
         self.start = self.fix("gauss_newton", anchors.known_bias_m, tag.height_m, None)
         self.height_solved = not on_line and self._solves_height()
 
@@ -182,9 +181,8 @@ class _Tag:
         """Whether the height is solved for: where asked, or where the ranges of the whole log show it."""
         if self.settings.height != "auto":
             return self.settings.height == "solved"
-        heard = np.isfinite(self.epochs.range_m)
-        place_m, height_m = self.start.position_m, self.tag.height_m
-        return heights_are_told(self.anchors.position_m, place_m, height_m, heard, self.settings.range_std_m)
+        range_m = self.epochs.range_m - self.anchors.known_bias_m
+        return heights_are_told(self.anchors.position_m, range_m, self.settings.range_std_m)
 
     def located(self) -> TagResult:
         """Track, then fixes with its biases."""
