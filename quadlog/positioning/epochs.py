@@ -46,14 +46,15 @@ def screen_ranges(
     other_tags, known = _count_ids(ranges.tag[~left]), np.isin(ranges.anchor, anchor_ids)
     unknown_anchors = _count_ids(ranges.anchor[left & ~known])
     left &= known
-    counts = []
+    counts = list[int]()
     for bad in (~np.isfinite(range_m), range_m <= 0, range_m < min_range_m, range_m > max_range_m):
         counts.append(int((left & bad).sum()))
         left &= ~bad
     silent = tuple(anchor_ids[~np.isin(anchor_ids, ranges.anchor)].tolist())
     kept = np.flatnonzero(left)
     kept = kept[np.argsort(ranges.t_ns[kept], kind="stable")]
-    return ranges.rows(kept), RangeCounts(len(ranges), len(kept), other_tags, unknown_anchors, *counts, silent)
+    seen = len(ranges), len(kept), other_tags, unknown_anchors
+    return ranges.rows(kept), RangeCounts(*seen, counts[0], counts[1], counts[2], counts[3], silent)
 
 
 def _count_ids(ids: Int) -> tuple[tuple[int, int], ...]:

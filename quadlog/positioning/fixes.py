@@ -7,7 +7,6 @@ height is None; a height that is given makes slant ranges of them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from quadlog.messages import Float, Int
 from quadlog.positioning.epochs import thin_rows
 
 METHODS = ("gauss_newton", "huber", "linear", "weighted", "paper")
-Side = Literal["left", "right"]
 SHARP = 1e-6
 """Smallest over largest eigenvalue of sum u u^T, roughly; below it a fix could slide along a line."""
 SPREAD_OF_RANGE_STD = 0.5
@@ -304,19 +302,19 @@ def are_on_line(anchor_ids: Int, anchors_m: Float, range_std_m: float, *, refuse
 
 
 def solve_on_side(
-    anchors_m: Float, range_m: Float, tag_height_m: float, range_std_m: float, outlier_m: float, side: Side | Float
+    anchors_m: Float, range_m: Float, tag_height_m: float, range_std_m: float, outlier_m: float, side: str | Float
 ) -> Fixes:
     """Maximum-likelihood fixes from anchors (A, 3) on a line.
 
-    side: of the way from the first to the last anchor, or places (E, 2), of which those of a track that is already
-    known carry its side through the log. Near the line a fix has no side, and its covariance no meaning: those epochs
+    side: left or right of the way from the first to the last anchor, or places (E, 2): those of a track that is known
+    already carry its side through the log. Near the line a fix has no side, and its covariance no meaning: those epochs
     are degenerate, as are those whose place is NaN.
     """
     centre_m = anchors_m[:, :2].mean(axis=0)
     along = np.linalg.svd(anchors_m[:, :2] - centre_m)[2][0]
     along *= -1 if along @ (anchors_m[-1, :2] - anchors_m[0, :2]) < 0 else 1
     across, n = np.array([-along[1], along[0], 0.0]), np.isfinite(range_m).sum(axis=1)
-    sign = {"left": 1.0, "right": -1.0}[side] if isinstance(side, str) else np.sign((side - centre_m) @ across[:2])
+    sign = (1.0 if side == "left" else -1.0) if isinstance(side, str) else np.sign((side - centre_m) @ across[:2])
     far_m = np.where(n >= 3, np.nansum(range_m, axis=1) / np.maximum(n, 1), np.nan)
     position_m, _, _ = _descend(anchors_m, range_m, np.append(centre_m, tag_height_m) + far_m[:, None] * across, 2)
     # What lies on the other side is as good a minimum as its mirror image.
@@ -329,10 +327,13 @@ def solve_on_side(
     return _completed(anchors_m, range_m, position_m, range_std_m**2 * inverse, outlier_m)
 
 
-def heights_are_told(anchors_m: Float, range_m: Float, range_std_m: float) -> bool:
-    """Whether to solve for the heights of a whole log: half of its fixes (E, A) or more are unique and know their
-    height to TOLD_STD_M.
+def heights_are_told(anchors_m: Float, fixes: Fixes, range_std_m: float) -> bool:
+    """Whether to solve for the heights of a whole log, from its fixes at a height that is about right.
+
+    True where half of them or more would be unique and know their height to TOLD_STD_M.
     """
-    some_m = range_m[thin_rows(np.isfinite(range_m).sum(axis=1) >= 3, MAX_PLACES)]
-    fixes = solve_fixes("gauss_newton", anchors_m, some_m, None, range_std_m, np.inf)
-    return bool(np.median(np.append(np.inf, np.where(fixes.solved, fixes.z_std_m, np.inf))) <= TOLD_STD_M)
+    some = thin_rows(fixes.solved, MAX_PLACES)
+    offset_m = np.column_stack([fixes.position_m, fixes.z_m])[some, None] - anchors_m
+    range_m = np.linalg.norm(offset_m, axis=2) + 0.0 * fixes.residual_m[some]
+    found = solve_fixes("gauss_newton", anchors_m, range_m, None, range_std_m, np.inf)
+    return bool(np.median(np.append(np.inf, np.where(found.solved, found.z_std_m, np.inf))) <= TOLD_STD_M)

@@ -23,8 +23,8 @@ BELIEVED_SHARE = 0.5
 """Odometry that misses more of the way than this has no say at all."""
 SLIP_STD = 3.0
 """A leg that odometry misses by more is a slip: there its std is what it missed by."""
-UNTRIED_STD_MPS, UNTRIED_S = 0.3, 10.0
-"""What a robot holds its odometry for before it has seen more of it than that."""
+UNTRIED_STD_MPS = 0.15
+"""What a robot holds its odometry for while it knows no more of the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,24 +101,23 @@ def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, 
     compared = np.isfinite(missed_m)
     if not compared.any():
         return refused(np.inf, motion.source, f"it and the track never overlap for {LEG_S:.0f} s")
-    per_leg = missed_m**2 / (2 * LEG_S)
-    if causal:
-        std = _std_so_far(motion.t_ns, per_leg)
-    else:
+    missed, way = (float(np.median(each[compared])) for each in (missed_m, way_m))
+    # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
+    usual, std = UNTRIED_STD_MPS, UNTRIED_STD_MPS
+    if not causal:
+        usual = float(missed / np.sqrt(2 * np.log(2) * LEG_S))
         track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
-        # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
-        usual_m2ps = np.median(per_leg[compared]) / np.log(2) - track_m2 / LEG_S
-        std = np.full(len(missed_m), np.sqrt(max(usual_m2ps, LEAST_STD_MPS**2)))
-    typical = float(std[-1])
-    share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
-    if not causal and share > BELIEVED_SHARE:
-        ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
-        reason = f"its motion is off by {100 * share:.0f} % of UWB's, its length {ratio:.2f} times UWB's"
-        return refused(typical, motion.source, reason)
-    usual = std if causal else np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
-    std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)
+        std = float(np.sqrt(max(usual**2 - track_m2 / LEG_S, LEAST_STD_MPS**2)))
+        if missed > BELIEVED_SHARE * way:
+            ratio = own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9)
+            share = f"{100 * missed / max(way, 1e-9):.0f} %"
+            return refused(
+                std, motion.source, f"its motion is off by {share} of UWB's, its length {ratio:.2f} times UWB's"
+            )
+    per_leg_mps = missed_m / np.sqrt(2 * LEG_S)
+    std_mps = np.where(per_leg_mps > SLIP_STD * max(usual, std), per_leg_mps, std)
     yaw_rad = np.unwrap(motion.yaw_rad) + np.unwrap(offset_rad)
-    return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std, offset_std, typical, motion.source)
+    return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std_mps, offset_std, std, motion.source)
 
 
 def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
@@ -188,10 +187,3 @@ def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
     """(M,) bool: something is known at or before each instant, not longer ago than HOLD_S."""
     before = np.searchsorted(known_s, wanted_s, side="right") - 1
     return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
-
-
-def _std_so_far(t_ns: Int, per_leg: Float) -> Float:
-    """(M,) from the legs that were over at each instant, and what is held of odometry untried."""
-    lasted_s = np.where(np.isfinite(per_leg), np.diff(seconds_since(t_ns, int(t_ns[0])), prepend=0.0), 0.0)
-    seen = np.cumsum(lasted_s * np.nan_to_num(per_leg)) + UNTRIED_S * UNTRIED_STD_MPS**2
-    return np.maximum(np.sqrt(seen / (np.cumsum(lasted_s) + UNTRIED_S)), LEAST_STD_MPS)

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.motion import Motion
-from quadlog.positioning.batch.spline import Sampling, Timeline
+from quadlog.positioning.batch.motion import Motion, Sampling, Timeline
 
 HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
@@ -221,61 +220,45 @@ def covered(timeline: Timeline, t_s: Float) -> Int:
     return np.flatnonzero(timeline.connected & near[1:] & near[:-1])
 
 
-class Turns:
-    """Turns between knots of a yaw in a frame of its own: scale turn = psi_1 - psi_0 + drift dt.
+class Steps:
+    """An odometry's steps between knots in base, scale R(-psi) (p_1 - p_0) with psi halfway, and its turns between them
+    in a frame of its own, turn_scale turn = psi_1 - psi_0 + drift dt.
 
-    columns: of the drift, and of the scale, None where that is 1. variance (K - 1,): of a turn.
+    columns: of scale, drift and turn_scale, which is left out where that is 1. variances (K - 1,): of a step along each
+    axis, and of a turn.
     """
 
     def __init__(
-        self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, int | None], variance: Float
+        self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, ...], variances: tuple[Float, Float]
     ) -> None:
         assert axes.yaw is not None
-        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
-        self.drift, self.scale = columns
-        self.dt_s = np.diff(timeline.t_s)[self.interval]
-        self.turn_rad = np.diff(way.at(timeline.t_s)[1])[self.interval]
-        self.weight = 1 / variance[self.interval]
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows, and one over their variances."""
-        yaw_rad, n = knots[:, 0, self.yaw], len(self.interval)
-        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.drift] * self.dt_s
-        local = np.zeros((4 * self.size, n))
-        local[self.yaw], local[2 * self.size + self.yaw] = -1.0, 1.0
-        column, slope = np.full((1, n), self.drift), self.dt_s[None]
-        if self.scale is not None:
-            residual = residual + (values[self.scale] - 1) * self.turn_rad
-            column, slope = np.vstack([column, np.full((1, n), self.scale)]), np.vstack([slope, -self.turn_rad])
-        return Rows(self.interval, local, residual, column, slope), self.weight
-
-
-class Steps:
-    """An odometry's steps between knots, in base: scale R(-psi) (p_1 - p_0), psi halfway. variance (K - 1,); column:
-    of the scale.
-    """
-
-    def __init__(self, timeline: Timeline, way: Way, axes: Axes, column: int, variance: Float) -> None:
-        assert axes.yaw is not None
-        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
-        self.column, self.weight = column, 1 / variance[self.interval]
+        self.interval, self.yaw, self.size, self.columns = covered(timeline, way.t_s), axes.yaw, len(axes), columns
         xy_m, yaw_rad = way.at(timeline.t_s)
-        self.step_m = turned(-(yaw_rad[1:] + yaw_rad[:-1]) / 2, np.diff(xy_m, axis=0))[self.interval]
+        step_m = turned(-(yaw_rad[1:] + yaw_rad[:-1]) / 2, np.diff(xy_m, axis=0))
+        self.step = np.column_stack([step_m, np.diff(yaw_rad)])[self.interval]
+        self.weight = 1 / np.column_stack([variances[0], *variances])[self.interval].ravel()
+        self.dt_s = np.diff(timeline.t_s)[self.interval]
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows of both axes, and one over their variances."""
+        """Rows of both axes and the turn, and one over their variances."""
         before, after = knots[self.interval, 0], knots[self.interval + 1, 0]
         middle_rad, n = (before[:, self.yaw] + after[:, self.yaw]) / 2, len(self.interval)
-        cos, sin, scale = np.cos(middle_rad), np.sin(middle_rad), values[self.column]
-        ahead_m, left_m = turned(-middle_rad, (after - before)[:, :2]).T
-        local = np.zeros((4 * self.size, n, 2))
-        for first, sign in ((0, -scale), (2 * self.size, scale)):
-            local[first : first + 2] = sign * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
-            local[first + self.yaw] = scale / 2 * np.column_stack([left_m, -ahead_m])
-        slope = np.column_stack([ahead_m, left_m]).reshape(1, -1)
-        residual, column = self.step_m.ravel() - scale * slope[0], np.full((1, 2 * n), self.column)
-        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, column, slope)
-        return rows, np.repeat(self.weight, 2)
+        cos, sin, (scale, drift) = np.cos(middle_rad), np.sin(middle_rad), values[list(self.columns[:2])]
+        moved_m, turn_rad = turned(-middle_rad, (after - before)[:, :2]), self.step[:, 2]
+        local = np.zeros((4 * self.size, n, 3))
+        for first, sign in ((0, -1.0), (2 * self.size, 1.0)):
+            local[first : first + 2, :, :2] = sign * scale * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
+            local[first + self.yaw, :, :2] = scale / 2 * moved_m[:, ::-1] * [1, -1]
+            local[first + self.yaw, :, 2] = sign
+        turned_rad = after[:, self.yaw] - before[:, self.yaw] + drift * self.dt_s
+        residual = self.step - np.column_stack([scale * moved_m, turned_rad])
+        slope = np.zeros((len(self.columns), n, 3))
+        slope[0, :, :2], slope[1, :, 2] = moved_m, self.dt_s
+        for column in self.columns[2:]:
+            residual[:, 2] += (values[column] - 1) * turn_rad
+            slope[2, :, 2] = -turn_rad
+        own = np.tile(np.array(self.columns)[:, None], 3 * n), slope.reshape(-1, 3 * n)
+        return Rows(np.repeat(self.interval, 3), local.reshape(-1, 3 * n), residual.ravel(), *own), self.weight
 
 
 class Moves:

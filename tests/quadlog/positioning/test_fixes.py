@@ -266,13 +266,17 @@ def test_heights_are_told_by_anchors_that_differ_in_height(swing_m, told):
     anchors_m = np.array([[0, 0, 1], [8, 0, -1], [8, 7, 1], [0, 7, -1], [4, -1, 1], [4, 8, -1]], dtype=float)
     anchors_m = anchors_m * [1, 1, swing_m] + [0, 0, 1.2]
     range_m = noisy_ranges(anchors_m, 400)[1]
-    assert heights_are_told(anchors_m, range_m, 0.1) == told
+
+    def told_by(anchors_m, range_m):
+        at_height = solve_fixes("gauss_newton", anchors_m, range_m, 0.6, 0.1, 0.5)
+        return heights_are_told(anchors_m, at_height, 0.1)
+
+    assert told_by(anchors_m, range_m) == told
     fixes = solve_fixes("gauss_newton", anchors_m, range_m, None, 0.1, 0.5)
     assert (fixes.solved.mean() > 0.95 and np.sum(np.abs(fixes.z_m - 0.6) < 1.0) > 380) == told
-    flat_m, far_m = noisy_ranges(anchors_m * [20, 20, 1])[1], np.where(np.arange(6) > 2, range_m, np.nan)
-    assert not heights_are_told(anchors_m * [20, 20, 1], flat_m, 0.1)
-    assert not heights_are_told(anchors_m, far_m, 0.1)  # three of them
-    assert not heights_are_told(anchors_m, range_m[:0], 0.1)
+    assert not told_by(anchors_m * [20, 20, 1], noisy_ranges(anchors_m * [20, 20, 1])[1])  # too flat
+    assert not told_by(anchors_m, np.where(np.arange(6) > 2, range_m, np.nan))  # three of them
+    assert not told_by(anchors_m, range_m[:0])
 
 
 SETTINGS = LocateSettings(calibrate=False)
