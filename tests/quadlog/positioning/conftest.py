@@ -12,6 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
 
 TRIANGLE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [4.0, 7.0, 1.2]])
 SQUARE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
@@ -78,6 +79,12 @@ def simulate(
     return Simulated(t_ns, position_m, range_m, series)
 
 
+def locate_tag(series: RangeSeries, anchors_m: Float, *tag, height_m: float = TAG_HEIGHT_M, **settings) -> TagResult:
+    """Tag 0; tag: odometry of what carries it, and where it sits there."""
+    anchors = Anchors(np.arange(len(anchors_m)), np.asarray(anchors_m), np.zeros(len(anchors_m)))
+    return locate(series, anchors, [TagInfo(0, height_m, *tag)], LocateSettings(**settings)).tags[0]
+
+
 @dataclass(frozen=True)
 class Trolley:
     """uwb_lias: three tags on a trolley among eight anchors, and where motion capture saw the trolley."""
@@ -133,6 +140,7 @@ def lab() -> SimpleNamespace:
         rmse=rmse,
         share_in_ellipses=share_in_ellipses,
         simulate=simulate,
+        locate_tag=locate_tag,
         walk_straight=walk_straight,
         walk_figure_eight=walk_figure_eight,
     )
