@@ -25,13 +25,7 @@ from quadlog.positioning.batch.tracking import (
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
-from quadlog.positioning.odometry import (
-    BodyMotion,
-    MeasuredMotion,
-    measure_motion,
-    odometry_in_map,
-    tag_odometry,
-)
+from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
 HEIGHT_STD_M = 0.5
 """Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
@@ -225,16 +219,16 @@ def steadied(
         return tracked, None
     first_ns = int(t_ns[0]) - round(body.ranges.t_s[0] * 1e9)
     at_ns, first = np.unique(t_ns[tracked.known], return_index=True)
-    alone, place = track_of(tracked, body.ranges.t_s[tracked.known][first], at_ns, None), (tag.x_m, tag.y_m)
-    motion = measure_motion(tag.body_motion, alone, *place, causal=not smooth)
-    if motion.reason is not None:
+    alone = track_of(tracked, body.ranges.t_s[tracked.known][first], at_ns, None)
+    motion = measure_motion(tag.body_motion, alone, (tag.x_m, tag.y_m), first_ns, causal=not smooth)
+    if motion.odometry is None:
         return tracked, motion
-    if not smooth:
-        return solve(replace(body, motion=odometry_in_map(motion, first_ns)), starts), motion
-    odometry, t_s = tag_odometry(tag.body_motion, motion, first_ns, *place), tracked.body.timeline.t_s
-    yaw_rad = np.interp(t_s, odometry.way.t_s, motion.yaw_rad)
-    at_knots = Starts(t_s, np.column_stack([tracked.last.knots[:, 0, :2], yaw_rad]))
-    return solve(replace(tracked.body, yaw=True, motion=odometry), at_knots), motion
+    body = replace(tracked.body, motion=motion.odometry)
+    if smooth:
+        t_s = tracked.body.timeline.t_s
+        yaw_rad = np.interp(t_s, motion.odometry.way.t_s, motion.yaw_rad)
+        body, starts = replace(body, yaw=True), Starts(t_s, np.column_stack([tracked.last.knots[:, 0, :2], yaw_rad]))
+    return solve(body, starts), motion
 
 
 def with_track(

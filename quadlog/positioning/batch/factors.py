@@ -222,63 +222,46 @@ def covered(timeline: Timeline, t_s: Float) -> Int:
 
 class Steps:
     """An odometry's steps between knots in base, scale R(-psi) (p_1 - p_0) with psi halfway, and its turns between them
-    in a frame of its own, turn_scale turn = psi_1 - psi_0 + drift dt.
+    in a frame of its own, turn_scale turn = psi_1 - psi_0 + drift dt; or its steps in map alone, p_1 - p_0.
 
-    columns: of scale, drift and turn_scale, which is left out where that is 1. variances (K - 1,): of a step along each
-    axis, and of a turn.
+    columns: of scale, drift and turn_scale, which is left out where that is 1; in map none. variances (K - 1,): of a
+    step along each axis, and of a turn.
     """
 
     def __init__(
         self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, ...], variances: tuple[Float, Float]
     ) -> None:
-        assert axes.yaw is not None
-        self.interval, self.yaw, self.size, self.columns = covered(timeline, way.t_s), axes.yaw, len(axes), columns
-        xy_m, yaw_rad = way.at(timeline.t_s)
-        step_m = turned(-(yaw_rad[1:] + yaw_rad[:-1]) / 2, np.diff(xy_m, axis=0))
-        self.step = np.column_stack([step_m, np.diff(yaw_rad)])[self.interval]
-        self.weight = 1 / np.column_stack([variances[0], *variances])[self.interval].ravel()
-        self.dt_s = np.diff(timeline.t_s)[self.interval]
+        self.interval, self.axes, self.columns = covered(timeline, way.t_s), axes, columns
+        (xy_m, yaw_rad), self.rows = way.at(timeline.t_s), 3 if columns else 2
+        middle_rad = (yaw_rad[1:] + yaw_rad[:-1]) / 2 * bool(columns)
+        step = np.column_stack([turned(-middle_rad, np.diff(xy_m, axis=0)), np.diff(yaw_rad)])
+        self.step, self.dt_s = step[self.interval, : self.rows], np.diff(timeline.t_s)[self.interval]
+        self.weight = 1 / np.column_stack([variances[0], *variances])[self.interval, : self.rows].ravel()
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
         """Rows of both axes and the turn, and one over their variances."""
         before, after = knots[self.interval, 0], knots[self.interval + 1, 0]
-        middle_rad, n = (before[:, self.yaw] + after[:, self.yaw]) / 2, len(self.interval)
-        cos, sin, (scale, drift) = np.cos(middle_rad), np.sin(middle_rad), values[list(self.columns[:2])]
-        moved_m, turn_rad = turned(-middle_rad, (after - before)[:, :2]), self.step[:, 2]
-        local = np.zeros((4 * self.size, n, 3))
-        for first, sign in ((0, -1.0), (2 * self.size, 1.0)):
+        n, size, yaw, scale, middle_rad = len(before), len(self.axes), self.axes.yaw or 0, 1.0, np.zeros(len(before))
+        if self.columns:
+            scale, middle_rad = values[self.columns[0]], (before[:, yaw] + after[:, yaw]) / 2
+        cos, sin, moved_m = np.cos(middle_rad), np.sin(middle_rad), turned(-middle_rad, (after - before)[:, :2])
+        local, slope = np.zeros((4 * size, n, self.rows)), np.zeros((len(self.columns), n, self.rows))
+        residual = self.step.copy()
+        residual[:, :2] -= scale * moved_m
+        for first, sign in ((0, -1.0), (2 * size, 1.0)):
             local[first : first + 2, :, :2] = sign * scale * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
-            local[first + self.yaw, :, :2] = scale / 2 * moved_m[:, ::-1] * [1, -1]
-            local[first + self.yaw, :, 2] = sign
-        turned_rad = after[:, self.yaw] - before[:, self.yaw] + drift * self.dt_s
-        residual = self.step - np.column_stack([scale * moved_m, turned_rad])
-        slope = np.zeros((len(self.columns), n, 3))
-        slope[0, :, :2], slope[1, :, 2] = moved_m, self.dt_s
+            if self.columns:
+                local[first + yaw, :, :2] = scale / 2 * moved_m[:, ::-1] * [1, -1]
+                local[first + yaw, :, 2] = sign
+        if self.columns:
+            slope[0, :, :2], slope[1, :, 2] = moved_m, self.dt_s
+            residual[:, 2] -= after[:, yaw] - before[:, yaw] + values[self.columns[1]] * self.dt_s
         for column in self.columns[2:]:
-            residual[:, 2] += (values[column] - 1) * turn_rad
-            slope[2, :, 2] = -turn_rad
-        own = np.tile(np.array(self.columns)[:, None], 3 * n), slope.reshape(-1, 3 * n)
-        return Rows(np.repeat(self.interval, 3), local.reshape(-1, 3 * n), residual.ravel(), *own), self.weight
-
-
-class Moves:
-    """Steps of the body between knots by a way in map. variance (K - 1,)."""
-
-    def __init__(self, timeline: Timeline, way: Way, size: int, variance: Float) -> None:
-        self.interval, self.size = covered(timeline, way.t_s), size
-        self.step_m = np.diff(way.at(timeline.t_s)[0], axis=0)[self.interval]
-        self.weight = 1 / variance[self.interval]
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows of both axes, and one over their variances."""
-        n, moved_m = len(self.interval), (knots[self.interval + 1, 0] - knots[self.interval, 0])[:, :2]
-        local = np.zeros((4 * self.size, n, 2))
-        for axis in range(2):
-            local[axis, :, axis], local[2 * self.size + axis, :, axis] = -1.0, 1.0
-        none = np.zeros((0, 2 * n))
-        residual = (self.step_m - moved_m).ravel()
-        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, none.astype(np.int64), none)
-        return rows, np.repeat(self.weight, 2)
+            residual[:, 2] += (values[column] - 1) * self.step[:, 2]
+            slope[2, :, 2] = -self.step[:, 2]
+        columns = np.repeat(np.array(self.columns, dtype=np.int64)[:, None], self.rows * n, axis=1)
+        rows = np.repeat(self.interval, self.rows), local.reshape(4 * size, -1), residual.ravel()
+        return Rows(*rows, columns, slope.reshape(columns.shape)), self.weight
 
 
 def turned(yaw_rad: Float, vector_m: Float) -> Float:

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from quadlog.messages import Float
+from quadlog.messages import Float, Int
 from quadlog.positioning.batch import robust
-from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
+from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps, rows_of_pose
 from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
@@ -118,14 +117,6 @@ def _neighbours(knots: Float) -> Float:
     return np.concatenate([flat[:-1], flat[1:]], axis=1)
 
 
-class Factor(Protocol):
-    """Measurements beside the ranges."""
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows at a state, and one over their variances."""
-        ...
-
-
 @dataclass(frozen=True)
 class Problem:
     """All measurements and priors.
@@ -141,7 +132,7 @@ class Problem:
     range_std_m: float
     mean: Float
     priors: Float
-    others: tuple[Factor, ...] = ()
+    others: tuple[Steps, ...] = ()
     past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
 
@@ -151,7 +142,7 @@ class Problem:
         return self.timeline.sample(self.slots.t_s)
 
     @cached_property
-    def windows(self) -> robust.LinkWindows:
+    def windows(self) -> tuple[Int, Int]:
         """Of the ranges."""
         return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
 
@@ -262,8 +253,8 @@ def assemble(
     """Normal equations for the globals and for the knots, which differ by the weights of the ranges."""
     for_globals = Arrow(len(knots), 2 * len(problem.model.axes), len(problem.mean))
     for_globals.add_motion(problem.motion, knots)
-    for factor in problem.others:
-        for_globals.add(*factor.linearise(knots, values))
+    for steps in problem.others:
+        for_globals.add(*steps.linearise(knots, values))
     for_knots = for_globals.copy()
     if problem.past is not None:
         at, information, pull = problem.past

@@ -11,10 +11,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, Border, Moves, RangeModel, Steps, TagRanges, Way
+from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, Border, RangeModel, Steps, TagRanges, Way
 from quadlog.positioning.batch.links import bias_priors, delete_anchors
 from quadlog.positioning.batch.motion import Timeline, Track, lifting, make_timeline, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Factor, Problem, solve
+from quadlog.positioning.batch.solve import Estimate, Problem, solve
 
 if TYPE_CHECKING:
     from quadlog.positioning.batch.causal import Known
@@ -75,19 +75,16 @@ class Odometry:
         n = 0 if self.in_map else 2
         return np.array([1.0, 0.0])[:n], np.array([SCALE_STD, DRIFT_STD_RADPS])[:n]
 
-    def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
-        """Steps and turns between knots, the scale being in a column and the drift in the next; in map steps alone, by
-        what had come by the last knot.
-        """
+    def steps(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Steps, ...]:
+        """Between knots, the scale being in a column and the drift in the next; in map by what had come by the last."""
         n = int(np.searchsorted(self.way.t_s, timeline.t_s[-1], side="right")) if self.in_map else len(self.way.t_s)
         if n < 2:
             return ()
         way = Way(self.way.t_s[:n], self.way.xy_m[:n], self.way.yaw_rad[:n])
         dt_s, middle_s = np.diff(timeline.t_s), (timeline.t_s[1:] + timeline.t_s[:-1]) / 2
         variance_m2 = np.interp(middle_s, way.t_s, self.std_mps[:n]) ** 2 * ERRORS_LAST_S * dt_s
-        if self.in_map:
-            return (Moves(timeline, way, len(axes), variance_m2),)
-        return (Steps(timeline, way, axes, (column, column + 1), (variance_m2, WALK_STD**2 * dt_s)),)
+        columns = () if self.in_map else (column, column + 1)
+        return (Steps(timeline, way, axes, columns, (variance_m2, WALK_STD**2 * dt_s)),)
 
 
 @dataclass(frozen=True)
@@ -120,10 +117,10 @@ class Body:
     def problem(self) -> Problem:
         """All measurements; globals are the biases of the links, then those of its motion."""
         n = self.ranges.n_links
-        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Factor, ...]()
+        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Steps, ...]()
         if self.motion is not None:
             own_mean, own_std = self.motion.globals
-            others = self.motion.factors(self.timeline, self.axes, n)
+            others = self.motion.steps(self.timeline, self.axes, n)
             mean = np.append(mean, own_mean)
             priors = np.array([block_diag(prior, np.diag(own_std**2)) for prior in priors])
         model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)

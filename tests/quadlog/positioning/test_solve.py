@@ -1,4 +1,4 @@
-"""The batch against scipy's dense least squares of the same problem, and its slopes against finite differences."""
+"""The batch against scipy's dense least squares of the same problem, and its matrices against dense ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 
 from quadlog.positioning.batch import solve as module
-from quadlog.positioning.batch.factors import Axes, Border, Moves, RangeModel, Steps, TagRanges, Way
+from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps, TagRanges, Way
 from quadlog.positioning.batch.links import bias_priors
 from quadlog.positioning.batch.motion import (
     lifting,
@@ -37,7 +37,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     variance = np.full(len(timeline) - 1, 0.02)
     others = (
         Steps(timeline, way, AXES, (n, n + 1, n + 2), (variance, variance / 2)),
-        Moves(timeline, way, len(AXES), variance),
+        Steps(timeline, way, AXES, (), (variance, variance)),
     )
     mean = np.concatenate([np.zeros(n), [1.0, 0.0, 1.0], np.zeros(3)])
     border = Border(n, n + 6, np.array([-1, -1, n + 3, -1, -1]))
@@ -50,32 +50,6 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     knots[:, 0, 0] += 3 + 0.5 * timeline.t_s
     knots[:, 0, 1] += 3
     return problem, knots, mean + 0.01 * rng.standard_normal(len(mean))
-
-
-def test_slopes_are_finite_differences():
-    problem, knots, values = problem_of()
-    flat, size = np.append(knots.ravel(), values), knots.size
-
-    def residuals(state: np.ndarray) -> np.ndarray:
-        own = state[:size].reshape(knots.shape), state[size:]
-        ranges = linearise(problem, *own)
-        slots = ranges.weighted(problem.slots, np.ones(len(ranges.residual_m)))[0].residual
-        return np.concatenate([slots, *(each.linearise(*own)[0].residual for each in problem.others)])
-
-    rows = [linearise(problem, knots, values).rows, *(each.linearise(knots, values)[0] for each in problem.others)]
-    dense = np.zeros((sum(len(each.interval) for each in rows), len(flat)))
-    at = 0
-    for each in rows:
-        for k, interval in enumerate(each.interval):
-            dense[at + k, interval * 8 : interval * 8 + 16] += each.local[:, k]
-            np.add.at(dense[at + k], size + each.column[:, k], each.slope[:, k])
-        at += len(each.interval)
-    step = 1e-6
-    numeric = np.array([(residuals(flat - d) - residuals(flat + d)) / (2 * step) for d in step * np.eye(len(flat))]).T
-    # The displacement within a slot is of first order in time, and its slope is left out.
-    np.testing.assert_allclose(dense, numeric, atol=0.08)
-    own = len(rows[0].interval)
-    np.testing.assert_allclose(dense[own:], numeric[own:], atol=1e-6)
 
 
 def dense(arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
