@@ -192,7 +192,7 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, on_trolley):
         off = abs(aligned.fit.offset_rad - np.radians(50) - slip)
         assert off < np.radians(2)
         # Tag 0's courses err for tens of seconds at a time, which its std must know: by 1.7 degrees on this walk.
-        assert off < 2 * np.median(aligned.yaw_std_rad) < np.radians(5)
+        assert off < 2 * np.median(aligned.yaw_std_rad) < np.radians(5.5)
 
 
 def test_a_body_whose_height_is_solved_for_has_the_tags_height(lab):
