@@ -147,7 +147,7 @@ def velocity_words(velocity: MeasuredMotion, track: str) -> str:
     """Whether velocities of another sensor steady a track by UWB, and how well they are known."""
     if velocity.reason:
         return f"velocities by {velocity.source} do not steady {track}: {velocity.reason}"
-    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s from the log"
+    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s"
 
 
 def tell_roles(config: Config, journal: Journal, located: Located) -> None:

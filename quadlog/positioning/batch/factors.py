@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.motion import Motion, Sampling, Timeline
+from quadlog.positioning.batch.motion import Motion, Timeline
 
 HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
@@ -189,12 +189,6 @@ class RangeModel:
             columns += [np.where(first >= 0, first + axis, 0) for axis in range(3)]
             slopes += [np.where(first >= 0, -unit[:, axis], 0.0) for axis in range(3)]
         return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
-
-
-def rows_of_pose(sampling: Sampling, by_pose: Float, column: Int, slope: Float) -> Rows:
-    """Rows of measurements of the pose at sampled instants, by their slopes (N, D); residuals are still zero."""
-    local = (sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
-    return Rows(sampling.interval, local, np.zeros(len(by_pose)), column, slope)
 
 
 @dataclass(frozen=True, slots=True)

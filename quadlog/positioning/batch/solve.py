@@ -13,7 +13,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch import robust
-from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps, rows_of_pose
+from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps
 from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
@@ -230,7 +230,8 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
         late_s = late_s + values[delay]
         column, slope = np.vstack([column, np.full(len(speed_mps), delay)]), np.vstack([slope, speed_mps])
     residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * late_s
-    return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)
+    local = (problem.sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
+    return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
 def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:

@@ -69,12 +69,6 @@ class Odometry:
     std_mps: Float
     in_map: bool
 
-    @property
-    def globals(self) -> tuple[Float, Float]:
-        """Mean and std of its own globals: its scale, and the drift of its yaw; none in map."""
-        n = 0 if self.in_map else 2
-        return np.array([1.0, 0.0])[:n], np.array([SCALE_STD, DRIFT_STD_RADPS])[:n]
-
     def steps(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Steps, ...]:
         """Between knots, the scale being in a column and the drift in the next; in map by what had come by the last."""
         n = int(np.searchsorted(self.way.t_s, timeline.t_s[-1], side="right")) if self.in_map else len(self.way.t_s)
@@ -119,10 +113,10 @@ class Body:
         n = self.ranges.n_links
         priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Steps, ...]()
         if self.motion is not None:
-            own_mean, own_std = self.motion.globals
             others = self.motion.steps(self.timeline, self.axes, n)
-            mean = np.append(mean, own_mean)
-            priors = np.array([block_diag(prior, np.diag(own_std**2)) for prior in priors])
+        if self.motion is not None and not self.motion.in_map:  # its scale, and the drift of its yaw
+            mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
+            priors = np.array([block_diag(prior, own) for prior in priors])
         model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)
         slots = self.ranges.slots(self.timeline.t_s)
         return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
