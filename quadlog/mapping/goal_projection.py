@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from quadlog.compiled import kernel
 from quadlog.mapping.grid import Grid, Window
 from quadlog.messages import Float, Int
 
@@ -158,9 +159,10 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
         return None
     if blocked[start_cell[1], start_cell[0]]:
         return None
-    reachable = reachable_cells(blocked, start_cell)
     goal_cell = _as_cell(window.cell_of(goal_xy_m))
-    if window.contains(np.array(goal_cell)):
+    inside = window.contains(np.array(goal_cell))
+    reachable = reachable_cells(blocked, start_cell, goal_cell if inside else None)
+    if inside:
         if reachable[goal_cell[1], goal_cell[0]]:
             return Projection(goal_cell, projected=False)
         return Projection(_nearest(reachable, goal_cell), projected=True)
@@ -169,18 +171,32 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
     return Projection(on_margin or _nearest(reachable, crossing), projected=True)
 
 
-STRAIGHT = ndimage.generate_binary_structure(2, 1)
-
-
-def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
-    """Free cells (rows, cols) bool connected to the start, which must be free.
+def reachable_cells(blocked: Grid, start_cell: Cell, until: Cell | None = None) -> Grid:
+    """Free cells (rows, cols) bool connected to the start, which must be free; not all of them once `until` is found.
 
     A diagonal step needs both cells beside it free, so two straight steps do
     as well: 8-connected without cutting corners reaches what 4-connected does.
     """
-    regions, _ = ndimage.label(~blocked, STRAIGHT)
-    reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
-    return reachable
+    rows, cols = blocked.shape
+    padded = np.ones((rows + 2, cols + 2), np.bool_)
+    padded[1:-1, 1:-1] = blocked
+    left = padded.copy()
+    start, end = ((row + 1) * (cols + 2) + col + 1 for col, row in (start_cell, until or (-1, -1)))
+    _flood(left.ravel(), cols + 2, start, end)
+    return (left != padded)[1:-1, 1:-1]
+
+
+@kernel
+def _flood(blocked, width, start, end):  # type: ignore[no-untyped-def]
+    """Blocks what is connected to the start, the nearest cells first, until that is the end."""
+    waiting, at, count = np.empty(len(blocked), np.int64), 0, 1
+    blocked[start], waiting[0] = True, start
+    while at < count and waiting[at] != end:
+        for step in (waiting[at] - width, waiting[at] + width, waiting[at] - 1, waiting[at] + 1):
+            if not blocked[step]:
+                blocked[step], waiting[count] = True, step
+                count += 1
+        at += 1
 
 
 def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:
