@@ -92,10 +92,10 @@ PATHS_AT_ONCE = 64
 def _columns(planned: Sequence[PlannedPath]) -> dict[str, Float | Int]:
     """The rows of paths one after the other."""
     lengths = [len(each.raw_xy_m) for each in planned]
-    raw_m, smooth_m = (np.concatenate(of) for of in zip(*((each.raw_xy_m, each.smooth_xy_m) for each in planned)))
-    columns = dict(zip(("x_m", "y_m", "smooth_x_m", "smooth_y_m"), (*raw_m.T, *smooth_m.T), strict=True))
-    t_ns = np.repeat([each.t_ns for each in planned], lengths)
-    return {"t_ns": t_ns, "i": np.concatenate([np.arange(length) for length in lengths])} | columns
+    x_m, y_m = np.concatenate([each.raw_xy_m for each in planned]).T
+    smooth_x_m, smooth_y_m = np.concatenate([each.smooth_xy_m for each in planned]).T
+    t_ns, i = np.repeat([each.t_ns for each in planned], lengths), np.concatenate([*map(np.arange, lengths)])
+    return {"t_ns": t_ns, "i": i, "x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
 
 
 def recorded_maps(run: Path) -> Iterator[MapInstant]:

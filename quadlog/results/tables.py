@@ -270,7 +270,8 @@ def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Arr
         ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
         return pa.StringArray.from_buffers(rows, pa.py_buffer(ends), pa.py_buffer(b"".join(texts)))
     # Not pa.array, which loads pandas: half a second for a worker that needs nothing of it.
-    content, valid = np.ascontiguousarray(values, _NUMPY[field.type]), None
+    content: NDArray[Any] = np.ascontiguousarray(values, _NUMPY[field.type])
+    valid = None
     if field.type == pa.bool_():
         content = np.packbits(content, bitorder="little")
     elif field.type == pa.float64() and not (there := ~np.isnan(content)).all():

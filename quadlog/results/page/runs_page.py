@@ -85,7 +85,7 @@ def list_page(
     drawn = _over_each_other(compared, pack) if one_clock else []
     note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
-    said = [(row.reason[:120], "") if row.run is None else status(row.run) for row in rows]
+    said: list[tuple[str, State]] = [(row.reason[:120], "") if row.run is None else status(row.run) for row in rows]
     every = runs_table("every-metric", rows, said, chosen_metrics(rows, len(CATALOGUE)))
     listed = runs_table("runs", rows, said, chosen_metrics(rows))
     sections = [
@@ -143,9 +143,7 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
 
-def runs_table(
-    name: str, rows: Sequence[Listed], said: Sequence[tuple[str, State]], metrics: Sequence[str]
-) -> Table:
+def runs_table(name: str, rows: Sequence[Listed], said: Sequence[tuple[str, State]], metrics: Sequence[str]) -> Table:
     """The runs, worst first, with these metrics, coloured by bounds and alarms. said: of each run its status."""
     found = []
     for row, (below, shown) in zip(rows, said, strict=True):
