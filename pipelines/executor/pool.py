@@ -34,7 +34,10 @@ T = TypeVar("T")
 
 
 def prepare_workers() -> None:
-    """Begin to load what workers need, beside what this process does next: each is a copy of that process then."""
+    """Start the process that loads what workers need, while this one goes on; each worker is a copy of it.
+
+    It and its copies do not hear Ctrl-C, which reaches all of them: this process's main thread handles it.
+    """
     os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
     resource_tracker.ensure_running()  # the thread that starts it has SIGINT unblocked afterwards
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -52,8 +55,7 @@ class LocalPool(Executor):
 
     def __init__(self, workers: int) -> None:
         """The number of processes; `messages` receives what tasks `tell`."""
-        prepare_workers()
-        self._threads = ThreadPoolExecutor(workers, "quadlog-worker", initializer=_block_interrupts)
+        self._threads = ThreadPoolExecutor(workers, "quadlog-worker")
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self._own = threading.local()
         self._processes: set[_Process] = set()
@@ -104,6 +106,7 @@ class _Process:
     """A process, its pipe for messages, and its folder for temporary files. Raises BrokenProcessPool."""
 
     def __init__(self, messages: SimpleQueue[Any]) -> None:
+        prepare_workers()
         self._folder = tempfile.TemporaryDirectory(prefix="quadlog-worker-", ignore_cleanup_errors=True)
         reader, writer = _FORKSERVER.Pipe(duplex=False)
         with writer:
@@ -145,11 +148,6 @@ def _begin(writer: Connection, folder: str) -> None:
         os._exit(1)
 
     threading.Thread(target=leave_with_parent, name="quadlog-orphan", daemon=True).start()
-
-
-def _block_interrupts() -> None:
-    """In a thread, and in the processes that it starts: Ctrl-C reaches all of them, and the main thread handles it."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 @dataclass(frozen=True, slots=True)
