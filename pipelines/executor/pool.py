@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -27,21 +28,23 @@ from quadlog.storage.atomic_write import remove_unfinished
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 # A worker has one core. One heap for all its threads: with glibc's own for each, it grows by 5 % with every recording.
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
-_FORKSERVER = multiprocessing.get_context("forkserver")
-_FORKSERVER.set_forkserver_preload(["quadlog.pipelines.executor.preload"])
+_COPIES = sys.platform == "linux"  # elsewhere libraries of the system need not survive it
+_CONTEXT = multiprocessing.get_context("forkserver" if _COPIES else "spawn")
+forkserver.set_forkserver_preload(["quadlog.pipelines.executor.preload"])
 
 T = TypeVar("T")
 
 
 def prepare_workers() -> None:
-    """Start the process that loads what workers need, while this one goes on; each worker is a copy of it.
+    """Start the process that loads what workers need, while this one goes on; on Linux each worker is a copy of it.
 
     It and its copies do not hear Ctrl-C, which reaches all of them: this process's main thread handles it.
     """
     os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
     resource_tracker.ensure_running()  # the thread that starts it has SIGINT unblocked afterwards
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    forkserver.ensure_running()
+    if _COPIES:
+        forkserver.ensure_running()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
@@ -108,9 +111,9 @@ class _Process:
     def __init__(self, messages: SimpleQueue[Any]) -> None:
         prepare_workers()
         self._folder = tempfile.TemporaryDirectory(prefix="quadlog-worker-", ignore_cleanup_errors=True)
-        reader, writer = _FORKSERVER.Pipe(duplex=False)
+        reader, writer = _CONTEXT.Pipe(duplex=False)
         with writer:
-            self.pool = ProcessPoolExecutor(1, _FORKSERVER, _begin, (writer, self._folder.name))
+            self.pool = ProcessPoolExecutor(1, _CONTEXT, _begin, (writer, self._folder.name))
             self._pid = self.pool.submit(os.getpid).result()
         self._listening = threading.Thread(target=_listen, args=(reader, messages), daemon=True)
         self._listening.start()
