@@ -143,9 +143,9 @@ def tell_body(journal: Journal, body: LocatedBody) -> None:
 
 def velocity_words(velocity: MeasuredMotion, track: str) -> str:
     """Whether velocities of another sensor steady a track by UWB, and how well they are known."""
-    if velocity.reason is not None:
+    if velocity.reason:
         return f"velocities by {velocity.source} do not steady {track}: {velocity.reason}"
-    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s from the log"
+    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s"
 
 
 def tell_roles(config: Config, journal: Journal, located: Located) -> None:
