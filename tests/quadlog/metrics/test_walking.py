@@ -122,6 +122,7 @@ def test_speed_is_that_over_a_second_and_unknown_beside_gaps():
     sways_m = np.column_stack([0.6 * s, 0.02 * np.sin(2 * np.pi * 2 * s)])
     t_ns = START_NS + np.arange(500, 19_500, 7) * 10**6
     np.testing.assert_allclose(ground_speed(t_ns, places_ns, sways_m), 0.6, atol=0.01)
+    np.testing.assert_allclose(ground_speed(places_ns[[0, -1]], places_ns, sways_m), 0.6, atol=0.01)
     gap = (s < 8) | (s > 10)
     unknown = np.isnan(ground_speed(t_ns, places_ns[gap], sways_m[gap]))
     t_s = (t_ns - START_NS) * 1e-9
