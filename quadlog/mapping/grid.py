@@ -125,7 +125,7 @@ class GrowingLattice:
             self.skipped += 1
             return False
         self.covered = covered
-        if _union(self._held, covered) != self._held:
+        if 0 in self._held.shape or _union(self._held, covered) != self._held:
             self._move(_in_blocks(covered))
         return True
 
@@ -158,9 +158,7 @@ class SlidingLattice(GrowingLattice):
 
 
 def _union(one: Window, other: Window) -> Window:
-    """The smallest window that contains both; an empty one adds nothing."""
-    if 0 in one.shape or 0 in other.shape:
-        return other if 0 in one.shape else one
+    """The smallest window that contains both."""
     col0, row0 = min(one.col0, other.col0), min(one.row0, other.row0)
     cols = max(one.col0 + one.shape[1], other.col0 + other.shape[1]) - col0
     rows = max(one.row0 + one.shape[0], other.row0 + other.shape[0]) - row0

@@ -13,7 +13,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float
 from quadlog.positioning.anchors.walk import refine_place
 from quadlog.positioning.batch.factors import Border, TagRanges
-from quadlog.positioning.batch.solve import refine
+from quadlog.positioning.batch.solve import solve
 from quadlog.positioning.batch.tracking import Body, Starts, Tracked, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fixes import solve_fixes
@@ -191,7 +191,7 @@ def fit_anchor_shift(checked: _CheckedTag, anchor: int) -> AnchorShift | None:
     anchor_m = problem.model.anchors_m[anchor]
     guess, _ = refine_place(checked.place_m[with_it], range_m, anchor_m[:2], (float(anchor_m[2]), 1e-3))
     values = np.concatenate([estimate.values, guess[:2] - anchor_m[:2], [0.0]])
-    solved = refine(freed, estimate.knots, values, estimate.weights.lasts, SHIFT_ROUNDS)
+    solved = solve(freed, estimate.knots, values, estimate.weights.lasts, SHIFT_ROUNDS)
     covariance_m2 = solved.covariance[n : n + 2, n : n + 2] + PLACE_STD_M**2 * np.eye(2)
     return AnchorShift(anchor, solved.values[n : n + 2], covariance_m2, float(np.ptp(checked.t_s[with_it])))
 

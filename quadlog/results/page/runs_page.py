@@ -306,7 +306,7 @@ def _settings_values(summary: SweepSummary) -> Table:
         cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
         for name in summary.varying:
             over = summary.over[name][number]
-            below = "" if over.low is None or over.high is None else f"{sig(over.low)} to {sig(over.high)}"
+            below = "" if over.interval is None else " to ".join(map(sig, over.interval))
             cell = _value_cell(name, over.mean, Bound("", "good" if summary.best.get(name) == number else ""))
             cells.append(cell._replace(below=below))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
