@@ -146,7 +146,7 @@ def replay_task(request: ReplayRequest, number: int, refuses: bool) -> tuple[Rep
         while cause is not None and not full:
             full, cause = isinstance(cause, OSError) and is_full(cause), cause.__cause__
         outcome = ReplayOutcome.of_failure(request, _failure_words(error, request.run, peak_memory_mb()))
-    if time.monotonic() - began_s > WORTH_COLLECTING_S:
+    if request.draws and time.monotonic() - began_s > WORTH_COLLECTING_S:
         gc.collect()
     return outcome, progress.warnings, full
 
