@@ -225,8 +225,7 @@ CLAIM_LOOKS = 2
 LIKELY_STD = 4.0
 """Drifts beyond so many of their std are not looked for."""
 ASKEW_RAD = np.radians(60)
-START_SCALE_RAD, START_GROUPS = 0.3, 1000
-LEAST_INFLATION = 1e-9
+START_SCALE_RAD, START_GROUPS, LEAST_INFLATION = 0.3, 1000, 1e-9
 CLEAR_STD = 3.0
 """N groups show nothing where their mean direction is shorter than this over root N: noise has a course too."""
 
@@ -330,30 +329,24 @@ def _start(away_s: Float, difference: Float, weight: Float, rate_std_radps: floa
 def _covariance(residual: Float, groups: Float, design: Float, prior: Float) -> tuple[Float, float]:
     """(2, 2) of the fit, and how much a squared score exceeds what independent groups would give.
 
-    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale; its covariance is J^-1 V J^-1 with the
-    slope J and the scatter V of the score. Errors persist for unknown times (strides, late paths, biases that depend on
-    the place), so V is summed over blocks of 1, 2, 4 ... s and the largest counts. What the track claims of its course,
-    or what misfits it more, stands beside few looks.
+    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale. Errors persist for unknown times (strides,
+    late paths, biases that depend on the place), so scores are summed over blocks of 1, 2, 4 ... s and the largest
+    scatter counts. What the track claims of its course, or what misfits it more, stands beside few looks.
     """
     t_s, _, weight = groups
     u2 = (residual / _scale(residual)) ** 2
     falling = weight / (1 + u2)
-    gram, score = (design.T * falling) @ design, design * (falling * residual)[:, None]
     # Residuals all over the circle make psi' cancel: the floor keeps the std finite, and large.
-    slope = gram * max(float(np.sum(falling * (1 - u2) / (1 + u2)) / np.sum(falling)), 0.1)
-    claimed = gram * max(float(np.mean(falling * residual**2)), 1.0)
-    scatters, length_s = list[np.ndarray](), LOOK_S
+    bend = max(float(np.sum(falling * (1 - u2) / (1 + u2)) / np.sum(falling)), 0.1)
+    claimed = max(float(np.mean(falling * residual**2)), 1.0)
+    excess, length_s = list[float](), LOOK_S
     while True:
         block = np.append(0, np.cumsum(np.diff(t_s // length_s) > 0))
-        n = int(block[-1]) + 1
-        sums = np.stack([np.bincount(block, column) for column in score.T], axis=1)
-        scatter = sums.T @ sums * n / max(n - 1, 1)
-        if scatters and n < MIN_BLOCKS:
+        n, sums = int(block[-1]) + 1, np.bincount(block, falling * residual)
+        if excess and n < MIN_BLOCKS:
             break
-        scatters.append(scatter if scatters else (scatter * (n - 1) + claimed * CLAIM_LOOKS) / (n - 1 + CLAIM_LOOKS))
+        scatter = float(sums @ sums / np.sum(falling)) * n / max(n - 1, 1)
+        excess.append(scatter if excess else (scatter * (n - 1) + claimed * CLAIM_LOOKS) / (n - 1 + CLAIM_LOOKS))
         length_s *= 2
-    least = gram + LEAST_INFLATION * prior
-    scatter = max(scatters, key=lambda each: float(np.trace(np.linalg.solve(least, each))))
-    inflation = max(float(scatter[0, 0] / slope[0, 0]), LEAST_INFLATION)
-    inverse = np.linalg.inv(slope + inflation * prior)
-    return inverse @ (scatter + inflation**2 * prior) @ inverse, inflation
+    inflation = max(max(excess) / bend, LEAST_INFLATION)
+    return np.linalg.inv((design.T * falling) @ design * bend / inflation + prior), inflation

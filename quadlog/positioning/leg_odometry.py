@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +33,6 @@ MOST_SWINGING, LEAST_STANDING = 0.7, 0.2
 """Share of the time for which no gait lifts a foot; least share of a foot's greatest load when it stands."""
 LIFTED_M, LIFTED_WIDTH_M = 0.03, 0.008
 """Without forces: a foot so high above the lowest one counts half."""
-LEVELLING_S = 5.0
-"""Without an attitude: time constant with which integrated tilt returns to level."""
 ROUNDS = 4
 MOST_ROWS = 1 << 16
 
@@ -100,14 +97,13 @@ class LegTrack:
 def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> LegTrack:
     """The track of the body that these joints moved; imu: in the body's axes, None where there is none.
 
-    An attitude is used as it is given; rates alone are integrated, tilt returning to level; without either yaw comes
-    from the feet and the body is taken to be level. Rows with NaN angles say nothing of their leg.
+    An attitude is used as it is given. Without one the body is taken to be level, and yaw is the integral of its rate;
+    without an IMU it comes from the feet. Rows with NaN angles say nothing of their leg.
     """
     rpy_rad, attitude = _attitude(joints.t_ns, imu)
     carries, sources = _carrying(joints, geometry, rpy_rad)
     n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
-    step_s = np.diff(t_s)
-    still = np.zeros((n, 3))
+    step_s, still = np.diff(t_s), np.zeros((n, 3))
     track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
     if n < 2:
         return track
@@ -119,50 +115,38 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
         rows = slice(low, high + 1)
         part = _steps(joints.position_rad[rows], geometry, rpy_rad[rows], carries[rows], step_s[low:high], attitude)
         parts.append([each[first - low : last - low] for each in part])
-    return _summed(track, step_s, _Steps(*(np.concatenate(each) for each in zip(*parts, strict=True))))
-
-
-class _Steps(NamedTuple):
-    """Between two instants each, in the heading of the first: move_m (M, 3), turn_rad (M,); weight, still (M, 4)."""
-
-    move_m: Float
-    turn_rad: Float
-    weight: Float
-    still: Float
+    return _summed(track, step_s, *(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def feet_in_body(position_rad: Float, geometry: LegGeometry) -> Float:
     """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them."""
-    hip, thigh, calf = _angles(position_rad)
-    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
-    down = upper * np.cos(thigh) + lower * np.cos(thigh + calf)
-    x_m = -upper * np.sin(thigh) - lower * np.sin(thigh + calf)
-    cos, sin = np.cos(hip), np.sin(hip)
+    (cos, sin, x_m, down), _, aside = _links(position_rad, geometry)
     return np.stack([x_m, aside * cos + down * sin, aside * sin - down * cos], axis=-1) + geometry.hips_m
 
 
 def _foot_jacobians(position_rad: Float, geometry: LegGeometry) -> Float:
     """(N, 4, 3, 3) d foot / d joint."""
-    hip, thigh, calf = _angles(position_rad)
-    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
-    cos, sin, both = np.cos(hip), np.sin(hip), thigh + calf
-    lower_x, lower_down = -lower * np.sin(both), lower * np.cos(both)
-    x_m, down = lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
+    (cos, sin, x_m, down), (lower_x, lower_down), aside = _links(position_rad, geometry)
     columns: list[list[Float]] = [
-        [np.zeros_like(hip), down * cos - aside * sin, aside * cos + down * sin],
+        [np.zeros_like(cos), down * cos - aside * sin, aside * cos + down * sin],
         [-down, x_m * sin, -x_m * cos],
         [-lower_down, lower_x * sin, -lower_x * cos],
     ]
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
+def _links(position_rad: Float, geometry: LegGeometry) -> tuple[tuple[Float, ...], tuple[Float, Float], Float]:
+    """(N, 4) cosine and sine of the hip, how far the foot is ahead of and below it; of that the calf; (4,) aside."""
+    hip, thigh, calf = _angles(position_rad)
+    aside, upper, lower = geometry.lengths_m
+    lower_x, lower_down = -lower * np.sin(thigh + calf), lower * np.cos(thigh + calf)
+    ahead = np.cos(hip), np.sin(hip), lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
+    return ahead, (lower_x, lower_down), aside * np.array([1.0, -1.0, 1.0, -1.0])
+
+
 def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
     legs = position_rad.astype(np.float64).reshape(-1, 4, 3)
     return legs[..., 0], legs[..., 1], legs[..., 2]
-
-
-def _aside(geometry: LegGeometry) -> Float:
-    return np.array([1.0, -1.0, 1.0, -1.0]) * geometry.lengths_m[0]
 
 
 def _levelled(vectors: Float, rpy_rad: Float) -> Float:
@@ -186,11 +170,8 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
         rpy = np.column_stack([roll, pitch, np.unwrap(yaw_from_quat(given))])
         source = AttitudeSource.IMU
     else:
-        from scipy.signal import lfilter  # half a second to import, for logs without an orientation alone
-
-        turned = np.nan_to_num(imu.angular_radps) * np.diff(imu_s, prepend=imu_s[0])[:, None]
-        keeps = float(np.exp(-np.median(np.diff(imu_s)) / LEVELLING_S))
-        rpy = np.column_stack([lfilter([1.0], [1.0, -keeps], turned[:, :2], axis=0), np.cumsum(turned[:, 2])])
+        turned = np.nan_to_num(imu.angular_radps[:, 2]) * np.diff(imu_s, prepend=imu_s[0])
+        rpy = np.column_stack([np.zeros((len(imu), 2)), np.cumsum(turned)])
         source = AttitudeSource.GYRO
     return np.column_stack([np.interp(t_s, imu_s, each) for each in rpy.T]), source
 
@@ -255,8 +236,11 @@ def _logistic(value: Float) -> Float:
 
 def _steps(
     position_rad: Float, geometry: LegGeometry, rpy_rad: Float, carries: Float, step_s: Float, attitude: AttitudeSource
-) -> _Steps:
-    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it."""
+) -> tuple[Float, Float, Float, Float]:
+    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it.
+
+    In the heading of the first instant: way (M, 3), turn (M,); weight and stillness of the feet (M, 4).
+    """
     feet_m = _levelled(feet_in_body(position_rad, geometry), rpy_rad)
     rolled_m = _rolled(position_rad, geometry.foot_radius_m, rpy_rad)
     known = np.isfinite(feet_m[1:] + feet_m[:-1]).all(axis=2) & (step_s <= MAX_GAP_S)[:, None]
@@ -274,7 +258,7 @@ def _steps(
             weight = firm * still
     total = weight.sum(axis=1)
     move_m = (weight[..., None] * moves_m).sum(axis=1) / np.maximum(total, 1e-9)[:, None]
-    return _Steps(move_m, turn_rad, weight, still)
+    return move_m, turn_rad, weight, still
 
 
 def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
@@ -326,61 +310,25 @@ def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
     return turn
 
 
-def _summed(track: LegTrack, step_s: Float, steps: _Steps) -> LegTrack:
+def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weight: Float, still: Float) -> LegTrack:
     """A track with the steps added up; while no foot stands the body goes on as before, for HOLD_S at most."""
-    stands = steps.weight.sum(axis=1) >= FEWEST_CONTACT
-    velocity_mps = steps.move_m / step_s[:, None]
+    stands, ends_s = weight.sum(axis=1) >= FEWEST_CONTACT, np.cumsum(step_s)
+    velocity_mps = move_m / step_s[:, None]
     last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
-    unheld_s = _since(last, step_s)
+    unheld_s = ends_s - np.where(last >= 0, ends_s[last], 0.0)
     velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
-    move_m = np.where(stands[:, None], steps.move_m, velocity_mps * step_s[:, None])
-    carries, yaw_rad = track.contact, track.rpy_rad[:, 2]
+    move_m = np.where(stands[:, None], move_m, velocity_mps * step_s[:, None])
+    yaw_rad = track.rpy_rad[:, 2]
     if track.attitude is AttitudeSource.FEET:
-        yaw_rad = np.concatenate([[0.0], np.cumsum(np.where(stands, steps.turn_rad, 0.0))])
-    position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)])
-    firm = np.minimum(carries[1:], carries[:-1]) > 0.5
-    slipping = float(((steps.still < 0.5) & firm).sum() / max(int(firm.sum()), 1))
+        yaw_rad = np.append(0.0, np.cumsum(np.where(stands, turn_rad, 0.0)))
+    firm = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5
     return replace(
         track,
-        position_m=position_m,
+        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
-        contact=np.concatenate([steps.weight, steps.weight[-1:]]),
-        unheld_s=float(_since(last, np.where(step_s <= MAX_GAP_S, step_s, 0.0)).max()),
+        contact=np.concatenate([weight, weight[-1:]]),
+        unheld_s=float(unheld_s.max(where=step_s <= MAX_GAP_S, initial=0.0)),
         gap_s=float(step_s.max()),
-        slipping_share=slipping,
+        slipping_share=float(((still < 0.5) & firm).sum() / max(int(firm.sum()), 1)),
     )
-
-
-def _since(last: Int, step_s: Float) -> Float:
-    """(M,) time from the end of the last step on a foot, last (M,), -1 before the first, to the end of each step."""
-    ends_s = np.cumsum(step_s)
-    since_s: Float = ends_s - np.where(last >= 0, ends_s[last], 0.0)
-    return since_s
-
-
-OTHER_ORDERS = ((1, 0, 3, 2), (2, 3, 0, 1))
-"""Left and right swapped, front and rear swapped. A trot lifts diagonal feet together, so these two look alike to it,
-and diagonal feet that are swapped look right: only the first is proposed where both fit."""
-MOST_COMPARED, FEWEST_COMPARED = 20_000, 100
-CONTRADICTED = -0.2
-"""Mean correlation of force with depth, over the legs, that contradicts an order; its opposite confirms one."""
-
-
-def better_foot_order(position_rad: Float, foot_force_n: Float) -> tuple[int, ...] | None:
-    """The order in which the forces' columns would fit the legs, where they contradict them as they are; else None.
-
-    position_rad: (N, 12) and foot_force_n: (N, 4) as in JointSeries. None for a robot that stands, or without forces.
-    """
-    some = slice(None, None, max(len(position_rad) // MOST_COMPARED, 1))
-    hip, thigh, calf = _angles(position_rad[some])
-    # How far each foot is below its hip, in lengths of a thigh that is as long as the calf, and its force.
-    columns = np.column_stack([np.cos(hip) * (np.cos(thigh) + np.cos(thigh + calf)), foot_force_n[some]])
-    columns = columns[np.isfinite(columns).all(axis=1)]
-    if len(columns) < FEWEST_COMPARED or not columns.std(axis=0).all():
-        return None
-    fit = np.corrcoef(columns.T)[:4, 4:]
-    if np.diagonal(fit).mean() > CONTRADICTED:
-        return None
-    best = max(OTHER_ORDERS, key=lambda order: round(float(fit[range(4), order].mean()), 2))
-    return best if fit[range(4), best].mean() > -CONTRADICTED else None

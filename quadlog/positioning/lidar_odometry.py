@@ -141,14 +141,10 @@ class LidarOdometry:
 
     def _deskewed(self, xyz_m: Float32, since_s: Float32) -> Float32:
         """Points (N, 3) at the instants since_s (N,) from the middle of the sweep, where they were in the middle."""
-        speed_mps, turn_rad = self._per_s[:3].astype(np.float32), np.float32(self._per_s[5]) * since_s
+        turn_rad, (x_m, y_m, z_m) = np.float32(self._per_s[5]) * since_s, xyz_m.T
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-        x_m, y_m, z_m = xyz_m.T
-        moved_m = np.empty_like(xyz_m)
-        moved_m[:, 0] = cos * x_m - sin * y_m + speed_mps[0] * since_s
-        moved_m[:, 1] = sin * x_m + cos * y_m + speed_mps[1] * since_s
-        moved_m[:, 2] = z_m + speed_mps[2] * since_s
-        return moved_m
+        turned_m = np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m], axis=1)
+        return turned_m + since_s[:, None] * self._per_s[:3].astype(np.float32)
 
     def _matched(self, points: object, guess: Float, t_ns: int) -> tuple[Float, ScanMatch]:
         found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20, STEP_RAD, STEP_M)

@@ -85,8 +85,6 @@ def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
     """A line for each thing that seems to be wrong; several are alternatives."""
     ids = anchors.ids.tolist()
     texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
-    for steps in faults.turned:
-        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
     for shifted in faults.shifted:
         x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
         texts.append(

@@ -16,7 +16,6 @@ from quadlog.positioning.leg_odometry import (
     AttitudeSource,
     ContactSource,
     LegGeometry,
-    better_foot_order,
     feet_in_body,
     leg_track,
 )
@@ -179,18 +178,3 @@ def test_feet_are_where_the_controllers_kinematics_have_them(angles):
     feet_m = np.empty((4, 3))
     foot_positions(np.array(angles) * SIGNS, ROBOT.hips_m, ROBOT.lengths, feet_m)
     np.testing.assert_allclose(feet_in_body(np.array([angles]), GEOMETRY)[0], feet_m, atol=1e-12)
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2, 3), (1, 0, 3, 2), (2, 3, 0, 1)])
-def test_forces_of_swapped_feet_are_found_by_the_feet_that_a_trot_lifts(order):
-    """Diagonal feet are alike in a trot: repaired, each leg has a force that is in step with it."""
-    lift = np.maximum(np.sin(2 * np.pi * (np.arange(4000)[:, None] / 250 + [0.0, 0.5, 0.5, 0.0])), 0.0)
-    joints = np.stack([0 * lift, 0.7 + 0.3 * lift, -1.4 - 0.6 * lift], axis=-1).reshape(4000, 12).astype(np.float32)
-    force_n = np.where(lift > 0, 0.0, 70.0) + np.random.default_rng(0).normal(0, 3, (4000, 4))
-    found = better_foot_order(joints, force_n[:, order])
-    assert (found is None) == (order == (0, 1, 2, 3))
-    if found is not None:
-        assert better_foot_order(joints, force_n[:, order][:, found]) is None
-    assert better_foot_order(joints[:50], force_n[:50, order]) is None
-    assert better_foot_order(np.tile(joints[:1], (500, 1)), force_n[:500]) is None
-    assert better_foot_order(joints, np.full_like(force_n, np.nan)) is None
