@@ -138,7 +138,9 @@ def _draw_panel(axes: Axes, panel: view.Panel) -> None:
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
-    else:
+    if panel.log:
+        axes.set(**{"xscale" if panel.rows else "yscale": "log"})
+    elif not panel.rows:
         axes.locator_params(nbins=5)
 
 

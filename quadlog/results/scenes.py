@@ -23,7 +23,7 @@ NEAR_S = 1.0
 """Fixes and late ranges are shown at instants within this time."""
 MOST_OBSTACLES = 6000
 """Obstacle points of all saved scans together."""
-LATE = "late ranges (NLOS)"
+LATE, OBSTACLES = "late ranges (NLOS)", "obstacle points"
 CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
 """Colours of the classes of points; all others are soft."""
 
@@ -132,7 +132,7 @@ def _scans(run: Run) -> Iterator[view.Layer]:
     x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
     y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
     if len(keep):
-        yield view.Marks("obstacle points", "note", x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
+        yield view.Marks(OBSTACLES, "note", x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S, hidden=True)
 
 
 def _course(run: Run) -> Iterator[view.Layer]:
@@ -222,7 +222,8 @@ def _moments(run: Run) -> list[view.Moment]:
     contacts, table = [], run.table("contacts")
     if table is not None:
         rows = zip(*columns_of(table, "seconds cause collision"), strict=True)
-        contacts = [view.Moment(float(at), cause, "collision" if hit else "no collision") for at, cause, hit in rows]
+        words, shows = ("no collision", "collision"), (OBSTACLES,)
+        contacts = [view.Moment(float(at), cause, words[bool(hit)], shows=shows) for at, cause, hit in rows]
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
     for theme, names in THEMES.items():
@@ -233,12 +234,14 @@ def _moments(run: Run) -> list[view.Moment]:
             seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])
             worst = "" if metric.worst is None else value_text(name, abs(metric.worst), metric.unit)
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
-            shows = (LATE,) if theme == "Position" else ()
-            known.setdefault(seconds, view.Moment(seconds, what, worst, name, shows))  # one for metrics of one error
+            # One for all metrics of one error.
+            known.setdefault(seconds, view.Moment(seconds, what, worst, name, _SHOWS.get(theme, ())))
     worst_ones = [moment for moment in known.values() if moment.name]
     return [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *contacts[MOST_CONTACTS:]]
 
 
+_SHOWS = {"Position": (LATE,), "Walking": (OBSTACLES,)}
+"""Layers that the worst instants of a theme show."""
 MOST_CONTACTS = 6
 """Before the worst instants."""
 _AS_GOOD = frozenset({

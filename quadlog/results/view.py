@@ -61,7 +61,7 @@ class Panel:
     zero: the y axis begins at 0. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row.
+    the number of a row. log: the axis of the values, x with rows and y without, is logarithmic.
     """
 
     what: str
@@ -72,6 +72,7 @@ class Panel:
     robust: bool = False
     marks: Array = field(default_factory=lambda: np.empty(0))
     rows: Sequence[str] = ()
+    log: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,8 +236,11 @@ class Spread(NamedTuple):
     color: str = "robot"
 
 
-def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float] = ()) -> Panel:
-    """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value."""
+def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float] = (), log: bool = False) -> Panel:
+    """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value.
+
+    log: x is logarithmic where all of it is positive.
+    """
     series = []
     for place, (name, of) in enumerate(rows.items()):
         dots = np.sort(np.asarray(of.dots, float))
@@ -248,7 +252,8 @@ def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float]
             for values, style, variant in shown
             if len(values)
         ]
-    return Panel(what, series, x, marks=np.array(marks, float), rows=list(rows))
+    positive = log and all((one.x > 0).all() for one in series)
+    return Panel(what, series, x, marks=np.array(marks, float), rows=list(rows), log=positive)
 
 
 def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> list[Array]:

@@ -23,7 +23,7 @@ answer(async () => {
   frames(10);
   say.end = [now(), one(".play").getAttribute("aria-label")];
 
-  const moment = all(".moments a").find((link) => link.dataset.shows);
+  const moment = all(".moments a").find((link) => link.dataset.shows?.includes("NLOS"));
   say.hidden = pixels("note");
   say.linked = [];
   for (let time = 0; time < 2; time++) {

@@ -291,7 +291,7 @@ def write_sweep_page(folder: Path) -> Path:
     best = {name: summary.settings[summary.best[name]].label for name in summary.varying if name in summary.best}
     findings = [Sentence("Best", f"{label_of(name)}: {of}, beyond chance.", "good") for name, of in best.items()]
     listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
-    title = f"{folder.resolve().name}: sweep of {' and '.join(summary.keys) or 'seeds'}"
+    title = f"{folder.resolve().name}: {' and '.join(summary.keys) or 'seeds'}"
     settings = blocks.Section("Settings", [_settings_values(summary), *map(blocks.Text, summary.notes())])
     return blocks.write_page(folder / "report.html", list_page(title, listed, findings, settings))
 

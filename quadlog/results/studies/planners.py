@@ -181,7 +181,7 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
         ratios = ratio_panel(source.comparison)
         for name, title, caption, panels in (
             (f"ratios-{number}", "Ratios", RATIO_CAPTION, [ratios] if ratios else []),
-            (f"answers-{number}", "Each replan", "In the order of asking.", answer_panels(source)),
+            (f"answers-{number}", "Each replan", ANSWER_CAPTION, answer_panels(source)),
         ):
             if panels:
                 pack.add(name, panels, f"source-{number}")
@@ -192,6 +192,7 @@ def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
 RATIO_CAPTION = (
     "Dot: the median over episodes; bar: its 95 % interval; small dots: episodes. Right of the line is better."
 )
+ANSWER_CAPTION = "Replans in their order; 0 cells lie below the axis."
 
 
 def ratio_panel(comparison: Comparison) -> Panel | None:
@@ -203,7 +204,7 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
             spreads[row.planner] = Spread(row.ratio_expanded, _interval(row), ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
     what = f"times fewer {_what(comparison)} than {comparison.baseline}"
-    return forest(what, spreads, f"{comparison.baseline} / planner", [1.0]) if spreads else None
+    return forest(what, spreads, f"{comparison.baseline} / planner", [1.0], log=True) if spreads else None
 
 
 def _what(comparison: Comparison) -> str:
@@ -222,7 +223,7 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
             Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
             for number, (name, of) in enumerate(zip(names, values, strict=True))
         ]
-        panels.append(Panel(what, series, "replan", zero=True, robust=True))
+        panels.append(Panel(what, series, "replan", log=True))  # planners differ by powers of ten
     return panels if len(values[0]) > 1 else []
 
 

@@ -119,7 +119,7 @@ def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
     assert set((points.seconds + points.until) / 2) <= set(Run(tiny_run).seconds(saved["t_ns"]))
     moments = {moment.name: moment for moment in scene.moments}
     assert (moments["ate_rmse_m"].seconds, bool(moments["ate_rmse_m"].shows)) == (pytest.approx(2.0), True)
-    assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ())
+    assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ("obstacle points",))
 
 
 def test_a_long_track_is_thinned_with_a_note_a_curve_never_and_both_have_the_pages_colours() -> None:

@@ -75,7 +75,7 @@ const optionsOf = (panel, group, height, last, stretch) => {
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
   const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
-  const widened = ([low, high]) => [low - 0.03 * (high - low), high + 0.03 * (high - low)];
+  const widened = ([low, high]) => panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)];
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
   const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
   const looks = {
@@ -116,7 +116,7 @@ const optionsOf = (panel, group, height, last, stretch) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : { range: panel.limits ? () => panel.limits : within } },
+    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: panel.limits ? () => panel.limits : within } },
     axes: [{ ...axis(last ? 34 : 6), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
