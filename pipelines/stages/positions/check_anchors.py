@@ -21,7 +21,7 @@ HEIGHT_STD_M = 0.05
 PRIORS = {
     "odometry": OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02)),
     "legs": OdometryPrior(0.05, 0.05, 0.01, (0.03, 0.02)),
-    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
+    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005)),
     "tf": OdometryPrior(0.01, 0.01, 0.003, (0.01, 0.01)),
 }
 """How well sources of odometry are known."""

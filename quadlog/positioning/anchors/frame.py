@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from quadlog.messages import Float, Int
+from quadlog.metrics.alignment import rigid_motion
 from quadlog.positioning.ellipses import CHI2_95
 
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
@@ -23,9 +24,9 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
         moves = np.zeros((len(covariance), 3))
         moves[: 3 * n] = gauge(anchors_m)
         return anchors_m, covariance + (moves * start_std**2) @ moves.T, np.zeros(3)
-    turn_rad, shift_m = _best_placing(anchors_m[known, :2], known_m[known])
-    rotation = _turn(turn_rad)
-    moved_m = anchors_m @ rotation.T + np.append(shift_m, 0.0)
+    rotation = np.eye(3)
+    rotation[:2, :2], shift_m = rigid_motion(anchors_m[known, :2], known_m[known])
+    moved_m, turn_rad = anchors_m @ rotation.T + np.append(shift_m, 0.0), np.arctan2(rotation[1, 0], rotation[0, 0])
     change = np.eye(len(covariance))
     change[: 3 * n, : 3 * n] = np.kron(np.eye(n), rotation)
     return moved_m, relative_covariance(change @ covariance @ change.T, moved_m, known), np.append(shift_m, turn_rad)
@@ -35,19 +36,6 @@ def known_rows(known_m: Float) -> Int:
     """Which of the anchors (A, 2) are known; the others are NaN."""
     rows: Int = np.flatnonzero(np.isfinite(known_m[:, 0]))
     return rows
-
-
-def _best_placing(anchors_m: Float, known_m: Float) -> tuple[float, Float]:
-    """The turn and then the shift (2,) that bring points (B, 2) nearest to known ones (B, 2)."""
-    centre_m, known_centre_m = anchors_m.mean(axis=0), known_m.mean(axis=0)
-    off, known_off = (anchors_m - centre_m) @ [1, 1j], (known_m - known_centre_m) @ [1, 1j]
-    turn_rad = float(np.angle((off.conj() * known_off).sum()))
-    return turn_rad, known_centre_m - _turn(turn_rad)[:2, :2] @ centre_m
-
-
-def _turn(yaw_rad: float) -> Float:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict[int, float], bool]:
@@ -63,8 +51,8 @@ def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict
     )
     off_m = np.hypot(*(anchors_m[known, :2] - known_m[known]).T)
     image_m = anchors_m[known, :2] * [1, -1]
-    turn_rad, shift_m = _best_placing(image_m, known_m[known])
-    image_off_m = np.hypot(*(image_m @ _turn(turn_rad)[:2, :2].T + shift_m - known_m[known]).T)
+    rotation, shift_m = rigid_motion(image_m, known_m[known])
+    image_off_m = np.hypot(*(image_m @ rotation.T + shift_m - known_m[known]).T)
     misplaced_m = {int(known[row]): float(off_m[row]) for row in np.flatnonzero(off_m > far_m)}
     return misplaced_m, bool(misplaced_m) and len(known) > 2 and bool((image_off_m <= far_m).all())
 

@@ -80,11 +80,6 @@ class SurveyedAnchor:
         bound: Float = NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
         return bound
 
-    @property
-    def radius_m(self) -> float:
-        """How far the 95 % ellipse of x and y reaches."""
-        return reach_95(self.covariance_m2)
-
 
 @dataclass(frozen=True, slots=True)
 class AnchorSurvey:
@@ -126,7 +121,7 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
             f"no anchor has {FEWEST_RANGES} ranges near an odometry pose", "record ranges and odometry at the same time"
         )
     solution, ambiguous = _check_mirrors(_solve(walk.of_anchors(heard)))
-    known_m, start_std = known_m[heard], np.hypot(solution.drift, walk.odometry.first_pose_std)[[0, 0, 1]]
+    known_m, start_std = known_m[heard], np.array(solution.drift)[[0, 0, 1]]
     anchors_m, covariance, start = place_in_frame(solution.anchors_m, solution.covariance, known_m, start_std)
     anchors = _anchors(solution, anchors_m, covariance, heard, ambiguous)
     if all(each.why_not for each in anchors):

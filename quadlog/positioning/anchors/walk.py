@@ -33,14 +33,13 @@ class HeightPrior:
 @dataclass(frozen=True, slots=True)
 class OdometryPrior:
     """Errors to expect of an odometry: std of its scales of way and of turns and of its yaw's drift, and its random
-    drift, in m and rad after 1 m of way. first_pose_std: of the first pose alone, in m and rad.
+    drift, in m and rad after 1 m of way.
     """
 
     scale_std: float
     turn_scale_std: float
     yaw_drift_std_radps: float
     drift: tuple[float, float]
-    first_pose_std: tuple[float, float] = (0.01, 0.002)
 
 
 @dataclass(frozen=True)
