@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from quadlog.geometry import rotation_from_quat, seconds_since, yaw_from_quat
+from quadlog.geometry import roll_pitch_from_quat, seconds_since, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
 
 MAX_GAP_S = 0.1
@@ -164,10 +164,8 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
     imu_s, t_s = seconds_since(imu.t_ns, start_ns), seconds_since(t_ns, start_ns)
     given = imu.quat_xyzw
     if given is not None and (np.abs(given).max(axis=1) > 0).all() and np.ptp(given, axis=0).any():
-        rotation = rotation_from_quat(given)
-        roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
-        pitch = np.arcsin(np.clip(-rotation[:, 2, 0], -1.0, 1.0))
-        rpy = np.column_stack([roll, pitch, np.unwrap(yaw_from_quat(given))])
+        quat = given / np.linalg.norm(given, axis=1, keepdims=True)
+        rpy = np.column_stack([roll_pitch_from_quat(quat), np.unwrap(yaw_from_quat(quat))])
         source = AttitudeSource.IMU
     else:
         turned = np.nan_to_num(imu.angular_radps[:, 2]) * np.diff(imu_s, prepend=imu_s[0])
@@ -178,16 +176,14 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
 
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
     """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
-    carries = np.empty((len(joints), 4))
-    source = np.empty((len(joints), 4), dtype=np.int8)
-    load_n = np.empty((len(joints), 4))
+    carries, load_n = np.empty((2, len(joints), 4))
+    source = np.full((len(joints), 4), int(ContactSource.HEIGHT), dtype=np.int8)
     for first in range(0, len(joints), MOST_ROWS):
         rows = slice(first, first + MOST_ROWS)
-        feet_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])
+        height_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])[..., 2]
         load_n[rows] = _loads(joints.position_rad[rows], joints.torque_nm[rows], geometry, rpy_rad[rows])
-        lifted_m = feet_m[..., 2] - np.fmin.reduce(feet_m[..., 2], axis=1, keepdims=True)
+        lifted_m = height_m - np.fmin.reduce(height_m, axis=1, keepdims=True)
         carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
-    source[:] = ContactSource.HEIGHT
     for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
         share = share_of_usual(load)
         known: NDArray[np.bool_] = np.isfinite(share)
@@ -200,14 +196,12 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
 
 def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
     """(N, 4) what the feet push down with, in N, of legs without mass: tau = J^T f."""
-    jacobian = _foot_jacobians(position_rad, geometry)
-    summed = jacobian.sum(axis=(2, 3)) + torque_nm.reshape(-1, 4, 3).sum(axis=2)
-    known: NDArray[np.bool_] = np.isfinite(summed)
-    jacobian = np.where(known[..., None, None], jacobian, np.eye(3))
-    torques = np.where(known[..., None], torque_nm.reshape(-1, 4, 3), np.nan)
+    jacobian, torques = _foot_jacobians(position_rad, geometry), torque_nm.reshape(-1, 4, 3, 1)
+    known = np.isfinite(jacobian.sum(axis=(2, 3)) + torques.sum(axis=(2, 3)))[..., None, None]
+    jacobian, torques = np.where(known, jacobian, np.eye(3)), np.where(known, torques, np.nan)
     # A stretched leg holds any force along itself; damping by 1 mm keeps the solution finite.
     damped = jacobian @ np.swapaxes(jacobian, 2, 3) + 1e-6 * np.eye(3)
-    force_n = np.linalg.solve(damped, jacobian @ torques[..., None])[..., 0]
+    force_n = np.linalg.solve(damped, jacobian @ torques)[..., 0]
     return -_levelled(force_n, rpy_rad)[..., 2]
 
 
@@ -221,12 +215,11 @@ def share_of_usual(load: Float) -> Float:
         low, middle, high = np.percentile(column[known], [5.0, 50.0, 95.0])
         # A foot that stands all the time is never without load: then its sensor's zero is taken to be right.
         low = low if low < high / 2 else 0.0
-        if not (high > low and high > 0):
-            continue
-        share[:, foot] = (column - low) / (high - low)
-        # Of a robot that mostly stood the low load is that of standing, which is half of a trot's.
-        if middle > LEAST_STANDING * high and (share[known, foot] < CARRIES_SHARE).mean() > MOST_SWINGING:
-            share[:, foot] = column / (2 * middle)
+        if high > max(low, 0.0):
+            share[:, foot] = (column - low) / (high - low)
+            # Of a robot that mostly stood the low load is that of standing, which is half of a trot's.
+            if middle > LEAST_STANDING * high and (share[known, foot] < CARRIES_SHARE).mean() > MOST_SWINGING:
+                share[:, foot] = column / (2 * middle)
     return share
 
 
@@ -269,10 +262,8 @@ def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
     velocity_mps = way_m / np.maximum(lasted_s, 1e-9)[:, None]
     off_m = moves_m - velocity_mps[:, None] * step_s[:, None, None]
     short = max(window // 4, 1)
-    off_mps = (
-        uniform_filter1d(off_m, short, axis=0, mode="nearest")
-        / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
-    )
+    off_m = uniform_filter1d(off_m, short, axis=0, mode="nearest")
+    off_mps = off_m / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
     return 1.0 / (1.0 + np.einsum("ijk,ijk->ij", off_mps, off_mps) / STILL_MPS**2)
 
 
@@ -280,16 +271,10 @@ def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
     """(M, 4, 3) how far the centre of each foot rolls on the ground between instants (M + 1,): rotation x radius."""
     hip, thigh, calf = _angles(position_rad)
     roll, pitch = rpy_rad[:, :1], rpy_rad[:, 1:2]
-    about = _middle(roll + hip)
-    forward, turned = np.diff(pitch, axis=0), np.diff(thigh + calf, axis=0)
-    about_y = forward + turned * np.cos(about)
-    about_x = np.diff(roll + hip, axis=0) * np.cos(_middle(pitch)) + turned * np.sin(_middle(pitch)) * np.sin(about)
+    turned, about, tilt = np.diff(thigh + calf, axis=0), *((each[1:] + each[:-1]) / 2 for each in (roll + hip, pitch))
+    about_y = np.diff(pitch, axis=0) + turned * np.cos(about)
+    about_x = np.diff(roll + hip, axis=0) * np.cos(tilt) + turned * np.sin(tilt) * np.sin(about)
     return radius_m * np.stack([about_y, -about_x, np.zeros_like(about_x)], axis=-1)
-
-
-def _middle(values: Float) -> Float:
-    middle: Float = (values[1:] + values[:-1]) / 2
-    return middle
 
 
 def _turned(vectors: Float, angle_rad: Float) -> Float:

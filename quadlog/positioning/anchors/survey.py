@@ -1,8 +1,8 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
 Anchors, what lasts of the odometry's errors and the delay of the ranges are global unknowns of the batch [Nguyen].
-Anchors enter it first where their own ranges single out one place (the idea of [Delama]); along the walk that they
-correct, the others follow. Mirror images are solved as well and compared.
+Each anchor starts where its own ranges along the odometry fit one place best [Delama]. Mirror images are solved as
+well and compared.
 """
 
 from __future__ import annotations

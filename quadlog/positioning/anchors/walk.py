@@ -14,8 +14,6 @@ from quadlog.positioning.batch.spline import Timeline, make_timeline
 KNOT_S, MOST_KNOTS, MOST_CELLS = 0.5, 4000, 700_000
 """Between knots, longer in a long log; and how many there are at most, also times the global unknowns."""
 MOST_RANGES = 10_000
-PATH_S = 0.5
-"""Interval over which the length of the way is summed, so that noise of single poses is not counted as walked."""
 MAX_GAP_S = 1.0
 """A range farther than this from the odometry's poses is left out."""
 STANDING_M = 0.02
@@ -46,7 +44,7 @@ class OdometryPrior:
 class Walk:
     """A way seen from its first pose, K knots on it, ranges along it, and what is expected of anchors and odometry.
 
-    way_m: its length by odometry; drifting_m (K - 1,): way between knots for which the odometry drifts at random.
+    way_m: its length by odometry, from knot to knot; drifting_m (K - 1,): of that, for which it drifts at random.
     """
 
     way: Way
@@ -114,23 +112,18 @@ def make_walk(
     xy_m = turned(np.full(len(t_s), -yaw_rad[0]), way.xy_m - way.xy_m[0])
     most = min(MOST_KNOTS, most_ranges, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
     timeline = make_timeline(np.array([0.0, last_s]), max(KNOT_S, last_s / most), np.inf, np.empty(0))
-    path_s = np.linspace(0.0, last_s, min(max(2, 1 + round(last_s / PATH_S)), 1 << 20))
     relative = Way(t_s, xy_m, yaw_rad - yaw_rad[0])
-    walked_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(relative.at(path_s)[0], axis=0).T)))
-    drifting_m = np.maximum(np.diff(np.interp(timeline.t_s, path_s, walked_m)), STANDING_M)
-    kept = replace(kept, t_s=kept.t_s - way.t_s[0])
-    return Walk(relative, timeline, float(walked_m[-1]), drifting_m, kept, heights, odometry), int((~near).sum())
+    walked_m = np.hypot(*np.diff(relative.at(timeline.t_s)[0], axis=0).T)
+    kept, drifting_m = replace(kept, t_s=kept.t_s - way.t_s[0]), np.maximum(walked_m, STANDING_M)
+    return Walk(relative, timeline, float(walked_m.sum()), drifting_m, kept, heights, odometry), int((~near).sum())
 
 
 def _even_selection(rows: Int, link: Int, most: int) -> Int:
     """Of rows (N,) with their links (N,) about `most`: as many of every link, evenly spread, all of rare ones."""
-    links, counts = np.unique(link, return_counts=True)
-    limit = max(most // len(links), 1)
-    kept = []
-    for each, count in zip(links, counts, strict=True):
-        mine = rows[link == each]
-        kept.append(mine if count <= limit else mine[np.linspace(0, count - 1, limit).astype(np.int64)])
-    return np.sort(np.concatenate(kept))
+    of_link = [rows[link == each] for each in np.unique(link)]
+    limit = max(most // len(of_link), 1)
+    spread = [np.linspace(0, len(mine) - 1, min(len(mine), limit)).astype(np.int64) for mine in of_link]
+    return np.sort(np.concatenate([mine[some] for mine, some in zip(of_link, spread, strict=True)]))
 
 
 MOST_ROWS, ROUNDS = 240, 15
