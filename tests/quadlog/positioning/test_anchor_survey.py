@@ -40,41 +40,40 @@ def moved(anchors_m: Float, anchor: int, x_m: float, y_m: float) -> Float:
     return other_m
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (0, 4), (2, 3)])
-def test_a_swapped_pair_is_named(lab, pair):
-    order = np.arange(5)
+def swapped(anchors_m: Float, pair: tuple[int, int]) -> Float:
+    order = np.arange(len(anchors_m))
     order[list(pair)] = pair[::-1]
-    assert check(IRREGULAR_M[order], log_of(lab, 0, anchors_m=IRREGULAR_M)) == SurveyFaults(swapped=(pair,))
+    return anchors_m[order]
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 4), (2, 3)])
+def test_a_swapped_pair_is_named_before_any_shift_and_true_anchors_raise_no_alarm(lab, pair):
+    log = log_of(lab, 0, anchors_m=IRREGULAR_M)
+    assert check(IRREGULAR_M, log) == NO_FAULT
+    assert check(swapped(IRREGULAR_M, pair), log) == SurveyFaults(swapped=(pair,))
 
 
 def test_symmetry_hides_what_it_must(lab):
     """A swap across a square's diagonal mirrors it. In a rectangle that of one side looks like that of the other."""
     square_m = np.array([[0.0, 0.0, 1.2], [7.0, 0.0, 1.2], [7.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
-    assert check(square_m[[2, 1, 0, 3]], log_of(lab, 2, anchors_m=square_m)) == NO_FAULT
+    assert check(swapped(square_m, (0, 2)), log_of(lab, 2, anchors_m=square_m)) == NO_FAULT
     silent = log_of(lab, 6, anchors_m=IRREGULAR_M)
     silent.epochs.range_m[:, 4] = np.nan
-    swapped = check(IRREGULAR_M[[1, 0, 2, 3, 4]], silent).swapped
-    assert swapped[0] == (0, 1)
-    assert all(4 not in pair for pair in swapped)
+    found = check(swapped(IRREGULAR_M, (0, 1)), silent).swapped
+    assert found[0] == (0, 1)
+    assert all(4 not in pair for pair in found)
     oblong_m = square_m * [1.6, 1.0, 1.0]
-    assert sorted(check(oblong_m[[1, 0, 2, 3]], log_of(lab, 3, anchors_m=oblong_m)).swapped) == [(0, 1), (2, 3)]
+    assert sorted(check(swapped(oblong_m, (0, 1)), log_of(lab, 3, anchors_m=oblong_m)).swapped) == [(0, 1), (2, 3)]
 
 
 @pytest.mark.parametrize(("anchor", "x_m", "y_m"), [(0, 0.7, 0.0), (3, 0.0, -0.7), (4, 1.5, 2.0)])
 def test_a_shifted_anchor_is_named_and_placed(lab, anchor, x_m, y_m):
     got = check(moved(ANCHORS_M, anchor, x_m, y_m), log_of(lab, 1))
-    assert [each.anchor for each in got.shifted] == [anchor]
-    assert not got.swapped
-    shifted = got.shifted[0]
-    error_m = np.add(shifted.shift_m, [x_m, y_m])
+    assert ([each.anchor for each in got.shifted], got.swapped) == ([anchor], ())
+    error_m = np.add(got.shifted[0].shift_m, [x_m, y_m])
     assert np.hypot(*error_m) < 0.3
-    assert error_m @ np.linalg.solve(shifted.covariance_m2, error_m) < 9.2  # 99 % of two degrees of freedom
-    assert shifted.distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * shifted.distance_std_m)
-
-
-def test_exchanged_anchors_are_named_before_any_shift_and_true_ones_raise_no_alarm(lab):
-    assert check(ANCHORS_M, log_of(lab, 0)) == NO_FAULT
-    assert check(ANCHORS_M[[0, 4, 2, 3, 1, 5]], log_of(lab, 2)) == SurveyFaults(swapped=((1, 4),))
+    assert error_m @ np.linalg.solve(got.shifted[0].covariance_m2, error_m) < 9.2  # 99 % of two degrees of freedom
+    assert got.shifted[0].distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * got.shifted[0].distance_std_m)
 
 
 def test_a_large_shift_does_not_pass_for_a_swap(lab):
@@ -109,15 +108,12 @@ def test_the_trolleys_survey_is_right(trolley, trolley_logs):
 
 @pytest.mark.parametrize("anchor", [0, 3, 6])
 def test_half_a_metre_on_a_real_anchor_is_named(trolley, trolley_logs, anchor):
-    angle = np.radians(77 * anchor)
-    off_m = 0.5 * np.array([np.cos(angle), np.sin(angle)])
-    got = check(moved(trolley.anchors_m, anchor, *off_m), trolley_logs[0])
-    assert [each.anchor for each in got.shifted] == [anchor]
-    assert np.hypot(*(got.shifted[0].shift_m + off_m)) < 0.2
+    off_m = 0.5 * np.array([np.cos(np.radians(77 * anchor)), np.sin(np.radians(77 * anchor))])
+    (shifted,) = check(moved(trolley.anchors_m, anchor, *off_m), trolley_logs[0]).shifted
+    assert shifted.anchor == anchor
+    assert np.hypot(*(shifted.shift_m + off_m)) < 0.2
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (2, 6)])
 def test_two_real_anchors_swapped_are_named_by_one_tag(trolley, trolley_logs, pair):
-    order = np.arange(8)
-    order[list(pair)] = pair[::-1]
-    assert check(trolley.anchors_m[order], trolley_logs[1]) == SurveyFaults(swapped=(pair,))
+    assert check(swapped(trolley.anchors_m, pair), trolley_logs[1]) == SurveyFaults(swapped=(pair,))
