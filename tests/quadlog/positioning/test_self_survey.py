@@ -62,11 +62,11 @@ def survey(
 def test_places_and_bounds_over_seeds():
     """Three seeds show gross errors only: with as many, the share within the bounds scatters by several percent."""
     found = [survey(seed) for seed in range(3)]
-    error_m = np.array([[each.position_m for each in result.anchors] - truth for result, truth in found])
-    bound_m = np.array([[each.bound_m for each in result.anchors] for result, _ in found])
-    assert np.median(np.hypot(error_m[..., 0], error_m[..., 1])) <= 0.10
-    assert np.mean(np.abs(error_m[..., :2]) <= bound_m[..., :2]) >= 0.85
-    assert np.median(bound_m[..., :2]) <= 0.25
+    error_m = np.array([[each.position_m for each in result.anchors] - truth for result, truth in found])[..., :2]
+    bound_m = np.array([[each.bound_m for each in result.anchors] for result, _ in found])[..., :2]
+    assert np.median(np.linalg.norm(error_m, axis=2)) <= 0.10
+    assert np.mean(np.abs(error_m) <= bound_m) >= 0.85
+    assert np.median(bound_m) <= 0.25
     assert all(each.why_not == "" for result, _ in found for each in result.anchors)
 
 
