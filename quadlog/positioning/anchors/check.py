@@ -12,7 +12,6 @@ from scipy.linalg import block_diag
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.frame import KNOWN_STD_M, gauge, known_rows
-from quadlog.positioning.anchors.walk import refine_place
 from quadlog.positioning.batch.factors import Border, TagRanges
 from quadlog.positioning.batch.solve import refine
 from quadlog.positioning.batch.tracking import Body, Starts, TrackSettings, track_body
@@ -155,59 +154,44 @@ def check_survey(
     logs = [each for log in logs if len((each := log.thinned()).epochs) >= MIN_EPOCHS]
     if not logs:
         return SurveyFaults()
-    exchanges, start_m = _likeliest_layout(logs, anchors_m, range_std_m)
-    if exchanges:
-        return SurveyFaults(exchanges)
+    exchanges, misfit = _find_exchanges(logs, anchors_m, range_std_m)
     most = max(logs, key=lambda log: float(np.isfinite(log.epochs.range_m).sum()))
-    placed = _placed(most, start_m, range_std_m, acceleration_std_mps2)
-    if placed is None:
-        return SurveyFaults()
-    heard = np.isfinite(most.epochs.range_m).sum(axis=0) >= MIN_EPOCHS
-    known_m = np.where(heard[:, None], anchors_m[:, :2], np.nan)
-    return find_faults(*placed, known_m, np.arange(len(anchors_m))) or SurveyFaults()
+    heard, faults = np.isfinite(most.epochs.range_m).sum(axis=0) >= MIN_EPOCHS, None
+    placed = _placed(most, anchors_m, range_std_m, acceleration_std_mps2)
+    if placed is not None:
+        known_m = np.where(heard[:, None], anchors_m[:, :2], np.nan)
+        faults = find_faults(*placed, known_m, np.arange(len(anchors_m)))
+    # A single displaced anchor, free to go anywhere, may explain more than an exchange does.
+    for shift in () if faults is None else faults.shifted:
+        displaced_m = anchors_m.copy()
+        displaced_m[shift.anchor, :2] += shift.shift_m
+        if _misfit(logs, displaced_m, range_std_m) < CLEARLY_BETTER * misfit:
+            exchanges = ()
+    return SurveyFaults(exchanges) if exchanges or faults is None else faults
 
 
-def _likeliest_layout(
+def _find_exchanges(
     logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float
-) -> tuple[tuple[tuple[int, int], ...], Float]:
-    """Swapped pairs that explain logs better than anchors (A, 3) as configured; or these, with one displaced if so.
+) -> tuple[tuple[tuple[int, int], ...], float]:
+    """Swapped pairs that explain logs better than anchors (A, 3) as configured, the likeliest first; and its misfit.
 
-    Every pair and every anchor is tried. A symmetric layout hides exchanges: those that mirror or turn it onto itself
-    fit as well as the truth, and neither is named.
+    Every pair is tried. A symmetric layout hides those that mirror or turn it onto itself.
     """
     heard = np.flatnonzero(sum(np.isfinite(log.epochs.range_m).any(axis=0) for log in logs))
     pairs = list(combinations(heard.tolist(), 2))
-    layouts = [anchors_m, *(_elsewhere(logs[0], anchors_m, anchor, range_std_m) for anchor in heard.tolist())]
-    exchanges = [anchors_m[_exchanged(len(anchors_m), *pair)] for pair in pairs]
-    displaced, swapped = (
-        np.array([np.concatenate([_costs(log, each, range_std_m) for log in logs]).mean() for each in some])
-        for some in (layouts, exchanges)
-    )
-    best = float(swapped.min())
-    if best > CLEARLY_BETTER * displaced[0] or displaced[1:].min() < CLEARLY_BETTER * best:
-        return (), layouts[int(np.argmin(displaced))]
-    as_good = [int(i) for i in np.argsort(swapped, kind="stable") if CLEARLY_BETTER * swapped[i] <= best]
-    return tuple(pairs[i] for i in as_good), anchors_m
+    layouts = [anchors_m, *(anchors_m[_exchanged(len(anchors_m), *pair)] for pair in pairs)]
+    misfits = np.array([_misfit(logs, each, range_std_m) for each in layouts])
+    best = float(misfits.min())
+    ranked = np.argsort(misfits, kind="stable").tolist() if best < CLEARLY_BETTER * misfits[0] else []
+    return tuple(pairs[i - 1] for i in ranked if CLEARLY_BETTER * misfits[i] <= best), best
 
 
-def _elsewhere(log: TagEpochs, anchors_m: Float, anchor: int, range_std_m: float) -> Float:
-    """Anchors (A, 3) with one of them where its ranges have it along fixes by the others."""
-    range_m = log.epochs.range_m.copy()
-    range_m[:, anchor] = np.nan
-    fixes = replace(log, epochs=replace(log.epochs, range_m=range_m)).fixes(anchors_m, range_std_m)
-    seen = fixes.solved & np.isfinite(log.epochs.range_m[:, anchor])
-    placed_m = anchors_m.copy()
-    if np.count_nonzero(seen) >= MIN_EPOCHS:
-        x_m, y_m, z_m = anchors_m[anchor].tolist()
-        tag_m = np.column_stack([fixes.position_m[seen, :2], np.full(np.count_nonzero(seen), log.height_m)])
-        placed_m[anchor, :2] = refine_place(tag_m, log.epochs.range_m[seen, anchor], np.array([x_m, y_m]), (z_m, 1e-3))[
-            0
-        ][:2]
-    return placed_m
+def _misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> float:
+    """Mean log(1 + (r / 2 std)^2) of what fixes of single epochs leave, each link's usual residual taken away."""
+    return float(np.concatenate([_costs(log, anchors_m, range_std_m) for log in logs]).mean())
 
 
 def _costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
-    """log(1 + (r / 2 std)^2) of what fixes of single epochs leave, each link's usual residual taken away."""
     range_m, fixes = log.epochs.range_m, log.fixes(anchors_m, range_std_m)
     known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
     bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
