@@ -154,26 +154,20 @@ def check_survey(
     logs = [each for log in logs if len((each := log.thinned()).epochs) >= MIN_EPOCHS]
     if not logs:
         return SurveyFaults()
-    exchanges, misfit = _find_exchanges(logs, anchors_m, range_std_m)
+    exchanges = _find_exchanges(logs, anchors_m, range_std_m)
+    if exchanges:
+        return SurveyFaults(exchanges)
     most = max(logs, key=lambda log: float(np.isfinite(log.epochs.range_m).sum()))
-    heard, faults = np.isfinite(most.epochs.range_m).sum(axis=0) >= MIN_EPOCHS, None
     placed = _placed(most, anchors_m, range_std_m, acceleration_std_mps2)
-    if placed is not None:
-        known_m = np.where(heard[:, None], anchors_m[:, :2], np.nan)
-        faults = find_faults(*placed, known_m, np.arange(len(anchors_m)))
-    # A single displaced anchor, free to go anywhere, may explain more than an exchange does.
-    for shift in () if faults is None else faults.shifted:
-        displaced_m = anchors_m.copy()
-        displaced_m[shift.anchor, :2] += shift.shift_m
-        if _misfit(logs, displaced_m, range_std_m) < CLEARLY_BETTER * misfit:
-            exchanges = ()
-    return SurveyFaults(exchanges) if exchanges or faults is None else faults
+    if placed is None:
+        return SurveyFaults()
+    heard = np.isfinite(most.epochs.range_m).sum(axis=0) >= MIN_EPOCHS
+    known_m = np.where(heard[:, None], anchors_m[:, :2], np.nan)
+    return find_faults(*placed, known_m, np.arange(len(anchors_m))) or SurveyFaults()
 
 
-def _find_exchanges(
-    logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float
-) -> tuple[tuple[tuple[int, int], ...], float]:
-    """Swapped pairs that explain logs better than anchors (A, 3) as configured, the likeliest first; and its misfit.
+def _find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> tuple[tuple[int, int], ...]:
+    """Swapped pairs that explain logs better than anchors (A, 3) as configured, the likeliest first.
 
     Every pair is tried. A symmetric layout hides those that mirror or turn it onto itself.
     """
@@ -183,7 +177,7 @@ def _find_exchanges(
     misfits = np.array([_misfit(logs, each, range_std_m) for each in layouts])
     best = float(misfits.min())
     ranked = np.argsort(misfits, kind="stable").tolist() if best < CLEARLY_BETTER * misfits[0] else []
-    return tuple(pairs[i - 1] for i in ranked if CLEARLY_BETTER * misfits[i] <= best), best
+    return tuple(pairs[i - 1] for i in ranked if CLEARLY_BETTER * misfits[i] <= best)
 
 
 def _misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> float:
