@@ -65,9 +65,9 @@ def _near_walls() -> Iterator[Figure]:
             cloud = PointCloud(None, "", scan.xyz_lidar_m, scan.ring)
             for method in found:
                 made = ScanClassifier(settings[method]).classify(cloud, scan.transform_lidar_to_base)
-                ground = made.point[made.label == PointClass.GROUND]
+                ground = made.returns.label == PointClass.GROUND
                 found[method] += int(np.count_nonzero(scan.truth[ground] == PointClass.GROUND))
-                called[method] += len(ground)
+                called[method] += int(np.count_nonzero(ground))
         for method in found:
             yield Figure(f"{place}, points called ground that are, {method}", 100 * found[method] / called[method], "%")
 

@@ -37,6 +37,10 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
     Commas separate values, except inside brackets and quotes: --set key=[1,2],[3,4].
     """
     existing, jobs, scheduler = options.how_to_run(given)
+    if scheduler is None:
+        from quadlog.pipelines.executor.pool import prepare_workers
+
+        prepare_workers()
     from quadlog.pipelines.batch.sweep import SweepRequest, make_grid, sweep
     from quadlog.pipelines.executor.machine import cores
     from quadlog.pipelines.request import ReplayOptions

@@ -299,13 +299,6 @@ class NotARun(FileError):
     """A folder that is no finished run, or one with a damaged or missing file."""
 
 
-class PosesOnLine(QuadlogError):
-    """Poses on one line fit in any turn about it, so they cannot be aligned."""
-
-    def __init__(self) -> None:
-        super().__init__("poses on one line fit in any turn about it")
-
-
 class TooLarge(QuadlogError):
     """A size from an untrusted input exceeds what quadlog is willing to allocate."""
 

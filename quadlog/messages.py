@@ -190,6 +190,10 @@ class RangeSeries:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    def rows(self, rows: np.ndarray | slice) -> RangeSeries:
+        """Those of a mask, of indices or of a slice."""
+        return RangeSeries(self.t_ns[rows], self.tag[rows], self.anchor[rows], self.range_m[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class PoseSeries:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from quadlog.errors import ExitCode, NotARun, QuadlogError
-from quadlog.pipelines.executor.progress import Kept, Progress
+from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.find_runs import FAILED, fetch, run_name
 from quadlog.results.page.runs_page import MOST_DRAWN, write_folder_page
@@ -20,6 +20,7 @@ from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath
 
 _PAGE, _TABLE = "report.html", "summary.parquet"
+NOT_OURS = f"its {_TABLE} or {_PAGE} is not quadlog's and is left alone"
 _READ = ("run.json", "metrics.json", FAILED)
 _DRAWN = ("poses.parquet", "target.parquet", "control.parquet")
 
@@ -48,7 +49,7 @@ def summarise(folder: Path, progress: Progress) -> None:
         with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
             here = _fetched(folder, Path(scratch)) if isinstance(folder, RemotePath) else folder
             if not _is_ours(here):
-                progress.say(f"warning: {folder}: its {_TABLE} or {_PAGE} is not quadlog's and is left alone")
+                progress.say(f"warning: {folder}: {NOT_OURS}")
                 return
             rows = [row for name in sorted(_names(here)) if (row := _row(here / name)) is not None]
             if not rows:
@@ -64,9 +65,9 @@ def rebuild_summary(folder: Path) -> Path:
     """Summary and page of the runs that are in a folder now. Raises NotARun where there are none, CannotWrite."""
     if all(_row(folder / name) is None for name in _names(folder)):
         raise NotARun(folder, "is not a run folder and contains none")
-    summarise(folder, said := Kept())
-    if said.lines:
-        raise NotARun(folder, said.lines[0].removeprefix(f"warning: {folder}: "))
+    if not _is_ours(folder):
+        raise NotARun(folder, NOT_OURS)
+    summarise(folder, Silent())
     return folder / _PAGE
 
 

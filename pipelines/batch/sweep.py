@@ -151,6 +151,8 @@ def sweep(
     if request.existing is Existing.FORCE:
         Store(request.output).forget(key for each in batch for key in planned_keys(each).values())
         batch = [replace(each, existing=Existing.REPLACE) for each in batch]
+    import pandas  # noqa: F401  # for the page: while workers start, there is time for it
+
     outcomes = replay_all(batch, jobs, scheduler, progress)
     rows = []
     for each, outcome in zip(request.grid, outcomes, strict=True):

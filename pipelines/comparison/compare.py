@@ -8,7 +8,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,7 @@ def compare(
             table = ask_everything(source, names, options.rules, progress, repeats)
             comparison = compare_planners(table, options.baseline, options.counts, incremental)
             columns = {name: table[name] for name in REPLANS.names}
-            outcome.rows.extend(map(asdict, comparison.rows))
+            outcome.rows.extend(comparison.rows)
             outcome.findings.append(verdict(comparison))
             outcome.about.extend([f"{source.name}: {source.about}.", *notes(comparison), *failures(columns)])
             if folder is not None:

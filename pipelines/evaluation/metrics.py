@@ -140,7 +140,7 @@ def _measure(run: Run, reference: references.Reference | None, detail: bool) -> 
         samples, errors = read_samples(run.path, metrics)
         problems += dict.fromkeys(map(str, errors))
         metrics |= {
-            name: replace(metrics[name], detail=detail_of(each)) for name, each in samples.items() if each.count
+            name: replace(metrics[name], detail=detail_of(each)) for name, each in samples.items() if len(each.values)
         }
     if reference is not None:
         metrics = {name: each for name, each in metrics.items() if name not in references.REFERENCE_METRICS}

@@ -11,16 +11,11 @@ import numpy as np
 
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config, UwbConfig
-from quadlog.errors import NoCommonTime, NotARun, PosesOnLine, UnreadableFile, UsageError
+from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import poses_in_space
 from quadlog.messages import Int, PoseSeries
 from quadlog.metrics.positioning import fix_error_samples
-from quadlog.metrics.reference_offset import (
-    TRAJECTORY_METRICS,
-    ClockOffset,
-    compare_trajectories,
-    estimate_clock_offset,
-)
+from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories, estimate_time_offset
 from quadlog.metrics.summary import Samples
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of, roles_of, tag_truth
 from quadlog.results.record import read_record
@@ -122,13 +117,13 @@ def compare_trajectory(run: Path, reference: Reference) -> ReferenceErrors:
     why_planar = why_planar or ("the reference lies in a plane" if _is_planar(truth) else "")
     planar = bool(why_planar) if how.planar is None else how.planar
     options = how.max_difference_s, how.offset_s
-    try:
-        compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=planar)
-    except PosesOnLine as error:
-        raise NotARun(run, f"cannot be aligned with {reference.path}: {error}") from error
+    compared = compare_trajectories(truth, estimate, *options, align=how.align, planar=planar)
     if compared is None:
         words = f"no two poses within {how.max_difference_s:g} s; {_ranges(truth.t_ns, estimate.t_ns, how)}"
-        raise NoCommonTime(reference.path, run, f"{words}; {_offset_words(estimate_clock_offset(truth, estimate))}")
+        found = estimate_time_offset(truth, estimate)
+        # A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results.
+        advice = f"; estimated --t-offset {found.offset_s:.3f}" if found.offset_s is not None else ""
+        raise NoCommonTime(reference.path, run, f"{words}; {found.words()}{advice}")
     n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
     dimensions = _dimension_words(planar, how, why_planar)
     summary = f"errors in {dimensions}; {compared.summary()}"
@@ -225,16 +220,6 @@ def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str,
     truth_m = tag_truth(t_ns + round(reference.how.offset_s * _NS), reference.poses, robot.lever_m)
     samples = fix_error_samples(t_ns, np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m)
     return {name: each for name, each in samples.items() if len(each.values)}
-
-
-def _offset_words(found: ClockOffset | None) -> str:
-    """A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results."""
-    if found is None:
-        return "time offset unknown: too short, too little motion, or another walk"
-    if found.rival_s is not None:
-        return f"the offset is ambiguous: {found.offset_s:.3f} s and {found.rival_s:.3f} s fit about as well"
-    apart = f"positions {found.residual_m:.3f} m apart once aligned"
-    return f"estimated offset {found.offset_s:.3f} s ({apart}): --t-offset {found.offset_s:.3f}"
 
 
 def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:

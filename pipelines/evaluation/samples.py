@@ -13,9 +13,9 @@ from quadlog.errors import QuadlogError
 from quadlog.geometry import interpolate_poses
 from quadlog.metrics.alignment import track_difference_samples
 from quadlog.metrics.planning import search_samples
-from quadlog.metrics.positioning import ellipse_samples, innovation_samples, residual_samples
+from quadlog.metrics.positioning import ellipse_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
-from quadlog.metrics.summary import Samples
+from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.metrics.walking import body_samples, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
@@ -84,7 +84,7 @@ def _residuals(run: _Run) -> dict[str, Samples]:
 def _innovations(run: _Run) -> dict[str, Samples]:
     table = read_table(run.path, "innovations", ["t_ns", "tag", "nis"])
     own = table["tag"] == run.robot.id
-    return innovation_samples(table["t_ns"][own], table["nis"][own])
+    return {"uwb_nis": finite_samples(table["t_ns"][own], table["nis"][own], "mean")}
 
 
 def _ellipses(run: _Run) -> dict[str, Samples]:

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from types import TracebackType
@@ -27,9 +28,24 @@ from quadlog.storage.atomic_write import remove_unfinished
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 # A worker has one core. One heap for all its threads: with glibc's own for each, it grows by 5 % with every recording.
 _ENVIRONMENT = dict.fromkeys((*THREAD_VARIABLES, "MALLOC_ARENA_MAX"), "1")
-_SPAWN = multiprocessing.get_context("spawn")
+_COPIES = sys.platform == "linux"  # elsewhere libraries of the system need not survive it
+_CONTEXT = multiprocessing.get_context("forkserver" if _COPIES else "spawn")
+forkserver.set_forkserver_preload(["quadlog.pipelines.executor.preload"])
 
 T = TypeVar("T")
+
+
+def prepare_workers() -> None:
+    """Start the process that loads what workers need, while this one goes on; on Linux each worker is a copy of it.
+
+    It and its copies do not hear Ctrl-C, which reaches all of them: this process's main thread handles it.
+    """
+    os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
+    resource_tracker.ensure_running()  # the thread that starts it has SIGINT unblocked afterwards
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    if _COPIES:
+        forkserver.ensure_running()
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class LocalPool(Executor):
@@ -42,9 +58,7 @@ class LocalPool(Executor):
 
     def __init__(self, workers: int) -> None:
         """The number of processes; `messages` receives what tasks `tell`."""
-        os.environ.update(_ENVIRONMENT)  # libraries look there when they are loaded in a new process
-        resource_tracker.ensure_running()  # the thread that starts it has SIGINT unblocked afterwards
-        self._threads = ThreadPoolExecutor(workers, "quadlog-worker", initializer=_block_interrupts)
+        self._threads = ThreadPoolExecutor(workers, "quadlog-worker")
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self._own = threading.local()
         self._processes: set[_Process] = set()
@@ -95,10 +109,11 @@ class _Process:
     """A process, its pipe for messages, and its folder for temporary files. Raises BrokenProcessPool."""
 
     def __init__(self, messages: SimpleQueue[Any]) -> None:
+        prepare_workers()
         self._folder = tempfile.TemporaryDirectory(prefix="quadlog-worker-", ignore_cleanup_errors=True)
-        reader, writer = _SPAWN.Pipe(duplex=False)
+        reader, writer = _CONTEXT.Pipe(duplex=False)
         with writer:
-            self.pool = ProcessPoolExecutor(1, _SPAWN, _begin, (writer, self._folder.name))
+            self.pool = ProcessPoolExecutor(1, _CONTEXT, _begin, (writer, self._folder.name))
             self._pid = self.pool.submit(os.getpid).result()
         self._listening = threading.Thread(target=_listen, args=(reader, messages), daemon=True)
         self._listening.start()
@@ -136,11 +151,6 @@ def _begin(writer: Connection, folder: str) -> None:
         os._exit(1)
 
     threading.Thread(target=leave_with_parent, name="quadlog-orphan", daemon=True).start()
-
-
-def _block_interrupts() -> None:
-    """In a thread, and in the processes that it starts: Ctrl-C reaches all of them, and the main thread handles it."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,17 +51,6 @@ class Progress:
 Silent = Progress
 
 
-class Kept(Progress):
-    """Keeps the lines, for the process that has the terminal."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def say(self, text: str) -> None:
-        """Keep one line."""
-        self.lines.append(text)
-
-
 class StageClock:
     """Seconds spent in each stage, without compilation, and the process's peak memory when it ended.
 

@@ -15,8 +15,8 @@ from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import UsageError
 from quadlog.messages import Float
-from quadlog.metrics.summary import Metric, Metrics, saved_metrics
-from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_metrics
+from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
+from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
@@ -296,7 +296,10 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
     columns = {name: control[name] for name in (*errors, *(["fallen"] if simulated.model is not None else []))}
-    metrics = tracking_metrics(columns, walk.completed_ns)
+    metrics = metrics_of(tracking_samples(columns))
+    if walk.completed_ns is not None:
+        completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9
+        metrics["completion_time_s"] = Metric(completion_s, 1, "s")
     if walk.effort is not None:
         ticks = round(simulated.lasted_s / TIMESTEP_S)
         metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)

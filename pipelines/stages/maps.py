@@ -184,10 +184,12 @@ class _Sample(NamedTuple):
 
     @classmethod
     def of(cls, scan: TimedScan, place: ScanPlace) -> _Sample:
-        points = scan.found.points()
-        known = np.isfinite(place.pose).all()
-        xyz_m = deskewed(points.xyz_base_m, points.slot, place.pose, place.slot_pose) if known else points.xyz_base_m
-        return cls(scan.t_ns, xyz_m, points.label, place.pose)
+        returns = scan.found.returns
+        valid = returns.label != PointClass.INVALID
+        xyz_m, slot = scan.found.xyz_base_m[valid], returns.slot[valid]
+        if np.isfinite(place.pose).all():
+            xyz_m = deskewed(xyz_m, slot, place.pose, place.slot_pose)
+        return cls(scan.t_ns, xyz_m, returns.label[valid], place.pose)
 
 
 def _samples(scans: Sequence[_Sample]) -> dict[str, Any]:

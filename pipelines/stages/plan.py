@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.mapping.grid import window_at
-from quadlog.messages import NS_PER_S
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
 from quadlog.pipelines.store import stage
@@ -68,17 +68,34 @@ def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[PlanRec
         TableWriter(run / f"{plans}.parquet", TABLES[plans]) as replans,
         TableWriter(run / f"{paths}.parquet", TABLES[paths]) as found,
     ):
+        waiting: list[PlannedPath] = []
 
         def add(record: PlanRecord, path: PlannedPath | None) -> None:
             row = {name: getattr(record, name) for name in TABLES[plans].names}
             costs = {name: np.nan if row[name] is None else float(row[name]) for name in ("cost", "optimal_cost")}
             replans.add_row(row | costs)
             if path is not None:
-                (x_m, y_m), (smooth_x_m, smooth_y_m) = path.raw_xy_m.T, path.smooth_xy_m.T
-                columns = {"x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
-                found.append({"t_ns": path.t_ns, "i": np.arange(len(x_m))} | columns)
+                waiting.append(path)
+            if len(waiting) == PATHS_AT_ONCE:
+                found.append(_columns(waiting))
+                waiting.clear()
 
         yield add
+        if waiting:
+            found.append(_columns(waiting))
+
+
+PATHS_AT_ONCE = 64
+"""To add one at a time takes ten times as long."""
+
+
+def _columns(planned: Sequence[PlannedPath]) -> dict[str, Float | Int]:
+    """The rows of paths one after the other."""
+    lengths = [len(each.raw_xy_m) for each in planned]
+    x_m, y_m = np.concatenate([each.raw_xy_m for each in planned]).T
+    smooth_x_m, smooth_y_m = np.concatenate([each.smooth_xy_m for each in planned]).T
+    t_ns, i = np.repeat([each.t_ns for each in planned], lengths), np.concatenate([*map(np.arange, lengths)])
+    return {"t_ns": t_ns, "i": i, "x_m": x_m, "y_m": y_m, "smooth_x_m": smooth_x_m, "smooth_y_m": smooth_y_m}
 
 
 def recorded_maps(run: Path) -> Iterator[MapInstant]:

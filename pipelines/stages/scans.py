@@ -49,7 +49,7 @@ class TimedScan(NamedTuple):
     """A classified cloud: its row of `scans.parquet`, the stamp and middles of its time slots (K,).
 
     level: whether its ground can be one, None where none is found. skewed: why its points have no times; not_levelled:
-    why it keeps the robot's tilt; None where they have, and it does not. found: overwritten by the next one.
+    why it keeps the robot's tilt; None where they have, and it does not.
     """
 
     t_ns: int
@@ -78,9 +78,9 @@ class Scanner:
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
-        slot_ns, skewed = t_ns + found.slots.middle_ns, found.slots.skewed
+        skewed = (span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES) if len(found.slot_ns) == 1 else None
         level = None if found.ground is None else found.ground.is_level
-        return TimedScan(t_ns, row, slot_ns, level, skewed, not_levelled, found)
+        return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
@@ -189,7 +189,7 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
 
 def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
     """The columns of scans.parquet, but for its time."""
-    counts = {"n_raw": scan.n_raw, "n_valid": int(np.count_nonzero(scan.returns.label))}
+    counts = {"n_raw": len(scan.returns.label), "n_valid": int(np.count_nonzero(scan.returns.label))}
     counts |= {f"n_{kind.name.lower()}": scan.count(kind) for kind in PointClass if kind > PointClass.CROPPED}
     normal = [np.nan] * 3 if scan.ground is None else scan.ground.normal.tolist()
     plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))

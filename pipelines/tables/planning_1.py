@@ -10,9 +10,8 @@ import numpy as np
 
 from quadlog.control.following.path import nearest_on_path
 from quadlog.control.following.pure_pursuit import pure_pursuit
-from quadlog.geometry import arc_lengths
+from quadlog.geometry import arc_lengths, wrap_angle
 from quadlog.messages import Float
-from quadlog.metrics.planning import join_turn_rad, path_change_m
 from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Ratio, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import MEAN, SHARE, SIZE, always, beyond, not_comparable, runs, share_of
 from quadlog.pipelines.tables.planning_2 import DENSITIES_PER_M2, FAST_PRESETS, PRESETS, forest_of
@@ -98,8 +97,22 @@ def coherence(walk: walks.WorldWalk) -> Figures:
     paths_m = [window.centre_of(plan.cells) for window, plan in found]
     steps = [path_m[1] - path_m[0] for path_m in paths_m if len(path_m) > 1]
     changes_m = [path_change_m(before, after) for before, after in pairwise(paths_m)]
-    turns_rad = [join_turn_rad(np.array([[0.0, 0.0], a, a + b]), 1) for a, b in pairwise(steps)]
-    return {"change_m": float(np.mean(changes_m or [0])), "start_turn_rad": float(np.mean(turns_rad or [0]))}
+    turns_rad = np.abs(wrap_angle(np.diff([math.atan2(*step[::-1]) for step in steps])))
+    return {
+        "change_m": float(np.mean(changes_m or [0])),
+        "start_turn_rad": float(turns_rad.mean()) if len(turns_rad) else 0.0,
+    }
+
+
+def path_change_m(before_m: Float, after_m: Float) -> float:
+    """How far a new path (K, 2) lies from the one before (L, 2): the mean distance of its points from it.
+
+    Only as much of the new path counts as was left of the old one from where the new one begins: what is added beyond
+    is no change of mind. 0 for a path that goes on as planned.
+    """
+    arc_before, arc_after = arc_lengths(before_m), arc_lengths(after_m)
+    left = arc_before[-1] - arc_before[np.hypot(*(before_m - after_m[0]).T).argmin()]
+    return float(np.mean([abs(nearest_on_path(before_m, *at).distance_m) for at in after_m[arc_after <= left + 1e-9]]))
 
 
 PLANNERS = ("A*", "IA*")

@@ -10,9 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.lidar.deskew import Slots
-from quadlog.lidar.range_image import Returns
-from quadlog.messages import Float, Float32
+from quadlog.messages import Float, Float32, Int
 
 
 class PointClass(IntEnum):
@@ -65,36 +63,39 @@ def level_plane(xyz_m: Float, floor_m: float) -> Float:
     return plane
 
 
-class Points(NamedTuple):
-    """Points of a scan in base, in the order of its message: xyz_base_m (N, 3); label, height_m, slot (N,)."""
+class Returns(NamedTuple):
+    """Points of a scan along the axes of base made upright, in the order of its message, (N,) each.
 
-    xyz_base_m: Float32
-    label: NDArray[np.uint8]
+    dx_m, dy_m: from below the lidar; z_m: in base; height_m: above the ground; label: of PointClass; slot: of time.
+    Places and heights of INVALID points mean nothing.
+    """
+
+    dx_m: Float32
+    dy_m: Float32
+    z_m: Float32
     height_m: Float32
+    label: NDArray[np.uint8]
     slot: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
 class ClassifiedScan:
-    """The returns of one scan as they were measured: nothing is deskewed.
+    """The points of one scan as they were measured: nothing is deskewed.
 
-    The first rows * columns returns are cells of a range image, row by row, INVALID where nothing returned; the others,
-    or all where columns is 0, are in no order. The next scan of the same classifier overwrites them.
-    n_raw: points of the message. ground: None where none was found. lidar_base_m: (3,) where the lidar stands, z above
-    the ground. slots: when the time slots are.
+    columns: steps of a full turn in which its beams measure, 0 where none are known. ground: None where none was found.
+    lidar_base_m: (3,) where the lidar stands, z above the ground. slot_ns: (K,) middles of the time slots after the
+    stamp.
     """
 
     returns: Returns
-    rows: int
     columns: int
-    n_raw: int
     ground: GroundPlane | None
     route: Route
     lidar_base_m: Float
-    slots: Slots
+    slot_ns: Int
 
     def count(self, kind: PointClass) -> int:
-        """Points of a class, INVALID excepted: empty cells are no points."""
+        """Points of a class."""
         return int(np.count_nonzero(self.returns.label == kind))
 
     @property
@@ -102,14 +103,11 @@ class ClassifiedScan:
         """Whether the scan has too few returns to update a map: an empty scan does not show free space."""
         return self.count(PointClass.GROUND) + self.count(PointClass.OBSTACLE) < FEWEST_RETURNS
 
-    def points(self) -> Points:
-        """The valid points."""
-        found = self.returns
-        rows = np.flatnonzero(found.label != PointClass.INVALID)
-        rows = rows[np.argsort(found.point[rows])]
-        x_m, y_m = self.lidar_base_m[:2].astype(np.float32)[:, None] + [found.dx_m[rows], found.dy_m[rows]]
-        xyz_m = np.column_stack([x_m, y_m, found.z_m[rows]])
-        return Points(xyz_m, found.label[rows], found.height_m[rows], found.slot[rows])
+    @property
+    def xyz_base_m(self) -> Float32:
+        """All points (N, 3) in base."""
+        x_m, y_m = self.lidar_base_m[:2].astype(np.float32)
+        return np.column_stack([self.returns.dx_m + x_m, self.returns.dy_m + y_m, self.returns.z_m])
 
 
 def lidar_above(ground: GroundPlane | None, transform_lidar_to_base: Float) -> Float:

@@ -8,7 +8,6 @@ gathered in time slots, and each slot is placed by the robot's pose at its middl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -35,17 +34,6 @@ MOST_TIME_SLOTS = 32
 """A sweep of 0.1 s is cut into slots of 3 ms: at 1.5 rad/s half of one turns by 2 mrad, 2.4 cm at 10 m."""
 
 
-@dataclass(frozen=True, slots=True)
-class Slots:
-    """Time slots of one scan: middle_ns (K,) their middles relative to the stamp; K is 1 without usable times.
-
-    skewed: why there are none, or None.
-    """
-
-    middle_ns: Int
-    skewed: Skewed | None
-
-
 def sweep_span(times: PointTimes | None, n_points: int) -> tuple[int, int] | Skewed:
     """The times of the first and the last of N points relative to the stamp, or why they cannot be used.
 
@@ -64,21 +52,18 @@ def sweep_span(times: PointTimes | None, n_points: int) -> tuple[int, int] | Ske
     return first_ns, last_ns
 
 
-def sweep_slots(times: PointTimes | None, slot: NDArray[np.uint8]) -> Slots:
-    """When the time slots of a scan are; fills slot (N,) with that of every point, 0 without usable times."""
-    span_ns = sweep_span(times, len(slot))
+def sweep_slots(times: PointTimes | None, n_points: int) -> tuple[NDArray[np.uint8], Int]:
+    """The time slot (N,) of each point, and middles (K,) of the slots after the stamp; one slot without good times."""
+    span_ns = sweep_span(times, n_points)
     if isinstance(span_ns, Skewed) or times is None:
-        slot[:] = 0
-        return Slots(np.zeros(1, np.int64), span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES)
+        return np.zeros(n_points, np.uint8), np.zeros(1, np.int64)
     first_ns, last_ns = span_ns
-    lasts_ns = last_ns - first_ns
-    middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS, dtype=np.int64) + 1) * lasts_ns // (2 * MOST_TIME_SLOTS)
+    middle_ns = first_ns + (2 * np.arange(MOST_TIME_SLOTS) + 1) * (last_ns - first_ns) // (2 * MOST_TIME_SLOTS)
     # From the first one on, so that no digit is lost of seconds since 1970.
     low, high = times.value.min(), times.value.max()
     since = (times.value - low).astype(np.float32, copy=False)
     since *= np.float32(MOST_TIME_SLOTS * 0.99999) / np.float32(high - low)
-    np.copyto(slot, since, casting="unsafe")
-    return Slots(middle_ns, None)
+    return since.astype(np.uint8), middle_ns
 
 
 def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float, Skewed | None]:
@@ -91,15 +76,11 @@ def slot_poses(t_ns: int, slot_ns: Int, pose_base_in_map: Float) -> tuple[Float,
         return at_stamp, None
     if not np.isfinite(pose_base_in_map).all():
         return at_stamp, Skewed.NO_POSE
-    if _jumps(np.concatenate([np.array([t_ns], dtype=np.int64), slot_ns]), pose_base_in_map):
-        return at_stamp, Skewed.JUMP
-    return pose_base_in_map[1:], None
-
-
-def _jumps(t_ns: Int, pose: Float) -> bool:
-    in_order = np.argsort(t_ns, kind="stable")
-    step_s = np.diff(t_ns[in_order]) * 1e-9
-    step = np.diff(pose[in_order], axis=0)
+    t_ns_all = np.array([t_ns, *slot_ns], dtype=np.int64)
+    in_order = np.argsort(t_ns_all, kind="stable")
+    step_s, step = np.diff(t_ns_all[in_order]) * 1e-9, np.diff(pose_base_in_map[in_order], axis=0)
     turn_rad = np.abs((step[:, 2] + np.pi) % (2 * np.pi) - np.pi)
     too_fast = np.hypot(step[:, 0], step[:, 1]) > MAX_SPEED_MPS * step_s
-    return bool((too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any())
+    if (too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any():
+        return at_stamp, Skewed.JUMP
+    return pose_base_in_map[1:], None

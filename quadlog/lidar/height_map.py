@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
-from quadlog.lidar.classified_scan import PointClass, level_plane
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.classified_scan import PointClass, Returns, level_plane
 from quadlog.messages import Float, Int
 
 CELL_M, HALF_CELLS = 0.3, 107
@@ -30,44 +29,41 @@ _GROUND_M = 0.06
 
 
 def grow_ground(returns: Returns, floor_m: float) -> Float:
-    """Fill height_m of returns of which `label_supported` labelled outliers, and label the ground.
+    """Fill height_m of returns that `isolate` labelled, and label the ground.
 
     Returns (3,) a, b, c of the plane z = a dx + b dy + c through the map, of places from below the lidar;
     floor_m: height of the ground there.
     """
     label = returns.label
-    cells, known = _grow(returns, floor_m, _outwards())
+    middle = np.arange(2 * HALF_CELLS) - HALF_CELLS + 0.5
+    outwards = np.argsort((middle[:, None] ** 2 + middle**2).ravel(), kind="stable")
+    cells, known = _grow(returns, floor_m, outwards)
     plane = level_plane(cells[known][:, :3], floor_m)
     _measure(returns, cells, known, plane)
     label[(label == PointClass.OBSTACLE) & (np.abs(returns.height_m) <= _GROUND_M)] = PointClass.GROUND
     return plane
 
 
-def _outwards() -> Int:
-    """All cells, nearest first."""
-    middle = np.arange(2 * HALF_CELLS) - HALF_CELLS + 0.5
-    order: Int = np.argsort((middle[:, None] ** 2 + middle**2).ravel(), kind="stable")
-    return order
-
-
 @kernel
 def _grow(returns: Returns, floor_m: float, order: Int) -> tuple[Float, NDArray[np.bool_]]:
-    """Of every ground cell x, y from the lidar, z of its lowest point and the slopes there; and which these are."""
+    """Of every ground cell x, y from the lidar, z of its lowest point and the slopes there; and which these are.
+
+    order: all cells, nearest first.
+    """
     dx_m, dy_m, z_m, label, size = returns.dx_m, returns.dy_m, returns.z_m, returns.label, 2 * HALF_CELLS
     lowest, cells = np.full((size, size), -1), np.zeros((size, size, 5))
     known, walled = np.zeros((size, size), np.bool_), np.zeros((size, size), np.bool_)
-    for i in range(len(dx_m)):
-        if label[i] != np.uint8(PointClass.OBSTACLE):
-            continue
-        a, b = math.floor(dx_m[i] / CELL_M) + HALF_CELLS, math.floor(dy_m[i] / CELL_M) + HALF_CELLS
-        if 0 <= a < size and 0 <= b < size and (lowest[a, b] < 0 or z_m[i] < z_m[lowest[a, b]]):
-            lowest[a, b] = i
-    for i in range(len(dx_m)):
-        if label[i] != np.uint8(PointClass.OBSTACLE):
-            continue
-        a, b = math.floor(dx_m[i] / CELL_M) + HALF_CELLS, math.floor(dy_m[i] / CELL_M) + HALF_CELLS
-        if 0 <= a < size and 0 <= b < size:
-            walled[a, b] |= _WALL_M < z_m[i] - z_m[lowest[a, b]] < _OVERHANG_M
+    for finds_walls in (False, True):
+        for i in range(len(dx_m)):
+            if label[i] != np.uint8(PointClass.OBSTACLE):
+                continue
+            a, b = math.floor(dx_m[i] / CELL_M) + HALF_CELLS, math.floor(dy_m[i] / CELL_M) + HALF_CELLS
+            if not (0 <= a < size and 0 <= b < size):
+                continue
+            if finds_walls:
+                walled[a, b] |= _WALL_M < z_m[i] - z_m[lowest[a, b]] < _OVERHANG_M
+            elif lowest[a, b] < 0 or z_m[i] < z_m[lowest[a, b]]:
+                lowest[a, b] = i
     for cell in order:
         a, b = cell // size, cell % size
         i = lowest[a, b]

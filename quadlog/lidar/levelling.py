@@ -9,8 +9,8 @@ Limitation: a small tilt of the IMU's mount that is missing in tf tilts every sc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,11 @@ class NotLevelled(StrEnum):
     STEEP = "tilted by more than 40 degrees"
 
 
-@dataclass(frozen=True, slots=True)
-class UpSeries:
+class UpSeries(NamedTuple):
     """Which direction is up in base: up (N, 3) of unit length at t_ns (N,), strictly increasing."""
 
     t_ns: Int
     up: Float
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
 
 
 def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | None = None) -> UpSeries:
@@ -49,12 +45,10 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
     that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
-    up: Float = np.empty((0, 3))
-    if real.any():
-        x, y, z, w = (quat_xyzw if real.all() else quat_xyzw[real]).T
-        # The last row of the rotation matrix, times the quaternion's squared length.
-        up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w + z * z - x * x - y * y], axis=1)
-        up /= (x * x + y * y + z * z + w * w)[:, None]
+    x, y, z, w = quat_xyzw[real].T
+    # The last row of the rotation matrix, times the quaternion's squared length.
+    up: Float = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w + z * z - x * x - y * y], axis=1)
+    up /= (x * x + y * y + z * z + w * w)[:, None]
     if rotation_sensor_to_base is not None:
         up = up @ rotation_sensor_to_base.T
     return UpSeries(t_ns[real], up)
@@ -79,9 +73,9 @@ def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:
 
 def _up_at(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NDArray[np.bool_]]:
     """Directions (W, 3), NaN where unknown, and (W,) whether that is for want of an orientation in time."""
-    if len(series) == 0:
+    if len(series.t_ns) == 0:
         return np.full((len(t_ns_wanted), 3), np.nan), np.ones(len(t_ns_wanted), np.bool_)
-    after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, "left"), len(series) - 1)
+    after = np.minimum(np.searchsorted(series.t_ns, t_ns_wanted, "left"), len(series.t_ns) - 1)
     before = np.maximum(np.searchsorted(series.t_ns, t_ns_wanted, "right") - 1, 0)
     since_ns, until_ns = np.abs(t_ns_wanted - series.t_ns[before]), np.abs(series.t_ns[after] - t_ns_wanted)
     share = (since_ns / np.maximum(since_ns + until_ns, 1))[:, None]

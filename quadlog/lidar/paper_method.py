@@ -19,12 +19,11 @@ from quadlog.lidar.classified_scan import (
     ClassifiedScan,
     GroundPlane,
     PointClass,
+    Returns,
     height_without_ground,
     lidar_above,
     outside_view,
 )
-from quadlog.lidar.deskew import Slots
-from quadlog.lidar.range_image import Returns
 from quadlog.messages import Float, Float32, Int
 
 MOST_ITERATIONS = 100_000
@@ -50,14 +49,15 @@ class PaperSettings:
 def classify_as_paper(
     xyz_lidar_m: Float,
     slot: NDArray[np.uint8],
-    slots: Slots,
+    slot_ns: Int,
     transform_lidar_to_base: Float,
     settings: PaperSettings,
     seed: int,
 ) -> ClassifiedScan:
     """The class of every point of a scan (N, 3) in the lidar's frame; any values are accepted. [Following]
 
-    slot: (N,). The seed alone decides which planes are tried, so that a result does not depend on the scans before.
+    slot: (N,) of the time slots with middles slot_ns (K,). The seed alone decides which planes are tried, so that a
+    result does not depend on the scans before.
     """
     n, (x_m, y_m, z_m) = len(xyz_lidar_m), np.ascontiguousarray(xyz_lidar_m.T, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -87,8 +87,8 @@ def classify_as_paper(
         height_m = ground.height_m(base_m.T).astype(np.float32) if ground.is_level else height_m
     place_m = lidar_above(ground, transform_lidar_to_base)
     dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
-    arrays = dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot, np.arange(n, dtype=np.int32)
-    return ClassifiedScan(Returns(*arrays), 0, 0, n, ground, "paper", place_m, slots)
+    returns = Returns(dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot)
+    return ClassifiedScan(returns, 0, ground, "paper", place_m, slot_ns)
 
 
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:
@@ -137,16 +137,14 @@ def fit_ground(xyz_m: Float, settings: PaperSettings, seed: int) -> tuple[Ground
     normals, d_m = _planes_through(xyz_m, _distinct_triples(n, n_needed, seed))
     best, n_best, across_m = -1, 0, np.ascontiguousarray(xyz_m.T)
     for begin in range(0, len(normals), _PLANES_AT_ONCE):
-        rows = slice(begin, begin + _PLANES_AT_ONCE)
-        apart_m = normals[rows] @ across_m
-        apart_m += d_m[rows, None]
-        np.abs(apart_m, out=apart_m)
-        for tried, n_inliers in enumerate(np.count_nonzero(apart_m <= distance_m, axis=1).tolist(), begin):
-            if tried < n_needed and n_inliers > n_best:
-                best, n_best = tried, n_inliers
-                n_needed = min(n_needed, ransac_iterations(settings.ground_confidence, n_best / n))
-        if begin + _PLANES_AT_ONCE >= n_needed:
+        if begin >= n_needed:
             break
+        rows = slice(begin, begin + _PLANES_AT_ONCE)
+        apart_m = normals[rows] @ across_m + d_m[rows, None]
+        n_inliers = np.count_nonzero(np.abs(apart_m) <= distance_m, axis=1)
+        if n_inliers.max() > n_best:
+            best, n_best = begin + int(n_inliers.argmax()), int(n_inliers.max())
+            n_needed = ransac_iterations(settings.ground_confidence, n_best / n)
     if n_best == 0:
         return None
     inliers = xyz_m[np.abs(xyz_m @ normals[best] + d_m[best]) <= distance_m]
@@ -170,12 +168,6 @@ def _planes_through(xyz_m: Float, triples: Int) -> tuple[Float, Float]:
 def _distinct_triples(n_points: int, n_triples: int, seed: int) -> Int:
     """(n_triples, 3) indices below n_points, different within each row."""
     generator = np.random.default_rng(seed)
-    first = generator.integers(0, n_points, n_triples)
-    second = generator.integers(0, n_points - 1, n_triples)
-    third = generator.integers(0, n_points - 2, n_triples)
-    # Each draw is from the indices that are left: step over the ones taken.
-    second += second >= first
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    third += third >= low
-    third += third >= high
-    return np.stack([first, second, third], axis=1)
+    first, step, other = (generator.integers(0, n_points - taken, n_triples) for taken in range(3))
+    # The second lies 1 to n - 1 places on from the first, cyclically, and the third as many but for those.
+    return np.stack([first, first + 1 + step, first + 1 + other + (other >= step)], axis=1) % n_points

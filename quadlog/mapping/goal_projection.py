@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from functools import cache
 from heapq import heappop, heappush
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from quadlog.compiled import kernel
 from quadlog.mapping.grid import Grid, Window
 from quadlog.messages import Float, Int
 
@@ -55,36 +55,25 @@ def _check(radius_cells: float) -> None:
         raise ValueError(f"the inflation radius must be at least 0 cells, not {radius_cells}")
 
 
+Cell = tuple[int, int]
 # Steps from a cell as (dcol, drow), by row, then column.
 STEPS = [(dcol, drow) for drow in (-1, 0, 1) for dcol in (-1, 0, 1)]
+DETOUR = 20
+"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
 
 
-class Escape(NamedTuple):
-    """The unblocked cell (col, row) to plan from, and the way there, (L, 2) int32, from the robot's cell to it."""
+def escape_start(occupied: Grid, blocked: Grid, start_cell: Cell, goal_cell: Cell) -> NDArray[np.int32] | None:
+    """The way (L, 2) of cells from the start, in the grid, to an unblocked one near by that crosses no occupied cell.
 
-    cell: tuple[int, int]
-    path: NDArray[np.int32]
-
-
-def escape_start(
-    occupied: Grid, blocked: Grid, start_cell: tuple[int, int], goal_cell: tuple[int, int] | None = None
-) -> Escape | None:
-    """An unblocked cell near by, along a way that crosses no occupied cell; the start itself when it is not blocked.
-
-    `blocked` is `occupied` after inflation. Steps cost 10 and 14, and a diagonal one needs both cells beside it
-    unoccupied, as in planning. The robot's own cell counts as free even if something was seen in it: it stands there.
-    Without a goal it is the nearest such cell. With one, (col, row) anywhere, it is the one with the shortest way on to
-    the goal over free cells, the way out included, of those that cost at most DETOUR more: a robot should not turn back
-    to get out.
-    None when the start lies outside the grid or is walled in.
+    It is the start alone when that is not blocked, and None when it is walled in. `blocked` is `occupied` after
+    inflation. Steps cost 10 and 14, and a diagonal one needs both cells beside it unoccupied, as in planning. The
+    robot's own cell counts as free even if something was seen in it: it stands there. Of the cells that cost at most
+    DETOUR more than the nearest one, it leads to that with the shortest way on to the goal, (col, row) anywhere, over
+    free cells, the way out included: a robot should not turn back to get out.
     """
-    rows, cols = blocked.shape
-    col, row = start_cell
-    if not (0 <= col < cols and 0 <= row < rows):
-        return None
     # Dijkstra's search in plain Python: growth is a few cells deep, so there is little to search.
-    solid, closed_off = occupied.tobytes(), blocked.tobytes()
-    start = row * cols + col
+    (rows, cols), solid, closed_off = blocked.shape, occupied.tobytes(), blocked.tobytes()
+    start = start_cell[1] * cols + start_cell[0]
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
     best, best_cost, most = -1, 0, 0
@@ -96,11 +85,12 @@ def escape_start(
             break
         row, col = divmod(at, cols)
         if not closed_off[at]:
-            to_goal = 0 if goal_cell is None else _octile(goal_cell[0] - col, goal_cell[1] - row)
+            along, across = abs(goal_cell[0] - col), abs(goal_cell[1] - row)
+            total = at_cost + 10 * max(along, across) + 4 * min(along, across)
             if best < 0:
-                most = at_cost + (DETOUR if goal_cell is not None and at != start else -1)
-            if best < 0 or at_cost + to_goal < best_cost:
-                best, best_cost = at, at_cost + to_goal
+                most = at_cost + (DETOUR if at != start else -1)
+            if best < 0 or total < best_cost:
+                best, best_cost = at, total
             continue
         for dcol, drow in STEPS:
             c, r = col + dcol, row + drow
@@ -113,37 +103,15 @@ def escape_start(
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    if best < 0:
-        return None
     way, at = [], best
     while at >= 0:
         way.append((at % cols, at // cols))
         at = came_from[at]
-    return Escape(way[0], np.array(way[::-1], dtype=np.int32))
+    return np.array(way[::-1], dtype=np.int32) if way else None
 
 
-DETOUR = 20
-"""Two straight steps: obstacles grow by three cells in [Planning], so that this is about the depth of the growth."""
-
-
-def _octile(cols: int, rows: int) -> int:
-    """The cost of a way over free cells."""
-    straight, diagonal = abs(abs(cols) - abs(rows)), min(abs(cols), abs(rows))
-    return 10 * straight + 14 * diagonal
-
-
-Cell = tuple[int, int]
-
-
-class Projection(NamedTuple):
-    """The cell (col, row) to plan to, and whether it is another one than the goal's own."""
-
-    cell: Cell
-    projected: bool
-
-
-def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Projection | None:
-    """The reachable cell to plan to for a goal (2,) in map. [Planning, section 1.2]
+def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:
+    """The reachable cell to plan to, from a free one, for a finite goal (2,) in map. [Planning, section 1.2]
 
     - A goal in the window, on a cell that can be reached, is its own cell.
     - Beyond the window, the line from the robot to the goal crosses its margin
@@ -152,63 +120,62 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
     - Else, and where no cell of the margin can be reached, it is the
       reachable cell nearest to the goal's, or to that of the crossing.
     Ties go to the counter-clockwise side of the margin, else to the lower row, then column.
-    None when the start lies outside the window or is blocked, or the goal is not finite.
     """
-    if not np.isfinite(goal_xy_m).all() or not window.contains(np.array(start_cell)):
-        return None
-    if blocked[start_cell[1], start_cell[0]]:
-        return None
-    reachable = reachable_cells(blocked, start_cell)
-    goal_cell = _as_cell(window.cell_of(goal_xy_m))
-    if window.contains(np.array(goal_cell)):
-        if reachable[goal_cell[1], goal_cell[0]]:
-            return Projection(goal_cell, projected=False)
-        return Projection(_nearest(reachable, goal_cell), projected=True)
-    crossing = _crossing(window, start_cell, goal_xy_m)
-    on_margin = _nearest_on_margin(reachable, crossing)
-    return Projection(on_margin or _nearest(reachable, crossing), projected=True)
+    cell = window.cell_of(goal_xy_m)
+    inside = window.contains(cell)
+    reachable = reachable_cells(blocked, start_cell, (int(cell[0]), int(cell[1])) if inside else None)
+    if not inside:
+        cell = _crossing(window, start_cell, goal_xy_m)
+        margin = _margin(window.shape)
+        at = np.flatnonzero((margin == cell).all(axis=1))[0]
+        candidates = np.flatnonzero(reachable[margin[:, 1], margin[:, 0]])
+        ahead = (candidates - at) % len(margin)
+        steps = np.minimum(2 * ahead, 2 * (len(margin) - ahead) + 1)  # odd when clockwise: loses ties
+        if len(candidates):
+            cell = margin[candidates[np.argmin(steps)]]
+    if not reachable[cell[1], cell[0]]:
+        rows, cols = np.nonzero(reachable)
+        nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
+        cell = np.array([cols[nearest], rows[nearest]])
+    return int(cell[0]), int(cell[1])
 
 
-STRAIGHT = ndimage.generate_binary_structure(2, 1)
-
-
-def reachable_cells(blocked: Grid, start_cell: Cell) -> Grid:
-    """Free cells (rows, cols) bool connected to the start, which must be free.
+def reachable_cells(blocked: Grid, start_cell: Cell, until: Cell | None = None) -> Grid:
+    """Free cells (rows, cols) bool connected to the start, which must be free; not all of them once `until` is found.
 
     A diagonal step needs both cells beside it free, so two straight steps do
     as well: 8-connected without cutting corners reaches what 4-connected does.
     """
-    regions, _ = ndimage.label(~blocked, STRAIGHT)
-    reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
-    return reachable
+    rows, cols = blocked.shape
+    padded = np.ones((rows + 2, cols + 2), np.bool_)
+    padded[1:-1, 1:-1] = blocked
+    left = padded.copy()
+    start, end = ((row + 1) * (cols + 2) + col + 1 for col, row in (start_cell, until or (-1, -1)))
+    _flood(left.ravel(), cols + 2, start, end)
+    return (left != padded)[1:-1, 1:-1]
 
 
-def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Cell:
+@kernel
+def _flood(blocked, width, start, end):  # type: ignore[no-untyped-def]
+    """Blocks what is connected to the start, the nearest cells first, until that is the end."""
+    waiting, at, count = np.empty(len(blocked), np.int64), 0, 1
+    blocked[start], waiting[0] = True, start
+    while at < count and waiting[at] != end:
+        for step in (waiting[at] - width, waiting[at] + width, waiting[at] - 1, waiting[at] + 1):
+            if not blocked[step]:
+                blocked[step], waiting[count] = True, step
+                count += 1
+        at += 1
+
+
+def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Int:
     """The cell of the margin where the line from the start's centre to a goal outside leaves the window."""
-    rows, cols = window.shape
-    start = np.array(start_cell) + 0.5
-    goal = np.asarray(goal_xy_m, dtype=np.float64) / window.cell_m - np.array([window.col0, window.row0])
-    # The line's parameter, 0 at the start and 1 at the goal, at the side it meets first.
-    leaving = 1.0
-    for axis, size in enumerate((cols, rows)):
-        if goal[axis] < 0:
-            leaving = min(leaving, start[axis] / (start[axis] - goal[axis]))
-        elif goal[axis] >= size:
-            leaving = min(leaving, (size - start[axis]) / (goal[axis] - start[axis]))
-    point = start + leaving * (goal - start)
-    return _as_cell(np.clip(np.floor(point), 0, [cols - 1, rows - 1]))
-
-
-def _nearest_on_margin(reachable: Grid, crossing: Cell) -> Cell | None:
-    """The reachable cell of the margin with the fewest steps along it to the crossing, or None."""
-    margin = _margin(reachable.shape)
-    at = int(np.flatnonzero((margin == np.array(crossing)).all(axis=1))[0])
-    candidates = np.flatnonzero(reachable[margin[:, 1], margin[:, 0]])
-    if len(candidates) == 0:
-        return None
-    ahead = (candidates - at) % len(margin)
-    steps = np.minimum(2 * ahead, 2 * (len(margin) - ahead) + 1)  # odd when clockwise: loses ties
-    return _as_cell(margin[candidates[np.argmin(steps)]])
+    size, start = np.array(window.shape[::-1]), np.array(start_cell) + 0.5
+    way = goal_xy_m / window.cell_m - [window.col0, window.row0] - start
+    with np.errstate(divide="ignore"):
+        # The line's parameter, 0 at the start and 1 at the goal, at the side it meets first.
+        leaving = np.min(np.where(way < 0, -start, size - start) / way)
+    return np.clip(np.floor(start + leaving * way), 0, size - 1).astype(np.int64)
 
 
 @cache
@@ -218,14 +185,3 @@ def _margin(shape: tuple[int, ...]) -> Int:
     lower, right = [(col, 0) for col in range(cols)], [(cols - 1, row) for row in range(rows)]
     upper, left = [(col, rows - 1) for col in range(cols)[::-1]], [(0, row) for row in range(rows)[::-1]]
     return np.array(list(dict.fromkeys([*lower, *right, *upper, *left])))
-
-
-def _nearest(reachable: Grid, cell: Cell) -> Cell:
-    """The reachable cell with its centre nearest to another's; there is always one, the start."""
-    rows, cols = np.nonzero(reachable)
-    nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
-    return int(cols[nearest]), int(rows[nearest])
-
-
-def _as_cell(pair: NDArray) -> Cell:
-    return int(pair[0]), int(pair[1])

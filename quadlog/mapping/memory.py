@@ -4,6 +4,7 @@ was seen occupied or seen through, and how high the ground is.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,15 +12,13 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
-from quadlog.lidar.range_image import Returns
-from quadlog.mapping.grid import FARTHEST_CELL, MOST_CELLS, Grid, GrowingLattice, Window
-from quadlog.mapping.placing import NO_TOP, PlacedScan, slot_transforms
-from quadlog.messages import Float, Float32, Int
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
+from quadlog.mapping.grid import MOST_CELLS, Grid, GrowingLattice, Window, window_around
+from quadlog.mapping.placing import NO_TOP, PlacedScan, places_of
+from quadlog.messages import Float, Float32
 
 Int16 = NDArray[np.int16]
 
-_GROUND = np.uint8(PointClass.GROUND)
 _HIT_MS = np.int16(200)
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
 LONGEST_STEP_S = 0.2
@@ -144,89 +143,70 @@ class AccumulatedMap:
 
 @dataclass(frozen=True, slots=True)
 class HeightMap:
-    """Mean height of the ground per cell.
-
-    origin_m: (2,) lower-left corner in map; height_m: (rows, cols) float32,
-    NaN where no ground was seen; count: (rows, cols) int32 points per cell.
+    """origin_m: (2,) lower-left corner in map; height_m: (rows, cols) of the ground, NaN where none was seen; count:
+    (rows, cols) points per cell.
     """
 
     origin_m: Float
     cell_m: float
-    height_m: NDArray[np.float32]
+    height_m: Float32
     count: NDArray[np.int32]
 
 
-class GroundHeight:
-    """Sum and count of ground points' heights per cell, on a lattice that grows with the run.
+# How far a robot moves while a scan lasts.
+_MOVED_M = 1.0
 
-    lattice.skipped: scans that were left out because the run's extent exceeds the limit; the caller must say so.
-    """
+
+class GroundHeight:
+    """Sum and count of ground points' heights per cell, on a lattice that grows with the run, as that of a map does."""
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
         self.lattice = GrowingLattice(cell_m, {"sum_m": np.float64, "count": np.int32}, MOST_CELLS // 4)
-        self._cells, self._bounds = np.zeros((0, 3), np.int64), np.zeros(4, np.int64)
 
     def add(self, scan: ClassifiedScan, slot_pose_base_in_map: Float, reach_m: float) -> None:
         """Count one scan's ground up to reach_m from the lidar; slot_pose_base_in_map: (K, 3) at its time slots."""
-        found, cells, bounds = scan.returns, self._cells, self._bounds
-        if len(found.label) > len(cells):
-            self._cells = cells = np.zeros((len(found.label), 3), np.int64)
-        place = np.array([*scan.lidar_base_m[:2], self._cell_m, reach_m])
-        cells = cells[: _cells_of_ground(found, place, slot_pose_base_in_map, cells, bounds)]
-        if len(cells) == 0:
+        half = math.ceil((reach_m + _MOVED_M + math.hypot(*scan.lidar_base_m[:2])) / self._cell_m)
+        window = window_around(slot_pose_base_in_map[0, :2], self._cell_m, 2 * half + 1)
+        if scan.count(PointClass.GROUND) == 0 or not self.lattice.cover(window):
             return
-        col0, row0, col1, row1 = (int(bound) for bound in bounds)
-        window = Window(col0, row0, self._cell_m, (row1 - row0 + 1, col1 - col0 + 1))
-        if not self.lattice.cover(window):
-            return
+        place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)
         sums, row, col = self.lattice.whole("sum_m", window)
         counts, _, _ = self.lattice.whole("count", window)
-        _add(found.z_m, cells, col0 - col, row0 - row, sums, counts)
+        limits = np.array([1 / self._cell_m, reach_m], np.float32)
+        _add(scan.returns, place_m, limits, window.shape[0], row, col, sums, counts)
 
     def to_map(self) -> HeightMap | None:
         """The mean height of every cell seen; None when no ground was."""
-        window = self.lattice.covered
-        if window is None:
+        whole = self.lattice.covered
+        if whole is None:
             return None
-        count = self.lattice.view("count", window).copy()
-        height_m = np.full(window.shape, np.nan, dtype=np.float32)
-        seen = count > 0
-        height_m[seen] = self.lattice.view("sum_m", window)[seen] / count[seen]
-        return HeightMap(window.origin_m, window.cell_m, height_m, count)
+        rows, cols = np.nonzero(self.lattice.view("count", whole))
+        if len(rows) == 0:
+            return None
+        shape = int(np.ptp(rows)) + 1, int(np.ptp(cols)) + 1
+        window = Window(whole.col0 + int(cols.min()), whole.row0 + int(rows.min()), whole.cell_m, shape)
+        count, sum_m = (self.lattice.view(name, window) for name in ("count", "sum_m"))
+        height_m = np.where(count > 0, sum_m / np.maximum(count, 1), np.nan).astype(np.float32)
+        return HeightMap(window.origin_m, window.cell_m, height_m, count.copy())
 
 
 @kernel
-def _cells_of_ground(returns: Returns, place: Float, poses: Float, cells: Int, bounds: Int) -> int:
-    """The lattice's cells (col, row) of ground points and the points' numbers, how many, and the cells' bounds.
+def _add(
+    returns: Returns, place_m: Float32, limits: Float32, size: int, first_row: int, first_col: int, sum_m: Float,
+    count: NDArray[np.int32],
+) -> None:  # fmt: skip
+    """place_m: (2, N) from the corner of the window of size * size cells that begins at first_row and first_col.
 
-    place: the lidar's x and y in base, the edge of a cell, and the reach.
+    limits: cells per metre, and the reach.
     """
-    bounds[0], bounds[1], bounds[2], bounds[3] = FARTHEST_CELL, FARTHEST_CELL, -FARTHEST_CELL, -FARTHEST_CELL
-    moved, found, farthest = slot_transforms(poses), 0, place[3] * place[3]
     for i in range(len(returns.label)):
-        if returns.label[i] != _GROUND:
+        dx, dy = returns.dx_m[i], returns.dy_m[i]
+        if returns.label[i] != np.uint8(PointClass.GROUND) or not dx * dx + dy * dy <= limits[1] * limits[1]:
             continue
-        dx, dy, at = np.float64(returns.dx_m[i]), np.float64(returns.dy_m[i]), returns.slot[i]
-        # NaN fails this comparison as well.
-        if not dx * dx + dy * dy <= farthest:
-            continue
-        x, y = dx + place[0], dy + place[1]
-        col = np.floor((moved[at, 2] + moved[at, 0] * x - moved[at, 1] * y) / place[2])
-        row = np.floor((moved[at, 3] + moved[at, 1] * x + moved[at, 0] * y) / place[2])
-        cell = cells[found]
-        cell[0] = np.int64(min(max(col, -FARTHEST_CELL), FARTHEST_CELL))
-        cell[1] = np.int64(min(max(row, -FARTHEST_CELL), FARTHEST_CELL))
-        cell[2] = i
-        bounds[0], bounds[2] = min(bounds[0], cell[0]), max(bounds[2], cell[0])
-        bounds[1], bounds[3] = min(bounds[1], cell[1]), max(bounds[3], cell[1])
-        found += 1
-    return found
-
-
-@kernel
-def _add(z_m: Float32, cells: Int, col0: int, row0: int, sum_m: Float, count: NDArray[np.int32]) -> None:
-    for i in range(len(cells)):
-        row, col = cells[i, 1] - row0, cells[i, 0] - col0
-        sum_m[row, col] += z_m[cells[i, 2]]
-        count[row, col] += 1
+        col, row = np.floor(place_m[0, i] * limits[0]), np.floor(place_m[1, i] * limits[0])
+        # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
+        if col >= 0 and col < size and row >= 0 and row < size:
+            r, c = first_row + np.int64(row), first_col + np.int64(col)
+            sum_m[r, c] += returns.z_m[i]
+            count[r, c] += 1

@@ -8,9 +8,7 @@ import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
 from quadlog.messages import Float, Int, PoseSeries
-from quadlog.metrics.summary import Samples
-
-_RANK = 1e-9  # of the largest singular value
+from quadlog.metrics.summary import Samples, finite_samples
 
 
 def rigid_motion(position_m: Float, wanted_m: Float) -> tuple[Float, Float]:
@@ -37,41 +35,27 @@ def align_rigidly(estimate: PoseSeries, reference: PoseSeries, axes: int = 3) ->
     return PoseSeries(estimate.t_ns, centred_m @ rotation.T + reference.position_m.mean(axis=0), quat_xyzw)
 
 
-def are_on_line(estimate: PoseSeries, reference: PoseSeries) -> bool:
-    """Whether what M pairs of poses have in common lies on one line, about which any turn fits as well."""
-    centred_m, wanted_m = (each.position_m - each.position_m.mean(axis=0) for each in (estimate, reference))
-    singular = np.linalg.svd(wanted_m.T @ centred_m, compute_uv=False)
-    return bool(singular[1] <= _RANK * singular[0])
-
-
 def project_to_plane(trajectory: PoseSeries) -> PoseSeries:
     """The trajectory in the plane z = 0: heights, roll and pitch left out."""
     position_m = trajectory.position_m * np.array([1.0, 1.0, 0.0])
     return PoseSeries(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
 
 
-MIN_SHIFT_M = 0.3
-MIN_TURN_RAD = np.radians(3.0)
-MIN_TURNED_M = 0.1
-"""A turn that moves the track by less is one of its noise, as that of a robot that stood."""
+LEAST_MOVED_M = 0.25
+"""The rms by which another frame moves a track: what moves it by less is its noise, as a turn of a robot that stood."""
 EXPLAINED = 0.5
-MIRRORED_SHARE = 0.1
-"""Of the spread of a track: the least that a mirrored one misses its reference by."""
 MIN_PAIRS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class FrameOffset:
-    """The best rigid motion from a track onto its reference: turned by turn_rad about map's origin, then shifted.
+    """The best rigid motion from a track onto its reference: turned by rotation (2, 2), then shifted by shift_m (2,).
 
-    shift_m: (2,); mean_shift_m: (2,) mean of reference less track; spread_m: rms distance of the track from its mean.
     before_m, after_m: rmse without and with it.
     """
 
-    turn_rad: float
+    rotation: Float
     shift_m: Float
-    mean_shift_m: Float
-    spread_m: float
     before_m: float
     after_m: float
 
@@ -86,55 +70,45 @@ def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | No
     if len(position_m) < MIN_PAIRS:
         return None
     rotation, shift_m = rigid_motion(position_m, reference_m)
-    return FrameOffset(
-        turn_rad=float(np.arctan2(rotation[1, 0], rotation[0, 0])),
-        shift_m=shift_m,
-        mean_shift_m=reference_m.mean(axis=0) - position_m.mean(axis=0),
-        spread_m=_rms(position_m - position_m.mean(axis=0)),
-        before_m=_rms(reference_m - position_m),
-        after_m=_rms(reference_m - position_m @ rotation.T - shift_m),
-    )
+    after_m = rms(reference_m - position_m @ rotation.T - shift_m)
+    return FrameOffset(rotation, shift_m, rms(reference_m - position_m), after_m)
 
 
 def track_difference_samples(t_ns: Int, lidar_xy_m: Float, uwb_xy_m: Float) -> dict[str, Samples]:
     """Of lidar_uwb_rmse_m: distances of positions (N, 2), NaN where unknown, once a rigid motion has aligned them."""
-    known = np.isfinite(lidar_xy_m).all(axis=1) & np.isfinite(uwb_xy_m).all(axis=1)
-    if known.sum() < MIN_PAIRS:
+    offset = find_frame_offset(lidar_xy_m, uwb_xy_m)
+    if offset is None:
         return {}
-    lidar_xy_m, uwb_xy_m = lidar_xy_m[known], uwb_xy_m[known]
-    rotation, shift_m = rigid_motion(lidar_xy_m, uwb_xy_m)
-    apart_m = np.hypot(*(lidar_xy_m @ rotation.T + shift_m - uwb_xy_m).T)
-    return {"lidar_uwb_rmse_m": Samples(t_ns[known], apart_m, "rms")}
+    apart_m = np.hypot(*(lidar_xy_m @ offset.rotation.T + offset.shift_m - uwb_xy_m).T)
+    return {"lidar_uwb_rmse_m": finite_samples(t_ns, apart_m, "rms")}
 
 
 def mirror_words(position_m: Float, reference_m: Float) -> str | None:
     """A warning where positions (N, 2) fit the reference's only mirrored, as NED against ENU; None elsewhere."""
-    fits = [find_frame_offset(each, reference_m) for each in (position_m, position_m * [1.0, -1.0])]
-    if fits[0] is None or fits[1] is None or fits[1].after_m > EXPLAINED * fits[0].after_m:
+    fit, mirrored = (find_frame_offset(each, reference_m) for each in (position_m, position_m * [1.0, -1.0]))
+    if fit is None or mirrored is None or mirrored.after_m > EXPLAINED * fit.after_m:
         return None
     # A straight walk that bends a little the wrong way is not mirrored.
-    if fits[0].after_m < max(MIN_TURNED_M, MIRRORED_SHARE * fits[0].spread_m):
+    if fit.after_m < max(0.1, 0.1 * rms(position_m - position_m.mean(axis=0))):
         return None
     return (
-        f"the reference fits the poses only mirrored (x and y swapped, as in NED against ENU): {fits[0].after_m:.2f} m "
-        f"aligned, {fits[1].after_m:.2f} m mirrored; errors against it count that too"
+        f"the reference fits the poses only mirrored (x and y swapped, as in NED against ENU): {fit.after_m:.2f} m "
+        f"aligned, {mirrored.after_m:.2f} m mirrored; errors against it count that too"
     )
 
 
 def frame_offset_words(offset: FrameOffset) -> str | None:
     """A warning where the rigid motion is large and explains at least half of the error; None elsewhere."""
-    turned_m = 2 * abs(np.sin(offset.turn_rad / 2)) * offset.spread_m
-    shifted = float(np.hypot(*offset.mean_shift_m)) > MIN_SHIFT_M
-    turned = abs(offset.turn_rad) > MIN_TURN_RAD and turned_m > MIN_TURNED_M
-    if not (shifted or turned) or offset.after_m > EXPLAINED * offset.before_m:
+    moved_m2 = offset.before_m**2 - offset.after_m**2
+    if moved_m2 <= LEAST_MOVED_M**2 or offset.after_m > EXPLAINED * offset.before_m:
         return None
-    x_m, y_m = offset.shift_m
+    turn_deg, (x_m, y_m) = np.degrees(np.arctan2(offset.rotation[1, 0], offset.rotation[0, 0])), offset.shift_m
     return (
         f"the reference seems to lie in another frame than the poses: map turned by "
-        f"{np.degrees(offset.turn_rad):.1f} degrees and then shifted by ({x_m:.2f}, {y_m:.2f}) m would bring the "
+        f"{turn_deg:.1f} degrees and then shifted by ({x_m:.2f}, {y_m:.2f}) m would bring the "
         f"error from {offset.before_m:.2f} to {offset.after_m:.2f} m; errors against it count that too"
     )
 
 
-def _rms(vectors_m: Float) -> float:
+def rms(vectors_m: Float) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors_m**2, axis=1))))

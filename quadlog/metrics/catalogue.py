@@ -7,7 +7,7 @@ import math
 import operator
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from quadlog.errors import BadCondition, UnknownMetric
@@ -45,23 +45,22 @@ _BODY = "ticks of the simulation"
 _JOINTS = "joint torques, 12 at each tick of the simulation"
 _REPLANS = "replans"
 
-_OF_BODIES: tuple[tuple[str, str, str, str, str, str, ValueKind], ...] = (
-    ("torque_rms_nm", "N·m", "torque, rms", "root mean square of the joint torques", "√( 1/N Σ tau_ij² )",
-     "known joint torques", "quantity"),
-    ("duty_factor", "", "duty factor", "share of the time in which a foot stands, mean over all,",
-     "1/N Σ stance_i, of instants at 0.1 m/s or faster", "instants of the walk with known contacts", "share"),
-    ("stride_frequency_hz", "Hz", "stride frequency", "mean frequency of the strides, a foot's touch-downs,",
-     "1/N Σ 1/T_i", "strides of all feet", "quantity"),
+_RESIMULATED = (
+    MetricEntry("torque_rms_nm", "N·m", "torque, rms",
+        "root mean square of the joint torques of the re-simulated body, given logged joints",
+        "√( Σ tau_ij² / known torques )", _OURS, "instants with a known torque", better=""),
+    MetricEntry("duty_factor", "", "duty factor",
+        "share of the time in which a foot stands, mean over all, of the re-simulated body, given logged joints",
+        "1/N Σ stance_i, of instants at 0.1 m/s or faster", _OURS, "instants of the walk with known contacts",
+        kind="share", better=""),
+    MetricEntry("stride_frequency_hz", "Hz", "stride frequency",
+        "mean frequency of the strides, a foot's touch-downs, of the re-simulated body, given logged joints",
+        "1/N Σ 1/T_i", _OURS, "strides of all feet", better=""),
 )  # fmt: skip
-_BODIES = [
-    MetricEntry(first + name, unit, label + more, f"{meaning} of {body}", formula, _OURS, counted, kind=kind, better="")
-    for first, more, body in (
-        ("", "", "the re-simulated body, given logged joints"),
-        ("logged_", ", logged", "the logged body"),
-    )
-    for name, unit, label, meaning, formula, counted, kind in _OF_BODIES
-]  # fmt: skip
-"""Metrics that a logged and a re-simulated body both have."""
+_LOGGED = [
+    replace(each, name=f"logged_{each.name}", label=f"{each.label}, logged", meaning=f"{each.name} of the logged body")
+    for each in _RESIMULATED
+]
 
 _POSITION = (
     MetricEntry("ate_rmse_m", "m", "position error",
@@ -179,7 +178,8 @@ _OF_BODY = (
     MetricEntry("height_rms_m", "m", "height error",
         "root mean square of the body's height less the height that the ground asks for",
         "√( 1/N Σ (z_i − wanted_i)² )", _OURS, _BODY),
-    *_BODIES,
+    *_RESIMULATED,
+    *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
         "cost_of_transport of the logged body, by the configured robot's mass",
         "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants with known power and speed"),

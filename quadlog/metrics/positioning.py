@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from quadlog.geometry import seconds_since
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.positioning.ellipses import CHI2_95
@@ -21,13 +22,8 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
     direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
     return {
         "uwb_rmse_m": Samples(t_ns, np.hypot(*error_m.T), "rms"),
-        "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean", vectors=error_m),
+        "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean"),
     }
-
-
-def innovation_samples(t_ns: Int, nis: Float) -> dict[str, Samples]:
-    """Of uwb_nis, from the normalised innovations squared (T,) of a track's instants."""
-    return {"uwb_nis": finite_samples(t_ns, nis, "mean")}
 
 
 def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, Samples]:
@@ -44,8 +40,8 @@ def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, S
 
 def residual_samples(t_ns: Int, residual_rms_m: Float, n_ranges: Int) -> dict[str, Samples]:
     """Of uwb_residual_m, the rms over single ranges: the residual of each of N fixes counts once for each range."""
-    used = np.isfinite(residual_rms_m) & (n_ranges > 0)
-    return {"uwb_residual_m": Samples(t_ns[used], residual_rms_m[used], "rms", n_ranges[used])}
+    rows = np.repeat(np.arange(len(t_ns)), np.where(np.isfinite(residual_rms_m), n_ranges, 0))
+    return {"uwb_residual_m": Samples(t_ns[rows], residual_rms_m[rows], "rms")}
 
 
 def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Samples]:
@@ -65,25 +61,19 @@ def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Sampl
     }
 
 
-def positions_at(t_ns: Int, trajectory: PoseSeries, max_gap_ns: int) -> Float:
-    """Positions (N, 3) at t_ns (N,), on the straight line between the two poses around.
+def positions_at(t_ns: Int, known_ns: Int, known_m: Float, max_gap_ns: int) -> Float:
+    """Positions (N, D) at t_ns (N,), on the straight line between the two around of known_m (M, D) at known_ns (M,).
 
-    NaN before the first pose, after the last one, and where those around lie farther apart than max_gap_ns.
+    NaN before the first, after the last, and where those around lie farther apart than max_gap_ns.
     """
-    known_ns = trajectory.t_ns
-    positions_m = np.full((len(t_ns), 3), np.nan)
-    if len(known_ns) == 0:
-        return positions_m
-    after = np.clip(np.searchsorted(known_ns, t_ns), 0, len(known_ns) - 1)
-    before = np.where(known_ns[after] == t_ns, after, np.maximum(after - 1, 0))
-    gap_ns = known_ns[after] - known_ns[before]
-    inside = (t_ns >= known_ns[before]) & (t_ns <= known_ns[after]) & (gap_ns <= max_gap_ns)
-    share = (t_ns - known_ns[before]) / np.maximum(gap_ns, 1)
-    line_m = trajectory.position_m[before] + share[:, None] * (
-        trajectory.position_m[after] - trajectory.position_m[before]
-    )
-    positions_m[inside] = line_m[inside]
-    return positions_m
+    position_m = np.full((len(t_ns), known_m.shape[1]), np.nan)
+    before, after = np.searchsorted(known_ns, t_ns, "right") - 1, np.searchsorted(known_ns, t_ns, "left")
+    inside = np.flatnonzero((before >= 0) & (after < len(known_ns)))
+    inside = inside[known_ns[after[inside]] - known_ns[before[inside]] <= max_gap_ns]
+    if len(inside):
+        known_s, at_s = (seconds_since(each, int(known_ns[0])) for each in (known_ns, t_ns[inside]))
+        position_m[inside] = np.column_stack([np.interp(at_s, known_s, axis_m) for axis_m in known_m.T])
+    return position_m
 
 
 def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: float = 0.0) -> tuple[Int, Int]:
@@ -93,16 +83,13 @@ def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: flo
     the earlier of two as near, if within max_difference_s; one of the longer may be taken twice.
     offset_s is added to the other's times; that is, taken from the first ones where these are the longer series.
     """
-    if len(other_t_ns) > len(t_ns):
-        return _nearest_pairs(_as_evo_reads(t_ns), _as_evo_reads(other_t_ns) + offset_s, max_difference_s)
-    in_other, in_first = _nearest_pairs(_as_evo_reads(other_t_ns), _as_evo_reads(t_ns) - offset_s, max_difference_s)
+    # Python divides integers to the nearest float, as reading a TUM file does; numpy rounds t_ns first. So pairs
+    # exactly max_difference_s apart fall on the same side as evo's.
+    first_s, other_s = (np.array([t / NS_PER_S for t in each.tolist()], np.float64) for each in (t_ns, other_t_ns))
+    if len(other_s) > len(first_s):
+        return _nearest_pairs(first_s, other_s + offset_s, max_difference_s)
+    in_other, in_first = _nearest_pairs(other_s, first_s - offset_s, max_difference_s)
     return in_first, in_other
-
-
-def _as_evo_reads(t_ns: Int) -> Float:
-    """Float seconds, as from a TUM file: so pairs exactly max_difference_s apart fall on the same side as evo's."""
-    # Python divides integers to the nearest float, as reading the decimal does; numpy rounds t_ns first.
-    return np.array([t / NS_PER_S for t in t_ns.tolist()], dtype=np.float64)
 
 
 def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -12,18 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
-from quadlog.metrics.catalogue import CATALOGUE, ValueKind
-from quadlog.metrics.intervals import (
-    Interval,
-    mean_interval_in_time,
-    root_interval,
-    student_interval,
-    wilson_interval,
-)
+from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.intervals import Interval, mean_interval_in_time, positive_interval
 
 ELLIPSE_95_OF_AXIS = 1.249
 """How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
 
+_ROOTS_REACH_UP = 2.5
 SHORTEST_S = 11.5
 """Of a walk of 12 s, whose first and last samples may be missing."""
 
@@ -61,29 +55,14 @@ def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What a value is made of: t_ns (N,) rising, values (N,) finite, statistic: how they make the value.
+    """What a value is made of: t_ns (N,) not falling, values (N,) finite, statistic: how they make the value.
 
-    weights: (N,) how often each counts, for the statistic rms alone; None when all count once.
-    vectors: (N, 2) of the statistic "length of mean"; values are their components along their mean, whose mean is the
-    same length but for rounding.
+    "length of mean": of vectors whose components along their mean are the values.
     """
 
     t_ns: Int
     values: Float
     statistic: Statistic
-    weights: Int | None = None
-    vectors: Float | None = None
-
-    @property
-    def count(self) -> int:
-        """What the value rests on: the samples, each as often as it counts."""
-        return len(self.values) if self.weights is None else int(self.weights.sum())
-
-    def rows(self, index: Int) -> Samples:
-        """The samples with these indices (M,)."""
-        weights = None if self.weights is None else self.weights[index]
-        vectors = None if self.vectors is None else self.vectors[index]
-        return Samples(self.t_ns[index], self.values[index], self.statistic, weights, vectors)
 
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
@@ -95,20 +74,16 @@ def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Sam
 
 def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
-    known = {name: each for name, each in samples.items() if each.count > (each.statistic == "std")}
+    known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
     return {
-        name: Metric(value_of(of), of.count, CATALOGUE[name].unit, interval_of(of), _worst(name, of))
+        name: Metric(value_of(of), len(of.values), CATALOGUE[name].unit, interval_of(of), _worst(name, of))
         for name, of in known.items()
     }
 
 
-_OF_EVENTS = frozenset({"fallback_share", "generated_total", "expanded_total", "success_rate"})
-"""Sums of events of which one is as bad as the next; and totals, whose worst instant their mean has."""
-
-
 def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
-    """The worst sample of a metric and its instant; None for counts of events."""
-    if CATALOGUE[name].kind in ("count", "yes or no") or name in _OF_EVENTS or samples.statistic == "length of mean":
+    """The worst sample of a metric and its instant; None for totals and events, of which one is as bad as the next."""
+    if samples.statistic in ("sum", "length of mean") or np.isin(samples.values, (0.0, 1.0)).all():
         return None
     rows = worst_of(name, samples, most=1)
     return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
@@ -123,68 +98,51 @@ def detail_of(samples: Samples) -> dict[str, float]:
     )
 
 
+_VALUES: dict[Statistic, Callable[[Float], Any]] = {
+    "mean": np.mean,
+    "std": lambda x: np.std(x, ddof=1),
+    "rms": lambda x: np.sqrt(np.mean(x**2)),
+    "sum": np.sum,
+    "min": np.min,
+    "max": np.max,
+    "length of mean": np.mean,
+}
+
+
 def value_of(samples: Samples) -> float:
-    """The value that N >= 1 samples make; NaN for the deviation of one."""
-    x, weights = samples.values, samples.weights
-    match samples.statistic:
-        case "mean":
-            return float(np.mean(x))
-        case "std":
-            return float(np.std(x, ddof=1)) if len(x) > 1 else math.nan
-        case "rms":
-            if weights is not None:
-                return float(float(np.sum(x**2 * weights)) / int(weights.sum())) ** 0.5
-            return float(np.sqrt(np.mean(x**2)))
-        case "sum":
-            return float(np.sum(x))
-        case "min":
-            return float(np.min(x))
-        case "max":
-            return float(np.max(x))
-        case "length of mean":
-            assert samples.vectors is not None
-            return float(np.hypot(*samples.vectors.mean(axis=0)))
+    """The value that N samples make, two at least for a deviation, else one."""
+    return float(_VALUES[samples.statistic](samples.values))
 
 
 def effects(samples: Samples) -> Float | None:
     """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
 
-    To first order (the delta method); None of extremes, and of a value of 0 that only grows.
+    To first order (the delta method); None of extremes, of counts, and of a value of 0 that only grows.
     """
     x, value = samples.values, value_of(samples)
     match samples.statistic:
-        case "mean":
+        case "mean" | "length of mean":
             return x
-        case "sum":
-            return x * len(x)
-        case "length of mean":
-            assert samples.vectors is not None
-            along: Float = samples.vectors @ samples.vectors.mean(axis=0)
-            return along / value if value > 0 else None
-        case "std" | "rms":
+        case "std" | "rms" if value > 0:
             squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
-            weights = np.ones(len(x)) if samples.weights is None else samples.weights / np.mean(samples.weights)
-            inner = float(np.mean(weights * squares))
-            return value + weights * (squares - inner) / (2 * value) if value > 0 else None
-        case "min" | "max":
-            return None
+            return value + (squares - np.mean(squares)) / (2 * value)
+    return None
 
 
 def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
     It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
-    None of extremes, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
+    None of extremes, of counts, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
     found = None if series is None else mean_interval_in_time(series)
-    is_root = samples.statistic in ("std", "rms")
-    if series is None or found is None or (is_root and samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S):
+    if found is None:
         return None
     match samples.statistic:
         case "std" | "rms":
-            # A deviation is about the mean of the same values, which hides what lasts.
-            return root_interval(value, found, series, 1.0 if samples.statistic == "std" else 0.0)
+            is_short = samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S
+            return None if is_short else positive_interval(value, found, _ROOTS_REACH_UP)
         case "length of mean":
             # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
             return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
@@ -204,72 +162,15 @@ class MeasuredRun:
     metrics: Mapping[str, Metric]
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Over the runs that have the metric: mean, sample standard deviation, quantiles, and the extremes.
-
-    interval: 95 %, of the mean over all runs that could have been; None for one run, runs all alike, and counts.
-    lowest, highest: which of the values given are the extremes, the first where several are.
-    """
-
-    runs: int
-    mean: float
-    std: float | None
-    p50: float
-    p95: float
-    interval: Interval | None
-    lowest: int
-    highest: int
-
-
-def spread(values: Sequence[float], kind: ValueKind = "quantity") -> Spread | None:
-    """Of R runs, None without one. The runs count as independent of one another.
-
-    The interval of quantities is Student's; that of "yes or no", values of 0 or 1, is Wilson's: it stays inside [0, 1],
-    and wide when all are alike. Counts have none: few runs say nothing of how a count is distributed.
-    """
-    if not values:
-        return None
-    x = np.asarray(values, dtype=np.float64)
-    p50, p95 = (float(each) for each in np.percentile(x, [50, 95]))
-    alike = bool(np.ptp(x) == 0)  # whose mean rounding would move
-    return Spread(
-        runs=len(x),
-        mean=float(x[0]) if alike else float(np.mean(x)),
-        std=None if len(x) < 2 else 0.0 if alike else float(np.std(x, ddof=1)),
-        p50=p50,
-        p95=p95,
-        interval=_interval_of_mean(x, kind, alike),
-        lowest=int(np.argmin(x)),
-        highest=int(np.argmax(x)),
-    )
-
-
-def _interval_of_mean(x: Float, kind: ValueKind, alike: bool) -> Interval | None:
-    if kind == "yes or no":
-        return wilson_interval(int(x.sum()), len(x)) if len(x) > 1 else None
-    return None if alike or kind == "count" else student_interval(x)
-
-
-APART_NS = 1_000_000_000
-
-
-def worst_instants(t_ns: Int, badness: Float, most: int = 3) -> list[int]:
-    """Indices into N samples, the worst first, none of them within a second of a worse one; at most `most`.
-
-    badness: (N,), larger is worse; what is not above 0 is not bad. Of equals the earlier counts as worse.
-    """
-    chosen: list[int] = []
-    open_ = badness > 0
-    while open_.any() and len(chosen) < most:
-        worst = int(np.argmax(np.where(open_, badness, -np.inf)))
-        chosen.append(worst)
-        open_ &= np.abs(t_ns - t_ns[worst]) >= APART_NS
-    return chosen
-
-
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
-    """As worst_instants, of the samples of the metric `name`: the largest in size, or the lowest where low is bad."""
-    values = samples.values
+    """Indices into the samples of the metric `name`, the worst first, no two within a second; at most `most`.
+
+    Worst are the largest in size, or the lowest where low is bad; 0 is not bad, nor is 1 or the largest of all there.
+    Of equals the earlier is worse.
+    """
+    values, chosen = samples.values, list[int]()
     badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)
-    return worst_instants(samples.t_ns, badness, most)
+    while len(chosen) < most and badness.max(initial=0.0) > 0:
+        chosen.append(int(np.argmax(badness)))
+        badness = np.where(np.abs(samples.t_ns - samples.t_ns[chosen[-1]]) < NS_PER_S, 0.0, badness)
+    return chosen

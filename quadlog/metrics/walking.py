@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.geometry import seconds_since
-from quadlog.messages import Float, Int
-from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples, metrics_of
+from quadlog.messages import NS_PER_S, Float, Int
+from quadlog.metrics.positioning import positions_at
+from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples
 from quadlog.planning.protocol import Bool
 
 
@@ -23,28 +22,23 @@ def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, pe
     """forward_m, lateral_drift_m (left positive), yaw_rate_degps, the ranges of roll, pitch and yaw, and fallen.
 
     Of a walk along x, evenly spaced samples: position_m, rpy_rad (T, 3), fallen (T,). rest: how many samples the robot
-    rests before it trots; period: samples of one gait cycle of period_s, which the trot's number of samples after the
-    first is a multiple of.
+    rests before it trots; period: samples of one gait cycle of period_s, two or more of which make the trot, and one
+    sample.
     From the trot's first sample to its last, which are at the same instant of a cycle, so that swaying does not count.
     The yaw rate is the slope of the line that fits best the mean yaw of each cycle: fitted to single samples, what
     swings within a cycle would tilt it. A walk with a fall has its metrics like any other.
     """
     x_m, y_m = position_m[rest:, :2].T
     angles_deg = np.degrees(np.unwrap(rpy_rad[rest:], axis=0))
-    cycles = (len(x_m) - 1) // period
-    if cycles < 2 or cycles * period != len(x_m) - 1:
-        raise ValueError(f"{len(x_m)} samples are no two or more whole cycles of {period}, and one")
-    means_deg = angles_deg[:-1, 2].reshape(cycles, period).mean(axis=1)
-    slope = np.polyfit(np.arange(cycles) * period_s, means_deg, 1)[0]
-    metrics = {
+    means_deg = angles_deg[:-1, 2].reshape(-1, period).mean(axis=1)
+    slope = np.polyfit(np.arange(len(means_deg)) * period_s, means_deg, 1)[0]
+    ranges_deg = dict(zip(("roll", "pitch", "yaw"), np.ptp(angles_deg, axis=0).tolist(), strict=True))
+    return {
         "lateral_drift_m": Metric(float(y_m[-1] - y_m[0]), len(y_m), "m"),
-        "yaw_rate_degps": Metric(float(slope), cycles, "deg/s"),
+        "yaw_rate_degps": Metric(float(slope), len(means_deg), "deg/s"),
         "forward_m": Metric(float(x_m[-1] - x_m[0]), len(x_m), "m"),
         "fallen": Metric(float(fallen.any()), len(fallen), ""),
-    }
-    for axis, name in enumerate(("roll", "pitch", "yaw")):
-        metrics[f"{name}_range_deg"] = Metric(float(np.ptp(angles_deg[:, axis])), len(angles_deg), "deg")
-    return metrics
+    } | {f"{axis}_range_deg": Metric(of, len(angles_deg), "deg") for axis, of in ranges_deg.items()}
 
 
 GRAVITY_MPS2 = 9.81
@@ -100,24 +94,13 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
 )
 
 
-def tracking_metrics(walk: Mapping[str, NDArray[Any]], completed_ns: int | None = None) -> Metrics:
-    """eta_m, sigma_m and their kin; those that do not apply are absent.
+def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
+    """The samples of eta_m, sigma_m and their kin; those that do not apply are absent.
 
     eta_m and sigma_m are the mean and the sample standard deviation of error_m over
     all N ticks [Tracking] eqs 46, 47, whose two names for the same number, N and N_e,
-    are one here. completed_ns: when a course was finished, None for a walk without an end.
-    """
-    metrics = metrics_of(tracking_samples(walk))
-    if completed_ns is not None and len(walk["t_ns"]):
-        metrics["completion_time_s"] = Metric((completed_ns - int(walk["t_ns"][0])) / 1e9, 1, "s")
-    return {name: metrics[name] for name in CATALOGUE if name in metrics}
-
-
-def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
-    """The samples behind tracking_metrics, completion_time_s apart.
-
-    walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only of a robot
-    that can fall.
+    are one here. walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only
+    of a robot that can fall.
     """
     return {
         name: finite_samples(walk["t_ns"], walk[column], statistic)
@@ -181,22 +164,18 @@ class BodySeries:
 
 
 def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5) -> Float:
-    """(N,) speed at t_ns (N,) over SPEED_OVER_S, from places xy_m (M, 2) at places_ns (M,) rising; NaN beside a gap.
+    """(N,) speed at t_ns (N,) over SPEED_OVER_S, from places xy_m (M, 2) at places_ns (M,); NaN if one lies in a gap.
 
-    At the ends of the places over as much as there is.
+    At the ends of the places over as much as there is, LEAST_OVER_S at least.
     """
     if len(places_ns) < 2:
         return np.full(len(t_ns), np.nan)
-    start_ns = int(places_ns[0])
-    places_s, t_s = seconds_since(places_ns, start_ns), seconds_since(t_ns, start_ns)
-    low_s, high_s = (np.clip(t_s + each_s, 0.0, places_s[-1]) for each_s in (-SPEED_OVER_S / 2, SPEED_OVER_S / 2))
-    moved_m = [np.interp(high_s, places_s, each) - np.interp(low_s, places_s, each) for each in xy_m.T]
-    gaps = np.concatenate([[0], np.cumsum(np.diff(places_s) > max_gap_s)])
-    # The pieces between places that the stretch reaches into, the first and the last of them included.
-    first, last = np.searchsorted(places_s, low_s, side="right") - 1, np.searchsorted(places_s, high_s, side="left")
-    unknown = (high_s - low_s < LEAST_OVER_S) | (gaps[last] > gaps[np.minimum(first, last)])
-    speed_mps: Float = np.hypot(*moved_m) / np.maximum(high_s - low_s, LEAST_OVER_S)
-    return np.where(unknown | (t_s < 0) | (t_s > places_s[-1]), np.nan, speed_mps)
+    half_ns, first_ns, last_ns = round(SPEED_OVER_S * NS_PER_S / 2), places_ns[0], places_ns[-1]
+    ends_ns = [np.clip(t_ns + sign * half_ns, first_ns, last_ns) for sign in (-1, 1)]
+    before_m, after_m = (positions_at(each, places_ns, xy_m, round(max_gap_s * NS_PER_S)) for each in ends_ns)
+    over_s = (ends_ns[1] - ends_ns[0]) / NS_PER_S
+    known = (over_s >= LEAST_OVER_S) & (t_ns >= first_ns) & (t_ns <= last_ns)
+    return np.where(known, np.hypot(*(after_m - before_m).T) / np.maximum(over_s, LEAST_OVER_S), np.nan)
 
 
 def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
@@ -204,12 +183,11 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
 
     The majority of each SHORTEST_PHASE_S counts.
     """
-    half, rows = 0, len(t_ns)
-    if rows > 1:
-        half = min(round(SHORTEST_PHASE_S / float(np.median(np.diff(t_ns)) * 1e-9 + 1e-12)) // 2, rows)
-    summed = np.concatenate([np.zeros((1, carried.shape[1])), np.cumsum(carried >= least, axis=0)])
-    low, high = np.maximum(np.arange(rows) - half, 0), np.minimum(np.arange(rows) + half + 1, rows)
-    share = (summed[high] - summed[low]) / (high - low)[:, None]
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
+    usual_s = float(np.median(np.diff(t_ns))) * 1e-9 if len(t_ns) > 1 else np.inf
+    half = min(round(SHORTEST_PHASE_S / (usual_s + 1e-12)) // 2, len(t_ns))
+    share = uniform_filter1d((carried >= least).astype(np.float64), 2 * half + 1, axis=0, mode="nearest")
     return np.where(np.isnan(carried), np.nan, share > 0.5)
 
 
@@ -218,19 +196,18 @@ def strides(body: BodySeries) -> Samples:
 
     Of all legs while the body moves; those over a gap, or longer than LONGEST_STRIDE_S, are left out.
     """
-    gaps = np.concatenate([[0], np.cumsum(np.diff(body.t_ns) > MAX_GAP_S * 1e9)])
+    gap = np.diff(body.t_ns, prepend=body.t_ns[:1]) > MAX_GAP_S * NS_PER_S
     whole: list[Int] = []
     for stance in body.stance.T:
         down = np.flatnonzero((stance[1:] == 1) & (stance[:-1] == 0)) + 1
-        unknown = np.concatenate([[0], np.cumsum(np.isnan(stance))])
+        breaks = np.cumsum(gap | np.isnan(stance))
         begin, end = down[:-1], down[1:]
-        kept = (gaps[end] == gaps[begin]) & (unknown[end] == unknown[begin]) & body.moves[begin] & body.moves[end]
-        kept &= body.t_ns[end] - body.t_ns[begin] <= LONGEST_STRIDE_S * 1e9
+        kept = (breaks[end] == breaks[begin]) & body.moves[begin] & body.moves[end]
+        kept &= body.t_ns[end] - body.t_ns[begin] <= LONGEST_STRIDE_S * NS_PER_S
         whole.append(np.stack([begin, end])[:, kept])
     begin, end = np.concatenate(whole, axis=1)
     order = np.argsort(begin, kind="stable")
-    begin_ns, end_ns = body.t_ns[begin[order]], body.t_ns[end[order]]
-    return Samples(begin_ns, 1e9 / (end_ns - begin_ns), "mean")
+    return Samples(body.t_ns[begin[order]], NS_PER_S / (body.t_ns[end] - body.t_ns[begin])[order], "mean")
 
 
 def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
@@ -293,7 +270,7 @@ def body_samples(body: BodySeries, prefix: str = "") -> dict[str, Samples]:
     some = count > 0
     standing = np.where(body.moves, body.stance.mean(axis=1), np.nan)
     samples = {
-        "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / count[some]), "rms", weights=count[some]),
+        "torque_rms_nm": Samples(body.t_ns[some], np.sqrt(squared[some] / (count.sum() / max(some.sum(), 1))), "rms"),
         "duty_factor": finite_samples(body.t_ns, standing, "mean"),
         "stride_frequency_hz": strides(body),
         "torque_max_nm": Samples(body.t_ns[some], peak_nm[some], "max"),

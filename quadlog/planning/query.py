@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.mapping.goal_projection import INFLATIONS, escape_start, project_goal
 from quadlog.mapping.grid import Window
-from quadlog.messages import Float, Int
+from quadlog.messages import Float
 from quadlog.planning.protocol import Bool, Cell, Cells
 
 
@@ -51,15 +53,16 @@ def make_query(
     robot = _as_cell(window.cell_of(start_xy_m))
     if not window.contains(np.array(robot)):
         return START_OUTSIDE
-    blocked = INFLATIONS[dilation](occupied, dilation_m / window.cell_m)
-    goal = _as_cell(window.cell_of(goal_xy_m)) if np.isfinite(goal_xy_m).all() else None
-    escape = escape_start(occupied, blocked, robot, goal)
-    if escape is None:
-        return WALLED_IN
-    projection = project_goal(blocked, window, escape.cell, goal_xy_m)
-    if projection is None:
+    if not np.isfinite(goal_xy_m).all():
         return NO_GOAL
-    return Query(window, blocked, escape.cell, projection.cell, projection.projected, escape.path[:-1])
+    blocked = INFLATIONS[dilation](occupied, dilation_m / window.cell_m)
+    goal = _as_cell(window.cell_of(goal_xy_m))
+    way = escape_start(occupied, blocked, robot, goal)
+    if way is None:
+        return WALLED_IN
+    start = _as_cell(way[-1])
+    planned_to = project_goal(blocked, window, start, goal_xy_m)
+    return Query(window, blocked, start, planned_to, planned_to != goal, way[:-1])
 
 
 def passable(query: Query, occupied: Bool, dilation: str) -> Bool:
@@ -80,5 +83,5 @@ BARELY_CELLS = 1e-6
 """More than what growing by a radius gives in addition."""
 
 
-def _as_cell(pair: Int) -> Cell:
+def _as_cell(pair: NDArray[np.integer[Any]]) -> Cell:
     return int(pair[0]), int(pair[1])

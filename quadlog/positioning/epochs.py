@@ -1,8 +1,9 @@
-"""Ranges of one tag, screened, and gathered into epochs that one fix can be made from."""
+"""Ranges of a log: which of them are used, and which of one tag are gathered into an epoch for a fix."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,105 +16,6 @@ USUAL_EPOCH_S = 0.05
 """Long enough for frames and fast rounds, in which a walker moves less than a range's std."""
 LONGEST_EPOCH_S = 1.0
 """Bound of the derived length: in a slower round a walker moves too far for a fix to mean anything."""
-
-
-@dataclass(frozen=True, slots=True)
-class Epochs:
-    """Ranges of one tag to A anchors, gathered at E instants.
-
-    t_ns: (E,) mean time of the ranges of each epoch, in time order.
-    last_ns: (E,) time of the last of them: when the epoch was known in full.
-    range_m: (E, A), NaN where absent.
-    """
-
-    t_ns: Int
-    last_ns: Int
-    range_m: Float
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-
-def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float) -> Epochs:
-    """Epochs of one tag, columns in the order of anchor_ids (A,), A > 0; ranges of other tags or anchors are left out.
-
-    Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
-    an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
-    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges must be in time
-    order.
-
-    Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
-    """
-    order = np.argsort(anchor_ids, kind="stable")
-    column = order[np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=len(anchor_ids) - 1)]
-    mine = (ranges.tag == tag) & (anchor_ids[column] == ranges.anchor)
-    t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
-
-    epoch, count = _number_epochs(t_ns, column, round(epoch_s * 1e9))
-    if count * len(anchor_ids) > MAX_CELLS:
-        raise TooLarge(f"UWB epochs times anchors of tag {tag}", count * len(anchor_ids), MAX_CELLS)
-    table = np.full((count, len(anchor_ids)), np.nan)
-    table[epoch, column] = range_m
-    first = np.searchsorted(epoch, np.arange(count))
-    last = np.searchsorted(epoch, np.arange(count), side="right") - 1
-    # The mean of the offsets, because the sum of the stamps themselves overflows.
-    offset = np.bincount(epoch, t_ns - t_ns[first][epoch], count) / np.bincount(epoch, minlength=count)
-    return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[last], table)
-
-
-def thin_rows(usable: np.ndarray, most: int) -> Int:
-    """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
-    rows = np.flatnonzero(usable)
-    return rows[:: max(1, -(-len(rows) // most))]
-
-
-def derive_epoch_s(ranges: RangeSeries, tag: int, anchor_ids: Int) -> float:
-    """How long the epochs of one tag should be: USUAL_EPOCH_S unless less than half of those would give a fix.
-
-    Then single ranges come slower: long enough for a round, which is the median over the anchors (A,) heard of the
-    median time between one anchor's ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S. ranges must be in time order.
-    Raises TooLarge as group_epochs does.
-    """
-    usual = group_epochs(ranges, tag, anchor_ids, USUAL_EPOCH_S)
-    if 2 * np.count_nonzero(np.isfinite(usual.range_m).sum(axis=1) >= 3) >= len(usual):
-        return USUAL_EPOCH_S
-    periods_s = []
-    for anchor in anchor_ids:
-        t_ns = np.unique(ranges.t_ns[(ranges.tag == tag) & (ranges.anchor == anchor)])
-        if len(t_ns) > 1:
-            periods_s.append(float(np.median(np.diff(t_ns))) * 1e-9)
-    round_s = float(np.median(periods_s)) if periods_s else USUAL_EPOCH_S
-    return min(max(round_s, USUAL_EPOCH_S), LONGEST_EPOCH_S)
-
-
-def _number_epochs(t_ns: Int, column: Int, epoch_ns: int) -> tuple[Int, int]:
-    """(N,) the epoch of each range, and how many there are."""
-    count = len(t_ns)
-    index = np.arange(count)
-    stamp_start = np.searchsorted(t_ns, t_ns)
-    before = _same_anchor_before(column)
-    in_stamp = before >= stamp_start
-    too_late = np.searchsorted(t_ns, t_ns + epoch_ns, side="right")
-    # Where an anchor would come twice: its whole stamp moves on, unless the stamp holds that anchor twice.
-    repeats = np.maximum.accumulate(np.where(in_stamp, -1, before))
-    doubles = np.maximum.accumulate(np.where(in_stamp, before, -1))
-    repeated, doubled = np.searchsorted(repeats, index), np.searchsorted(doubles, index)
-    repeated = np.append(stamp_start, count)[repeated]
-    end_of = np.minimum(np.minimum(too_late, repeated), doubled).tolist()
-    starts, start = [], 0
-    while start < count:
-        starts.append(start)
-        start = end_of[start]
-    return np.searchsorted(np.array(starts, dtype=np.int64), index, side="right") - 1, len(starts)
-
-
-def _same_anchor_before(column: Int) -> Int:
-    """(N,) the range before each one to the same anchor, -1 for none."""
-    order = np.argsort(column, kind="stable")
-    before = np.full(len(column), -1, dtype=np.int64)
-    same = column[order[1:]] == column[order[:-1]]
-    before[order[1:][same]] = order[:-1][same]
-    return before
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,37 +42,105 @@ def screen_ranges(
     ranges: RangeSeries, tags: Int, anchor_ids: Int, min_range_m: float, max_range_m: float
 ) -> tuple[RangeSeries, RangeCounts]:
     """The usable ranges of the given tags and anchors, in time order, and the count of what was left out."""
-    left = np.isin(ranges.tag, tags)
-    other_tags = _count_ids(ranges.tag[~left])
-    known = np.isin(ranges.anchor, anchor_ids)
+    range_m, left = ranges.range_m, np.isin(ranges.tag, tags)
+    other_tags, known = _count_ids(ranges.tag[~left]), np.isin(ranges.anchor, anchor_ids)
     unknown_anchors = _count_ids(ranges.anchor[left & ~known])
     left &= known
-    finite = np.isfinite(ranges.range_m)
-    range_m = np.where(finite, ranges.range_m, 0.0)
-    bad_by_cause = {
-        "not_finite": ~finite,
-        "not_positive": range_m <= 0,
-        "too_short": range_m < min_range_m,
-        "too_long": range_m > max_range_m,
-    }
-    counted = {}
-    for cause, bad in bad_by_cause.items():
-        counted[cause] = int((left & bad).sum())
+    counts = list[int]()
+    for bad in (~np.isfinite(range_m), range_m <= 0, range_m < min_range_m, range_m > max_range_m):
+        counts.append(int((left & bad).sum()))
         left &= ~bad
-    silent = tuple(int(i) for i in anchor_ids[~np.isin(anchor_ids, ranges.anchor)])
-    counts = RangeCounts(
-        total=len(ranges),
-        used=int(left.sum()),
-        other_tags=other_tags,
-        unknown_anchors=unknown_anchors,
-        silent_anchors=silent,
-        **counted,
-    )
+    silent = tuple(anchor_ids[~np.isin(anchor_ids, ranges.anchor)].tolist())
     kept = np.flatnonzero(left)
     kept = kept[np.argsort(ranges.t_ns[kept], kind="stable")]
-    return RangeSeries(ranges.t_ns[kept], ranges.tag[kept], ranges.anchor[kept], ranges.range_m[kept]), counts
+    seen = len(ranges), len(kept), other_tags, unknown_anchors
+    return ranges.rows(kept), RangeCounts(*seen, counts[0], counts[1], counts[2], counts[3], silent)
 
 
 def _count_ids(ids: Int) -> tuple[tuple[int, int], ...]:
-    seen, n = np.unique(ids, return_counts=True)
-    return tuple((int(i), int(k)) for i, k in zip(seen, n, strict=True))
+    return tuple(zip(*(each.tolist() for each in np.unique(ids, return_counts=True)), strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Epochs:
+    """Ranges of one tag to A anchors, gathered at E instants.
+
+    t_ns: (E,) mean time of the ranges of each epoch, in time order.
+    last_ns: (E,) time of the last of them: when the epoch was known in full.
+    range_m: (E, A), NaN where absent.
+    """
+
+    t_ns: Int
+    last_ns: Int
+    range_m: Float
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float | None) -> tuple[Epochs, float]:
+    """Epochs of one tag, columns in the order of anchor_ids (A,), A > 0; ranges of other tags or anchors are left out.
+
+    Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
+    an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
+    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges must be in time
+    order.
+
+    The second value is epoch_s, or what it is derived to be where it is None: USUAL_EPOCH_S unless less than half of
+    those epochs would give a fix. Then single ranges come slower: long enough for a round, which is the median over the
+    anchors heard of the median time between one anchor's ranges, within USUAL_EPOCH_S and LONGEST_EPOCH_S.
+
+    Raises TooLarge where epochs times anchors would exceed MAX_CELLS.
+    """
+    order = np.argsort(anchor_ids, kind="stable")
+    column = order[np.searchsorted(anchor_ids, ranges.anchor, sorter=order).clip(max=len(anchor_ids) - 1)]
+    mine = (ranges.tag == tag) & (anchor_ids[column] == ranges.anchor)
+    t_ns, column, range_m = ranges.t_ns[mine], column[mine], ranges.range_m[mine]
+    epochs = _gather(t_ns, column, range_m, (tag, len(anchor_ids)), USUAL_EPOCH_S if epoch_s is None else epoch_s)
+    if epoch_s is not None:
+        return epochs, epoch_s
+    if 2 * np.count_nonzero(np.isfinite(epochs.range_m).sum(axis=1) >= 3) >= len(epochs):
+        return epochs, USUAL_EPOCH_S
+    stamps = [np.unique(t_ns[column == k]) for k in range(len(anchor_ids))]
+    periods_s = [float(np.median(np.diff(each))) * 1e-9 for each in stamps if len(each) > 1]
+    derived_s = float(np.clip(np.median(periods_s), USUAL_EPOCH_S, LONGEST_EPOCH_S)) if periods_s else USUAL_EPOCH_S
+    return _gather(t_ns, column, range_m, (tag, len(anchor_ids)), derived_s), derived_s
+
+
+def _gather(t_ns: Int, column: Int, range_m: Float, tag_and_width: tuple[int, int], epoch_s: float) -> Epochs:
+    """Epochs of ranges of one tag, in time order, in their columns."""
+    tag, width = tag_and_width
+    first = _first_of_epochs(t_ns, column, round(epoch_s * 1e9))
+    if len(first) * width > MAX_CELLS:
+        raise TooLarge(f"UWB epochs times anchors of tag {tag}", len(first) * width, MAX_CELLS)
+    size = np.diff(np.append(first, len(t_ns)))
+    epoch = np.repeat(np.arange(len(first)), size)
+    table = np.full((len(first), width), np.nan)
+    table[epoch, column] = range_m
+    # The mean of the offsets, because the sum of the stamps themselves overflows.
+    offset = np.bincount(epoch, t_ns - t_ns[first][epoch], len(first)) / size
+    return Epochs(t_ns[first] + np.rint(offset).astype(np.int64), t_ns[first + size - 1], table)
+
+
+def _first_of_epochs(t_ns: Int, column: Int, epoch_ns: int) -> Int:
+    """(E,) the first range of each epoch."""
+    stamps = [*np.flatnonzero(np.diff(t_ns, prepend=t_ns[:1] - 1)).tolist(), len(t_ns)]
+    columns, stamp_ns, first, until_ns = column.tolist(), t_ns[stamps[:-1]].tolist(), list[int](), 0
+    heard: set[int] = set()
+    for (begin, end), now_ns in zip(pairwise(stamps), stamp_ns, strict=True):
+        together = columns[begin:end]
+        if not first or now_ns > until_ns or not heard.isdisjoint(together):
+            first.append(begin)
+            heard, until_ns = set(), now_ns + epoch_ns
+        for row, anchor in enumerate(together, begin):
+            if anchor in heard:
+                first.append(row)
+                heard, until_ns = set(), now_ns + epoch_ns
+            heard.add(anchor)
+    return np.array(first, dtype=np.int64)
+
+
+def thin_rows(usable: np.ndarray, most: int) -> Int:
+    """Indices of at most so many rows among the usable ones (E,) bool, evenly spread."""
+    rows = np.flatnonzero(usable)
+    return rows[:: max(1, -(-len(rows) // most))]

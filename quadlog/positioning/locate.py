@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from quadlog.geometry import interpolate_poses
+from quadlog.geometry import interpolate_poses, seconds_since
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.batch.causal import Known, follow
 from quadlog.positioning.batch.factors import TagRanges
@@ -21,16 +21,11 @@ from quadlog.positioning.batch.tracking import (
     Tracked,
     TrackSettings,
     track_body,
+    track_of,
 )
-from quadlog.positioning.epochs import Epochs, RangeCounts, derive_epoch_s, group_epochs, screen_ranges
-from quadlog.positioning.fixes import Fixes, Side, are_on_line, heights_are_told, solve_fixes, solve_on_side
-from quadlog.positioning.odometry import (
-    BodyMotion,
-    MeasuredMotion,
-    measure_motion,
-    odometry_in_map,
-    tag_odometry,
-)
+from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
+from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
+from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
 HEIGHT_STD_M = 0.5
 """Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
@@ -43,6 +38,12 @@ class Anchors:
     ids: Int
     position_m: Float
     known_bias_m: Float
+
+    def columns_of(self, ids: Int) -> Int:
+        """(N,) indices of ids (N,), which are all among these."""
+        order = np.argsort(self.ids)
+        columns: Int = order[np.searchsorted(self.ids, ids, sorter=order)]
+        return columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,40 +79,54 @@ class LocateSettings:
     calibrate: bool = True
     smooth: bool = True
 
+    def of_track(self, height_solved: bool) -> TrackSettings:
+        """What a track is estimated with."""
+        height_std_m = HEIGHT_STD_M if height_solved else 0.0
+        return TrackSettings(self.range_std_m, self.acceleration_std_mps2, height_std_m, self.calibrate)
+
 
 @dataclass(frozen=True, slots=True)
 class TagResult:
     """All that is known of one tag. Fixes are calibrated, not smoothed, one row per epoch at fix_t_ns (E,).
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
-    bias_m: (A,) what was subtracted from the ranges, known and estimated; bias: the estimate, None unless calibrated.
-    shared_m: the bias of all links that the track alone does without, where they are not calibrated.
-    n_too_few, n_degenerate: epochs without a fix.
+    epochs: the ranges the fixes are made from, as measured. bias: what is subtracted beside the known biases, None
+    unless calibrated; shared_m: the bias of all links that the track alone does without, where it is not.
     restart_ns: (R,) where the tag was carried away and its track begins again.
     n_ranges, nis: (T,) of each of the track's instants, its ranges and what they miss the track by, squared, over the
     variance that they have where range_std_m and the motion are right, by their weights over the mean weight.
-    epochs: the ranges the fixes are made from, as measured. velocity: what odometry has of the tag's motion, None where
-    there is none.
+    velocity: what odometry has of the tag's motion, None where there is none.
     """
 
     tag: int
     height_m: float
     epoch_s: float
     height_solved: bool
-    fix_t_ns: Int
+    epochs: Epochs
     fixes: Fixes
     ranges: RangeRows
     track: Track
-    bias: AnchorBias | None
-    bias_m: Float
-    shared_m: float
-    n_too_few: int
-    n_degenerate: int
     restart_ns: Int
     n_ranges: Int
     nis: Float
-    epochs: Epochs
-    velocity: MeasuredMotion | None
+    bias: AnchorBias | None = None
+    shared_m: float = 0.0
+    velocity: MeasuredMotion | None = None
+
+    @property
+    def fix_t_ns(self) -> Int:
+        """(E,) when the fixes were."""
+        return self.epochs.t_ns
+
+    @property
+    def n_too_few(self) -> int:
+        """Epochs with too few ranges for a fix."""
+        return int((self.fixes.n_ranges < (4 if self.height_solved else 3)).sum())
+
+    @property
+    def n_degenerate(self) -> int:
+        """Epochs with enough ranges, but without a unique fix."""
+        return int(self.fixes.degenerate.sum())
 
     @property
     def n_untracked(self) -> int:
@@ -138,181 +153,108 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     on_line = are_on_line(anchors.ids, anchors.position_m, settings.range_std_m, refuse=refuse)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
-    return Located(tuple(_Tag(usable, anchors, tag, settings, on_line).located() for tag in tags), counts, on_line)
+    return Located(tuple(_locate(usable, anchors, tag, settings, on_line) for tag in tags), counts, on_line)
 
 
-def columns_of(ids: Int, wanted: Int) -> Int:
-    """(N,) indices into ids (A,) of ids (N,), which are all among them."""
-    order = np.argsort(ids)
-    columns: Int = order[np.searchsorted(ids, wanted, sorter=order)]
-    return columns
+def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings, on_line: bool) -> TagResult:
+    """Fixes to start from, the track, then fixes with its biases."""
+    epochs, epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
+    known_m = epochs.range_m - anchors.known_bias_m
+    start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
+    height_solved = settings.height == "solved" and not on_line
+    if settings.height == "auto" and not on_line:
+        height_solved = heights_are_told(anchors.position_m, start, settings.range_std_m)
+    mine, none = ranges.rows(ranges.tag == tag.id), np.empty(0, np.int64)
+    rows = RangeRows(mine.t_ns, mine.anchor, mine.range_m, np.full(len(mine), np.nan), np.zeros(len(mine)))
+    of_tag = tag.id, tag.height_m, epoch_s, height_solved
+    result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0))
 
-
-class _Tag:
-    """A tag that is being located: its usable ranges, epochs, and the fixes that its track starts from."""
-
-    def __init__(
-        self, ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings, on_line: bool
-    ) -> None:
-        self.anchors, self.tag, self.settings, self.on_line = anchors, tag, settings, on_line
-        mine = ranges.tag == tag.id
-        self.t_ns, self.anchor, self.range_m = ranges.t_ns[mine], ranges.anchor[mine], ranges.range_m[mine]
-        self.column = columns_of(anchors.ids, self.anchor)
-        self.epoch_s = settings.epoch_s or derive_epoch_s(ranges, tag.id, anchors.ids)
-        self.epochs = group_epochs(ranges, tag.id, anchors.ids, self.epoch_s)
-        self.start = self.fix("gauss_newton", anchors.known_bias_m, tag.height_m, None)
-        self.height_solved = not on_line and self._solves_height()
-
-    def fix(self, method: str, bias_m: Float, height_m: float | None, near: Track | None) -> Fixes:
-        """Fixes of the epochs less biases (A,) or (E, A), of anchors on a line on the side of a track or its start."""
-        settings, range_m = self.settings, self.epochs.range_m - bias_m
-        if not self.on_line:
-            return solve_fixes(
-                method, self.anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m
-            )
-        assert settings.mirror != "refuse"
-        start: Side | Float = settings.mirror
-        if near is not None:
-            zero = np.zeros(len(near))
-            start, _, _ = interpolate_poses(self.epochs.t_ns, near.t_ns, near.position_m, zero, self.epoch_s)
-        seen = self.anchors.position_m, range_m, self.tag.height_m, settings.range_std_m
-        return solve_on_side(*seen, settings.outlier_m, start)
-
-    def _solves_height(self) -> bool:
-        """Whether the height is solved for: where asked, or where the ranges of the whole log show it."""
-        if self.settings.height != "auto":
-            return self.settings.height == "solved"
-        heard = np.isfinite(self.epochs.range_m)
-        place_m, height_m = self.start.position_m, self.tag.height_m
-        return heights_are_told(self.anchors.position_m, place_m, height_m, heard, self.settings.range_std_m)
-
-    def located(self) -> TagResult:
-        """Track, then fixes with its biases."""
-        known_ns = self.epochs.t_ns if self.settings.smooth else self.epochs.last_ns
-        usable = self.start.solved & ~self.start.outlier
-        since_ns = known_ns[usable] - (0 if self.settings.smooth else round(self.epoch_s * 1e9))
-        on_track = _in_segments_with_a_fix(self.t_ns, known_ns[usable], since_ns, causal=not self.settings.smooth)
-        if not on_track.any():
-            return self._result(None, on_track, None)
-        first_ns = int(self.t_ns[0])
-        column, range_m = self.column[on_track], (self.range_m - self.anchors.known_bias_m[self.column])[on_track]
-        t_s = (self.t_ns[on_track] - first_ns) * 1e-9
-        lever_m, height_m = np.zeros((1, 2)), np.array([self.tag.height_m])
-        ranges = TagRanges(t_s, np.zeros_like(column), column, range_m, lever_m, height_m, len(self.anchors.ids))
-        starts = Starts((known_ns[usable] - first_ns) * 1e-9, self.start.position_m[usable, :2])
-        body = Body(ranges, self.anchors.position_m, self._track_settings(), np.empty(0))
-        if self.on_line and self.settings.smooth:
+    fixed, fix_ns = start.solved & ~start.outlier, epochs.t_ns if settings.smooth else epochs.last_ns
+    row = np.flatnonzero(_in_segments_with_a_fix(mine.t_ns, fix_ns[fixed]))
+    if len(row):
+        first_ns, column = int(mine.t_ns[0]), anchors.columns_of(mine.anchor)
+        range_m, t_s = mine.range_m - anchors.known_bias_m[column], seconds_since(mine.t_ns, first_ns)
+        heard = TagRanges(
+            t_s, 0 * column, column, range_m, np.zeros((1, 2)), np.array([tag.height_m]), len(anchors.ids)
+        )
+        body = Body(heard.rows(row), anchors.position_m, settings.of_track(height_solved), np.empty(0))
+        starts = Starts(seconds_since(fix_ns[fixed], first_ns), start.position_m[fixed])
+        if on_line and settings.smooth:
             # Its fixes are all on one side of the line, which a track that goes on as it did may cross.
             known = follow(body, starts)
             starts = Starts(known.t_s, known.state[:, :2])
-        tracked = track_body(body, starts) if self.settings.smooth else follow(body, starts)
-        if self.tag.body_motion is None:
-            return self._result(tracked, on_track, None)
-        t_ns, first = np.unique(self.t_ns[on_track][tracked.known], return_index=True)
-        alone = tracked.track(t_s[tracked.known][first], t_ns, 0)
-        place = self.tag.x_m, self.tag.y_m
-        motion = measure_motion(self.tag.body_motion, alone, *place, causal=not self.settings.smooth)
-        if motion.reason is None:
-            tracked = with_motion(tracked, starts, motion, self.tag, first_ns)
-        return self._result(tracked, on_track, motion)
-
-    def _track_settings(self) -> TrackSettings:
-        """As this tag is tracked."""
-        settings = self.settings
-        height_std_m = HEIGHT_STD_M if self.height_solved else 0.0
-        return TrackSettings(settings.range_std_m, settings.acceleration_std_mps2, height_std_m, settings.calibrate)
-
-    def _result(
-        self, tracked: Tracked | Known | None, on_track: np.ndarray, velocity: MeasuredMotion | None
-    ) -> TagResult:
-        bias_m, known_bias_m, shared_m, bias = self.anchors.known_bias_m, self.anchors.known_bias_m, 0.0, None
-        unknown, none = np.full(len(self.t_ns), np.nan), np.empty(0, np.int64)
-        rows, track = RangeRows(self.t_ns, self.anchor, self.range_m, unknown, 0 * self.range_m), no_track()
-        about = _OnTrack(track, rows, none, none, np.empty(0))
-        subtracted_m = bias_m
-        if tracked is not None:
-            row = np.flatnonzero(on_track)[tracked.known]
-            about = along(tracked, tracked.of_ranges(), 0, tracked.known, rows, row)
-            own_m, std_m = tracked.biases()
-            if self.settings.calibrate:
-                heard = np.bincount(self.column, minlength=len(bias_m))
-                bias = AnchorBias(own_m, std_m, heard, tracked.last.shares)
-                subtracted_m = bias_m = known_bias_m + bias.applied_m
-                if isinstance(tracked, Known):
-                    known_s = (self.epochs.last_ns - int(self.t_ns[0])) * 1e-9
-                    subtracted_m = known_bias_m + tracked.biases_at(known_s)
-            else:
-                shared_m = float(own_m.mean())
-        fixes_height_m = None if self.height_solved else self.tag.height_m
-        fixes = self.fix(self.settings.method, subtracted_m, fixes_height_m, about.track)
-        return TagResult(
-            tag=self.tag.id,
-            height_m=self.tag.height_m,
-            epoch_s=self.epoch_s,
-            height_solved=self.height_solved,
-            fix_t_ns=self.epochs.t_ns,
-            fixes=fixes,
-            bias=bias,
-            bias_m=bias_m,
-            shared_m=shared_m,
-            n_too_few=int((fixes.n_ranges < (4 if self.height_solved else 3)).sum()),
-            n_degenerate=int(fixes.degenerate.sum()),
-            epochs=self.epochs,
-            velocity=velocity,
-            **about._asdict(),
-        )
+        tracked, velocity = steadied(body, starts, mine.t_ns[row], tag, smooth=settings.smooth)
+        of_ranges, row = tracked.of_ranges(), row[tracked.known]
+        result = replace(with_track(result, tracked, of_ranges, 0, tracked.known, row), velocity=velocity)
+        bias_m, std_m = tracked.biases()
+        if settings.calibrate:
+            bias = AnchorBias(bias_m, std_m, np.bincount(column, minlength=len(bias_m)), tracked.last.shares)
+            known_m = known_m - tracked.biases_at(seconds_since(epochs.last_ns, first_ns))
+            result = replace(result, bias=bias)
+        else:
+            result = replace(result, shared_m=float(bias_m.mean()))
+    zero, track = np.zeros(len(result.track)), result.track
+    side, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, zero, epoch_s)
+    fixes = _fix(settings, anchors, known_m, None if height_solved else tag.height_m, side, on_line)
+    return replace(result, fixes=fixes)
 
 
-class _OnTrack(NamedTuple):
-    """What a track says of a tag: fields of TagResult."""
+def _fix(
+    settings: LocateSettings, anchors: Anchors, range_m: Float, height_m: float | None, side: str | Float, on_line: bool
+) -> Fixes:
+    """Fixes of epochs (E, A), of anchors on a line on the side of places (E, 2), or the side that is asked for."""
+    if on_line and height_m is not None:
+        return solve_on_side(anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m, side)
+    seen = anchors.position_m, range_m, height_m, settings.range_std_m
+    return solve_fixes(settings.method, *seen, settings.outlier_m)
 
-    track: Track
-    ranges: RangeRows
-    restart_ns: Int
-    n_ranges: Int
-    nis: Float
+
+def steadied(
+    body: Body, starts: Starts, t_ns: Int, tag: TagInfo, *, smooth: bool
+) -> tuple[Tracked | Known, MeasuredMotion | None]:
+    """The track of a body from its ranges at t_ns (R,), and again with the odometry of what carries the tag, if any."""
+    solve = track_body if smooth else follow
+    tracked = solve(body, starts)
+    if tag.body_motion is None:
+        return tracked, None
+    first_ns = int(t_ns[0]) - round(body.ranges.t_s[0] * 1e9)
+    at_ns, first = np.unique(t_ns[tracked.known], return_index=True)
+    alone = track_of(tracked, body.ranges.t_s[tracked.known][first], at_ns, None)
+    motion = measure_motion(tag.body_motion, alone, (tag.x_m, tag.y_m), first_ns, causal=not smooth)
+    if motion.odometry is None:
+        return tracked, motion
+    body = replace(tracked.body, motion=motion.odometry)
+    if smooth:
+        t_s = tracked.body.timeline.t_s
+        yaw_rad = np.interp(t_s, motion.odometry.way.t_s, motion.yaw_rad)
+        body, starts = replace(body, yaw=True), Starts(t_s, np.column_stack([tracked.last.knots[:, 0, :2], yaw_rad]))
+    return solve(body, starts), motion
 
 
-def along(
-    tracked: Tracked | Known, of_ranges: Sequence[Float], number: int, mine: np.ndarray, rows: RangeRows, row: Int
-) -> _OnTrack:
-    """What a track says of one of its tags, by those of its ranges that are `mine`, which are `row` of the tag's."""
+def with_track(
+    result: TagResult, tracked: Tracked | Known, of_ranges: Sequence[Float], number: int, mine: np.ndarray, row: Int
+) -> TagResult:
+    """With what a track says of one of its tags, by those of its ranges that are `mine`, `row` of the tag's."""
+    rows = result.ranges
     predicted_m, weight = np.full(len(rows.t_ns), np.nan), np.zeros(len(rows.t_ns))
     residual_m, weight[row], square = (each[mine] for each in of_ranges)
     predicted_m[row] = rows.range_m[row] - residual_m
     t_ns, first, n_ranges = np.unique(rows.t_ns[row], return_index=True, return_counts=True)
     t_s = tracked.body.ranges.t_s[mine][first]
-    at = np.searchsorted(t_s, tracked.restarts_s - 1e-9).clip(max=len(t_ns) - 1)
-    ranges = replace(rows, predicted_m=predicted_m, weight=weight)
-    return _OnTrack(
-        tracked.track(t_s, t_ns, number), ranges, t_ns[at], n_ranges, np.add.reduceat(square, first) / n_ranges
+    return replace(
+        result,
+        ranges=replace(rows, predicted_m=predicted_m, weight=weight),
+        track=track_of(tracked, t_s, t_ns, number),
+        restart_ns=t_ns[np.searchsorted(t_s, tracked.restarts_s - 1e-9).clip(max=len(t_ns) - 1)],
+        n_ranges=n_ranges,
+        nis=np.add.reduceat(square, first) / n_ranges,
     )
 
 
-def with_motion(
-    tracked: Tracked | Known, starts: Starts, motion: MeasuredMotion, tag: TagInfo, first_ns: int
-) -> Tracked | Known:
-    """The track of a tag again, with the odometry of what carries it."""
-    assert tag.body_motion is not None
-    if isinstance(tracked, Known):
-        return follow(replace(tracked.body, motion=odometry_in_map(motion, first_ns)), starts)
-    odometry = tag_odometry(tag.body_motion, motion, first_ns, tag.x_m, tag.y_m)
-    t_s, pose = tracked.body.timeline.t_s, tracked.last.knots[:, 0]
-    at_knots = Starts(t_s, np.column_stack([pose[:, :2], np.interp(t_s, odometry.way.t_s, motion.yaw_rad)]))
-    return track_body(replace(tracked.body, yaw=True, motion=odometry), at_knots)
-
-
-def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int, since_ns: Int, *, causal: bool) -> np.ndarray:
-    """(R,) bool, of ranges at t_ns (R,) those between whose gaps of LONGEST_GAP_S there is a fix; causal: from since_ns
-    of the first fix on.
-    """
+def _in_segments_with_a_fix(t_ns: Int, fix_ns: Int) -> np.ndarray:
+    """(R,) bool, of ranges at t_ns (R,) those between whose gaps of LONGEST_GAP_S there is a fix."""
     segment = np.append(0, np.cumsum(np.diff(t_ns) > LONGEST_GAP_S * 1e9))[: len(t_ns)]
-    of_fix = segment[(np.searchsorted(t_ns, fix_ns, side="right") - 1).clip(0)]
-    found, first = np.unique(of_fix, return_index=True)
-    kept = np.isin(segment, found)
-    if causal and len(found):
-        kept &= t_ns >= since_ns[first][np.searchsorted(found, segment).clip(max=len(found) - 1)]
-    return kept
+    return np.isin(segment, segment[(np.searchsorted(t_ns, fix_ns, side="right") - 1).clip(0)])
 
 
 def no_track() -> Track:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -23,8 +22,8 @@ BELIEVED_SHARE = 0.5
 """Odometry that misses more of the way than this has no say at all."""
 SLIP_STD = 3.0
 """A leg that odometry misses by more is a slip: there its std is what it missed by."""
-UNTRIED_STD_MPS, UNTRIED_S = 0.3, 10.0
-"""What a robot holds its odometry for before it has seen more of it than that."""
+UNTRIED_STD_MPS = 0.15
+"""What a robot holds its odometry for while it knows no more of the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,81 +64,65 @@ def motion_between(
 
 @dataclass(frozen=True, slots=True)
 class MeasuredMotion:
-    """An odometry in map, at its own M instants t_ns (M,), or the reason why it is not used.
+    """An odometry as a track takes it, or the reason why it does not.
 
-    velocity_mps: (M, 2) of the tag; yaw_rad: (M,) of base, not wrapped. std_mps: (M,) of each axis of a second's mean
-    velocity in base, without what the yaw adds: yaw_std_rad (M,). typical_std_mps: over the log. source: as in
-    BodyMotion.
+    yaw_rad: (M,) of base in map at its instants, not wrapped. typical_std_mps: over the log, of each axis of a second's
+    mean velocity. source: as in BodyMotion.
     """
 
-    t_ns: Int
-    velocity_mps: Float
+    odometry: Odometry | None
     yaw_rad: Float
-    std_mps: Float
-    yaw_std_rad: Float
     typical_std_mps: float
     source: str
-    reason: str | None = None
+    reason: str = ""
 
 
-def measure_motion(motion: BodyMotion, track: Track, x_m: float, y_m: float, *, causal: bool) -> MeasuredMotion:
-    """The motion of a tag at (x_m, y_m) in base, from odometry, with its std estimated from the log itself.
+def measure_motion(
+    motion: BodyMotion, track: Track, place_m: tuple[float, float], start_ns: int, *, causal: bool
+) -> MeasuredMotion:
+    """The way of a tag at place_m in base, by odometry, with its std estimated from the log itself; s since start_ns.
 
     track: of that tag from ranges alone, smoothed, or causal with causal=True; then nothing depends on what came later.
     Odometry's course is turned onto the track's, as a heading is. What odometry misses of the way in LEG_S is charged
-    to odometry, but for the track's own errors (not of the causal one). So one that slips or has the wrong scale loses
-    its say, and one that misses half of the way is refused (not the causal one, which could not know).
+    to odometry, but for the track's own errors. So one that slips or has the wrong scale loses its say, and one that
+    misses half of the way is refused (not the causal one, which could not know). Smoothed, the way is in the sensor's
+    own frame, by velocities, since its poses may jump; causal in map, its std with what its direction adds.
     """
-    nothing = np.zeros((len(motion.t_ns), 2))
-    refused = partial(MeasuredMotion, motion.t_ns, nothing, nothing[:, 0], nothing[:, 0], nothing[:, 0])
+
+    def refused(std_mps: float, reason: str) -> MeasuredMotion:
+        return MeasuredMotion(None, np.empty(0), std_mps, motion.source, reason)
+
     if len(motion.t_ns) < 2 or len(track) < 2:
-        return refused(np.inf, motion.source, "it or the track is too short")
-    own_mps = _tag_velocity(motion, x_m, y_m)
+        return refused(np.inf, "it or the track is too short")
+    # Turning swings a tag that sits off the middle.
+    swing_mps = np.outer(motion.yaw_rate_radps, [-place_m[1], place_m[0]])
+    t_s, own_mps = seconds_since(motion.t_ns, start_ns), turned(motion.yaw_rad, motion.velocity_mps + swing_mps)
     offset_rad, offset_std = _turn(motion, own_mps, track, causal=causal)
     map_mps = turned(offset_rad, own_mps)
-    missed_m, way_m, own_way_m = _compare_legs(motion.t_ns, map_mps, track, causal=causal)
+    missed_m, way_m, own_way_m = _compare_legs(t_s, map_mps, seconds_since(track.t_ns, start_ns), track, causal=causal)
     compared = np.isfinite(missed_m)
     if not compared.any():
-        return refused(np.inf, motion.source, f"it and the track never overlap for {LEG_S:.0f} s")
-    per_leg = missed_m**2 / (2 * LEG_S)
-    if causal:
-        std = _std_so_far(motion.t_ns, per_leg)
-    else:
-        track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
+        return refused(np.inf, f"it and the track never overlap for {LEG_S:.0f} s")
+    usual, std = UNTRIED_STD_MPS, UNTRIED_STD_MPS
+    if not causal:
+        missed, way = (max(float(np.median(each[compared])), 1e-9) for each in (missed_m, way_m))
         # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
-        usual_m2ps = np.median(per_leg[compared]) / np.log(2) - track_m2 / LEG_S
-        std = np.full(len(missed_m), np.sqrt(max(usual_m2ps, LEAST_STD_MPS**2)))
-    typical = float(std[-1])
-    share = float(np.median(missed_m[compared])) / max(float(np.median(way_m[compared])), 1e-9)
-    if not causal and share > BELIEVED_SHARE:
-        ratio = float(own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9))
-        reason = f"its motion is off by {100 * share:.0f} % of UWB's, its length {ratio:.2f} times UWB's"
-        return refused(typical, motion.source, reason)
-    usual = std if causal else np.maximum(std, np.sqrt(np.median(per_leg[compared]) / np.log(2)))
-    std = np.where(compared & (per_leg > (SLIP_STD * usual) ** 2), np.sqrt(per_leg), std)
-    yaw_rad = np.unwrap(motion.yaw_rad) + np.unwrap(offset_rad)
-    return MeasuredMotion(motion.t_ns, map_mps, yaw_rad, std, offset_std, typical, motion.source)
-
-
-def _tag_velocity(motion: BodyMotion, x_m: float, y_m: float) -> Float:
-    """(M, 2) of the tag, in the sensor's own frame: turning swings a tag that sits off the middle."""
-    forward = motion.velocity_mps[:, 0] - motion.yaw_rate_radps * y_m
-    left = motion.velocity_mps[:, 1] + motion.yaw_rate_radps * x_m
-    return turned(motion.yaw_rad, np.stack([forward, left], axis=1))
-
-
-def tag_odometry(motion: BodyMotion, measured: MeasuredMotion, start_ns: int, x_m: float, y_m: float) -> Odometry:
-    """The tag's way in the sensor's own frame, by velocities, since its poses may jump; seconds since start_ns."""
-    t_s = seconds_since(motion.t_ns, start_ns)
-    way = Way(t_s, _summed(t_s, _tag_velocity(motion, x_m, y_m)), np.unwrap(motion.yaw_rad))
-    return Odometry(way, measured.std_mps, in_map=False)
-
-
-def odometry_in_map(motion: MeasuredMotion, start_ns: int) -> Odometry:
-    """The way in map, with what its direction adds to the std."""
-    t_s, speed_mps = seconds_since(motion.t_ns, start_ns), np.hypot(*motion.velocity_mps.T)
-    way = Way(t_s, _summed(t_s, motion.velocity_mps), motion.yaw_rad)
-    return Odometry(way, np.hypot(motion.std_mps, motion.yaw_std_rad * speed_mps), in_map=True)
+        usual = float(missed / np.sqrt(2 * np.log(2) * LEG_S))
+        track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
+        std = float(np.sqrt(max(usual**2 - track_m2 / LEG_S, LEAST_STD_MPS**2)))
+        if missed > BELIEVED_SHARE * way:
+            ratio = own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9)
+            share = f"its motion is off by {100 * missed / way:.0f} % of UWB's"
+            return refused(std, f"{share}, its length {ratio:.2f} times UWB's")
+    leg_mps, yaw_rad = missed_m / np.sqrt(2 * LEG_S), np.unwrap(motion.yaw_rad)
+    std_mps = np.where(leg_mps > SLIP_STD * max(usual, std), leg_mps, std)
+    map_rad = yaw_rad + np.unwrap(offset_rad)
+    if causal:
+        std_mps = np.hypot(std_mps, offset_std * np.hypot(*map_mps.T))
+        odometry = Odometry(Way(t_s, _summed(t_s, map_mps), map_rad), std_mps, in_map=True)
+    else:
+        odometry = Odometry(Way(t_s, _summed(t_s, own_mps), yaw_rad), std_mps, in_map=False)
+    return MeasuredMotion(odometry, map_rad, std, motion.source)
 
 
 def _summed(t_s: Float, velocity_mps: Float) -> Float:
@@ -150,12 +133,14 @@ def _summed(t_s: Float, velocity_mps: Float) -> Float:
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:
     """Offset (M,) of the sensor's frame in map, and its std: that of odometry's course, so that no step is askew."""
-    moving = np.hypot(own_mps[:, 0], own_mps[:, 1]) >= STANDING_MPS
+    moving = np.hypot(*own_mps.T) >= STANDING_MPS
     last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
     course = np.arctan2(own_mps[:, 1], own_mps[:, 0])[last.clip(0)]
     aligned = align_yaw(track, YawSensor(motion.t_ns, course, ODOMETRY_DRIFT), causal=causal)
-    yaw_rad, std_rad = aligned.yaw_rad, aligned.yaw_std_rad
-    at_track = wrap_angle(yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course))
+    at_track, std_rad = (
+        wrap_angle(aligned.yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course)),
+        aligned.yaw_std_rad,
+    )
     before = (np.searchsorted(track.t_ns, motion.t_ns, side="right") - 1).clip(0)
     if causal:
         known = motion.t_ns >= track.t_ns[0]
@@ -163,35 +148,24 @@ def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> 
     return interpolate_angle(motion.t_ns, track.t_ns, at_track), std_rad[before]
 
 
-def _compare_legs(t_ns: Int, map_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float, Float]:
+def _compare_legs(
+    t_s: Float, map_mps: Float, track_s: Float, track: Track, *, causal: bool
+) -> tuple[Float, Float, Float]:
     """(M,) how far odometry misses the track's way in LEG_S about each instant (causal: before it), and both ways.
 
-    NaN where the track or odometry does not cover the leg.
+    NaN where the track or odometry does not cover the leg, or is silent for HOLD_S at one of its ends.
     """
-    start_ns = int(t_ns[0])
-    t_s, track_s = seconds_since(t_ns, start_ns), seconds_since(track.t_ns, start_ns)
-    summed_m = _summed(t_s, map_mps)
-    ends_s = [t_s - (LEG_S if causal else LEG_S / 2), t_s + (0.0 if causal else LEG_S / 2)]
-    covered = (ends_s[0] >= t_s[0]) & (ends_s[1] <= t_s[-1]) & _near(ends_s[0], track_s) & _near(ends_s[1], track_s)
-    # From and to poses that were known then, so that a causal leg needs no later one.
-    begin, end = (np.searchsorted(track_s, each, side="right").clip(1) - 1 for each in ends_s)
-    own_m = np.stack(
-        [np.interp(track_s[end], t_s, each) - np.interp(track_s[begin], t_s, each) for each in summed_m.T], axis=1
-    )
+    summed_m, begin_s = _summed(t_s, map_mps), t_s - (LEG_S if causal else LEG_S / 2)
+    covered, ends = (begin_s >= t_s[0]) & (begin_s + LEG_S <= t_s[-1] + 1e-9), []
+    for end_s in (begin_s, begin_s + LEG_S):
+        # From and to poses that were known then, so that a causal leg needs no later one.
+        at = np.searchsorted(track_s, end_s, side="right") - 1
+        covered &= (at >= 0) & (end_s - track_s[at] <= HOLD_S)
+        ends.append(at.clip(0))
+    begin, end = ends
+    own_m = np.column_stack([np.diff(np.interp(track_s[[begin, end]], t_s, each), axis=0)[0] for each in summed_m.T])
     true_m = track.position_m[end] - track.position_m[begin]
-    lengths = (np.hypot(*(own_m - true_m).T), np.hypot(*true_m.T), np.hypot(*own_m.T))
-    missed_m, way_m, own_way_m = (np.where(covered, each, np.nan) for each in lengths)
+    missed_m, way_m, own_way_m = (
+        np.where(covered, np.hypot(*each.T), np.nan) for each in (own_m - true_m, true_m, own_m)
+    )
     return missed_m, way_m, own_way_m
-
-
-def _near(wanted_s: Float, known_s: Float) -> np.ndarray:
-    """(M,) bool: something is known at or before each instant, not longer ago than HOLD_S."""
-    before = np.searchsorted(known_s, wanted_s, side="right") - 1
-    return (before >= 0) & (wanted_s - known_s[before.clip(0)] <= HOLD_S)
-
-
-def _std_so_far(t_ns: Int, per_leg: Float) -> Float:
-    """(M,) from the legs that were over at each instant, and what is held of odometry untried."""
-    lasted_s = np.where(np.isfinite(per_leg), np.diff(seconds_since(t_ns, int(t_ns[0])), prepend=0.0), 0.0)
-    seen = np.cumsum(lasted_s * np.nan_to_num(per_leg)) + UNTRIED_S * UNTRIED_STD_MPS**2
-    return np.maximum(np.sqrt(seen / (np.cumsum(lasted_s) + UNTRIED_S)), LEAST_STD_MPS)

@@ -56,7 +56,8 @@ def _extent(
 
 def _tracks(run: Run) -> Iterator[view.Track]:
     target = run.table("target")
-    if target is not None and set(target["source"]) != {"ahead"}:  # the robot's own future lies on its own track
+    # The robot's own future lies on its own track.
+    if target is not None and set(target["source"].unique()) != {"ahead"}:
         yield from _track(target, "target", "target", shape="person")
     if not run.simulated:
         yield from _track(run.table("poses"), "robot", "robot")

@@ -13,10 +13,13 @@ from collections.abc import Mapping, Sequence
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+import numpy as np
+
 from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.differences import over_runs
 from quadlog.metrics.intervals import Interval
-from quadlog.metrics.summary import MeasuredRun, spread
+from quadlog.metrics.summary import MeasuredRun
 
 if TYPE_CHECKING:
     from quadlog.results.record import SavedMetric
@@ -274,8 +277,7 @@ def values_text(
 def _spread(name: str, runs: Mapping[str, Mapping[str, float]]) -> tuple[Any, ...]:
     """The metric, its mean, interval, lowest and highest value, and the number of runs that have it."""
     values = [float(of[name]) for of in runs.values() if name in of]
-    over = spread(values, CATALOGUE[name].kind if name in CATALOGUE else "quantity")
-    assert over is not None
+    over = over_runs(np.array(values), CATALOGUE[name].kind if name in CATALOGUE else "quantity")
     return name, over.mean, ends_text(over.interval, 2), min(values), max(values), over.runs
 
 

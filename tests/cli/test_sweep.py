@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from quadlog.cli.main import run
-from quadlog.metrics.differences import over_seeds
+from quadlog.metrics.differences import over_runs
 from quadlog.results import STAGE_FILES
 from quadlog.results.text import sig
 from tests.cli.conftest import FOLLOW
@@ -114,7 +114,7 @@ def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog
     assert done.err.count("reused ") == 3
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Means of 2 seeds with 95 % intervals" in page
-    _, low, high = over_seeds(np.array([row["eta_m"] for row in rows[2:]]))
+    low, high = over_runs(np.array([row["eta_m"] for row in rows[2:]])).interval
     assert f"{sig(low)} to {sig(high)}" in page
 
 

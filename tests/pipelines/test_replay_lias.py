@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
 from quadlog.geometry import wrap_angle
-from quadlog.pipelines.executor.progress import Kept
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.results.tables import read_table
+from tests.lab.kept import Kept
 
 ROBOT = 1
 FIX_LIMIT_M = (0.086, 0.082, 0.075)

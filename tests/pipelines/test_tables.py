@@ -17,6 +17,7 @@ from quadlog.pipelines.tables import TABLES
 from quadlog.pipelines.tables.claims import Change, Claim, Group, Ratio, Study, StudyTable, grid, order
 from quadlog.pipelines.tables.judge import MEAN, beyond, number
 from quadlog.pipelines.tables.make_tables import measure_tables
+from quadlog.pipelines.tables.planning_1 import path_change_m
 from quadlog.results.studies.papers import PaperTable, Verdict, csv_text
 
 ROOT = Path(__file__).parents[2]
@@ -147,3 +148,9 @@ def test_a_study_is_the_same_on_any_executor_and_keeps_its_walks(executor):
     (row,) = made.rows
     assert (row.ours, made.command) == (3.0, "quadlog tables one --fast --seed 5")
     assert MEAN.interval(pd.DataFrame(walks)["m"][3:].to_numpy()) == (row.low, row.high)
+
+
+def test_a_path_changes_by_its_distance_from_what_was_left_of_the_one_before():
+    before_m = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])
+    assert path_change_m(before_m, np.array([[2.0, 0.0], [4.0, 0.0], [4.0, 9.0]])) == 0
+    assert path_change_m(before_m, np.array([[2.0, 0.5], [3.0, 1.0], [4.0, 1.5]])) == 0.75  # the last is beyond 2 m

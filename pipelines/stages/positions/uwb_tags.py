@@ -59,9 +59,7 @@ def tag_truth(t_ns: Int, reference: PoseSeries, lever_m: tuple[float, float]) ->
     """(N, 2) where a tag with that place in base was in map at t_ns (N,), NaN where the reference is silent."""
     yaw_rad = yaw_from_quat(reference.quat_xyzw)
     tag_m = base_to_tag(reference.position_m[:, :2], yaw_rad, *lever_m)
-    at_tag = PoseSeries(reference.t_ns, np.column_stack([tag_m, np.zeros(len(tag_m))]), reference.quat_xyzw)
-    truth_m: Float = positions_at(t_ns, at_tag, REFERENCE_GAP_NS)[:, :2]
-    return truth_m
+    return positions_at(t_ns, reference.t_ns, tag_m, REFERENCE_GAP_NS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,9 +143,9 @@ def tell_body(journal: Journal, body: LocatedBody) -> None:
 
 def velocity_words(velocity: MeasuredMotion, track: str) -> str:
     """Whether velocities of another sensor steady a track by UWB, and how well they are known."""
-    if velocity.reason is not None:
+    if velocity.reason:
         return f"velocities by {velocity.source} do not steady {track}: {velocity.reason}"
-    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s from the log"
+    return f"velocities by {velocity.source} steady {track}, known to {velocity.typical_std_mps:.2f} m/s"
 
 
 def tell_roles(config: Config, journal: Journal, located: Located) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.compiled import inlined, inner
+from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.numba_record import Record
 from quadlog.messages import Float
 
@@ -136,18 +136,24 @@ class BodyReference(Record):
 
     def ahead(self, dt_s: float, states: Float) -> None:
         """Writes the states (N, 12) wanted at the ends of the next steps, as `mpc_model` has them, of the origin."""
-        roll, pitch, yaw = self.rpy.tolist()
-        (x, y, z), (vx, vy, vz) = self.position_m.tolist(), self.velocity_mps.tolist()
-        yaw_rate = float(self.record["yaw_rate_radps"][0])
-        speed = math.cos(yaw) * vx + math.sin(yaw) * vy
-        rows = []
-        for _ in range(len(states)):
-            middle = yaw + 0.5 * yaw_rate * dt_s
-            x, y, z = x + speed * math.cos(middle) * dt_s, y + speed * math.sin(middle) * dt_s, z + vz * dt_s
-            yaw += yaw_rate * dt_s
-            going = speed * math.cos(yaw), speed * math.sin(yaw), vz
-            rows.append((roll, pitch, yaw, x, y, z, 0.0, 0.0, yaw_rate, *going))
-        states[:] = rows
+        _ahead(self.record, dt_s, states)
+
+
+@kernel
+def _ahead(reference, dt_s, states):  # type: ignore[no-untyped-def]
+    now = reference[0]
+    yaw, yaw_rate = now.rpy[2], now.yaw_rate_radps
+    x, y, z = now.position_m[0], now.position_m[1], now.position_m[2]
+    speed = math.cos(yaw) * now.velocity_mps[0] + math.sin(yaw) * now.velocity_mps[1]
+    for k in range(len(states)):
+        middle = yaw + 0.5 * yaw_rate * dt_s
+        x, y = x + speed * math.cos(middle) * dt_s, y + speed * math.sin(middle) * dt_s
+        z += now.velocity_mps[2] * dt_s
+        yaw += yaw_rate * dt_s
+        to = states[k]
+        to[0], to[1], to[2], to[3], to[4], to[5] = now.rpy[0], now.rpy[1], yaw, x, y, z
+        to[6], to[7], to[8] = 0.0, 0.0, yaw_rate
+        to[9], to[10], to[11] = speed * math.cos(yaw), speed * math.sin(yaw), now.velocity_mps[2]
 
 
 @inlined

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.compiled import inlined, inner
+from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.body_reference import fit_plane, foothold
 from quadlog.control.locomotion.foot_trajectory import EASED, foot_curve_state, swing_state
 from quadlog.control.locomotion.numba_record import Record
@@ -71,12 +71,12 @@ def contact_state(t_s: float, period_s: float, duty: float, offsets: Float, stan
         leg_phase[leg] = phase / duty if phase < duty else (phase - duty) / (1.0 - duty)
 
 
+@kernel
 def contact_schedule(t_s: float, step_s: float, period_s: float, duty: float, offsets: Float, contacts: Bool) -> None:
     """Writes (N, 4): which legs stand at t_s, t_s + step_s and so on; the first row is the present."""
-    turns = (t_s + np.arange(len(contacts)) * step_s)[:, None] / period_s + offsets
-    phase = turns - np.floor(turns)
-    # Just below a whole turn the difference rounds to 1.
-    contacts[:] = np.where(phase < 1.0, phase, 0.0) < duty
+    for step in range(len(contacts)):
+        for leg in range(4):
+            contacts[step, leg] = _phase(t_s + step * step_s, period_s, offsets[leg]) < duty
 
 
 # From this phase of the swing on, touching is landing; before, it is stumbling, and the foot goes on.

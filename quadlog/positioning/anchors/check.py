@@ -13,7 +13,7 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.frame import KNOWN_STD_M, gauge, known_rows
 from quadlog.positioning.batch.factors import Border, TagRanges
-from quadlog.positioning.batch.solve import refine
+from quadlog.positioning.batch.solve import solve
 from quadlog.positioning.batch.tracking import Body, Starts, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fixes import Fixes, solve_fixes
@@ -222,6 +222,6 @@ def _placed(
         priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
     )
     values = np.append(estimate.values, np.zeros(3 * n))
-    solved = refine(freed, estimate.knots, values, estimate.weights.lasts, ROUNDS)
+    solved = solve(freed, estimate.knots, values, estimate.weights.lasts, ROUNDS)
     placed_m = anchors_m + solved.values[m:].reshape(-1, 3)
     return placed_m, solved.covariance[m:, m:]

@@ -17,7 +17,7 @@ from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.check import SurveyFaults, find_faults
 from quadlog.positioning.anchors.frame import known_rows, misplaced, place_in_frame, reach_95, relative_covariance
 from quadlog.positioning.anchors.walk import Walk
-from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps, Turns
+from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
 from quadlog.positioning.batch.robust import sight_probabilities
 from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
@@ -250,10 +250,8 @@ def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
     axes = Axes((pinned, pinned, Motion(LOOSE_YAW, 0.5, 0.0, 1e-4, 2.0)), yaw=2)
     drift_m, drift_rad = (each * looseness for each in odometry.drift)
     first = len(mean) - 4
-    others = (
-        Turns(timeline, walk.way, axes, (first + 2, first + 1), drift_rad**2 * walk.drifting_m),
-        Steps(timeline, walk.way, axes, first, drift_m**2 * walk.drifting_m),
-    )
+    variances = drift_m**2 * walk.drifting_m, drift_rad**2 * walk.drifting_m
+    others = (Steps(timeline, walk.way, axes, (first, first + 2, first + 1), variances),)
     border = Border(n, len(mean), n + 3 * np.arange(n_anchors), first + 3)
     model, slots = RangeModel(axes, border, np.zeros((n_anchors, 3))), ranges.slots(timeline.t_s)
     return Problem(timeline, model, slots, std_m, mean, prior[None], others, in_sight=True)

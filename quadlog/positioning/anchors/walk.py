@@ -9,7 +9,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import TagRanges, Way, turned
-from quadlog.positioning.batch.spline import Timeline, make_timeline
+from quadlog.positioning.batch.motion import Timeline, make_timeline
 
 KNOT_S, MOST_KNOTS, MOST_CELLS = 0.5, 4000, 700_000
 """Between knots, longer in a long log; and how many there are at most, also times the global unknowns."""

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.motion import Motion
-from quadlog.positioning.batch.spline import Sampling, Timeline
+from quadlog.positioning.batch.motion import Motion, Timeline
 
 HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
@@ -192,12 +191,6 @@ class RangeModel:
         return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
 
 
-def rows_of_pose(sampling: Sampling, by_pose: Float, column: Int, slope: Float) -> Rows:
-    """Rows of measurements of the pose at sampled instants, by their slopes (N, D); residuals are still zero."""
-    local = (sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
-    return Rows(sampling.interval, local, np.zeros(len(by_pose)), column, slope)
-
-
 @dataclass(frozen=True, slots=True)
 class Way:
     """Poses of base at t_s (M,) in a frame of its own: xy_m (M, 2), yaw_rad (M,) not wrapped."""
@@ -221,81 +214,48 @@ def covered(timeline: Timeline, t_s: Float) -> Int:
     return np.flatnonzero(timeline.connected & near[1:] & near[:-1])
 
 
-class Turns:
-    """Turns between knots of a yaw in a frame of its own: scale turn = psi_1 - psi_0 + drift dt.
+class Steps:
+    """An odometry's steps between knots in base, scale R(-psi) (p_1 - p_0) with psi halfway, and its turns between them
+    in a frame of its own, turn_scale turn = psi_1 - psi_0 + drift dt; or its steps in map alone, p_1 - p_0.
 
-    columns: of the drift, and of the scale, None where that is 1. variance (K - 1,): of a turn.
+    columns: of scale, drift and turn_scale, which is left out where that is 1; in map none. variances (K - 1,): of a
+    step along each axis, and of a turn.
     """
 
     def __init__(
-        self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, int | None], variance: Float
+        self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, ...], variances: tuple[Float, Float]
     ) -> None:
-        assert axes.yaw is not None
-        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
-        self.drift, self.scale = columns
-        self.dt_s = np.diff(timeline.t_s)[self.interval]
-        self.turn_rad = np.diff(way.at(timeline.t_s)[1])[self.interval]
-        self.weight = 1 / variance[self.interval]
+        self.interval, self.axes, self.columns = covered(timeline, way.t_s), axes, columns
+        (xy_m, yaw_rad), self.rows = way.at(timeline.t_s), 3 if columns else 2
+        middle_rad = (yaw_rad[1:] + yaw_rad[:-1]) / 2 * bool(columns)
+        step = np.column_stack([turned(-middle_rad, np.diff(xy_m, axis=0)), np.diff(yaw_rad)])
+        self.step, self.dt_s = step[self.interval, : self.rows], np.diff(timeline.t_s)[self.interval]
+        self.weight = 1 / np.column_stack([variances[0], *variances])[self.interval, : self.rows].ravel()
 
     def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows, and one over their variances."""
-        yaw_rad, n = knots[:, 0, self.yaw], len(self.interval)
-        residual = self.turn_rad - np.diff(yaw_rad)[self.interval] - values[self.drift] * self.dt_s
-        local = np.zeros((4 * self.size, n))
-        local[self.yaw], local[2 * self.size + self.yaw] = -1.0, 1.0
-        column, slope = np.full((1, n), self.drift), self.dt_s[None]
-        if self.scale is not None:
-            residual = residual + (values[self.scale] - 1) * self.turn_rad
-            column, slope = np.vstack([column, np.full((1, n), self.scale)]), np.vstack([slope, -self.turn_rad])
-        return Rows(self.interval, local, residual, column, slope), self.weight
-
-
-class Steps:
-    """An odometry's steps between knots, in base: scale R(-psi) (p_1 - p_0), psi halfway. variance (K - 1,); column:
-    of the scale.
-    """
-
-    def __init__(self, timeline: Timeline, way: Way, axes: Axes, column: int, variance: Float) -> None:
-        assert axes.yaw is not None
-        self.interval, self.yaw, self.size = covered(timeline, way.t_s), axes.yaw, len(axes)
-        self.column, self.weight = column, 1 / variance[self.interval]
-        xy_m, yaw_rad = way.at(timeline.t_s)
-        self.step_m = turned(-(yaw_rad[1:] + yaw_rad[:-1]) / 2, np.diff(xy_m, axis=0))[self.interval]
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows of both axes, and one over their variances."""
+        """Rows of both axes and the turn, and one over their variances."""
         before, after = knots[self.interval, 0], knots[self.interval + 1, 0]
-        middle_rad, n = (before[:, self.yaw] + after[:, self.yaw]) / 2, len(self.interval)
-        cos, sin, scale = np.cos(middle_rad), np.sin(middle_rad), values[self.column]
-        ahead_m, left_m = turned(-middle_rad, (after - before)[:, :2]).T
-        local = np.zeros((4 * self.size, n, 2))
-        for first, sign in ((0, -scale), (2 * self.size, scale)):
-            local[first : first + 2] = sign * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
-            local[first + self.yaw] = scale / 2 * np.column_stack([left_m, -ahead_m])
-        slope = np.column_stack([ahead_m, left_m]).reshape(1, -1)
-        residual, column = self.step_m.ravel() - scale * slope[0], np.full((1, 2 * n), self.column)
-        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, column, slope)
-        return rows, np.repeat(self.weight, 2)
-
-
-class Moves:
-    """Steps of the body between knots by a way in map. variance (K - 1,)."""
-
-    def __init__(self, timeline: Timeline, way: Way, size: int, variance: Float) -> None:
-        self.interval, self.size = covered(timeline, way.t_s), size
-        self.step_m = np.diff(way.at(timeline.t_s)[0], axis=0)[self.interval]
-        self.weight = 1 / variance[self.interval]
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows of both axes, and one over their variances."""
-        n, moved_m = len(self.interval), (knots[self.interval + 1, 0] - knots[self.interval, 0])[:, :2]
-        local = np.zeros((4 * self.size, n, 2))
-        for axis in range(2):
-            local[axis, :, axis], local[2 * self.size + axis, :, axis] = -1.0, 1.0
-        none = np.zeros((0, 2 * n))
-        residual = (self.step_m - moved_m).ravel()
-        rows = Rows(np.repeat(self.interval, 2), local.reshape(-1, 2 * n), residual, none.astype(np.int64), none)
-        return rows, np.repeat(self.weight, 2)
+        n, size, yaw, scale, middle_rad = len(before), len(self.axes), self.axes.yaw or 0, 1.0, np.zeros(len(before))
+        if self.columns:
+            scale, middle_rad = values[self.columns[0]], (before[:, yaw] + after[:, yaw]) / 2
+        cos, sin, moved_m = np.cos(middle_rad), np.sin(middle_rad), turned(-middle_rad, (after - before)[:, :2])
+        local, slope = np.zeros((4 * size, n, self.rows)), np.zeros((len(self.columns), n, self.rows))
+        residual = self.step.copy()
+        residual[:, :2] -= scale * moved_m
+        for first, sign in ((0, -1.0), (2 * size, 1.0)):
+            local[first : first + 2, :, :2] = sign * scale * np.array([[cos, -sin], [sin, cos]]).transpose(0, 2, 1)
+            if self.columns:
+                local[first + yaw, :, :2] = scale / 2 * moved_m[:, ::-1] * [1, -1]
+                local[first + yaw, :, 2] = sign
+        if self.columns:
+            slope[0, :, :2], slope[1, :, 2] = moved_m, self.dt_s
+            residual[:, 2] -= after[:, yaw] - before[:, yaw] + values[self.columns[1]] * self.dt_s
+        for column in self.columns[2:]:
+            residual[:, 2] += (values[column] - 1) * self.step[:, 2]
+            slope[2, :, 2] = -self.step[:, 2]
+        columns = np.repeat(np.array(self.columns, dtype=np.int64)[:, None], self.rows * n, axis=1)
+        rows = np.repeat(self.interval, self.rows), local.reshape(4 * size, -1), residual.ravel()
+        return Rows(*rows, columns, slope.reshape(columns.shape)), self.weight
 
 
 def turned(yaw_rad: Float, vector_m: Float) -> Float:

@@ -124,44 +124,27 @@ RARE_SHARE = 0.05
 """Anchors with fewer ranges than this share of the busiest one's are not left out."""
 
 
-@dataclass(frozen=True, slots=True)
-class Deleted:
-    """Without each of G anchors: knots (G, K, 2, D) and globals (G, M), one Newton step from the estimate."""
-
-    anchors: np.ndarray
-    knots: Float
-    values: Float
-
-    def variances(self) -> Float:
-        """(K, D) of the knots' coordinates: jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates.
-
-        Each of m anchors has a share of 2/m in a place.
-        """
-        off, m = self.knots[:, :, 0] - self.knots[:, :, 0].mean(axis=0), len(self.knots)
-        found: Float = (m - 2) / m * (off**2).sum(axis=0)
-        return found
-
-
-def delete_anchors(estimate: Estimate) -> Deleted | None:
-    """Every busy anchor left out in turn; None where fewer than three are busy."""
+def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
+    """Every busy anchor left out in turn: which (G,), and without it the knots (G, K, 2, D) and globals (G, M), one
+    Newton step from the estimate. None (G = 0) where fewer than three are busy.
+    """
     problem, weights = estimate.problem, estimate.weights
     n = np.bincount(problem.slots.anchor[problem.slots.slot])
     busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))
-    if len(busy) < 3:
-        return None
+    busy = busy if len(busy) >= 3 else busy[:0]
     variance_m2 = weights.lasts * problem.range_std_m**2
     parts = [
         (arrow, *estimate.linear.weighted(problem.slots, each))
         for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
     ]
-    knots, values = [], []
-    for anchor in busy:
+    knots, values = np.empty((len(busy), *estimate.knots.shape)), np.empty((len(busy), len(estimate.values)))
+    for k, anchor in enumerate(busy):
         mine, without = problem.slots.anchor == anchor, []
         for arrow, rows, total in parts:
             left = arrow.copy()
             left.add(rows.rows(mine), -total[mine] / variance_m2)
             without.append(left)
         step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
-        knots.append(estimate.knots + without[1].factorised.step_of_knots(step))
-        values.append(estimate.values + step)
-    return Deleted(busy, np.array(knots), np.array(values))
+        knots[k] = estimate.knots + without[1].factorised.step_of_knots(step)
+        values[k] = estimate.values + step
+    return busy, knots, values

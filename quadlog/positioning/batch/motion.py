@@ -1,4 +1,7 @@
-"""How a coordinate moves between two knots: a second-order linear stochastic differential equation."""
+"""Knots in segments, the cubic Hermite spline between them, and how a coordinate may move from one to the next.
+
+The spline is the mean of a white-acceleration process [Barfoot].
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,78 @@ import numpy as np
 from scipy.linalg import expm
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.spline import Timeline
 
 ACCELERATION_LASTS_S = 0.1
 """Correlation time of a walker's acceleration, about half a step."""
 TURN_STD_RADPS, TURN_LASTS_S = 0.5, 2.0
 HEIGHT_LASTS_S, HEIGHT_SMOOTH_S = 20.0, 0.5
 """A height is forgotten within the first, and smooth over the second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """K >= 2 knots at rising t_s (K,). connected (K - 1,) bool: whether a knot and the next belong to one segment."""
+
+    t_s: Float
+    connected: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def firsts(self) -> Int:
+        """The first knot of each segment."""
+        return np.append(0, np.flatnonzero(~self.connected) + 1)
+
+    def sample(self, t_s: Float) -> Sampling:
+        """Weights of the knots at instants (N,); outside of the segments the nearest knot counts."""
+        interval = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
+        dt_s = self.t_s[interval + 1] - self.t_s[interval]
+        s = ((t_s - self.t_s[interval]) / dt_s).clip(0.0, 1.0)
+        s = np.where(self.connected[interval], s, np.round(s))
+        bend = 6 * s * (1 - s) / dt_s * self.connected[interval]
+        value = [(1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2 * dt_s, s**2 * (3 - 2 * s), -(s**2) * (1 - s) * dt_s]
+        return Sampling(interval, np.array(value), np.array([-bend, (1 - s) * (1 - 3 * s), bend, s * (3 * s - 2)]))
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """interval (N,); value, rate (4, N): weights of q, q' of the knot before, q, q' of the knot after."""
+
+    interval: Int
+    value: Float
+    rate: Float
+
+    def of(self, knots: Float) -> tuple[Float, Float]:
+        """Coordinates and rates (N, D) of knots (K, 2, D)."""
+        around = np.concatenate([knots[self.interval], knots[self.interval + 1]], axis=1)
+        return np.einsum("jn,njd->nd", self.value, around), np.einsum("jn,njd->nd", self.rate, around)
+
+    def between(self, matrices: Float) -> Float:
+        """(N, ., .) between those of the knots (K, ., .)."""
+        after = self.value[2][:, None, None]
+        found: Float = (1 - after) * matrices[self.interval] + after * matrices[self.interval + 1]
+        return found
+
+
+def make_timeline(t_s: Float, step_s: float, longest_gap_s: float, cuts_s: Float) -> Timeline:
+    """Knots step_s apart over N > 0 instants in order, and one at the last; a new segment after each longer gap and at
+    each cut.
+
+    The last two knots of a segment are a quarter of a step to one and a quarter apart.
+    """
+    apart = np.diff(t_s) > longest_gap_s
+    if len(apart):
+        apart[np.searchsorted(t_s, cuts_s).clip(1, len(t_s) - 1) - 1] = True
+    begins = np.append(0, np.flatnonzero(apart) + 1)
+    ends = np.append(begins[1:], len(t_s)) - 1
+    knots, connected = [], []
+    for first_s, last_s in zip(t_s[begins].tolist(), t_s[ends].tolist(), strict=True):
+        last_s = max(last_s, first_s + 1e-3)
+        steps = max(int(np.ceil((last_s - first_s) / step_s - 0.25)), 1)
+        knots.append(np.append(first_s + step_s * np.arange(steps), last_s))
+        connected += [True] * steps + [False]
+    return Timeline(np.concatenate(knots), np.array(connected[:-1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +118,6 @@ def lifting(std_m: float) -> Motion:
     return Motion(2 * damping * rate_std**2, damping, stiffness, std_m, rate_std)
 
 
-@lru_cache(maxsize=1000)
 def transition(motion: Motion, dt_s: float) -> tuple[Float, Float]:
     """F (2, 2) and Q (2, 2) of x(t + dt) = F x(t) + noise of covariance Q [Van Loan]."""
     drift = np.array([[0.0, 1.0], [-motion.stiffness, -motion.damping]])
@@ -61,7 +128,7 @@ def transition(motion: Motion, dt_s: float) -> tuple[Float, Float]:
 
 
 @lru_cache(maxsize=1000)
-def step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
+def _step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
     """(4D, 4D) information about two knots (q, q', q, q') dt_s apart from D motions between them."""
     size = len(motions)
     found = np.zeros((4, size, 4, size))
@@ -75,7 +142,7 @@ def step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
 def motion_information(motions: tuple[Motion, ...], timeline: Timeline) -> Float:
     """(K - 1, 4D, 4D) information about neighbouring knots; the first of a segment is known to start_std about zero."""
     size, lengths_s = len(motions), np.diff(timeline.t_s).round(7).tolist()
-    information = np.array([step_information(motions, each_s) for each_s in lengths_s])
+    information = np.array([_step_information(motions, each_s) for each_s in lengths_s])
     information *= timeline.connected[:, None, None]
     start = np.array([m.start_std for m in motions] + [m.start_rate_std for m in motions])
     at = np.arange(2 * size)

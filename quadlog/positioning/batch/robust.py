@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.special import erfc, erfcx
 
@@ -25,26 +23,19 @@ BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 
 
-@dataclass(frozen=True, slots=True)
-class LinkWindows:
-    """N ranges sorted by link, then time; first, end (N,): the window about each of its own link's."""
-
-    first: Int
-    end: Int
-
-
-def link_windows(t_s: Float, link: Int) -> LinkWindows:
-    """Windows of WINDOW_S about each of N > 0 ranges sorted by link, then time."""
+def link_windows(t_s: Float, link: Int) -> tuple[Int, Int]:
+    """First and end (N,) of windows of WINDOW_S about each of N > 0 ranges, by link, then time: of its own link's."""
     key = t_s + (np.ptp(t_s) + 2 * WINDOW_S) * link
-    return LinkWindows(np.searchsorted(key, key - WINDOW_S / 2), np.searchsorted(key, key + WINDOW_S / 2, side="right"))
+    return np.searchsorted(key, key - WINDOW_S / 2), np.searchsorted(key, key + WINDOW_S / 2, side="right")
 
 
-def lateness_weights(windows: LinkWindows, residual_m: Float, std_m: float) -> Float:
+def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float) -> Float:
     """(N,) weights in (0, 1]: low where the mean of a link's residuals over a window is late, or one residual is."""
     x = residual_m / std_m
     total = np.append(0.0, np.cumsum(x.clip(-CLIP_STD, CLIP_STD)))
-    n = windows.end - windows.first
-    mean = (total[windows.end] - total[windows.first]) / n
+    first, end = windows
+    n = end - first
+    mean = (total[end] - total[first]) / n
     late = np.maximum(LATE_MEAN_STD / np.sqrt(n), LATE_MEAN_LEAST)
     by_mean = 1 + (mean / np.where(mean > 0, late, EARLY_STD)) ** 2
     by_one = 1 + (x / np.where(x > 0, LATE_STD, EARLY_STD)) ** 2

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from quadlog.messages import Float
+from quadlog.messages import Float, Int
 from quadlog.positioning.batch import robust
-from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, rows_of_pose
-from quadlog.positioning.batch.motion import motion_information
-from quadlog.positioning.batch.spline import Sampling, Timeline
+from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps
+from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
 SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
@@ -92,27 +90,12 @@ class Factorised:
         step = self.step - self.reach @ global_step
         return step.reshape(self.arrow.n_knots, 2, -1)
 
-    def last_covariance(self, global_covariance: Float) -> Float:
-        """(2D, 2D) marginal of the last knot, with that of the globals (M, M)."""
-        size = self.arrow.size
-        upper = np.zeros((size, size))
-        for above in range(size):
-            at = np.arange(size - above)
-            upper[at, at + above] = self.chol[-1 - above, self.chol.shape[1] - size + above :]
-        inverse, reach = np.linalg.inv(upper), self.reach[-size:]
-        marginal: Float = inverse @ inverse.T + reach @ global_covariance @ reach.T
-        return marginal
-
     def covariances(self, global_covariance: Float) -> Float:
         """(K, 2D, 2D) marginals of the knots by selected inversion, with that of the globals (M, M)."""
         size, count = self.arrow.size, self.arrow.n_knots
-        band, column = 2 * size - 1, np.arange(count * size).reshape(count, size)
-        own, next_ = np.zeros((count, size, size)), np.zeros((count - 1, size, size))
-        for i in range(size):
-            for j in range(size):
-                if i <= j:
-                    own[:, i, j] = self.chol[band + i - j, column[:, j]]
-                next_[:, i, j] = self.chol[band + i - j - size, column[1:, j]]
+        column, above = np.arange(count * size).reshape(count, 1, size), np.arange(size)[:, None] - np.arange(size)
+        own = np.where(above <= 0, self.chol[(above - 1).clip(max=-1), column], 0.0)
+        next_ = self.chol[above - 1 - size, column[1:]]
         inverse = np.linalg.inv(own)
         gain, found = inverse[:-1] @ next_, inverse @ inverse.transpose(0, 2, 1)
         for k in range(count - 2, -1, -1):
@@ -134,14 +117,6 @@ def _neighbours(knots: Float) -> Float:
     return np.concatenate([flat[:-1], flat[1:]], axis=1)
 
 
-class Factor(Protocol):
-    """Measurements beside the ranges."""
-
-    def linearise(self, knots: Float, values: Float) -> tuple[Rows, Float]:
-        """Rows at a state, and one over their variances."""
-        ...
-
-
 @dataclass(frozen=True)
 class Problem:
     """All measurements and priors.
@@ -157,7 +132,7 @@ class Problem:
     range_std_m: float
     mean: Float
     priors: Float
-    others: tuple[Factor, ...] = ()
+    others: tuple[Steps, ...] = ()
     past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
 
@@ -167,7 +142,7 @@ class Problem:
         return self.timeline.sample(self.slots.t_s)
 
     @cached_property
-    def windows(self) -> robust.LinkWindows:
+    def windows(self) -> tuple[Int, Int]:
         """Of the ranges."""
         return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
 
@@ -216,7 +191,7 @@ class Linearised:
 class Estimate:
     """knots (K, 2, D), values (M,) of the globals with covariance (M, M), and the share (P,) of each prior in them.
 
-    Weights and equations are those at the solution, but for the last step (M,) of the globals.
+    Weights and equations are those at the solution, but for a last step (M,) of the globals.
     """
 
     problem: Problem
@@ -255,7 +230,8 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
         late_s = late_s + values[delay]
         column, slope = np.vstack([column, np.full(len(speed_mps), delay)]), np.vstack([slope, speed_mps])
     residual_m = slots.range_m - predicted_m[slots.slot] - speed_mps[slots.slot] * late_s
-    return Linearised(rows_of_pose(problem.sampling, by_pose, column, slope), residual_m)
+    local = (problem.sampling.value[:, None, :] * by_pose.T[None]).reshape(-1, len(by_pose))
+    return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
 def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
@@ -278,8 +254,8 @@ def assemble(
     """Normal equations for the globals and for the knots, which differ by the weights of the ranges."""
     for_globals = Arrow(len(knots), 2 * len(problem.model.axes), len(problem.mean))
     for_globals.add_motion(problem.motion, knots)
-    for factor in problem.others:
-        for_globals.add(*factor.linearise(knots, values))
+    for steps in problem.others:
+        for_globals.add(*steps.linearise(knots, values))
     for_knots = for_globals.copy()
     if problem.past is not None:
         at, information, pull = problem.past
@@ -314,51 +290,39 @@ def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple
     return mean - off, covariance, shares
 
 
-def refine(problem: Problem, knots: Float, values: Float, lasts: float, rounds: int) -> Estimate:
-    """At most so many rounds from a start that is near enough for robust weights, until it moves no more than NEAR_M.
-
-    lasts: how many ranges share an error.
-    """
-    linear = linearise(problem, knots, values)
-    for _ in range(rounds):
-        weights = weigh(problem, linear.residual_m, lasts)
-        for_globals, for_knots = assemble(problem, linear, weights, knots, values)
-        global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
-        factorised = for_knots.factorised
-        step = factorised.step_of_knots(global_step)
-        knots, values = knots + step, values + global_step
-        linear = linearise(problem, knots, values)
-        if max(np.abs(step[:, 0, :2]).max(), np.abs(global_step).max()) < NEAR_M:
-            break
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)
-
-
-def solve(problem: Problem, knots: Float, values: Float, warm: bool = False) -> Estimate:
+def solve(
+    problem: Problem,
+    knots: Float,
+    values: Float,
+    lasts: float | None = None,
+    rounds: int = ROUNDS,
+    *,
+    warm: bool = False,
+) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
     One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, errors taken as white;
     then the persistence of the errors is estimated once and kept. It is not estimated again, because motion that a
     stiffer track cannot follow would look like persistent errors. warm: the start is near enough for robust weights.
+    lasts: the persistence, if it is known; then the start is warm, and a move of NEAR_M is the last.
     """
-    weights = Weights(*np.ones((2, len(problem.slots.range_m))))
-    linear = linearise(problem, knots, values)
-    if warm:
-        weights = weigh(problem, linear.residual_m, 1.0)
-    white = True
-    for index in range(ROUNDS):
+    given, moved_m = lasts is not None, np.inf
+    weights, linear = Weights(*np.ones((2, len(problem.slots.range_m)))), linearise(problem, knots, values)
+    for index in range(rounds):
+        if warm or given or index >= PLAIN_ROUNDS:
+            near = index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS)
+            weights = weigh(problem, linear.residual_m, None if near and lasts is None else lasts or 1.0)
+            lasts = weights.lasts if near else lasts
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
-        global_step, _, _ = posterior_of_globals(problem, for_globals, values)
-        step = for_knots.factorised.step_of_knots(global_step)
+        global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
+        factorised = for_knots.factorised
+        step = factorised.step_of_knots(global_step)
+        moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
+        if not given and (index == rounds - 1 or (lasts is not None and moved_m < SETTLED_M)):
+            global_step = 0.0 * global_step  # what is left of a way is not gone: equations are those at the solution
+            break
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
-        moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
-        if not white and moved_m < SETTLED_M:
+        if given and moved_m < NEAR_M:
             break
-        if warm or index >= PLAIN_ROUNDS - 1:
-            near = index >= WHITE_ROUNDS - 1 and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS - 1)
-            weights = weigh(problem, linear.residual_m, weights.lasts if not white else None if near else 1.0)
-            white = white and not near
-    for_globals, for_knots = assemble(problem, linear, weights, knots, values)
-    _, covariance, shares = posterior_of_globals(problem, for_globals, values)
-    last = for_knots.factorised, 0.0 * values
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, *last)
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import (
-    ERRORS_LAST_S,
-    Axes,
-    Border,
-    Moves,
-    RangeModel,
-    Steps,
-    TagRanges,
-    Turns,
-    Way,
-)
-from quadlog.positioning.batch.links import Deleted, bias_priors, delete_anchors
-from quadlog.positioning.batch.motion import Track, lifting, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Factor, Problem, solve
-from quadlog.positioning.batch.spline import Timeline, make_timeline
+from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, Border, RangeModel, Steps, TagRanges, Way
+from quadlog.positioning.batch.links import bias_priors, delete_anchors
+from quadlog.positioning.batch.motion import Timeline, Track, lifting, make_timeline, turning, walking
+from quadlog.positioning.batch.solve import Estimate, Problem, solve
+
+if TYPE_CHECKING:
+    from quadlog.positioning.batch.causal import Known
 
 KNOT_S = 0.2
 """Between knots; ranges of a link are averaged from each to the next."""
@@ -34,16 +28,12 @@ STAMP_STD_S = 0.05
 ranges. Real recordings were 0.08 and 0.11 s off."""
 SCALE_STD, DRIFT_STD_RADPS, WALK_STD = 0.05, 0.003, 0.003
 """Of an odometry: its scale, the drift of its yaw, and the random walk of that (rad/sqrt s)."""
-STIFF_SHORT_SHARE, SOFTER, MOST_REPEATS = 0.03, 10.0, 2
-"""Where more ranges are too short, the body moves harder than assumed: its acceleration is let go."""
-
-JUMP_STRESS, JUMP_SHORT_SHARE = 20.0, 0.1
+JUMP_STRESS, JUMP_SHORT_SHARE, SHORT_STD = 20.0, 0.1, 4.0
 """A second of track is suspected where the motion's normalised residuals sum to more, and more ranges are too short:
 nothing in the way makes ranges short. Bursts on three anchors reach 6 and 0.01, jumps of 2 m 23 and 0.12."""
-SHORT_STD = 4.0
-FEWEST_FIXES = 4
-JUMP_STD = 10.0
-"""A jump is at least so many std of a range."""
+JUMP_FIXES, JUMP_STD, JUMP_SCATTER, MOST_REPEATS = 4, 10.0, 3.0, 2
+"""The means of so many fixes before and after a jump are at least so many std of a range apart, and so many times as
+far as these scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,41 +69,29 @@ class Odometry:
     std_mps: Float
     in_map: bool
 
-    @property
-    def globals(self) -> tuple[Float, Float]:
-        """Mean and std of its own globals: the drift of its yaw, and its scale; none in map."""
-        n = 0 if self.in_map else 2
-        return np.array([0.0, 1.0])[:n], np.array([DRIFT_STD_RADPS, SCALE_STD])[:n]
-
-    def factors(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Factor, ...]:
-        """Turns and steps between knots, the drift being in a column and the scale in the next; in map steps alone, by
-        what had come by the last knot.
-        """
+    def steps(self, timeline: Timeline, axes: Axes, column: int) -> tuple[Steps, ...]:
+        """Between knots, the scale being in a column and the drift in the next; in map by what had come by the last."""
         n = int(np.searchsorted(self.way.t_s, timeline.t_s[-1], side="right")) if self.in_map else len(self.way.t_s)
         if n < 2:
             return ()
         way = Way(self.way.t_s[:n], self.way.xy_m[:n], self.way.yaw_rad[:n])
         dt_s, middle_s = np.diff(timeline.t_s), (timeline.t_s[1:] + timeline.t_s[:-1]) / 2
         variance_m2 = np.interp(middle_s, way.t_s, self.std_mps[:n]) ** 2 * ERRORS_LAST_S * dt_s
-        if self.in_map:
-            return (Moves(timeline, way, len(axes), variance_m2),)
-        turns = Turns(timeline, way, axes, (column, None), WALK_STD**2 * dt_s)
-        return turns, Steps(timeline, way, axes, column + 1, variance_m2)
+        columns = () if self.in_map else (column, column + 1)
+        return (Steps(timeline, way, axes, columns, (variance_m2, WALK_STD**2 * dt_s)),)
 
 
 @dataclass(frozen=True)
 class Body:
     """What the track of a body with one tag or several is estimated from: R > 0 ranges in time order among anchors.
 
-    cuts_s: where it was carried away; softer: by how much the variance of its acceleration is raised; yaw: whether
-    that is tracked.
+    cuts_s: where it was carried away; yaw: whether that is tracked.
     """
 
     ranges: TagRanges
     anchors_m: Float
     settings: TrackSettings
     cuts_s: Float
-    softer: float = 1.0
     yaw: bool = False
     motion: Odometry | None = None
 
@@ -126,47 +104,42 @@ class Body:
     @property
     def axes(self) -> Axes:
         """The coordinates that are tracked."""
-        motions = [walking(self.settings.acceleration_std_mps2 * float(np.sqrt(self.softer)))] * 2
-        z = len(motions) if self.settings.height_std_m > 0 else None
-        if z is not None:
-            motions.append(lifting(self.settings.height_std_m))
-        if self.yaw:
-            motions.append(turning())
-        return Axes(tuple(motions), z, len(motions) - 1 if self.yaw else None)
+        motions, lifted = [walking(self.settings.acceleration_std_mps2)] * 2, self.settings.height_std_m > 0
+        motions += [lifting(self.settings.height_std_m)] * lifted + [turning()] * self.yaw
+        return Axes(tuple(motions), 2 if lifted else None, len(motions) - 1 if self.yaw else None)
 
     def problem(self) -> Problem:
         """All measurements; globals are the biases of the links, then those of its motion."""
         n = self.ranges.n_links
-        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Factor, ...]()
+        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Steps, ...]()
         if self.motion is not None:
-            own_mean, own_std = self.motion.globals
-            others = self.motion.factors(self.timeline, self.axes, n)
-            mean = np.append(mean, own_mean)
-            priors = np.array([block_diag(prior, np.diag(own_std**2)) for prior in priors])
+            others = self.motion.steps(self.timeline, self.axes, n)
+        if self.motion is not None and not self.motion.in_map:  # its scale, and the drift of its yaw
+            mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
+            priors = np.array([block_diag(prior, own) for prior in priors])
         model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)
         slots = self.ranges.slots(self.timeline.t_s)
         return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
 
-    def knots_from(self, starts: Starts) -> Float:
-        """(K, 2, D) knots at their places between starts, moving as these do."""
-        knots, axes = np.zeros((len(self.timeline), 2, len(self.axes))), self.axes
-        own = [0, 1] if axes.yaw is None else [0, 1, axes.yaw]
-        knots[:, 0, own] = starts.at(self.timeline.t_s)[:, : len(own)]
+    def knots_from(self, starts: Starts, timeline: Timeline) -> Float:
+        """(K, 2, D) knots that stand at their places between starts."""
+        axes = self.axes
+        knots, own = np.zeros((len(timeline), 2, len(axes))), [0, 1] if axes.yaw is None else [0, 1, axes.yaw]
+        knots[:, 0, own] = starts.at(timeline.t_s)[:, : len(own)]
         return knots
 
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """last: the estimate; covariance (K, 2D, 2D): of its knots; excess: by how much that of the place was raised.
-
-    deleted: without each anchor, None with fewer than three.
+    """last: the estimate; covariance (K, 2D, 2D): of its knots, raised by what positions differ by without each anchor,
+    for the place by spread. without: the globals (G, M) without each of some anchors (G,).
     """
 
     body: Body
     last: Estimate
     covariance: Float
-    excess: float
-    deleted: Deleted | None
+    spread: float
+    without: tuple[Int, Float]
 
     @property
     def known(self) -> np.ndarray:
@@ -180,12 +153,8 @@ class Tracked:
 
     def poses(self, t_s: Float) -> tuple[Float, Float, Float]:
         """Coordinates and rates (N, D) at instants (N,), and their covariances (N, 2D, 2D)."""
-        pose, rate = self.last.at(t_s)
-        return pose, rate, self.last.problem.timeline.between(t_s, self.covariance)
-
-    def track(self, t_s: Float, t_ns: Int, tag: int | None) -> Track:
-        """Of a tag, or of the body's origin, at t_ns (N,), which are t_s."""
-        return track_of(self.body, t_ns, self.poses(t_s), np.array([self.excess]), tag)
+        sampling = self.last.problem.timeline.sample(t_s)
+        return *sampling.of(self.last.knots), sampling.between(self.covariance)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """For each of the body's ranges (R,): residual, weight, and its square over the variance that it should have.
@@ -196,7 +165,7 @@ class Tracked:
         slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
         pose, _, covariance = self.poses(slots.t_s)
         _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
-        known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.excess
+        known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.spread
         variance_m2 = problem.range_std_m**2
         fitted = float((weights.knots * known[slots.slot]).mean()) / (weights.lasts * variance_m2)
         trust = max(float(weights.knots.mean()), 1e-3) * (1 - min(fitted, 0.9))
@@ -206,39 +175,20 @@ class Tracked:
 
     def biases(self) -> tuple[Float, Float]:
         """Of all links (L,), and their std."""
-        n = self.body.ranges.n_links
+        n, (anchors, values) = self.body.ranges.n_links, self.without
         variance_m2 = np.diag(self.last.covariance)[:n]
-        if self.deleted is not None:
+        if len(anchors):
             # What is left of a link's bias without its own anchor is the prior.
-            own = np.arange(n) % self.body.ranges.n_anchors == self.deleted.anchors[:, None]
-            values = np.where(own, np.nan, self.deleted.values[:, :n])
+            own = np.arange(n) % self.body.ranges.n_anchors == anchors[:, None]
+            values = np.where(own, np.nan, values[:, :n])
             count = np.isfinite(values).sum(axis=0)
             off_m = values - np.nanmean(values, axis=0)
             variance_m2 = variance_m2 + (count - 1) / count * np.nansum(off_m**2, axis=0)
         return self.last.values[:n], np.sqrt(variance_m2)
 
-
-def track_of(body: Body, t_ns: Int, poses: tuple[Float, Float, Float], excess: Float, tag: int | None) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags.
-
-    poses: coordinates and rates (N, D), and their covariances (N, 2D, 2D); excess: see Track.
-    """
-    pose, rate, covariance = poses
-    axes, size, n = body.axes, len(body.axes), len(t_ns)
-    lever_m = np.zeros(2) if tag is None else body.ranges.lever_m[tag]
-    height_m = body.ranges.height_m.mean() if tag is None else body.ranges.height_m[tag]
-    place_m, swing_m = axes.places(pose, np.broadcast_to(lever_m, (n, 2)))
-    velocity_mps, change = rate[:, :2].copy(), np.zeros((n, 2, size))
-    change[:, 0, 0] = change[:, 1, 1] = 1.0
-    if axes.yaw is not None:
-        velocity_mps += swing_m * rate[:, axes.yaw, None]
-        change[:, :, axes.yaw] = swing_m
-    own, rates, back = covariance[:, :size, :size], covariance[:, size:, size:], change.transpose(0, 2, 1)
-    z_m, z_std_m = np.full(n, float(height_m)), np.zeros(n)
-    if axes.z is not None:
-        z_m, z_std_m = z_m + pose[:, axes.z], np.sqrt(own[:, axes.z, axes.z])
-    place_m2, velocity_m2ps2 = change @ own @ back, change @ rates @ back
-    return Track(t_ns, place_m, velocity_mps, place_m2, velocity_m2ps2, z_m, z_std_m, excess)
+    def biases_at(self, t_s: Float) -> Float:
+        """(N, L) of all links, as they are used at instants (N,)."""
+        return np.broadcast_to(self.biases()[0], (len(t_s), self.body.ranges.n_links))
 
 
 def track_body(body: Body, starts: Starts) -> Tracked:
@@ -247,85 +197,76 @@ def track_body(body: Body, starts: Starts) -> Tracked:
     Jumps are looked for where no yaw is tracked, of a tag by itself; what has a yaw starts from a track without them.
     """
     for _ in range(1 + MOST_REPEATS):
-        problem, knots, jumps_s = body.problem(), body.knots_from(starts), body.cuts_s[:0]
+        problem, knots = body.problem(), body.knots_from(starts, body.timeline)
         if body.yaw:
             knots[:, 1] = np.gradient(knots[:, 0], body.timeline.t_s, axis=0)
         estimate = solve(problem, knots, problem.mean)
-        if not body.yaw:
-            jumps_s = np.setdiff1d(find_jumps(estimate, starts), body.cuts_s)
-        if len(jumps_s):
-            body = replace(body, cuts_s=np.union1d(body.cuts_s, jumps_s))
-        elif short_share(estimate) > STIFF_SHORT_SHARE:
-            body = replace(body, softer=body.softer * SOFTER)
-        else:
+        jumps_s = body.cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), body.cuts_s)
+        if len(jumps_s) == 0:
             break
-    return finish(body, estimate)
-
-
-def finish(body: Body, estimate: Estimate) -> Tracked:
-    """With covariances: the model's, raised by what positions differ by without each anchor, and by the stamps."""
-    size = len(body.axes)
-    own = estimate.knot_covariances()
-    raised, deleted = own.copy(), delete_anchors(estimate)
-    if deleted is not None:
-        # x and y are raised alike; height and yaw each by themselves.
-        axis = np.append([0, 0], np.arange(1, size - 1))[:size]
-        mean = np.bincount(axis, np.diagonal(own, axis1=1, axis2=2)[:, :size].mean(axis=0))
-        scale = np.sqrt(1 + np.bincount(axis, deleted.variances().mean(axis=0)) / mean)[axis]
+        body = replace(body, cuts_s=np.union1d(body.cuts_s, jumps_s))
+    size, own = len(body.axes), estimate.knot_covariances()
+    raised, (anchors, knots, values) = own.copy(), delete_anchors(estimate)
+    if len(anchors):
+        # Jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates: each of m anchors has a share of 2/m in a
+        # place. x and y are raised alike; height and yaw each by themselves.
+        off, m, axis = knots[:, :, 0] - knots[:, :, 0].mean(axis=0), len(anchors), np.array([0, 0, 1, 2])[:size]
+        spread = (m - 2) / m * np.bincount(axis, (off**2).sum(axis=0).mean(axis=0))
+        scale = np.sqrt(1 + spread / np.bincount(axis, np.diagonal(own.mean(axis=0))[:size]))[axis]
         raised[:, :size, :size] *= scale[:, None] * scale
-    rate = estimate.knots[:, 1]
-    raised[:, :size, :size] += STAMP_STD_S**2 * rate[:, :, None] * rate[:, None, :]
-    excess = np.trace(raised[:, :2, :2].mean(axis=0)) / np.trace(own[:, :2, :2].mean(axis=0))
-    return Tracked(body, estimate, raised, float(excess), deleted)
-
-
-def short_share(estimate: Estimate) -> float:
-    """Share of all ranges that are far too short, which no blocked path explains."""
-    return float((estimate.linear.residual_m < -SHORT_STD * estimate.problem.range_std_m).mean())
+    spread = np.trace(raised[:, :2, :2].mean(axis=0)) / np.trace(own[:, :2, :2].mean(axis=0))
+    return Tracked(body, estimate, raised, float(spread), (anchors, values))
 
 
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:
     """Instants at which a tag jumped to another place, from an estimate that ignores jumps.
 
-    Suspected where the motion is stressed and ranges are short; a jump where lines through the fixes before and after
-    miss each other by JUMP_STD.
+    Suspected where the motion is stressed and ranges are short; there it is between the fixes that are farthest apart.
     """
     problem, timeline = estimate.problem, estimate.problem.timeline
     short = estimate.linear.residual_m < -SHORT_STD * problem.range_std_m
-    if len(starts.t_s) < 2 * FEWEST_FIXES or not short.any():
+    if len(starts.t_s) < 2 * JUMP_FIXES or not short.any():
         return np.empty(0)
     stress = problem.stress(estimate.knots) * timeline.connected
     stress[timeline.firsts[timeline.firsts < len(stress)]] = 0.0  # these hold what is known of a start
-    interval = problem.sampling.interval[problem.slots.slot]
-    second = np.ones(round(1 / KNOT_S))
-    n, shorts = (
-        np.convolve(np.bincount(interval, each, len(stress)), second, "same") for each in (np.ones(len(short)), short)
+    interval, second = problem.sampling.interval[problem.slots.slot], np.ones(round(1 / KNOT_S))
+    n, shorts, stress = (
+        np.convolve(each, second, "same")
+        for each in (*(np.bincount(interval, each, len(stress)) for each in (np.ones(len(short)), short)), stress)
     )
-    suspect = (np.convolve(stress, second, "same") > JUMP_STRESS) & (shorts > JUMP_SHORT_SHARE * n)
+    suspect = (stress > JUMP_STRESS) & (shorts > JUMP_SHORT_SHARE * n)
+    sides = sliding_window_view(starts.pose[:, :2], 2 * JUMP_FIXES, axis=0).reshape(-1, 2, 2, JUMP_FIXES)
+    step_m, at_s = np.hypot(*np.diff(sides.mean(axis=3))[..., 0].T), starts.t_s[JUMP_FIXES : 1 - JUMP_FIXES]
+    step_m[step_m < JUMP_SCATTER * np.sqrt(sides.var(axis=3).sum(axis=(1, 2)))] = 0.0
     found: list[float] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], suspect.astype(np.int64), [0]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
-        cut_s = _change_point(starts, float(timeline.t_s[first]), float(timeline.t_s[end]), problem.range_std_m)
-        if cut_s is not None and all(abs(cut_s - other) > 0.5 for other in found):
-            found.append(cut_s)
+        inside = slice(*np.searchsorted(at_s, [timeline.t_s[first] - 0.5, timeline.t_s[end] + 0.5]))
+        if step_m[inside].max(initial=0.0) > JUMP_STD * problem.range_std_m:
+            cut_s = float(at_s[inside][np.argmax(step_m[inside])])
+            found += [cut_s] if all(abs(cut_s - other) > 0.5 for other in found) else []
     return np.array(sorted(found))
 
 
-def _change_point(starts: Starts, low_s: float, high_s: float, std_m: float) -> float | None:
-    """The instant within [low, high] around which two lines through the fixes about it fit best, if they jump."""
-    best, least = None, np.inf
-    for k in range(*np.searchsorted(starts.t_s, [low_s - 0.5, high_s + 0.5])):
-        low, high = np.searchsorted(starts.t_s, [starts.t_s[k] - 1.0, starts.t_s[k] + 1.0])
-        before, after = slice(min(low, max(k - FEWEST_FIXES, 0)), k), slice(k, max(high, k + FEWEST_FIXES))
-        if k < FEWEST_FIXES or len(starts.t_s) - k < FEWEST_FIXES:
-            continue
-        ends, misfit = [], 0.0
-        for side in (before, after):
-            t_s = starts.t_s[side] - starts.t_s[k]
-            line, rest, *_ = np.linalg.lstsq(np.column_stack([np.ones_like(t_s), t_s]), starts.pose[side], rcond=None)
-            ends.append(line[0])
-            misfit += float(rest.sum()) / len(t_s)
-        gap_m = float(np.hypot(*(ends[1] - ends[0])))
-        if gap_m > max(JUMP_STD * std_m, 3 * np.sqrt(misfit)) and misfit < least:
-            best, least = float(starts.t_s[k]), misfit
-    return best
+def track_of(tracked: Tracked | Known, t_s: Float, t_ns: Int, tag: int | None) -> Track:
+    """Of a tag, or of the body's origin at the mean height of its tags, at t_ns (N,), which are t_s.
+
+    Its covariances know that stamps are uncertain.
+    """
+    (pose, rate, covariance), ranges, axes = tracked.poses(t_s), tracked.body.ranges, tracked.body.axes
+    size, n, lever_m, height_m = len(axes), len(t_ns), np.zeros(2), ranges.height_m.mean()
+    if tag is not None:
+        lever_m, height_m = ranges.lever_m[tag], ranges.height_m[tag]
+    place_m, swing_m = axes.places(pose, np.broadcast_to(lever_m, (n, 2)))
+    change = np.zeros((n, 2, size))
+    change[:, 0, 0] = change[:, 1, 1] = 1.0
+    if axes.yaw is not None:
+        change[:, :, axes.yaw] = swing_m
+    velocity_mps, back = np.einsum("nij,nj->ni", change, rate), change.transpose(0, 2, 1)
+    own_m2, rates = change @ covariance[:, :size, :size] @ back, change @ covariance[:, size:, size:] @ back
+    place_m2 = own_m2 + STAMP_STD_S**2 * velocity_mps[:, :, None] * velocity_mps[:, None, :]
+    excess = tracked.spread * np.trace(place_m2, axis1=1, axis2=2) / np.trace(own_m2, axis1=1, axis2=2)
+    z_m, z_std_m = np.full(n, float(height_m)), np.zeros(n)
+    if axes.z is not None:
+        z_m, z_std_m = z_m + pose[:, axes.z], np.sqrt(covariance[:, axes.z, axes.z])
+    return Track(t_ns, place_m, velocity_mps, place_m2, rates, z_m, z_std_m, excess)

@@ -85,9 +85,11 @@ def list_page(
     drawn = _over_each_other(compared, pack) if one_clock else []
     note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
-    every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)))
+    said: list[tuple[str, State]] = [(row.reason[:120], "") if row.run is None else status(row.run) for row in rows]
+    every = runs_table("every-metric", rows, said, chosen_metrics(rows, len(CATALOGUE)))
+    listed = runs_table("runs", rows, said, chosen_metrics(rows))
     sections = [
-        blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)]), runs_table("runs", rows, chosen_metrics(rows))]),
+        blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)]), listed]),
         *([settings] if settings else []),
         blocks.Section("Failed", [blocks.Notes("Not replayed", failed, "bad")] if failed else []),
         blocks.Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
@@ -141,12 +143,11 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
 
-def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str]) -> Table:
-    """The runs, worst first, with these metrics, coloured by bounds and alarms."""
+def runs_table(name: str, rows: Sequence[Listed], said: Sequence[tuple[str, State]], metrics: Sequence[str]) -> Table:
+    """The runs, worst first, with these metrics, coloured by bounds and alarms. said: of each run its status."""
     found = []
-    for row in rows:
+    for row, (below, shown) in zip(rows, said, strict=True):
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
-        below, shown = (row.reason[:120], state) if row.run is None else status(row.run)
         bounds = {} if row.run is None else bounds_of(row.run)
         cells = [_value_cell(metric, row.metrics.get(metric), bounds.get(metric)) for metric in metrics]
         href = "" if row.run is None else _link(row.name, row.run)
@@ -305,7 +306,7 @@ def _settings_values(summary: SweepSummary) -> Table:
         cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
         for name in summary.varying:
             over = summary.over[name][number]
-            below = "" if over.low is None or over.high is None else f"{sig(over.low)} to {sig(over.high)}"
+            below = "" if over.interval is None else " to ".join(map(sig, over.interval))
             cell = _value_cell(name, over.mean, Bound("", "good" if summary.best.get(name) == number else ""))
             cells.append(cell._replace(below=below))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])

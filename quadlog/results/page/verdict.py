@@ -61,14 +61,14 @@ def _recorded(run: Run) -> Iterator[Sentence]:
     if poses is None and not any(stage.name == "position" for stage in run.record.stages):
         yield Sentence("Recorded walk", "Positions were not computed (--until ingest).")
         return
-    if poses is None or set(poses["source"]) == {"fixed"}:
+    if poses is None or set(poses["source"].unique()) == {"fixed"}:
         fixed = "" if poses is None else ": the robot is fixed at the origin"
         yield Sentence("Recorded walk", f"No source gave positions of the robot{fixed}.", "bad")
     elif max(float(np.ptp(poses[name].dropna())) for name in ("x_m", "y_m")) < STANDS_M:
         moved = f"The robot moved less than {STANDS_M:g} m in {sig(float(np.ptp(poses['seconds'])))} s."
         yield Sentence("Recorded walk", moved, "good")
     else:
-        follows = target is not None and bool(set(target["source"]) - {"ahead", "fixed"})
+        follows = target is not None and bool(set(target["source"].unique()) - {"ahead", "fixed"})
         did = "followed its target for" if follows else "walked"
         length_m, lasted_s = walked_m(poses), float(np.ptp(poses["seconds"]))
         speed = f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else ""
@@ -85,7 +85,7 @@ def _recorded(run: Run) -> Iterator[Sentence]:
 def _missing(run: Run, poses: DataFrame) -> Iterator[Sentence]:
     """How long the log goes on without a measured position."""
     missing_s = run.record.counts.get("unlocated_ms", 0) * 1e-3
-    if set(poses["source"]) == {"fixed"} or missing_s <= 0 or run.record.recorded_s <= 0:
+    if set(poses["source"].unique()) == {"fixed"} or missing_s <= 0 or run.record.recorded_s <= 0:
         return
     share = missing_s / run.record.recorded_s
     steps_s = np.diff(np.sort(poses["seconds"][poses["x_m"].notna() & poses["y_m"].notna()].to_numpy()))
@@ -126,7 +126,7 @@ def _simulated(run: Run) -> Iterator[Sentence]:
 
 def _positions(run: Run) -> Iterator[Sentence]:
     poses = run.table("poses")
-    if run.simulated or poses is None or set(poses["source"]) == {"fixed"}:
+    if run.simulated or poses is None or set(poses["source"].unique()) == {"fixed"}:
         return
     source = Counter(poses["source"].tolist()).most_common(1)[0][0]
     text, state = f"From {_SOURCES.get(source, source)}", "good"

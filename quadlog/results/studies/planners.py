@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planner_verdict import verdict_lines
-from quadlog.metrics.planning import Comparison, PlannerRow
+from quadlog.metrics.planning import Comparison
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
@@ -169,7 +169,7 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
 
 
 def _verdict(comparison: Comparison) -> list[Sentence]:
-    """Up to four sentences: cells, cells with optimal paths, time, and what they rest on."""
+    """Up to three sentences: cells, time, and what they rest on."""
     states: dict[str, State] = {"Cells": "good"} if "good" in _judged(comparison).values() else {}
     return [Sentence(subject, text, states.get(subject, "")) for subject, text in verdict_lines(comparison)]
 
@@ -199,9 +199,9 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
     """The forest plot of ratios to the baseline, best first; None without a ratio."""
     spreads = {}
     for number, row in enumerate(comparison.rows):
-        if row.ratio_expanded is not None and row.planner != comparison.baseline:
-            ratios = comparison.ratios[row.planner].of_episodes
-            spreads[row.planner] = Spread(row.ratio_expanded, _interval(row), ratios, look(number)["color"])
+        if row["ratio_expanded"] is not None and row["planner"] != comparison.baseline:
+            ratios = comparison.ratios[row["planner"]].of_episodes
+            spreads[row["planner"]] = Spread(row["ratio_expanded"], _interval(row), ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
     what = f"times fewer {_what(comparison)} than {comparison.baseline}"
     return forest(what, spreads, f"{comparison.baseline} / planner", [1.0], log=True) if spreads else None
@@ -238,25 +238,27 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     ]  # fmt: skip
     rows, states = [], _judged(comparison)
     for row in comparison.rows:
-        total = getattr(row, f"{comparison.counted}_total")
-        cells = [Cell(sig(of), of) for of in (row.ratio_expanded, row.us_median)]
-        cells += [Cell(percent(of), of) for of in (row.success_rate, row.suboptimality_mean)]
+        total = row[f"{comparison.counted}_total"]
+        cells = [Cell(sig(of), of) for of in (row["ratio_expanded"], row["us_median"])]
+        cells += [Cell(percent(of), of) for of in (row["success_rate"], row["suboptimality_mean"])]
         cells += [Cell(count(total), total)]
-        cells += [Cell(sig(of), of) for of in (total / row.replans, row.us_p95, row.length_m_total)]
-        cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row.planner])
-        cells[2] = cells[2]._replace(state="" if row.success_rate == 1 else "warn")
-        rows.append([Cell(row.planner), *cells, Cell(percent(row.fallback_share), row.fallback_share)])
+        cells += [Cell(sig(of), of) for of in (total / row["replans"], row["us_p95"], row["length_m_total"])]
+        cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row["planner"]])
+        cells[2] = cells[2]._replace(state="" if row["success_rate"] == 1 else "warn")
+        rows.append([Cell(row["planner"]), *cells, Cell(percent(row["fallback_share"]), row["fallback_share"])])
     note = "Below a ratio: its 95 % interval. Those of the verdict are wider, since it names the best of several."
     return Table(columns, rows, f"planners-{number}", note, sortable=True)
 
 
-def _interval(row: PlannerRow) -> Interval | None:
+def _interval(row: Row) -> Interval | None:
     """Of the ratio to the baseline."""
-    return None if row.ratio_low is None or row.ratio_high is None else (row.ratio_low, row.ratio_high)
+    return None if row["ratio_low"] is None else (row["ratio_low"], row["ratio_high"])
 
 
 def _judged(comparison: Comparison) -> dict[str, State]:
     """Good or bad, of the planners whose interval of the ratio says so."""
-    others = {row.planner: _interval(row) if row.planner != comparison.baseline else None for row in comparison.rows}
+    others = {
+        row["planner"]: _interval(row) if row["planner"] != comparison.baseline else None for row in comparison.rows
+    }
     ends = {name: interval or (1.0, 1.0) for name, interval in others.items()}
     return {name: "good" if low > 1 else "bad" if high < 1 else "" for name, (low, high) in ends.items()}

@@ -14,7 +14,7 @@ import pyarrow as pa
 from quadlog.errors import ExitCode, NotARun
 from quadlog.messages import Float
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.differences import OverSeeds, clear_best, over_seeds
+from quadlog.metrics.differences import OverRuns, clear_best, over_runs
 from quadlog.results.tables import METRIC_NAMES, read_parquet, table_schema, write_table
 from quadlog.results.text import print_table, shown, terminal_width
 
@@ -105,7 +105,7 @@ class SweepSummary(NamedTuple):
     settings: Sequence[Setting]
     seeds: int
     varying: Sequence[str]
-    over: Mapping[str, Sequence[OverSeeds]]
+    over: Mapping[str, Sequence[OverRuns]]
     best: Mapping[str, int]
     seeded: frozenset[str]
 
@@ -134,8 +134,8 @@ def summarise_sweep(rows: Sequence[SweepRow]) -> SweepSummary:
     settings, seeds = list(grouped.values()), sorted({row.seed for row in rows})
     tables = {name: table for name in SWEEP_METRICS if np.isfinite(table := _table(settings, seeds, name)).any()}
     varying = [name for name, table in tables.items() if np.nanmin(table) < np.nanmax(table)]
-    over = {name: [over_seeds(values) for values in table] for name, table in tables.items()}
-    seeded = frozenset(name for name in varying if any(of.low is not None for of in over[name]))
+    over = {name: [over_runs(values) for values in table] for name, table in tables.items()}
+    seeded = frozenset(name for name in varying if any(of.interval is not None for of in over[name]))
     better = {name: CATALOGUE[name].better for name in seeded if CATALOGUE[name].better}
     marks = {name: clear_best(tables[name], lower=side == "lower") for name, side in better.items()}
     best = {name: mark for name, mark in marks.items() if mark is not None}

@@ -17,10 +17,11 @@ from quadlog.pipelines.batch import batch as batch_module
 from quadlog.pipelines.batch.batch import BatchOutcome, replay_alone, replay_batch
 from quadlog.pipelines.batch.plan import existing_runs, plan_batch, preview_batch
 from quadlog.pipelines.batch.summary import rebuild_summary
-from quadlog.pipelines.executor.progress import BatchLines, Kept, Silent
+from quadlog.pipelines.executor.progress import BatchLines, Silent
 from quadlog.pipelines.replay import replay as really_replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome
 from quadlog.results.tables import COST_NAMES
+from tests.lab.kept import Kept
 from tests.pipelines.conftest import results_of
 
 

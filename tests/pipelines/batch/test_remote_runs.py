@@ -12,13 +12,14 @@ import quadlog
 from quadlog.errors import AlreadyExists
 from quadlog.pipelines.batch import summary
 from quadlog.pipelines.batch.summary import note_failure, summarise
-from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.replay import replay as replay_anywhere
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.results.find_runs import OWN_FILES, runs_here
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import RemotePath, to_path
+from tests.lab.kept import Kept
 from tests.pipelines.conftest import fixture_request, results_of
 
 

@@ -16,10 +16,11 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
-from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import finished_outcome, replay, reusable_stages
 from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Store
+from tests.lab.kept import Kept
 from tests.pipelines.conftest import FIXTURES, cut, fixture_request, results_of
 
 ALL = ("position", "filter", "map", "plan", "control")

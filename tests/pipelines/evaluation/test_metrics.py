@@ -54,7 +54,7 @@ def test_what_the_tables_give_again_is_what_the_replay_said(lean_run):
     assert {name for name, each in found.items() if each.detail} == set(again)
     assert set(again) == SAMPLED & set(saved) >= {"eta_m", "ate_rmse_m", "uwb_residual_m", "expanded_total"}
     for name, samples in again.items():
-        assert (value_of(samples), samples.count) == (saved[name]["value"], saved[name]["n"]), name
+        assert (value_of(samples), len(samples.values)) == (saved[name]["value"], saved[name]["n"]), name
     for name, each in found.items():
         assert (each.value, each.n, each.unit) == tuple(saved[name][key] for key in ("value", "n", "unit")), name
         assert each.unit == CATALOGUE[name].unit

@@ -80,7 +80,7 @@ def test_the_runs_own_reference_gives_the_runs_own_metrics(short_run):
     assert set(samples) == set(REFERENCE_METRICS) - timed
     for name, each in samples.items():
         assert value_of(each) == pytest.approx(saved[name]["value"], rel=1e-12), name
-        assert each.count == saved[name]["n"], name
+        assert len(each.values) == saved[name]["n"], name
 
 
 def walking(seconds: float) -> np.ndarray:
@@ -108,7 +108,7 @@ def test_a_clock_that_differs_is_refused_with_its_offset(tmp_path):
     run = saved_walk(tmp_path / "walk", noisy(position_m))
     truth = tmp_path / "truth.tum"
     t_ns = EPOCH_NS + 3600 * NS + np.arange(len(position_m)) * NS // 20
-    for rows in (slice(None), slice(None, None, 40), slice(200, None)):
+    for rows in (slice(None), slice(None, None, 40), slice(160, None)):
         write_tum(truth, t_ns[rows], *position_m[rows].T, 0 * t_ns[rows])
         with pytest.raises(NoCommonTime) as told:
             compare_with_reference(run, Reference.read(truth, OnTime()))

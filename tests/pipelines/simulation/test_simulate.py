@@ -13,12 +13,13 @@ import pytest
 from quadlog.config.file import load_config
 from quadlog.errors import InvalidConfigValue, TooLarge, TooSteep, UnknownName, UnreadableFile, UsageError
 from quadlog.pipelines.evaluation.reports import rebuild_reports
-from quadlog.pipelines.executor.progress import Kept, Silent
+from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.simulation.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
 from quadlog.pipelines.simulation.walk import CURVES, trot_metrics, trot_once
 from quadlog.results.record import read_metrics
 from quadlog.results.tables import read_table
 from quadlog.simulation.robot import trot as trot_walk
+from tests.lab.kept import Kept
 
 KINEMATIC = "simulation.controller=kinematic"
 

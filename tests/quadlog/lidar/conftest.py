@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
-from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
+from quadlog.lidar.classified_scan import GroundPlane, PointClass
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import PointCloud
+from quadlog.recordings.recording import open_recording
 
 
 @pytest.fixture(scope="session")
@@ -22,14 +21,11 @@ def room_scan():
     """
 
     def made(mount, wall_m=6.0, n_azimuth=900, half_view_deg=15.0, false_share=0.0):
-        random = np.random.default_rng(0)
-        azimuth, elevation = np.meshgrid(
-            np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False),
-            np.deg2rad(np.linspace(-half_view_deg, half_view_deg, 16)),
-            indexing="ij",
-        )
+        random, azimuth = np.random.default_rng(0), np.linspace(-np.pi, np.pi, n_azimuth, endpoint=False)
+        elevation = np.deg2rad(np.linspace(-half_view_deg, half_view_deg, 16))
+        azimuth, elevation = (each.ravel() for each in np.meshgrid(azimuth, elevation, indexing="ij"))
         flat = np.cos(elevation)
-        beams = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
+        beams = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
         out, start = beams @ mount[:3, :3].T, mount[:3, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
             to_walls = ((wall_m - np.sign(out[:, :2]) * start[:2]) / np.abs(out[:, :2])).min(axis=1)
@@ -44,29 +40,17 @@ def room_scan():
 
 
 @pytest.fixture(scope="session")
-def real_scans():
-    """name -> list of (N, 3) float32 of the two real 16-beam recordings."""
+def real_scans() -> list[np.ndarray]:
+    """Points (N, 3) of all scans of the two real 16-beam recordings."""
     root = os.environ.get("QUADLOG_DATASETS")
     if root is None:
         pytest.skip("QUADLOG_DATASETS is not set: no real recordings to test with")
-    folder = Path(root) / "lidar_16beam"
-    return {path.stem: read_clouds(path) for path in sorted(folder.glob("*.mcap"))}
-
-
-def read_clouds(path: Path) -> list[np.ndarray]:
-    """x, y, z of every PointCloud2 of an MCAP file, read with the mcap library and not with quadlog."""
-    with path.open("rb") as stream:
-        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
-        return [xyz_of(ros) for schema, _, _, ros in messages if schema and schema.name.endswith("PointCloud2")]
-
-
-def xyz_of(cloud) -> np.ndarray:
-    """The fields x, y, z of a decoded PointCloud2: (N, 3) float32."""
-    offsets = [next(field.offset for field in cloud.fields if field.name == name) for name in "xyz"]
-    points = np.dtype({"names": list("xyz"), "formats": ["<f4"] * 3, "offsets": offsets, "itemsize": cloud.point_step})
-    rows = np.frombuffer(bytes(cloud.data), dtype=np.uint8).reshape(cloud.height, cloud.row_step)
-    table = np.frombuffer(rows[:, : cloud.width * cloud.point_step].tobytes(), dtype=points)
-    return np.stack([table["x"], table["y"], table["z"]], axis=-1)
+    found = []
+    for path in sorted(Path(root, "lidar_16beam").glob("*.mcap")):
+        with open_recording(path) as recording:
+            messages = [each.message for each in recording.messages([each.topic for each in recording.channels])]
+        found += [message.xyz_m for message in messages if isinstance(message, PointCloud)]
+    return found
 
 
 class Labelled(NamedTuple):
@@ -85,14 +69,9 @@ def classify():
 
     def made(xyz_m, ring, transform, settings, seed: int = 0, classifier: ScanClassifier | None = None) -> Labelled:
         cloud = PointCloud(None, "", np.asarray(xyz_m), ring)
-        return labelled((classifier or ScanClassifier(settings, seed)).classify(cloud, transform), len(xyz_m))
+        scan = (classifier or ScanClassifier(settings, seed)).classify(cloud, transform)
+        found, invalid = scan.returns, scan.returns.label == PointClass.INVALID
+        places_m, height_m = (np.where(invalid, np.nan, each.T).T for each in (scan.xyz_base_m, found.height_m))
+        return Labelled(places_m, found.label, height_m, scan.ground, scan.route)
 
     return made
-
-
-def labelled(scan: ClassifiedScan, n: int) -> Labelled:
-    """The scan in the order of its message."""
-    points, numbers = scan.points(), np.sort(scan.returns.point[scan.returns.label != PointClass.INVALID])
-    xyz_m, label, height_m = np.full((n, 3), np.nan, np.float32), np.zeros(n, np.uint8), np.full(n, np.nan, np.float32)
-    xyz_m[numbers], label[numbers], height_m[numbers] = points.xyz_base_m, points.label, points.height_m
-    return Labelled(xyz_m, label, height_m, scan.ground, scan.route)

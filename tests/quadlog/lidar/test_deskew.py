@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots
+from quadlog.lidar.deskew import MOST_TIME_SLOTS, Skewed, slot_poses, sweep_slots, sweep_span
 from quadlog.messages import PointTimes
 
 T_NS = 1_767_225_600_123_456_789
@@ -17,11 +17,9 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
     first_ns = max(first_ns, -lasts_ns)
     offsets = [first_ns, first_ns + lasts_ns, *(first_ns + random.randrange(lasts_ns + 1) for _ in range(n))]
     random.shuffle(offsets)
-    slot = np.full(len(offsets), 255, np.uint8)
-    slots = sweep_slots(PointTimes.of_offsets(np.array(offsets, dtype=np.int64)), slot)
-    assert slots.skewed is None
-    assert len(slots.middle_ns) == MOST_TIME_SLOTS
-    apart_ns = np.abs(slots.middle_ns[slot] - np.array(offsets))
+    slot, middle_ns = sweep_slots(PointTimes.of_offsets(np.array(offsets, dtype=np.int64)), len(offsets))
+    assert len(middle_ns) == MOST_TIME_SLOTS
+    apart_ns = np.abs(middle_ns[slot] - np.array(offsets))
     assert apart_ns.max() <= lasts_ns / (2 * MOST_TIME_SLOTS) * 1.001 + 1
 
 
@@ -43,16 +41,9 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
 )
 def test_unusable_times_are_refused(offset_ns, why):
     offsets = None if offset_ns is None else PointTimes.of_offsets(np.array(offset_ns, dtype=np.int64))
-    slot = np.ones(0 if offset_ns == [] else 4, np.uint8)
-    slots = sweep_slots(offsets, slot)
-    assert (slots.skewed, slots.middle_ns.tolist(), slot.any()) == (why, [0], False)
-
-
-def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
-    """Of a robot at 0.5 m/s that turns at 0.5 rad/s: at T_NS, and at its slots."""
-    t_s = np.concatenate([[0], slot_ns - T_NS]) * 1e-9
-    turned = (yaw_rad + 0.5 * t_s + np.pi) % (2 * np.pi) - np.pi
-    return np.column_stack([0.5 * t_s, np.zeros(len(t_s)), turned])
+    n = 0 if offset_ns == [] else 4
+    slot, middle_ns = sweep_slots(offsets, n)
+    assert (sweep_span(offsets, n), slot.tolist(), middle_ns.tolist()) == (why, [0] * n, [0])
 
 
 @pytest.mark.parametrize(
@@ -63,8 +54,10 @@ def poses_of(slot_ns: np.ndarray, yaw_rad: float = 0.0) -> np.ndarray:
     ],
 )  # fmt: skip
 def test_unknown_or_jumping_poses_disable_deskewing(row, column, change, why):
+    """Of a robot at 0.5 m/s that turns at 0.5 rad/s, past half a turn, where the yaw wraps, which is no jump."""
     slot_ns = T_NS + np.arange(MOST_TIME_SLOTS) * 3_000_000
-    poses = poses_of(slot_ns, np.pi - 0.02)  # wraps, which is no jump
+    t_s = (np.array([T_NS, *slot_ns]) - T_NS) * 1e-9
+    poses = np.column_stack([0.5 * t_s, np.zeros(len(t_s)), (0.5 * t_s - 0.02) % (2 * np.pi) - np.pi])
     poses[row:, column] += change
     found, skewed = slot_poses(T_NS, slot_ns, poses)
     assert skewed is why

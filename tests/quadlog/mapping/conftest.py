@@ -3,9 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass
-from quadlog.lidar.deskew import Slots
-from quadlog.lidar.range_image import Returns
+from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass, Returns
 from quadlog.mapping.grid import Window
 from quadlog.mapping.placing import PlacedScan, PlacingSettings, place_scan
 
@@ -27,11 +25,10 @@ def scanned():
         if height_m is None:
             height_m = xyz_m[:, 2] if ground is None or not ground.is_level else ground.height_m(xyz_m)
         slot = np.zeros(len(xyz_m), np.uint8) if slot is None else np.asarray(slot, np.uint8)
-        place_m, numbers = np.array(lidar_m), np.arange(len(xyz_m), dtype=np.int32)
+        place_m = np.array(lidar_m)
         x_m, y_m, z_m = np.float32(xyz_m - [*place_m[:2], 0]).T.copy()
-        arrays = x_m, y_m, z_m, np.float32(height_m), labels, slot, numbers
-        slots = Slots(np.zeros(1, np.int64), None)
-        return ClassifiedScan(Returns(*arrays), 0, 0, len(xyz_m), ground, "paper", place_m, slots)
+        returns = Returns(x_m, y_m, z_m, np.float32(height_m), labels, slot)
+        return ClassifiedScan(returns, 0, ground, "paper", place_m, np.zeros(1, np.int64))
 
     return make
 

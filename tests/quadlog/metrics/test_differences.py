@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from quadlog.metrics.differences import PairedDifference, clear_best, over_seeds, paired_differences
+from quadlog.metrics.differences import PairedDifference, clear_best, over_runs, paired_differences
 from quadlog.metrics.summary import Samples, Statistic
 
 N = 2000
@@ -43,7 +43,6 @@ def test_intervals_hold_the_true_difference_and_are_no_wider_than_chance(name: s
         a, b = series(seed)
         found = difference(name, Samples(T_NS, a, statistic), Samples(T_NS, b, statistic))
         assert found.difference == pytest.approx(value(b) - value(a))
-        assert found.pairs == N
         differences.append(found.difference)
         intervals.append((np.nan, np.nan) if found.interval is None else found.interval)
     low, high = np.array(intervals).T
@@ -64,29 +63,22 @@ def test_only_common_instants_count_and_a_run_that_goes_on_is_not_the_same() -> 
     a = Samples(T_NS[:300], np.arange(300.0), "mean")
     b = Samples(T_NS[100:420:2], np.arange(160.0), "mean")
     found = difference("eta_m", a, b)
-    assert (found.pairs, found.alone_a, found.alone_b) == (100, 200, 60)
     assert found.difference == pytest.approx(np.mean(np.arange(100.0)) - np.mean(np.arange(100.0, 300.0, 2)))
     assert paired_differences({"eta_m": a}, {"eta_m": replace(b, t_ns=b.t_ns + 1001)}) == {}
-    assert [difference("eta_m", a, each).same for each in (a, a.rows(np.arange(99)))] == [True, False]
+    shorter = replace(a, t_ns=T_NS[:99], values=a.values[:99])
+    assert (difference("eta_m", a, a).same, difference("eta_m", a, shorter).same) == (True, False)
+    for name, statistic in (("collisions", "sum"), ("max_error_m", "max")):
+        found = difference(name, replace(a, statistic=statistic), replace(b, statistic=statistic))
+        assert (found.interval, found.clear) == (None, False)
     # Each run has its strides at instants of its own.
     assert paired_differences({"stride_frequency_hz": a}, {"stride_frequency_hz": a}) == {}
 
 
-@pytest.mark.parametrize(("name", "statistic"), [("collisions", "sum"), ("max_error_m", "max")])
-def test_counts_and_extremes_have_no_interval(name: str, statistic: Statistic) -> None:
-    a, b = (np.abs(each) for each in series(4))
-    found = difference(name, Samples(T_NS, a, statistic), Samples(T_NS, b, statistic))
-    assert (found.interval, found.clear) == (None, False)
-    assert found.difference == pytest.approx((b.sum() - a.sum()) if statistic == "sum" else b.max() - a.max())
-
-
 def test_what_is_read_with_many_others_must_be_clearer() -> None:
     a, b = series(5)
-    alone = difference("eta_m", Samples(T_NS, a, "mean"), Samples(T_NS, b, "mean"))
+    one, alone = Samples(T_NS, a, "mean"), difference("eta_m", Samples(T_NS, a, "mean"), Samples(T_NS, b, "mean"))
     assert alone.interval is not None
-    # 95 % sure by a hair.
-    one, other = Samples(T_NS, a, "mean"), Samples(T_NS, b - alone.interval[0] + 1e-6, "mean")
-    assert alone.clear
+    other = Samples(T_NS, b - alone.interval[0] + 1e-6, "mean")  # 95 % sure by a hair
     assert difference("eta_m", one, other).clear
     names = ("eta_m", "eta_time_m", "plan_error_m")
     among = paired_differences(dict.fromkeys(names, one), dict.fromkeys(names, other))
@@ -105,28 +97,34 @@ def test_the_best_is_what_paired_t_tests_with_bonferroni_say(seed, settings, see
 
 
 @pytest.mark.parametrize(
-    "values",
+    ("values", "best"),
     [
-        [[1.0], [2.0]],
-        [[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]],  # the seed changes nothing
-        [[1.0, 1.1, 1.2], [2.0, 2.1, 2.2]],  # nor the difference
-        [[1.0, 1.1, math.nan], [9.0, 9.3, 9.1]],  # a run that failed
-        [[1.0, 1.1, 1.3]],
+        ([[1.0], [2.0]], None),
+        ([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]], None),  # the seed changes nothing
+        ([[1.0, 1.1, 1.2], [2.0, 2.1, 2.2]], None),  # nor the difference
+        ([[1.0, 1.1, math.nan], [9.0, 9.3, 9.1]], None),  # a run that failed
+        ([[1.0, 1.1, 1.3]], None),
+        ([[1.0, 1.2, 1.1], [math.nan] * 3, [9.0, 9.3, 9.1]], 0),  # to the second it does not apply
     ],
 )
-def test_nothing_is_best_without_evidence(values):
-    assert clear_best(np.array(values), lower=True) is None
+def test_nothing_is_best_without_evidence(values, best):
+    assert clear_best(np.array(values), lower=True) == best
 
 
-def test_a_setting_to_which_a_metric_does_not_apply_is_no_rival():
-    values = np.array([[1.0, 1.2, 1.1], [math.nan] * 3, [9.0, 9.3, 9.1]])
-    assert [clear_best(values, lower=each) for each in (True, False)] == [0, 2]
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.lists(st.integers(0, 1), min_size=2, max_size=60))
+def test_intervals_over_runs_are_students_and_those_of_falls_wilsons(x, falls):
+    found = over_runs(np.array([*x, math.nan]))
+    assert (found.mean, found.runs) == (pytest.approx(np.mean(x), abs=1e-9), len(x))
+    if np.ptp(x) > 1e-6:
+        expected = stats.t.interval(0.95, len(x) - 1, np.mean(x), stats.sem(x))
+        assert found.interval == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert over_runs(np.array(x), "count").interval is None
+    wilsons = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
+    interval = over_runs(np.array(falls, float), "yes or no").interval
+    assert interval == pytest.approx((wilsons.low, wilsons.high), abs=1e-12)
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=9).filter(lambda values: np.ptp(values) > 1e-3))
-def test_the_interval_over_seeds_is_students(values):
-    mean, low, high = over_seeds(np.array([*values, math.nan]))
-    expected = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
-    assert (mean, low, high) == pytest.approx((np.mean(values), *expected), rel=1e-9, abs=1e-6)
-    assert over_seeds(np.array([2.0, 2.0, 2.0])) == (2.0, None, None)
-    assert math.isnan(over_seeds(np.array([math.nan])).mean)
+def test_one_run_and_runs_all_alike_have_no_interval_over_runs():
+    assert over_runs(np.full(7, 0.1)) == (0.1, None, 7)
+    assert over_runs(np.ones(1), "yes or no") == over_runs(np.array([1.0, math.nan])) == (1.0, None, 1)
+    assert math.isnan(over_runs(np.array([math.nan])).mean)

@@ -8,28 +8,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy import stats
 from scipy.signal import lfilter
 
 from quadlog.metrics.intervals import FEWEST_IN_TIME, mean_interval_in_time, ratio_interval_in_time
+from quadlog.metrics.positioning import fix_error_samples, residual_samples
 from quadlog.metrics.summary import (
     Samples,
     detail_of,
     finite_samples,
     interval_of,
     metrics_of,
-    spread,
     value_of,
-    worst_instants,
+    worst_of,
 )  # fmt: skip
 
 S = 1_000_000_000
 HZ = 20
 
 
-def of(values, statistic="mean", weights=None, hz=HZ):
+def of(values, statistic="mean"):
     values = np.asarray(values, dtype=np.float64)
-    return Samples(np.arange(len(values)) * (S // hz), values, statistic, weights)
+    return Samples(np.arange(len(values)) * (S // HZ), values, statistic)
 
 
 @given(arrays(np.float64, st.integers(2, 40), elements=st.floats(-1e6, 1e6)))
@@ -42,17 +41,6 @@ def test_equal_to_pandas(values):
     assert detail_of(of(values)) == pytest.approx({"mean": wanted["mean"], "std": wanted["std"]} | quantiles, abs=1e-6)
 
 
-def test_weights_are_repetitions():
-    rng = np.random.default_rng(0)
-    values, weights = np.abs(rng.normal(size=300)), rng.integers(1, 6, 300)
-    weighted, repeated = of(values, "rms", weights), of(np.repeat(values, weights), "rms")
-    assert weighted.count == repeated.count == weights.sum()
-    assert value_of(weighted) == pytest.approx(value_of(repeated))
-    low, high = interval_of(weighted)
-    assert low < value_of(weighted) < high
-    assert interval_of(of(values, "rms", np.full(300, 4))) == pytest.approx(interval_of(of(values, "rms")))
-
-
 def test_an_interval_keeps_to_what_can_be():
     rare = np.zeros(200)
     rare[150] = 1
@@ -63,7 +51,7 @@ def test_an_interval_keeps_to_what_can_be():
 
 
 def test_nothing_and_little():
-    several = {"eta_m": of([]), "uwb_residual_m": of([1.0], "rms", np.array([0])), "sigma_m": of([1.0], "std")}
+    several = {"eta_m": of([]), "sigma_m": of([1.0], "std")}
     assert metrics_of(several) == {}
     one = metrics_of({"eta_m": of([2.0])})["eta_m"]
     assert (one.value, one.n, one.interval, "std" in detail_of(of([2.0]))) == (2.0, 1, None, False)
@@ -113,35 +101,36 @@ def test_a_series_that_is_moved_and_scaled_or_does_not_tell():
     short = [interval_of(of(walks(10, 0.1, 1)[0], kind)) is None for kind in ("mean", "rms", "std", "max")]
     assert short == [False, True, True, True]
     ratios = [ratio_interval_in_time(*each) for each in ((2 * ones, ones), (ones[:19], ones[:19]), (ones, 0 * ones))]
-    assert ratios == [(2.0, 2.0), None, None]
+    assert ratios == [None, None, None]
 
 
-@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=30), st.lists(st.integers(0, 1), min_size=2, max_size=60))
-def test_a_spread_is_equal_to_scipys_and_that_of_falls_to_wilsons(x, falls):
-    found = spread(x)
-    assert (found.runs, x[found.lowest], x[found.highest]) == (len(x), min(x), max(x))
-    wanted = np.mean(x), np.std(x, ddof=1), np.median(x), np.percentile(x, 95)
-    assert (found.mean, found.std, found.p50, found.p95) == pytest.approx(wanted, abs=1e-9)
-    if np.ptp(x) > 1e-6:
-        expected = stats.t.interval(0.95, len(x) - 1, np.mean(x), stats.sem(x))
-        assert found.interval == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    wilsons = stats.binomtest(sum(falls), len(falls)).proportion_ci(0.95, method="wilson")
-    assert spread(falls, kind="yes or no").interval == pytest.approx((wilsons.low, wilsons.high), abs=1e-12)
-
-
-def test_a_spread_of_few_and_all_alike():
-    assert spread([]) is None
-    one, alike = spread([3.0]), spread([0.1] * 7)
-    assert (one.mean, one.std, one.interval) == (3.0, None, None)
-    assert (alike.mean, alike.std, alike.interval, alike.lowest) == (0.1, 0.0, None, 0)
-    assert spread([1.0], kind="yes or no").interval is None
-
-
-@given(st.lists(st.tuples(st.integers(0, 10 * S), st.floats(0, 10)), max_size=30).map(sorted))
-def test_each_is_the_worst_of_what_is_left(rows):
-    t_ns, badness = np.array([t for t, _ in rows], dtype=np.int64), np.array([b for _, b in rows])
-    chosen, left = worst_instants(t_ns, badness), [i for i in range(len(rows)) if badness[i] > 0]
+@given(st.lists(st.tuples(st.integers(0, 10 * S), st.floats(-10, 10)), max_size=30).map(sorted), st.booleans())
+def test_each_is_the_worst_of_what_is_left(rows, lowest):
+    t_ns, values = np.array([t for t, _ in rows], dtype=np.int64), np.array([v for _, v in rows])
+    chosen = worst_of("clearance_min_m" if lowest else "eta_m", Samples(t_ns, values, "mean"))
+    badness = max([1.0, *values]) - values if lowest else np.abs(values)
+    left = [i for i in range(len(rows)) if badness[i] > 0]
     for worst in chosen:
         assert badness[worst] == max(badness[i] for i in left)
         left = [i for i in left if abs(t_ns[i] - t_ns[worst]) >= S]
     assert len(chosen) == 3 or not left
+
+
+def test_uwb_by_hand():
+    t_ns = np.arange(3)
+    samples = fix_error_samples(t_ns, np.array([[3.0, 4.0], [3.0, -4.0], [np.nan, 0.0]]))
+    metrics = metrics_of(samples | residual_samples(t_ns, np.array([0.1, 0.2, np.nan]), np.array([3, 1, 4])))
+    assert (metrics["uwb_rmse_m"].value, metrics["uwb_rmse_m"].n) == (5.0, 2)
+    assert (metrics["uwb_bias_m"].value, metrics["uwb_bias_m"].n) == (3.0, 2)
+    assert metrics["uwb_residual_m"].value == pytest.approx(np.sqrt((3 * 0.01 + 0.04) / 4))
+    assert metrics["uwb_residual_m"].n == 4
+    assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
+
+
+def test_the_interval_of_a_bias_excludes_zero_in_a_twentieth_of_the_logs_that_have_none():
+    rng = np.random.default_rng(5)
+    lows = []
+    for _ in range(400):
+        bias = fix_error_samples(np.arange(200), rng.normal(0, [0.1, 0.1], (200, 2)))["uwb_bias_m"]
+        lows.append(interval_of(bias)[0])
+    assert 0.02 < np.mean(np.array(lows) > 0) < 0.08

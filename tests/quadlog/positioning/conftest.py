@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
+from quadlog.recordings.recording import open_recording
+from quadlog.recordings.streams import gather
 
 TRIANGLE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [4.0, 7.0, 1.2]])
 SQUARE_M = np.array([[0.0, 0.0, 1.2], [8.0, 0.0, 1.2], [8.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
@@ -78,6 +79,12 @@ def simulate(
     return Simulated(t_ns, position_m, range_m, series)
 
 
+def locate_tag(series: RangeSeries, anchors_m: Float, *tag, height_m: float = TAG_HEIGHT_M, **settings) -> TagResult:
+    """Tag 0; tag: odometry of what carries it, and where it sits there."""
+    anchors = Anchors(np.arange(len(anchors_m)), np.asarray(anchors_m), np.zeros(len(anchors_m)))
+    return locate(series, anchors, [TagInfo(0, height_m, *tag)], LocateSettings(**settings)).tags[0]
+
+
 @dataclass(frozen=True)
 class Trolley:
     """uwb_lias: three tags on a trolley among eight anchors, and where motion capture saw the trolley."""
@@ -96,30 +103,11 @@ class Trolley:
 
 @pytest.fixture(scope="session")
 def trolley(lias_site: SimpleNamespace) -> Trolley:
-    path = lias_site.folder / "lias_fast.mcap"
-    stamps, tags, rows, poses = [], [], [], []
-    with path.open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        for schema, _, message, decoded in reader.iter_decoded_messages():
-            if schema.name.endswith("LinktrackTagframe0"):
-                header = getattr(decoded, "header", None)
-                stamps.append(header.stamp.sec * 10**9 + header.stamp.nanosec if header else message.log_time)
-                tags.append(decoded.id)
-                rows.append(list(decoded.dis_arr))
-            else:
-                p, q, stamp = decoded.pose.position, decoded.pose.orientation, decoded.header.stamp
-                poses.append((stamp.sec * 10**9 + stamp.nanosec, (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
-    n = len(rows)
-    series = RangeSeries(
-        np.repeat(np.array(stamps, dtype=np.int64), 8),
-        np.repeat(np.array(tags, dtype=np.int64), 8),
-        np.tile(np.arange(8), n),
-        np.array(rows, dtype=np.float64).reshape(-1),
-    )
-    t_ns, first = np.unique(np.array([pose[0] for pose in poses]), return_index=True)
-    position_m = np.array([poses[i][1] for i in first])
-    rotation = Rotation.from_quat([poses[i][2] for i in first])
-    return Trolley(series, lias_site.anchors_m, lias_site.levers_m, t_ns, position_m, rotation)
+    with open_recording(lias_site.folder / "lias_fast.mcap") as recording:
+        series = gather(recording, uwb=["/nlink_linktrack_tagframe0"]).ranges
+    truth = np.loadtxt(lias_site.folder / "lias_fast_mocap.tum")
+    t_ns, rotation = np.rint(truth[:, 0] * 1e9).astype(np.int64), Rotation.from_quat(truth[:, 4:8])
+    return Trolley(series, lias_site.anchors_m, lias_site.levers_m, t_ns, truth[:, 1:4], rotation)
 
 
 @pytest.fixture(scope="session")
@@ -133,6 +121,7 @@ def lab() -> SimpleNamespace:
         rmse=rmse,
         share_in_ellipses=share_in_ellipses,
         simulate=simulate,
+        locate_tag=locate_tag,
         walk_straight=walk_straight,
         walk_figure_eight=walk_figure_eight,
     )

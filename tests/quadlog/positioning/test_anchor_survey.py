@@ -97,7 +97,7 @@ def test_few_anchors_short_logs_and_standing_tags_accuse_nobody(lab, n_anchors, 
 
 @pytest.fixture(scope="module")
 def trolley_logs(trolley) -> list[TagEpochs]:
-    return [TagEpochs(group_epochs(trolley.series, tag, np.arange(8), 0.05), 0.97) for tag in range(3)]
+    return [TagEpochs(group_epochs(trolley.series, tag, np.arange(8), 0.05)[0], 0.97) for tag in range(3)]
 
 
 def test_the_trolleys_survey_is_right(trolley, trolley_logs):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from quadlog.errors import TooLarge
 from quadlog.messages import RangeSeries
 from quadlog.positioning import epochs as epochs_module
-from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, derive_epoch_s, group_epochs, screen_ranges
+from quadlog.positioning.epochs import LONGEST_EPOCH_S, USUAL_EPOCH_S, group_epochs, screen_ranges
 
 BIG_NS = 1_700_000_000_000_000_000
 
@@ -35,9 +35,9 @@ def rounds(interval_ms: int, anchors: int, count: int = 200, lost: float = 0.0) 
 )
 def test_epochs_are_as_long_as_a_slow_round(interval_ms, anchors, lost, epoch_s):
     ids, ranges = np.arange(anchors), rounds(interval_ms, anchors, lost=lost)
-    assert derive_epoch_s(ranges, 0, ids) == pytest.approx(epoch_s)
+    assert group_epochs(ranges, 0, ids, None)[1] == pytest.approx(epoch_s)
     if epoch_s == 0.2:
-        heard = np.isfinite(group_epochs(ranges, 0, ids, epoch_s).range_m).sum(axis=1)
+        heard = np.isfinite(group_epochs(ranges, 0, ids, None)[0].range_m).sum(axis=1)
         assert (heard >= 3).mean() > (0.99 if lost == 0 else 0.7)
 
 
@@ -45,9 +45,9 @@ def test_a_rare_anchor_frames_and_lone_ranges_do_not_stretch_the_epochs():
     slow = rounds(50, 5)
     kept = (slow.anchor < 4) | (np.arange(200) % 50 == 0)
     slow = RangeSeries(*(getattr(slow, name)[kept] for name in ("t_ns", "tag", "anchor", "range_m")))
-    assert derive_epoch_s(slow, 0, np.arange(5)) == pytest.approx(0.25)
+    assert group_epochs(slow, 0, np.arange(5), None)[1] == pytest.approx(0.25)
     for ranges in ([(i * 10**9, 0, a, 1.0) for i in range(10) for a in range(4)], [], [(0, 0, 1, 1.0)]):
-        assert derive_epoch_s(series(ranges), 0, np.arange(4)) == USUAL_EPOCH_S
+        assert group_epochs(series(ranges), 0, np.arange(4), None)[1] == USUAL_EPOCH_S
 
 
 def test_too_many_cells_are_refused(monkeypatch):
@@ -76,7 +76,7 @@ def test_epochs_follow_the_rule_and_lose_no_range(rows, epoch_ns):
     """Every range has a number of its own as its value; those of another tag and anchor are left out."""
     own = [(BIG_NS + t, 1, a, float(i)) for i, (t, a) in enumerate(rows)]
     strangers = [(t, *which, 99.0) for t, *_ in own[::3] for which in ((0, 2), (1, 7))]
-    got = group_epochs(series(sorted(own + strangers, key=lambda row: row[0])), 1, np.arange(4), epoch_ns * 1e-9)
+    got = group_epochs(series(sorted(own + strangers, key=lambda row: row[0])), 1, np.arange(4), epoch_ns * 1e-9)[0]
     held = [sorted(row[np.isfinite(row)].astype(int).tolist()) for row in got.range_m]
     assert held == grouped(rows, epoch_ns)
     for t_ns, last_ns, members in zip(got.t_ns, got.last_ns, held, strict=True):
