@@ -26,7 +26,6 @@ from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
 from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
-from quadlog.positioning.lidar_odometry import ScanMatch
 from quadlog.positioning.locate import Anchors
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import listed
@@ -126,14 +125,11 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
     start_ns = int(track.t_ns[0])
     measured, anchor_ids = usable_ranges(config, journal, ranges, tags, start_ns)
     heights = height_prior(config, anchor_ids, float(np.mean(measured.height_m)), given_heights)
-    doubtful: np.ndarray | None = None  # poses of the lidar, where a scan does not tell all of the motion
-    if track.source == "lidar" and data.tracker is not None:
-        doubtful = data.tracker.track().measured().match != ScanMatch.MATCHED
     # A topic that is named may be odometry all the same.
     types = {channel.type_name for channel in data.log.recording.channels if channel.topic == track.source}
     prior = PRIORS.get("odometry" if ODOMETRY_TYPE in types else track.source, LEAST_PRIOR)
     way = Way(seconds_since(track.t_ns, start_ns), track.xy_m, track.yaw_rad)
-    walk, n_far = make_walk(way, measured, heights, prior, doubtful)
+    walk, n_far = make_walk(way, measured, heights, prior)
     n_near = len(measured.t_s) - n_far
     if n_far:
         journal.warn(f"{n_far} of {len(measured.t_s)} ranges are left out: no pose of {track.source} is near them")
@@ -152,12 +148,12 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
             journal.warn(text)
     z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, config, z_given, tuple(journal.losses))
-    _tell(journal, outcome, config.uwb.range_std_m, walk.speed_mps)
+    _tell(journal, outcome, config.uwb.range_std_m, survey.way_m / max(float(way.t_s[-1]), 1e-3))
     return outcome
 
 
 def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mps: float) -> None:
-    """Choices and what is not observed, on stderr; speed_mps: rms of the tags'."""
+    """Choices and what is not observed, on stderr; speed_mps: mean of the robot's."""
     survey, ids = outcome.survey, outcome.anchor_ids
     drift_m, drift_rad = survey.drift
     journal.note(

@@ -33,30 +33,26 @@ def course_heading(
     held it grows by TURN_STD_RADPS times the time since; so it does by lag_s, (T,) or one, by which the velocity is
     late. A before_motion_rad is worth nothing.
     """
-    moving = speed_of(track) >= HOLD_BELOW_MPS
+    course, course_std, speed = course_of(track)
+    moving = speed >= HOLD_BELOW_MPS
     source = np.maximum.accumulate(np.where(moving, np.arange(len(track)), -1))
     if before_motion_rad is None and moving.any():
         source = np.where(source >= 0, source, np.argmax(moving))
     source, known = source.clip(0), source >= 0
-    course, course_std = (each[source] for each in course_of(track))
     held_s = np.abs(track.t_ns - track.t_ns[source]) * 1e-9 + lag_s
-    std = np.minimum(np.hypot(course_std, TURN_STD_RADPS * held_s), UNKNOWN_YAW_STD_RAD)
-    yaw_rad = wrap_angle(np.where(known, course, before_motion_rad or 0.0))
+    std = np.minimum(np.hypot(course_std[source], TURN_STD_RADPS * held_s), UNKNOWN_YAW_STD_RAD)
+    yaw_rad = wrap_angle(np.where(known, course[source], before_motion_rad or 0.0))
     return yaw_rad, np.where(known, std, UNKNOWN_YAW_STD_RAD)
 
 
-def speed_of(track: Track) -> Float:
-    """(T,) length of the velocity."""
-    speed: Float = np.hypot(track.velocity_mps[:, 0], track.velocity_mps[:, 1])
-    return speed
-
-
-def course_of(track: Track) -> tuple[Float, Float]:
-    """(T,) direction of the velocity, and its std: that across it over the speed, large where that is near zero."""
-    speed = np.maximum(speed_of(track), 1e-9)
-    across = np.stack([-track.velocity_mps[:, 1], track.velocity_mps[:, 0]], axis=1) / speed[:, None]
+def course_of(track: Track) -> tuple[Float, Float, Float]:
+    """(T,) direction of the velocity, its std, which is that across it over the speed, and the speed."""
+    speed = np.hypot(track.velocity_mps[:, 0], track.velocity_mps[:, 1])
+    divisor = np.maximum(speed, 1e-9)
+    across = np.stack([-track.velocity_mps[:, 1], track.velocity_mps[:, 0]], axis=1) / divisor[:, None]
     variance = np.einsum("ni,nij,nj->n", across, track.velocity_covariance_m2ps2, across)
-    return np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0]), np.sqrt(np.maximum(variance, 0.0)) / speed
+    course = np.arctan2(track.velocity_mps[:, 1], track.velocity_mps[:, 0])
+    return course, np.sqrt(np.maximum(variance, 0.0)) / divisor, speed
 
 
 def filter_lag_s(track: Track) -> Float:
@@ -171,7 +167,10 @@ def align_yaw(
             known[rows] = True
     if causal and not known.any():
         fit = None
-    std = _with_silence(std, track.t_ns, sensor.t_ns)
+    # While the sensor is silent its yaw is held, as a course is.
+    after = np.searchsorted(sensor.t_ns, track.t_ns).clip(max=len(sensor.t_ns) - 1)
+    silent_ns = np.minimum(*(np.abs(sensor.t_ns[each] - track.t_ns) for each in (after, (after - 1).clip(0))))
+    std = np.minimum(np.hypot(std, TURN_STD_RADPS * silent_ns * 1e-9), UNKNOWN_YAW_STD_RAD)
     return AlignedHeading(wrap_angle(yaw_rad), std, known, fit, side == 1)
 
 
@@ -182,39 +181,27 @@ def _differences(
 
     Course, or yaw of the tags, minus the sensor's yaw lag_s (T,) before.
     """
-    seen_ns, speed = track.t_ns - np.rint(lag_s * 1e9).astype(np.int64), speed_of(track)
-    yaw_rad, std = course_of(track) if by_tags is None else (by_tags.yaw_rad, by_tags.std_rad)
-    use = (std <= 1 / COUNTS_BY_STD) & (seen_ns >= sensor.t_ns[0]) & (track.t_ns <= sensor.t_ns[-1])
-    if by_tags is None:
+    begin_ns, end_ns, seen_ns = sensor.t_ns[0], sensor.t_ns[-1], track.t_ns - np.rint(lag_s * 1e9).astype(np.int64)
+    yaw_rad, std, speed = course_of(track) if by_tags is None else (by_tags.yaw_rad, by_tags.std_rad, None)
+    use = (std <= 1 / COUNTS_BY_STD) & (seen_ns >= begin_ns) & (track.t_ns <= end_ns)
+    if speed is not None:
         use &= speed >= HOLD_BELOW_MPS
-    t_ns, seen_ns, difference = track.t_ns[use], seen_ns[use], yaw_rad[use]
+    t_ns, seen_ns = track.t_ns[use], seen_ns[use]
     weight = np.maximum(std[use], MIN_COURSE_STD_RAD) ** -2
-    if by_tags is None:
+    difference = yaw_rad[use] - interpolate_angle(seen_ns, sensor.t_ns, sensor.yaw_rad)
+    if speed is not None:
         # Of a late course the future is known as far as it is late; of a smoothed one, all.
         ahead_ns = np.where(lag_s[use] > 0, np.minimum(t_ns - seen_ns, RATE_NS), RATE_NS)
-        swing = tag_ahead_m * _yaw_rate(seen_ns, ahead_ns, sensor) / speed[use]
-        difference = difference - np.arcsin(swing.clip(-1, 1))
-    difference = difference - interpolate_angle(seen_ns, sensor.t_ns, sensor.yaw_rad)
+        ends_ns = np.clip([seen_ns - RATE_NS, seen_ns + ahead_ns], begin_ns, end_ns)
+        first, last = (interpolate_angle(each, sensor.t_ns, sensor.yaw_rad) for each in ends_ns)
+        rate_radps = wrap_angle(last - first) / np.maximum(np.diff(ends_ns, axis=0)[0] * 1e-9, 1e-9)
+        difference = difference - np.arcsin((tag_ahead_m * rate_radps / speed[use]).clip(-1, 1))
     cell, group = np.unique((t_ns - track.t_ns[0]) // GROUP_NS, return_inverse=True)
     count = np.bincount(group)
     east, north = (np.bincount(group, weight * each(difference)) for each in (np.cos, np.sin))
     t_s = np.bincount(group, seconds_since(t_ns, int(track.t_ns[0]))) / count
     groups = np.array([t_s, np.arctan2(north, east), np.bincount(group, weight) / count])
     return groups, track.t_ns[0] + (cell + 1) * GROUP_NS
-
-
-def _yaw_rate(t_ns: Int, ahead_ns: Int, sensor: YawSensor) -> Float:
-    """(N,) mean yaw rate from RATE_NS before each instant until ahead_ns (N,) after it."""
-    behind_ns, end_ns = (np.clip(each, sensor.t_ns[0], sensor.t_ns[-1]) for each in (t_ns - RATE_NS, t_ns + ahead_ns))
-    first, last = (interpolate_angle(each, sensor.t_ns, sensor.yaw_rad) for each in (behind_ns, end_ns))
-    return wrap_angle(last - first) / np.maximum((end_ns - behind_ns) * 1e-9, 1e-9)
-
-
-def _with_silence(std_rad: Float, t_ns: Int, yaw_t_ns: Int) -> Float:
-    """(T,) std at t_ns, grown with the time to the sensor's nearest yaw, as a held course's does."""
-    after = np.searchsorted(yaw_t_ns, t_ns).clip(max=len(yaw_t_ns) - 1)
-    nearest_ns = np.minimum(np.abs(yaw_t_ns[after] - t_ns), np.abs(t_ns - yaw_t_ns[(after - 1).clip(0)]))
-    return np.minimum(np.hypot(std_rad, TURN_STD_RADPS * nearest_ns * 1e-9), UNKNOWN_YAW_STD_RAD)
 
 
 LOOK_S = 1.0
@@ -225,8 +212,7 @@ CLAIM_LOOKS = 2
 LIKELY_STD = 4.0
 """Drifts beyond so many of their std are not looked for."""
 ASKEW_RAD = np.radians(60)
-START_SCALE_RAD, START_GROUPS = 0.3, 1000
-LEAST_INFLATION = 1e-9
+START_SCALE_RAD, START_GROUPS, LEAST_INFLATION = 0.3, 1000, 1e-9
 CLEAR_STD = 3.0
 """N groups show nothing where their mean direction is shorter than this over root N: noise has a course too."""
 
@@ -330,30 +316,24 @@ def _start(away_s: Float, difference: Float, weight: Float, rate_std_radps: floa
 def _covariance(residual: Float, groups: Float, design: Float, prior: Float) -> tuple[Float, float]:
     """(2, 2) of the fit, and how much a squared score exceeds what independent groups would give.
 
-    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale; its covariance is J^-1 V J^-1 with the
-    slope J and the scatter V of the score. Errors persist for unknown times (strides, late paths, biases that depend on
-    the place), so V is summed over blocks of 1, 2, 4 ... s and the largest counts. What the track claims of its course,
-    or what misfits it more, stands beside few looks.
+    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale. Errors persist for unknown times (strides,
+    late paths, biases that depend on the place), so scores are summed over blocks of 1, 2, 4 ... s and the largest
+    scatter counts. What the track claims of its course, or what misfits it more, stands beside few looks.
     """
     t_s, _, weight = groups
     u2 = (residual / _scale(residual)) ** 2
     falling = weight / (1 + u2)
-    gram, score = (design.T * falling) @ design, design * (falling * residual)[:, None]
     # Residuals all over the circle make psi' cancel: the floor keeps the std finite, and large.
-    slope = gram * max(float(np.sum(falling * (1 - u2) / (1 + u2)) / np.sum(falling)), 0.1)
-    claimed = gram * max(float(np.mean(falling * residual**2)), 1.0)
-    scatters, length_s = list[np.ndarray](), LOOK_S
+    bend = max(float(np.sum(falling * (1 - u2) / (1 + u2)) / np.sum(falling)), 0.1)
+    claimed = max(float(np.mean(falling * residual**2)), 1.0)
+    excess, length_s = list[float](), LOOK_S
     while True:
         block = np.append(0, np.cumsum(np.diff(t_s // length_s) > 0))
-        n = int(block[-1]) + 1
-        sums = np.stack([np.bincount(block, column) for column in score.T], axis=1)
-        scatter = sums.T @ sums * n / max(n - 1, 1)
-        if scatters and n < MIN_BLOCKS:
+        n, sums = int(block[-1]) + 1, np.bincount(block, falling * residual)
+        if excess and n < MIN_BLOCKS:
             break
-        scatters.append(scatter if scatters else (scatter * (n - 1) + claimed * CLAIM_LOOKS) / (n - 1 + CLAIM_LOOKS))
+        scatter = float(sums @ sums / np.sum(falling)) * n / max(n - 1, 1)
+        excess.append(scatter if excess else (scatter * (n - 1) + claimed * CLAIM_LOOKS) / (n - 1 + CLAIM_LOOKS))
         length_s *= 2
-    least = gram + LEAST_INFLATION * prior
-    scatter = max(scatters, key=lambda each: float(np.trace(np.linalg.solve(least, each))))
-    inflation = max(float(scatter[0, 0] / slope[0, 0]), LEAST_INFLATION)
-    inverse = np.linalg.inv(slope + inflation * prior)
-    return inverse @ (scatter + inflation**2 * prior) @ inverse, inflation
+    inflation = max(max(excess) / bend, LEAST_INFLATION)
+    return np.linalg.inv((design.T * falling) @ design * bend / inflation + prior), inflation

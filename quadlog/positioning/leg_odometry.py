@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from quadlog.geometry import rotation_from_quat, seconds_since, yaw_from_quat
+from quadlog.geometry import roll_pitch_from_quat, seconds_since, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
 
 MAX_GAP_S = 0.1
@@ -34,8 +33,6 @@ MOST_SWINGING, LEAST_STANDING = 0.7, 0.2
 """Share of the time for which no gait lifts a foot; least share of a foot's greatest load when it stands."""
 LIFTED_M, LIFTED_WIDTH_M = 0.03, 0.008
 """Without forces: a foot so high above the lowest one counts half."""
-LEVELLING_S = 5.0
-"""Without an attitude: time constant with which integrated tilt returns to level."""
 ROUNDS = 4
 MOST_ROWS = 1 << 16
 
@@ -100,14 +97,13 @@ class LegTrack:
 def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> LegTrack:
     """The track of the body that these joints moved; imu: in the body's axes, None where there is none.
 
-    An attitude is used as it is given; rates alone are integrated, tilt returning to level; without either yaw comes
-    from the feet and the body is taken to be level. Rows with NaN angles say nothing of their leg.
+    An attitude is used as it is given. Without one the body is taken to be level, and yaw is the integral of its rate;
+    without an IMU it comes from the feet. Rows with NaN angles say nothing of their leg.
     """
     rpy_rad, attitude = _attitude(joints.t_ns, imu)
     carries, sources = _carrying(joints, geometry, rpy_rad)
     n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
-    step_s = np.diff(t_s)
-    still = np.zeros((n, 3))
+    step_s, still = np.diff(t_s), np.zeros((n, 3))
     track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
     if n < 2:
         return track
@@ -119,50 +115,38 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
         rows = slice(low, high + 1)
         part = _steps(joints.position_rad[rows], geometry, rpy_rad[rows], carries[rows], step_s[low:high], attitude)
         parts.append([each[first - low : last - low] for each in part])
-    return _summed(track, step_s, _Steps(*(np.concatenate(each) for each in zip(*parts, strict=True))))
-
-
-class _Steps(NamedTuple):
-    """Between two instants each, in the heading of the first: move_m (M, 3), turn_rad (M,); weight, still (M, 4)."""
-
-    move_m: Float
-    turn_rad: Float
-    weight: Float
-    still: Float
+    return _summed(track, step_s, *(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def feet_in_body(position_rad: Float, geometry: LegGeometry) -> Float:
     """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them."""
-    hip, thigh, calf = _angles(position_rad)
-    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
-    down = upper * np.cos(thigh) + lower * np.cos(thigh + calf)
-    x_m = -upper * np.sin(thigh) - lower * np.sin(thigh + calf)
-    cos, sin = np.cos(hip), np.sin(hip)
+    (cos, sin, x_m, down), _, aside = _links(position_rad, geometry)
     return np.stack([x_m, aside * cos + down * sin, aside * sin - down * cos], axis=-1) + geometry.hips_m
 
 
 def _foot_jacobians(position_rad: Float, geometry: LegGeometry) -> Float:
     """(N, 4, 3, 3) d foot / d joint."""
-    hip, thigh, calf = _angles(position_rad)
-    aside, (_, upper, lower) = _aside(geometry), geometry.lengths_m
-    cos, sin, both = np.cos(hip), np.sin(hip), thigh + calf
-    lower_x, lower_down = -lower * np.sin(both), lower * np.cos(both)
-    x_m, down = lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
+    (cos, sin, x_m, down), (lower_x, lower_down), aside = _links(position_rad, geometry)
     columns: list[list[Float]] = [
-        [np.zeros_like(hip), down * cos - aside * sin, aside * cos + down * sin],
+        [np.zeros_like(cos), down * cos - aside * sin, aside * cos + down * sin],
         [-down, x_m * sin, -x_m * cos],
         [-lower_down, lower_x * sin, -lower_x * cos],
     ]
     return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
 
 
+def _links(position_rad: Float, geometry: LegGeometry) -> tuple[tuple[Float, ...], tuple[Float, Float], Float]:
+    """(N, 4) cosine and sine of the hip, how far the foot is ahead of and below it; of that the calf; (4,) aside."""
+    hip, thigh, calf = _angles(position_rad)
+    aside, upper, lower = geometry.lengths_m
+    lower_x, lower_down = -lower * np.sin(thigh + calf), lower * np.cos(thigh + calf)
+    ahead = np.cos(hip), np.sin(hip), lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
+    return ahead, (lower_x, lower_down), aside * np.array([1.0, -1.0, 1.0, -1.0])
+
+
 def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
     legs = position_rad.astype(np.float64).reshape(-1, 4, 3)
     return legs[..., 0], legs[..., 1], legs[..., 2]
-
-
-def _aside(geometry: LegGeometry) -> Float:
-    return np.array([1.0, -1.0, 1.0, -1.0]) * geometry.lengths_m[0]
 
 
 def _levelled(vectors: Float, rpy_rad: Float) -> Float:
@@ -180,33 +164,26 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
     imu_s, t_s = seconds_since(imu.t_ns, start_ns), seconds_since(t_ns, start_ns)
     given = imu.quat_xyzw
     if given is not None and (np.abs(given).max(axis=1) > 0).all() and np.ptp(given, axis=0).any():
-        rotation = rotation_from_quat(given)
-        roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
-        pitch = np.arcsin(np.clip(-rotation[:, 2, 0], -1.0, 1.0))
-        rpy = np.column_stack([roll, pitch, np.unwrap(yaw_from_quat(given))])
+        quat = given / np.linalg.norm(given, axis=1, keepdims=True)
+        rpy = np.column_stack([roll_pitch_from_quat(quat), np.unwrap(yaw_from_quat(quat))])
         source = AttitudeSource.IMU
     else:
-        from scipy.signal import lfilter  # half a second to import, for logs without an orientation alone
-
-        turned = np.nan_to_num(imu.angular_radps) * np.diff(imu_s, prepend=imu_s[0])[:, None]
-        keeps = float(np.exp(-np.median(np.diff(imu_s)) / LEVELLING_S))
-        rpy = np.column_stack([lfilter([1.0], [1.0, -keeps], turned[:, :2], axis=0), np.cumsum(turned[:, 2])])
+        turned = np.nan_to_num(imu.angular_radps[:, 2]) * np.diff(imu_s, prepend=imu_s[0])
+        rpy = np.column_stack([np.zeros((len(imu), 2)), np.cumsum(turned)])
         source = AttitudeSource.GYRO
     return np.column_stack([np.interp(t_s, imu_s, each) for each in rpy.T]), source
 
 
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
     """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
-    carries = np.empty((len(joints), 4))
-    source = np.empty((len(joints), 4), dtype=np.int8)
-    load_n = np.empty((len(joints), 4))
+    carries, load_n = np.empty((2, len(joints), 4))
+    source = np.full((len(joints), 4), int(ContactSource.HEIGHT), dtype=np.int8)
     for first in range(0, len(joints), MOST_ROWS):
         rows = slice(first, first + MOST_ROWS)
-        feet_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])
+        height_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])[..., 2]
         load_n[rows] = _loads(joints.position_rad[rows], joints.torque_nm[rows], geometry, rpy_rad[rows])
-        lifted_m = feet_m[..., 2] - np.fmin.reduce(feet_m[..., 2], axis=1, keepdims=True)
+        lifted_m = height_m - np.fmin.reduce(height_m, axis=1, keepdims=True)
         carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
-    source[:] = ContactSource.HEIGHT
     for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
         share = share_of_usual(load)
         known: NDArray[np.bool_] = np.isfinite(share)
@@ -219,14 +196,12 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
 
 def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
     """(N, 4) what the feet push down with, in N, of legs without mass: tau = J^T f."""
-    jacobian = _foot_jacobians(position_rad, geometry)
-    summed = jacobian.sum(axis=(2, 3)) + torque_nm.reshape(-1, 4, 3).sum(axis=2)
-    known: NDArray[np.bool_] = np.isfinite(summed)
-    jacobian = np.where(known[..., None, None], jacobian, np.eye(3))
-    torques = np.where(known[..., None], torque_nm.reshape(-1, 4, 3), np.nan)
+    jacobian, torques = _foot_jacobians(position_rad, geometry), torque_nm.reshape(-1, 4, 3, 1)
+    known = np.isfinite(jacobian.sum(axis=(2, 3)) + torques.sum(axis=(2, 3)))[..., None, None]
+    jacobian, torques = np.where(known, jacobian, np.eye(3)), np.where(known, torques, np.nan)
     # A stretched leg holds any force along itself; damping by 1 mm keeps the solution finite.
     damped = jacobian @ np.swapaxes(jacobian, 2, 3) + 1e-6 * np.eye(3)
-    force_n = np.linalg.solve(damped, jacobian @ torques[..., None])[..., 0]
+    force_n = np.linalg.solve(damped, jacobian @ torques)[..., 0]
     return -_levelled(force_n, rpy_rad)[..., 2]
 
 
@@ -240,12 +215,11 @@ def share_of_usual(load: Float) -> Float:
         low, middle, high = np.percentile(column[known], [5.0, 50.0, 95.0])
         # A foot that stands all the time is never without load: then its sensor's zero is taken to be right.
         low = low if low < high / 2 else 0.0
-        if not (high > low and high > 0):
-            continue
-        share[:, foot] = (column - low) / (high - low)
-        # Of a robot that mostly stood the low load is that of standing, which is half of a trot's.
-        if middle > LEAST_STANDING * high and (share[known, foot] < CARRIES_SHARE).mean() > MOST_SWINGING:
-            share[:, foot] = column / (2 * middle)
+        if high > max(low, 0.0):
+            share[:, foot] = (column - low) / (high - low)
+            # Of a robot that mostly stood the low load is that of standing, which is half of a trot's.
+            if middle > LEAST_STANDING * high and (share[known, foot] < CARRIES_SHARE).mean() > MOST_SWINGING:
+                share[:, foot] = column / (2 * middle)
     return share
 
 
@@ -255,8 +229,11 @@ def _logistic(value: Float) -> Float:
 
 def _steps(
     position_rad: Float, geometry: LegGeometry, rpy_rad: Float, carries: Float, step_s: Float, attitude: AttitudeSource
-) -> _Steps:
-    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it."""
+) -> tuple[Float, Float, Float, Float]:
+    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it.
+
+    In the heading of the first instant: way (M, 3), turn (M,); weight and stillness of the feet (M, 4).
+    """
     feet_m = _levelled(feet_in_body(position_rad, geometry), rpy_rad)
     rolled_m = _rolled(position_rad, geometry.foot_radius_m, rpy_rad)
     known = np.isfinite(feet_m[1:] + feet_m[:-1]).all(axis=2) & (step_s <= MAX_GAP_S)[:, None]
@@ -274,7 +251,7 @@ def _steps(
             weight = firm * still
     total = weight.sum(axis=1)
     move_m = (weight[..., None] * moves_m).sum(axis=1) / np.maximum(total, 1e-9)[:, None]
-    return _Steps(move_m, turn_rad, weight, still)
+    return move_m, turn_rad, weight, still
 
 
 def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
@@ -285,10 +262,8 @@ def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
     velocity_mps = way_m / np.maximum(lasted_s, 1e-9)[:, None]
     off_m = moves_m - velocity_mps[:, None] * step_s[:, None, None]
     short = max(window // 4, 1)
-    off_mps = (
-        uniform_filter1d(off_m, short, axis=0, mode="nearest")
-        / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
-    )
+    off_m = uniform_filter1d(off_m, short, axis=0, mode="nearest")
+    off_mps = off_m / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
     return 1.0 / (1.0 + np.einsum("ijk,ijk->ij", off_mps, off_mps) / STILL_MPS**2)
 
 
@@ -296,16 +271,10 @@ def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
     """(M, 4, 3) how far the centre of each foot rolls on the ground between instants (M + 1,): rotation x radius."""
     hip, thigh, calf = _angles(position_rad)
     roll, pitch = rpy_rad[:, :1], rpy_rad[:, 1:2]
-    about = _middle(roll + hip)
-    forward, turned = np.diff(pitch, axis=0), np.diff(thigh + calf, axis=0)
-    about_y = forward + turned * np.cos(about)
-    about_x = np.diff(roll + hip, axis=0) * np.cos(_middle(pitch)) + turned * np.sin(_middle(pitch)) * np.sin(about)
+    turned, about, tilt = np.diff(thigh + calf, axis=0), *((each[1:] + each[:-1]) / 2 for each in (roll + hip, pitch))
+    about_y = np.diff(pitch, axis=0) + turned * np.cos(about)
+    about_x = np.diff(roll + hip, axis=0) * np.cos(tilt) + turned * np.sin(tilt) * np.sin(about)
     return radius_m * np.stack([about_y, -about_x, np.zeros_like(about_x)], axis=-1)
-
-
-def _middle(values: Float) -> Float:
-    middle: Float = (values[1:] + values[:-1]) / 2
-    return middle
 
 
 def _turned(vectors: Float, angle_rad: Float) -> Float:
@@ -326,61 +295,25 @@ def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
     return turn
 
 
-def _summed(track: LegTrack, step_s: Float, steps: _Steps) -> LegTrack:
+def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weight: Float, still: Float) -> LegTrack:
     """A track with the steps added up; while no foot stands the body goes on as before, for HOLD_S at most."""
-    stands = steps.weight.sum(axis=1) >= FEWEST_CONTACT
-    velocity_mps = steps.move_m / step_s[:, None]
+    stands, ends_s = weight.sum(axis=1) >= FEWEST_CONTACT, np.cumsum(step_s)
+    velocity_mps = move_m / step_s[:, None]
     last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
-    unheld_s = _since(last, step_s)
+    unheld_s = ends_s - np.where(last >= 0, ends_s[last], 0.0)
     velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
-    move_m = np.where(stands[:, None], steps.move_m, velocity_mps * step_s[:, None])
-    carries, yaw_rad = track.contact, track.rpy_rad[:, 2]
+    move_m = np.where(stands[:, None], move_m, velocity_mps * step_s[:, None])
+    yaw_rad = track.rpy_rad[:, 2]
     if track.attitude is AttitudeSource.FEET:
-        yaw_rad = np.concatenate([[0.0], np.cumsum(np.where(stands, steps.turn_rad, 0.0))])
-    position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)])
-    firm = np.minimum(carries[1:], carries[:-1]) > 0.5
-    slipping = float(((steps.still < 0.5) & firm).sum() / max(int(firm.sum()), 1))
+        yaw_rad = np.append(0.0, np.cumsum(np.where(stands, turn_rad, 0.0)))
+    firm = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5
     return replace(
         track,
-        position_m=position_m,
+        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
-        contact=np.concatenate([steps.weight, steps.weight[-1:]]),
-        unheld_s=float(_since(last, np.where(step_s <= MAX_GAP_S, step_s, 0.0)).max()),
+        contact=np.concatenate([weight, weight[-1:]]),
+        unheld_s=float(unheld_s.max(where=step_s <= MAX_GAP_S, initial=0.0)),
         gap_s=float(step_s.max()),
-        slipping_share=slipping,
+        slipping_share=float(((still < 0.5) & firm).sum() / max(int(firm.sum()), 1)),
     )
-
-
-def _since(last: Int, step_s: Float) -> Float:
-    """(M,) time from the end of the last step on a foot, last (M,), -1 before the first, to the end of each step."""
-    ends_s = np.cumsum(step_s)
-    since_s: Float = ends_s - np.where(last >= 0, ends_s[last], 0.0)
-    return since_s
-
-
-OTHER_ORDERS = ((1, 0, 3, 2), (2, 3, 0, 1))
-"""Left and right swapped, front and rear swapped. A trot lifts diagonal feet together, so these two look alike to it,
-and diagonal feet that are swapped look right: only the first is proposed where both fit."""
-MOST_COMPARED, FEWEST_COMPARED = 20_000, 100
-CONTRADICTED = -0.2
-"""Mean correlation of force with depth, over the legs, that contradicts an order; its opposite confirms one."""
-
-
-def better_foot_order(position_rad: Float, foot_force_n: Float) -> tuple[int, ...] | None:
-    """The order in which the forces' columns would fit the legs, where they contradict them as they are; else None.
-
-    position_rad: (N, 12) and foot_force_n: (N, 4) as in JointSeries. None for a robot that stands, or without forces.
-    """
-    some = slice(None, None, max(len(position_rad) // MOST_COMPARED, 1))
-    hip, thigh, calf = _angles(position_rad[some])
-    # How far each foot is below its hip, in lengths of a thigh that is as long as the calf, and its force.
-    columns = np.column_stack([np.cos(hip) * (np.cos(thigh) + np.cos(thigh + calf)), foot_force_n[some]])
-    columns = columns[np.isfinite(columns).all(axis=1)]
-    if len(columns) < FEWEST_COMPARED or not columns.std(axis=0).all():
-        return None
-    fit = np.corrcoef(columns.T)[:4, 4:]
-    if np.diagonal(fit).mean() > CONTRADICTED:
-        return None
-    best = max(OTHER_ORDERS, key=lambda order: round(float(fit[range(4), order].mean()), 2))
-    return best if fit[range(4), best].mean() > -CONTRADICTED else None

@@ -11,6 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from quadlog.geometry import transform_from_rpy
 from quadlog.messages import Float, Float32, Int
 from quadlog.positioning.odometry import BodyMotion, motion_between
 
@@ -93,7 +94,9 @@ class LidarOdometry:
         A scan without times, None, is taken to have been measured at once. One that is no later than the last is left
         out.
         """
-        middle_ns = t_ns if offset_ns is None or len(offset_ns) == 0 else t_ns + _middle(offset_ns)
+        middle_ns = t_ns
+        if offset_ns is not None and len(offset_ns):
+            middle_ns += (int(offset_ns.min()) + int(offset_ns.max())) // 2
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
         if self.gave_up_ns is not None:
@@ -106,12 +109,14 @@ class LidarOdometry:
             return
         if middle_ns - self._last_match[0] > MAX_GAP_NS:
             self._per_s[:] = 0.0
-        gap_ns = middle_ns - self._t_ns[-1]
-        guess = self._poses[-1] @ _motion(self._per_s * (gap_ns * 1e-9))
+        guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
         pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
         self._keep(middle_ns, pose, match, () if match is ScanMatch.LOST else clouds)
-        if clouds:
-            self._give_up_unless_matched(middle_ns, match)
+        if clouds:  # a covered scanner is no wrong track
+            self._tried = [each for each in self._tried if each[0] > middle_ns - GIVE_UP_NS]
+            self._tried.append((middle_ns, match is ScanMatch.LOST))
+            if len(self._tried) >= GIVE_UP_SCANS and 2 * sum(lost for _, lost in self._tried) > len(self._tried):
+                self.gave_up_ns = middle_ns
 
     def track(self) -> LidarTrack:
         """All of it so far."""
@@ -131,7 +136,10 @@ class LidarOdometry:
         if len(points) < FEWEST_RETURNS_MATCHED:
             return ()
         if offset_ns is not None and self._per_s.any():
-            points = self._deskewed(points, ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32))
+            since_s, per_s = ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32), self._per_s.astype(np.float32)
+            cos, sin, (x_m, y_m, z_m) = np.cos(per_s[5] * since_s), np.sin(per_s[5] * since_s), points.T
+            points = np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m], axis=1)
+            points += since_s[:, None] * per_s[:3]
         if not self._poses and _is_planar(points):
             self._planar, self._map = True, self._gicp.GaussianVoxelMap(VOXEL_M)
             self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice
@@ -139,22 +147,12 @@ class LidarOdometry:
         clouds = [self._gicp.preprocess_points(part.astype(np.float64), thinned_m, NEIGHBOURS, 1)[0] for part in parts]
         return tuple(clouds) if clouds[0].size() >= FEWEST_POINTS else ()
 
-    def _deskewed(self, xyz_m: Float32, since_s: Float32) -> Float32:
-        """Points (N, 3) at the instants since_s (N,) from the middle of the sweep, where they were in the middle."""
-        speed_mps, turn_rad = self._per_s[:3].astype(np.float32), np.float32(self._per_s[5]) * since_s
-        cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-        x_m, y_m, z_m = xyz_m.T
-        moved_m = np.empty_like(xyz_m)
-        moved_m[:, 0] = cos * x_m - sin * y_m + speed_mps[0] * since_s
-        moved_m[:, 1] = sin * x_m + cos * y_m + speed_mps[1] * since_s
-        moved_m[:, 2] = z_m + speed_mps[2] * since_s
-        return moved_m
-
     def _matched(self, points: object, guess: Float, t_ns: int) -> tuple[Float, ScanMatch]:
         found = self._gicp.align(self._map, points, guess, FARTHEST_MATCH_M, 1, 20, STEP_RAD, STEP_M)
         pose = np.array(found.T_target_source)
         if self._planar:
-            pose = _level(pose)
+            yaw_rad = np.arctan2(pose[1, 0], pose[0, 0])
+            pose = transform_from_rpy(np.array([pose[0, 3], pose[1, 3], 0.0]), 0.0, 0.0, yaw_rad)
         per_s, count = np.abs(self._speed(t_ns, pose)), points.size()  # type: ignore[attr-defined]
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
         if not np.isfinite(pose).all() or too_fast or found.num_inliers < FEWEST_MATCHED * count:
@@ -176,14 +174,6 @@ class LidarOdometry:
         self._t_ns.append(t_ns)
         self._poses.append(pose)
         self._match.append(match)
-
-    def _give_up_unless_matched(self, t_ns: int, match: ScanMatch) -> None:
-        """Scans without points are not counted: a covered scanner is no wrong track."""
-        self._tried = [each for each in self._tried if each[0] > t_ns - GIVE_UP_NS]
-        self._tried.append((t_ns, match is ScanMatch.LOST))
-        lost = sum(lost for _, lost in self._tried)
-        if len(self._tried) >= GIVE_UP_SCANS and 2 * lost > len(self._tried):
-            self.gave_up_ns = t_ns
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -209,16 +199,6 @@ def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
     points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), VOXEL_M / 2)])
     up_m = np.array([0.0, 0.0, PLANAR_THINNED_M], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
-
-
-def _level(pose: Float) -> Float:
-    """The motion in the plane of a transform (4, 4)."""
-    turn_rad = np.arctan2(pose[1, 0], pose[0, 0])
-    return _motion(np.array([pose[0, 3], pose[1, 3], 0.0, 0.0, 0.0, turn_rad]))
-
-
-def _middle(offset_ns: Int) -> int:
-    return (int(offset_ns.min()) + int(offset_ns.max())) // 2
 
 
 def _vector(motion: Float) -> Float:

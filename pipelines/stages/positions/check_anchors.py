@@ -21,7 +21,7 @@ HEIGHT_STD_M = 0.05
 PRIORS = {
     "odometry": OdometryPrior(0.03, 0.05, 0.01, (0.02, 0.02)),
     "legs": OdometryPrior(0.05, 0.05, 0.01, (0.03, 0.02)),
-    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005), first_pose_std=(0.02, 0.003)),
+    "lidar": OdometryPrior(0.003, 0.003, 0.001, (0.01, 0.005)),
     "tf": OdometryPrior(0.01, 0.01, 0.003, (0.01, 0.01)),
 }
 """How well sources of odometry are known."""
@@ -85,8 +85,6 @@ def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
     """A line for each thing that seems to be wrong; several are alternatives."""
     ids = anchors.ids.tolist()
     texts = [f"anchors {ids[i]} and {ids[j]} seem to be swapped in [[uwb.anchors]]" for i, j in faults.swapped]
-    for steps in faults.turned:
-        texts.append(f"the ids in [[uwb.anchors]] seem to be turned around by {steps} in the list")
     for shifted in faults.shifted:
         x_m, y_m = anchors.position_m[shifted.anchor, :2] + shifted.shift_m
         texts.append(

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.messages import JointSeries
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.positioning.leg_odometry import LegGeometry, better_foot_order, leg_track
+from quadlog.positioning.leg_odometry import LegGeometry, leg_track
 from quadlog.positioning.odometry import BodyMotion, motion_between
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, JOINT_COLUMNS, TABLES, TableWriter
 
@@ -86,7 +85,7 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     if track.slipping_share > (MOST_SLIPPING_BY_FORCE if by_force else MOST_SLIPPING):
         journal.warn(
             f"legs: feet that carry move against the ground in {track.slipping_share:.0%} of the time: they slip, or "
-            "robot.model or robot.joints is wrong"
+            "robot.model, robot.joints or robot.feet is wrong"
         )
     assert data.streams.joints is not None
     unknown = float(np.isnan(data.streams.joints.position_rad).any(axis=1).mean())
@@ -114,13 +113,12 @@ BATCH_ROWS = 16384
 
 
 def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
-    """Writes joints.parquet where the log has joints; warns where its feet seem to be swapped."""
+    """Writes joints.parquet where the log has joints."""
     joints = data.streams.joints
     if joints is None:
         return
     journal.use("joints")
     journal.count("joint_states", len(joints))
-    _warn_of_swapped_feet(data, journal, joints)
     series = joints.position_rad, joints.velocity_radps, joints.torque_nm, joints.foot_force_n
     with TableWriter(folder / "joints.parquet", TABLES["joints"]) as table:
         for begin in range(0, len(joints), BATCH_ROWS):
@@ -130,15 +128,3 @@ def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
             for names, values in zip((*JOINT_COLUMNS, FOOT_FORCES), series, strict=True):
                 columns |= zip(names, values[rows].T, strict=True)
             table.append(columns)
-
-
-def _warn_of_swapped_feet(data: LogData, journal: Journal, joints: JointSeries) -> None:
-    better = better_foot_order(joints.position_rad, joints.foot_force_n)
-    used = data.log.recording.joints.used.get(data.log.roles.topic("joints") or "")
-    if better is None or used is None or used.feet is None:
-        return
-    places = ",".join(str(used.feet[foot]) for foot in better)
-    journal.warn(
-        "joints: the foot forces contradict the legs: feet press while their legs lift them; they would fit in the "
-        f"order  --set robot.feet=[{places}]"
-    )

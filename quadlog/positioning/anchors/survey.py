@@ -1,8 +1,8 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
 Anchors, what lasts of the odometry's errors and the delay of the ranges are global unknowns of the batch [Nguyen].
-Anchors enter it first where their own ranges single out one place (the idea of [Delama]); along the walk that they
-correct, the others follow. Mirror images are solved as well and compared.
+Each anchor starts where its ranges fit best along the odometry, and is surveyed only where no rival place, as a mirror
+image is, fits as well [Delama].
 """
 
 from __future__ import annotations
@@ -14,15 +14,8 @@ from scipy.linalg import block_diag
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
-from quadlog.positioning.anchors.check import SurveyFaults
-from quadlog.positioning.anchors.frame import (
-    FramedAnchors,
-    find_faults,
-    misplaced,
-    place_in_frame,
-    reach_95,
-    relative_covariance,
-)
+from quadlog.positioning.anchors.check import SurveyFaults, find_faults
+from quadlog.positioning.anchors.frame import known_rows, misplaced, place_in_frame, reach_95, relative_covariance
 from quadlog.positioning.anchors.walk import Walk
 from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
@@ -33,20 +26,15 @@ FEWEST_RANGES = 30
 LEAST_WAY_M = 3.0
 LEAST_ACROSS_M = 0.15
 """A walk whose places scatter less than this about a line, rms, is a straight line."""
-CLEAR_RATIO = 1.1
-"""A place is singled out at once if the misfit of the next best one is larger by this factor."""
-RIVAL_RATIO = 1.5
-"""Places with a larger misfit than this are not tried once the walk is corrected."""
+CLEAR_RATIO, RIVAL_RATIO = 1.1, 1.5
+"""A place is singled out if the misfit of the next best one is larger by the first factor; those whose misfit is
+larger by the second are not tried along the corrected walk."""
 CLEAR_COST = 6.0
 """A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
 UNKNOWN_M = 1.0
 """An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
-WIDER = np.array([1.05, 1.05, 1.25])
-"""Factors on the bounds of x, y and z for what is estimated and then taken as known: drift, spread and delay of ranges.
-
-A height reacts to range errors many times as strongly.
-"""
-NORMAL_95 = 1.96
+WIDER, NORMAL_95 = 1.2, 1.96
+"""Factor on stds for what is estimated and then taken as known: drift, spread and delay of ranges."""
 MOST_DRIFT_M, MOST_DRIFT_RAD = 0.1, 0.1
 """With more random drift after 1 m of way the ranges contradict the odometry."""
 MOST_SCALE_STD = 8.0
@@ -57,7 +45,7 @@ BIAS_MEAN_M, COMMON_BIAS_STD_M, ANCHOR_BIAS_STD_M, LINK_BIAS_STD_M = 0.15, 0.15,
 """Priors of biases: of all links together, of one anchor's, of one link's. Real sets have 0 to 0.4 m."""
 DELAY_STD_S, ANYWHERE_M = 0.1, 300.0
 """How far the clocks of ranges and odometry may be apart; and an anchor from where the walk begins."""
-DRIFT_SPREAD, LEAST_LOOSENESS, LARGEST_DRIFT = 0.7, 0.25, 0.2
+DRIFT_SPREAD, LEAST_LOOSENESS, LARGEST_DRIFT = 1.4, 0.0625, 0.2
 """Std of the logarithm of the random drift: how well it is known before a log is seen. What is tried."""
 USUAL_STD_M, LEAST_STD_M, MOST_STD_M = 0.1, 0.05, 1.0
 """Of ranges in line of sight, before it is estimated, and its bounds."""
@@ -91,11 +79,6 @@ class SurveyedAnchor:
         """(3,) half widths of the 95 % intervals of x, y and z."""
         bound: Float = NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
         return bound
-
-    @property
-    def radius_m(self) -> float:
-        """How far the 95 % ellipse of x and y reaches."""
-        return reach_95(self.covariance_m2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,26 +120,21 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
         raise AnchorsNotObserved(
             f"no anchor has {FEWEST_RANGES} ranges near an odometry pose", "record ranges and odometry at the same time"
         )
-    solution, clear_share = _solve(walk.of_anchors(heard))
-    _check_odometry(solution)
-    if clear_share < 0.5 and _mirrored(solution).cost_above(solution) < CLEAR_COST:
-        raise AnchorsNotObserved(
-            "the walk and its mirror image fit the ranges equally well",
-            "walk a loop or an L that turns by 90 degrees, several metres each way",
-        )
-    solution, ambiguous = _check_mirrors(solution)
-    framed = place_in_frame(solution.anchors_m, solution.covariance, solution.drift, walk.odometry, known_m[heard])
-    anchors = _anchors(solution, framed, heard, ambiguous)
-    if not any(each.why_not == "" for each in anchors):
+    solution, ambiguous = _check_mirrors(_solve(walk.of_anchors(heard)))
+    known_m, start_std = known_m[heard], np.array(solution.drift)[[0, 0, 1]]
+    anchors_m, covariance, start = place_in_frame(solution.anchors_m, solution.covariance, known_m, start_std)
+    anchors = _anchors(solution, anchors_m, covariance, heard, ambiguous)
+    if all(each.why_not for each in anchors):
         raise AnchorsNotObserved(
             f"no anchor's place is known to {UNKNOWN_M:g} m: {anchors[0].why_not}",
             "walk a longer loop, nearer to the anchors and around them",
         )
-    misplaced_m, mirrored = misplaced(solution.anchors_m, framed, known_m[heard])
+    anchors += [_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES)]
+    n_known = len(known_rows(known_m))
+    misplaced_m, mirrored = misplaced(anchors_m, covariance, known_m)
     scale, turn_scale, yaw_drift_radps, delay_s = solution.estimate.values[-4:].tolist()
-    silent = tuple(_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES))
     return AnchorSurvey(
-        anchors=tuple(sorted((*anchors, *silent), key=lambda each: each.index)),
+        anchors=tuple(sorted(anchors, key=lambda each: each.index)),
         scale=1 / scale,
         turn_scale=turn_scale,
         yaw_drift_radps=-yaw_drift_radps,
@@ -164,11 +142,11 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
         drift=solution.drift,
         range_std_m=solution.estimate.problem.range_std_m,
         way_m=walk.way_m,
-        start=framed.start,
-        aligned_to=framed.aligned_to,
+        start=start,
+        aligned_to=n_known if n_known > 1 else 0,
         misplaced_m={int(heard[index]): off_m for index, off_m in misplaced_m.items()},
         mirrored=mirrored,
-        faults=find_faults(framed, known_m[heard], heard),
+        faults=find_faults(anchors_m, covariance, known_m, heard),
     )
 
 
@@ -225,14 +203,7 @@ class _Solution:
     def covariance(self) -> Float:
         """(3A + TA, 3A + TA) of the anchors' x, y, z, then of the links' biases."""
         order = np.roll(np.arange(len(self.estimate.values) - 4), -self.walk.ranges.n_links)
-        return self.estimate.covariance[np.ix_(order, order)]
-
-    @property
-    def late(self) -> Float:
-        """(N,) the probability of each range being late."""
-        late = np.empty(len(self.walk.ranges.t_s))
-        late[self.estimate.problem.slots.order] = 1 - self.estimate.weights.knots
-        return late
+        return WIDER**2 * self.estimate.covariance[np.ix_(order, order)]
 
     def with_anchors(self, anchors_m: Float, knots: Float) -> _Solution:
         """From other places (A, 3) and knots, all else being alike."""
@@ -298,41 +269,34 @@ def _likeliest(walk: Walk, anchors_m: Float, knots: Float) -> _Solution:
         values, knots = found[-1].estimate.values, found[-1].estimate.knots
     lasts = float(np.median([each.estimate.weights.lasts for each in found]))
     costs = [_misfit(each.estimate, lasts) for each in found] + (loose / DRIFT_SPREAD) ** 2 / 2
-    best = int(np.argmin(costs))
-    # A parabola through the least three: its minimum, and its bend, which is one over the variance.
-    middle = min(max(best, 1), len(found) - 2)
-    before, least, after = costs[middle - 1 : middle + 2]
-    bend = max((before - 2 * least + after) / step**2, DRIFT_SPREAD**-2)
-    usual = loose[middle] + np.clip((before - after) / (2 * step * bend), -step, step) + bend**-0.5
-    estimate = found[best].estimate
+    share = np.exp(costs.min() - costs) / np.exp(costs.min() - costs).sum()
+    mean = float(share @ loose)
+    usual = float(np.exp(mean + np.hypot(np.sqrt(share @ (loose - mean) ** 2), step / 2)))
+    estimate = found[int(np.argmin(costs))].estimate
     sight, residual_m = estimate.weights.knots, estimate.linear.residual_m
     spread_m = np.sqrt(float(sight @ residual_m**2) / max(float(sight.sum()), 1.0))
-    problem = _problem(walk, float(np.exp(usual)), float(np.clip(spread_m, LEAST_STD_M, MOST_STD_M)))
-    return _Solution(walk, solve(problem, estimate.knots, estimate.values, warm=True), float(np.exp(usual)))
+    problem = _problem(walk, usual, float(np.clip(spread_m, LEAST_STD_M, MOST_STD_M)))
+    return _Solution(walk, solve(problem, estimate.knots, estimate.values, warm=True), usual)
 
 
-def _solve(walk: Walk) -> tuple[_Solution, float]:
-    """The batch of all anchors, and the share of those with one clear place, which come first and correct the walk."""
-    knots = walk.knots
-    found = walk.candidates(knots)
-    clear = np.array([len(misfit) == 1 or misfit[1] > CLEAR_RATIO * misfit[0] for _, misfit in found])
-    if clear.any() and not clear.all():
-        first = np.flatnonzero(clear)
-        places = np.array([found[index][0][0, :3] for index in first])
-        knots = _likeliest(walk.of_anchors(first), places, knots).estimate.knots
-        found = walk.candidates(knots)
-    return _likeliest(walk, np.array([places[0, :3] for places, _ in found]), knots), float(clear.mean())
-
-
-def _mirrored(solution: _Solution) -> _Solution:
-    """The batch that starts with all anchors reflected at the main axis of the walk."""
-    place_m = solution.estimate.knots[:, 0, :2]
-    centre_m = place_m.mean(axis=0)
-    _, _, axes = np.linalg.svd(place_m - centre_m)
-    anchors_m = solution.anchors_m.copy()
-    off_m = anchors_m[:, :2] - centre_m
-    anchors_m[:, :2] -= 2 * (off_m @ axes[1])[:, None] * axes[1]
-    return solution.with_anchors(anchors_m, solution.walk.knots)
+def _solve(walk: Walk) -> _Solution:
+    """The batch from the best places along the walk as the odometry has it. Raises AnchorsNotObserved."""
+    found = walk.candidates(walk.knots)
+    solution = _likeliest(walk, np.array([places[0, :3] for places, _ in found]), walk.knots)
+    _check_odometry(solution)
+    clear = [len(misfit) == 1 or misfit[1] > CLEAR_RATIO * misfit[0] for _, misfit in found]
+    if np.mean(clear) >= 0.5:
+        return solution
+    # All anchors reflected at the main axis of the walk.
+    place_m, image_m = solution.estimate.knots[:, 0, :2], solution.anchors_m.copy()
+    across = np.linalg.svd(place_m - place_m.mean(axis=0))[2][1]
+    image_m[:, :2] -= 2 * ((image_m[:, :2] - place_m.mean(axis=0)) @ across)[:, None] * across
+    if solution.with_anchors(image_m, walk.knots).cost_above(solution) < CLEAR_COST:
+        raise AnchorsNotObserved(
+            "the walk and its mirror image fit the ranges equally well",
+            "walk a loop or an L that turns by 90 degrees, several metres each way",
+        )
+    return solution
 
 
 def _check_mirrors(solution: _Solution) -> tuple[_Solution, dict[int, str]]:
@@ -357,33 +321,31 @@ def _check_mirrors(solution: _Solution) -> tuple[_Solution, dict[int, str]]:
     return solution, ambiguous
 
 
-def _anchors(solution: _Solution, framed: FramedAnchors, index: Int, ambiguous: dict[int, str]) -> list[SurveyedAnchor]:
-    ranges, n = solution.walk.ranges, solution.walk.n_anchors
+def _anchors(
+    solution: _Solution, anchors_m: Float, covariance: Float, index: Int, ambiguous: dict[int, str]
+) -> list[SurveyedAnchor]:
+    """The anchors heard (A,), by their numbers; covariance: as place_in_frame has it."""
+    ranges, slots, n = solution.walk.ranges, solution.estimate.problem.slots, solution.walk.n_anchors
     bias_m = solution.estimate.values[: ranges.n_links].reshape(-1, n).mean(axis=0)
-    wider = np.concatenate([np.tile(WIDER, n), np.full(len(framed.covariance) - 3 * n, WIDER[0])])
-    covariance = wider[:, None] * framed.covariance * wider
-    among = relative_covariance(covariance, framed.anchors_m, np.arange(n))
+    among = relative_covariance(covariance, anchors_m, np.arange(n))
     counts = np.bincount(ranges.anchor, minlength=n)
-    late = np.bincount(ranges.anchor, solution.late, minlength=n) / np.maximum(counts, 1)
+    late = np.bincount(slots.range_link % n, 1 - solution.estimate.weights.knots, n) / counts
     anchors = []
-    for anchor in range(n):
-        rows = slice(3 * anchor, 3 * anchor + 3)
-        links = 3 * n + anchor + n * np.arange(len(ranges.lever_m))
-        block = covariance[rows, rows]
+    for anchor, number in enumerate(index.tolist()):
+        rows, links = slice(3 * anchor, 3 * anchor + 3), 3 * n + anchor + n * np.arange(len(ranges.lever_m))
+        block, reach_m = covariance[rows, rows], reach_95(among[rows, rows])
+        unknown = f"its place among the others is known to {reach_m:.1f} m only" if reach_m > UNKNOWN_M else ""
         surveyed = SurveyedAnchor(
-            int(index[anchor]),
-            framed.anchors_m[anchor],
+            number,
+            anchors_m[anchor],
             block,
             float(bias_m[anchor]),
             float(np.sqrt(covariance[np.ix_(links, links)].mean())),
             int(counts[anchor]),
             float(late[anchor]),
             bool(np.sqrt(block[2, 2]) < BLIND_SHARE * solution.walk.heights.std_m[anchor]),
-            ambiguous.get(anchor, ""),
+            ambiguous.get(anchor, unknown),
         )
-        reach_m = reach_95(among[rows, rows])
-        if surveyed.why_not == "" and reach_m > UNKNOWN_M:
-            surveyed = replace(surveyed, why_not=f"its place among the others is known to {reach_m:.1f} m only")
         anchors.append(surveyed)
     return anchors
 

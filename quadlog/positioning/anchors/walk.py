@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import TagRanges, Way, turned
@@ -15,13 +14,10 @@ from quadlog.positioning.batch.motion import Timeline, make_timeline
 KNOT_S, MOST_KNOTS, MOST_CELLS = 0.5, 4000, 700_000
 """Between knots, longer in a long log; and how many there are at most, also times the global unknowns."""
 MOST_RANGES = 10_000
-PATH_S = 0.5
-"""Interval over which the length of the way is summed, so that noise of single poses is not counted as walked."""
-VELOCITY_S = 0.2
 MAX_GAP_S = 1.0
 """A range farther than this from the odometry's poses is left out."""
-STANDING_M, DOUBTFUL_FACTOR = 0.02, 4.0
-"""Way that a step counts for at least; and by how much a step drifts more where the odometry doubts its own poses."""
+STANDING_M = 0.02
+"""Way that a step counts for at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +31,20 @@ class HeightPrior:
 @dataclass(frozen=True, slots=True)
 class OdometryPrior:
     """Errors to expect of an odometry: std of its scales of way and of turns and of its yaw's drift, and its random
-    drift, in m and rad after 1 m of way. first_pose_std: of the first pose alone, in m and rad.
+    drift, in m and rad after 1 m of way.
     """
 
     scale_std: float
     turn_scale_std: float
     yaw_drift_std_radps: float
     drift: tuple[float, float]
-    first_pose_std: tuple[float, float] = (0.01, 0.002)
 
 
 @dataclass(frozen=True)
 class Walk:
     """A way seen from its first pose, K knots on it, ranges along it, and what is expected of anchors and odometry.
 
-    way_m: its length by odometry; drifting_m (K - 1,): way between knots for which the odometry drifts at random.
+    way_m: its length by odometry, from knot to knot; drifting_m (K - 1,): of that, for which it drifts at random.
     """
 
     way: Way
@@ -70,16 +65,6 @@ class Walk:
         """(K, 2, 3) poses and rates by odometry."""
         pose = np.column_stack(self.way.at(self.timeline.t_s))
         return np.stack([pose, np.gradient(pose, self.timeline.t_s, axis=0)], axis=1)
-
-    @property
-    def speed_mps(self) -> float:
-        """Rms of the tags'."""
-        later_m, earlier_m = (self._tags_at(self.ranges.t_s + each) for each in (VELOCITY_S / 2, -VELOCITY_S / 2))
-        return float(np.sqrt(np.mean(np.sum((later_m - earlier_m) ** 2, axis=1)))) / VELOCITY_S
-
-    def _tags_at(self, t_s: Float) -> Float:
-        xy_m, yaw_rad = self.way.at(t_s)
-        return xy_m + turned(yaw_rad, self.ranges.lever_m[self.ranges.tag])
 
     def of_anchors(self, anchors: Int) -> Walk:
         """The same walk with the ranges to some anchors alone, which are numbered as in anchors (B,)."""
@@ -109,13 +94,12 @@ def make_walk(
     ranges: TagRanges,
     heights: HeightPrior,
     odometry: OdometryPrior,
-    doubtful: np.ndarray | None = None,
     most_ranges: int = MOST_RANGES,
 ) -> tuple[Walk, int]:
     """The walk, and the number of ranges left out because the odometry has no pose near them.
 
-    way: M >= 2 poses in the odometry's own frame; doubtful (M,): whether it doubts them. ranges: in time order, by the
-    same clock. Of more than most_ranges an even selection of each link's is used.
+    way: M >= 2 poses in the odometry's own frame. ranges: in time order, by the same clock. Of more than most_ranges
+    an even selection of each link's is used.
     """
     t_s, last_s = way.t_s - way.t_s[0], max(float(way.t_s[-1] - way.t_s[0]), 1e-3)
     after = np.searchsorted(way.t_s, ranges.t_s).clip(1, len(t_s) - 1)
@@ -128,34 +112,21 @@ def make_walk(
     xy_m = turned(np.full(len(t_s), -yaw_rad[0]), way.xy_m - way.xy_m[0])
     most = min(MOST_KNOTS, most_ranges, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
     timeline = make_timeline(np.array([0.0, last_s]), max(KNOT_S, last_s / most), np.inf, np.empty(0))
-    path_s = np.linspace(0.0, last_s, min(max(2, 1 + round(last_s / PATH_S)), 1 << 20))
     relative = Way(t_s, xy_m, yaw_rad - yaw_rad[0])
-    walked_m = np.append(0.0, np.cumsum(np.hypot(*np.diff(relative.at(path_s)[0], axis=0).T)))
-    drifting_m = np.maximum(np.diff(np.interp(timeline.t_s, path_s, walked_m)), STANDING_M)
-    if doubtful is not None:
-        row = np.searchsorted(t_s, timeline.t_s, side="right")
-        share = np.diff(np.append(0, np.cumsum(doubtful))[row]) / np.maximum(np.diff(row), 1)
-        drifting_m = drifting_m * (1 + (DOUBTFUL_FACTOR**2 - 1) * share)
-    kept = replace(kept, t_s=kept.t_s - way.t_s[0])
-    return Walk(relative, timeline, float(walked_m[-1]), drifting_m, kept, heights, odometry), int((~near).sum())
+    walked_m = np.hypot(*np.diff(relative.at(timeline.t_s)[0], axis=0).T)
+    kept, drifting_m = replace(kept, t_s=kept.t_s - way.t_s[0]), np.maximum(walked_m, STANDING_M)
+    return Walk(relative, timeline, float(walked_m.sum()), drifting_m, kept, heights, odometry), int((~near).sum())
 
 
 def _even_selection(rows: Int, link: Int, most: int) -> Int:
     """Of rows (N,) with their links (N,) about `most`: as many of every link, evenly spread, all of rare ones."""
-    links, counts = np.unique(link, return_counts=True)
-    limit = max(most // len(links), 1)
-    kept = []
-    for each, count in zip(links, counts, strict=True):
-        mine = rows[link == each]
-        kept.append(mine if count <= limit else mine[np.linspace(0, count - 1, limit).astype(np.int64)])
-    return np.sort(np.concatenate(kept))
+    of_link = [rows[link == each] for each in np.unique(link)]
+    limit = max(most // len(of_link), 1)
+    spread = [np.linspace(0, len(mine) - 1, min(len(mine), limit)).astype(np.int64) for mine in of_link]
+    return np.sort(np.concatenate([mine[some] for mine, some in zip(of_link, spread, strict=True)]))
 
 
-CELLS = 70
-"""Cells of the search along each side."""
-MOST_ROWS, ROWS_AT_ONCE = 240, 16
-MOST_STARTS = 6
-ROUNDS = 15
+MOST_ROWS, ROUNDS = 240, 15
 KERNEL_M = 0.3
 """Misfits beyond this count by their order of magnitude."""
 APART_M = 0.5
@@ -167,35 +138,26 @@ def anchor_candidates(tag_m: Float, range_m: Float, expected: tuple[float, float
     """Places (C, 4) x_m, y_m, z_m, bias_m of one anchor that fit its ranges (N,) locally best, and their misfits (C,).
 
     tag_m (N, 3): where the tag was; expected: the anchor's height and its std. Sorted by misfit, which is the mean of
-    log(1 + (r / KERNEL_M)^2); the first is the best.
+    log(1 + (r / KERNEL_M)^2); the first is the best. They start where the squared ranges, which are linear in place
+    and squared distance, have the anchor, and at both sides of the main axis of the way, at that distance.
     """
     rows = np.arange(len(range_m))[:: max(1, -(-len(range_m) // MOST_ROWS))]
     tag_m, range_m = tag_m[rows], range_m[rows]
-    refined = [refine_place(tag_m, range_m, start_m, expected) for start_m in _grid_minima(tag_m, range_m, expected[0])]
-    places, misfits = np.array([place for place, _ in refined]).reshape(-1, 4), np.array([each for _, each in refined])
+    middle_m = tag_m[:, :2].mean(axis=0)
+    axes = np.linalg.svd(tag_m[:, :2] - middle_m, full_matrices=False)[2]
+    along_m = (tag_m[:, :2] - middle_m) @ axes.T
+    level_m2 = (range_m - USUAL_BIAS_M) ** 2 - (expected[0] - tag_m[:, 2]) ** 2
+    design = np.column_stack([2 * along_m, -np.ones(len(rows))])
+    u_m, v_m, square_m2 = np.linalg.lstsq(design, (along_m**2).sum(axis=1) - level_m2)[0]
+    side_m = np.sqrt(max(square_m2 - u_m**2, 0.0))
+    starts_m = middle_m + np.array([[u_m, v_m], [u_m, side_m], [u_m, -side_m]]) @ axes
+    refined = [refine_place(tag_m, range_m, start_m, expected) for start_m in starts_m]
+    places, misfits = (np.array(each) for each in zip(*refined, strict=True))
     kept: list[int] = []
     for index in np.argsort(misfits, kind="stable"):
         if all(np.hypot(*(places[index, :2] - places[other, :2])) > APART_M for other in kept):
             kept.append(int(index))
     return places[kept], misfits[kept]
-
-
-def _grid_minima(tag_m: Float, range_m: Float, height_m: float) -> Float:
-    """(S, 2) cells of a grid around the walk with less misfit than their neighbours, best first."""
-    reach_m = float(np.quantile(range_m, 0.9))
-    low_m, high_m = tag_m.min(axis=0) - reach_m, tag_m.max(axis=0) + reach_m
-    x_m, y_m = (np.linspace(low_m[axis], high_m[axis], CELLS) for axis in range(2))
-    cell_m = max(x_m[1] - x_m[0], y_m[1] - y_m[0])
-    ground_m = np.sqrt(np.maximum((range_m - USUAL_BIAS_M) ** 2 - (height_m - tag_m[:, 2]) ** 2, 0.0))
-    misfit = np.zeros((CELLS, CELLS))
-    for first in range(0, len(tag_m), ROWS_AT_ONCE):
-        some = slice(first, first + ROWS_AT_ONCE)
-        x2_m2, y2_m2 = ((each[:, None] - tag_m[some, axis]) ** 2 for axis, each in enumerate((x_m, y_m)))
-        off_m = np.sqrt(x2_m2[:, None] + y2_m2) - ground_m[some]
-        misfit += np.log((1 + (off_m / (KERNEL_M + cell_m)) ** 2).prod(axis=2))
-    lowest = np.argwhere(misfit <= minimum_filter(misfit, 3, mode="constant", cval=np.inf))
-    best = lowest[np.argsort(misfit[tuple(lowest.T)], kind="stable")[:MOST_STARTS]]
-    return np.column_stack([x_m[best[:, 0]], y_m[best[:, 1]]])
 
 
 def refine_place(tag_m: Float, range_m: Float, start_m: Float, expected: tuple[float, float]) -> tuple[Float, float]:

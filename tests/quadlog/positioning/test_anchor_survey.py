@@ -1,19 +1,13 @@
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 
 from quadlog.messages import Float
 from quadlog.positioning.anchors.check import (
-    AnchorShift,
     SurveyFaults,
     TagEpochs,
     check_survey,
-    find_exchanges,
-    fit_anchor_shift,
-    track_for_check,
 )
 from quadlog.positioning.epochs import Epochs, group_epochs
 
@@ -39,12 +33,6 @@ def check(anchors_m: Float, *logs: TagEpochs) -> SurveyFaults:
     return check_survey(logs, anchors_m, 0.1, 1.0)
 
 
-def shift(log: TagEpochs, anchors_m: Float, anchor: int) -> AnchorShift | None:
-    checked = track_for_check(log, anchors_m, 0.1, 1.0)
-    assert checked is not None
-    return fit_anchor_shift(checked, anchor)
-
-
 def moved(anchors_m: Float, anchor: int, x_m: float, y_m: float) -> Float:
     """Configured so far from where it is."""
     other_m = anchors_m.copy()
@@ -52,61 +40,40 @@ def moved(anchors_m: Float, anchor: int, x_m: float, y_m: float) -> Float:
     return other_m
 
 
-def test_every_pair_and_every_step_is_named(lab):
-    """After k steps, named anchor i stands where anchor i + k is configured."""
+def swapped(anchors_m: Float, pair: tuple[int, int]) -> Float:
+    order = np.arange(len(anchors_m))
+    order[list(pair)] = pair[::-1]
+    return anchors_m[order]
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 4), (2, 3)])
+def test_a_swapped_pair_is_named_before_any_shift_and_true_anchors_raise_no_alarm(lab, pair):
     log = log_of(lab, 0, anchors_m=IRREGULAR_M)
-    for i, j in combinations(range(5), 2):
-        order = np.arange(5)
-        order[[i, j]] = j, i
-        assert find_exchanges([log], IRREGULAR_M[order], 0.1)[:2] == (((i, j),), ())
-    for step in range(1, 5):
-        assert find_exchanges([log], IRREGULAR_M[(np.arange(5) - step) % 5], 0.1)[:2] == ((), (step,))
+    assert check(IRREGULAR_M, log) == NO_FAULT
+    assert check(swapped(IRREGULAR_M, pair), log) == SurveyFaults(swapped=(pair,))
 
 
 def test_symmetry_hides_what_it_must(lab):
     """A swap across a square's diagonal mirrors it. In a rectangle that of one side looks like that of the other."""
     square_m = np.array([[0.0, 0.0, 1.2], [7.0, 0.0, 1.2], [7.0, 7.0, 1.2], [0.0, 7.0, 1.2]])
-    hidden = find_exchanges([log_of(lab, 2, anchors_m=square_m)], square_m[[2, 1, 0, 3]], 0.1)
-    assert hidden[:2] == ((), ())
+    assert check(swapped(square_m, (0, 2)), log_of(lab, 2, anchors_m=square_m)) == NO_FAULT
     silent = log_of(lab, 6, anchors_m=IRREGULAR_M)
     silent.epochs.range_m[:, 4] = np.nan
-    swapped, _, _ = find_exchanges([silent], IRREGULAR_M[[1, 0, 2, 3, 4]], 0.1)
-    assert swapped[0] == (0, 1)
-    assert all(4 not in pair for pair in swapped)
+    found = check(swapped(IRREGULAR_M, (0, 1)), silent).swapped
+    assert found[0] == (0, 1)
+    assert all(4 not in pair for pair in found)
     oblong_m = square_m * [1.6, 1.0, 1.0]
-    swapped, _, _ = find_exchanges([log_of(lab, 3, anchors_m=oblong_m)], oblong_m[[1, 0, 2, 3]], 0.1)
-    assert sorted(swapped) == [(0, 1), (2, 3)]
-
-
-def test_covariance_is_honest_about_links_that_wander(lab):
-    """Slowly varying errors, bursts, and biases as they differ between links: twice the degrees of freedom at most."""
-    normalised = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        log = log_of(lab, seed, anchors_m=IRREGULAR_M, bias_m=rng.uniform(0, 0.3, 5), rate_hz=10)
-        log.epochs.range_m[:] += np.repeat(0.05 * rng.standard_normal((6, 5)), 50, axis=0)
-        got = shift(log, IRREGULAR_M, seed % 5)
-        assert got is not None
-        normalised.append(got.significance**2)
-    assert 0.8 < np.mean(normalised) < 4.0  # measured 1.4
+    assert sorted(check(swapped(oblong_m, (0, 1)), log_of(lab, 3, anchors_m=oblong_m)).swapped) == [(0, 1), (2, 3)]
 
 
 @pytest.mark.parametrize(("anchor", "x_m", "y_m"), [(0, 0.7, 0.0), (3, 0.0, -0.7), (4, 1.5, 2.0)])
 def test_a_shifted_anchor_is_named_and_placed(lab, anchor, x_m, y_m):
     got = check(moved(ANCHORS_M, anchor, x_m, y_m), log_of(lab, 1))
-    assert [each.anchor for each in got.shifted] == [anchor]
-    assert not got.swapped
-    shifted = got.shifted[0]
-    error_m = np.add(shifted.shift_m, [x_m, y_m])
+    assert ([each.anchor for each in got.shifted], got.swapped) == ([anchor], ())
+    error_m = np.add(got.shifted[0].shift_m, [x_m, y_m])
     assert np.hypot(*error_m) < 0.3
-    assert error_m @ np.linalg.solve(shifted.covariance_m2, error_m) < 9.2  # 99 % of two degrees of freedom
-    assert shifted.distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * shifted.distance_std_m)
-
-
-def test_exchanged_anchors_are_named_before_any_shift_and_true_ones_raise_no_alarm(lab):
-    assert check(ANCHORS_M, log_of(lab, 0)) == NO_FAULT
-    assert check(ANCHORS_M[[0, 4, 2, 3, 1, 5]], log_of(lab, 2)) == SurveyFaults(swapped=((1, 4),))
-    assert check(np.roll(ANCHORS_M, 1, axis=0), log_of(lab, 3)) == SurveyFaults(turned=(1,))
+    assert error_m @ np.linalg.solve(got.shifted[0].covariance_m2, error_m) < 9.2  # 99 % of two degrees of freedom
+    assert got.shifted[0].distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * got.shifted[0].distance_std_m)
 
 
 def test_a_large_shift_does_not_pass_for_a_swap(lab):
@@ -141,15 +108,12 @@ def test_the_trolleys_survey_is_right(trolley, trolley_logs):
 
 @pytest.mark.parametrize("anchor", [0, 3, 6])
 def test_half_a_metre_on_a_real_anchor_is_named(trolley, trolley_logs, anchor):
-    angle = np.radians(77 * anchor)
-    off_m = 0.5 * np.array([np.cos(angle), np.sin(angle)])
-    got = check(moved(trolley.anchors_m, anchor, *off_m), trolley_logs[0])
-    assert [each.anchor for each in got.shifted] == [anchor]
-    assert np.hypot(*(got.shifted[0].shift_m + off_m)) < 0.2
+    off_m = 0.5 * np.array([np.cos(np.radians(77 * anchor)), np.sin(np.radians(77 * anchor))])
+    (shifted,) = check(moved(trolley.anchors_m, anchor, *off_m), trolley_logs[0]).shifted
+    assert shifted.anchor == anchor
+    assert np.hypot(*(shifted.shift_m + off_m)) < 0.2
 
 
 @pytest.mark.parametrize("pair", [(0, 1), (2, 6)])
 def test_two_real_anchors_swapped_are_named_by_one_tag(trolley, trolley_logs, pair):
-    order = np.arange(8)
-    order[list(pair)] = pair[::-1]
-    assert check(trolley.anchors_m[order], trolley_logs[1]) == SurveyFaults(swapped=(pair,))
+    assert check(swapped(trolley.anchors_m, pair), trolley_logs[1]) == SurveyFaults(swapped=(pair,))

@@ -16,7 +16,6 @@ from quadlog.positioning.leg_odometry import (
     AttitudeSource,
     ContactSource,
     LegGeometry,
-    better_foot_order,
     feet_in_body,
     leg_track,
 )
@@ -84,43 +83,35 @@ def test_feet_stand_while_a_robot_stands_that_trotted_a_little():
     assert (lands == ~swings[1800:]).mean() > 0.9
 
 
-def test_without_an_attitude_rates_tell_the_turns_and_without_an_imu_the_feet_do(walked, joints, imu):
-    rates = leg_track(joints, GEOMETRY, replace(imu, quat_xyzw=None))
-    feet = leg_track(joints, GEOMETRY)
-    assert (rates.attitude, feet.attitude) == (AttitudeSource.GYRO, AttitudeSource.FEET)
-    assert drift(rates, walked) < 0.03
-    assert drift(feet, walked) < 0.03
+def test_without_an_attitude_rates_give_the_turns_and_without_an_imu_the_feet_do(walked, joints, imu):
     true_rad = np.unwrap(walked.site.robot.at(seconds_since(joints.t_ns, START_NS)).yaw_rad)
-    for track in (rates, feet):
+    for known, source in ((replace(imu, quat_xyzw=None), AttitudeSource.GYRO), (None, AttitudeSource.FEET)):
+        track = leg_track(joints, GEOMETRY, known)
+        assert track.attitude is source
+        assert drift(track, walked) < 0.03
         turned = track.rpy_rad[:, 2] - track.rpy_rad[0, 2] - (true_rad - true_rad[0])
         assert np.abs(turned).max() < np.radians(4.0)
 
 
 def test_contacts_are_those_of_the_simulation(joints, imu):
-    torques = replace(joints, foot_force_n=joints.foot_force_n * np.nan)
     carries = joints.foot_force_n > 25.0
-    for known in (joints, torques):
+    for known in (joints, replace(joints, foot_force_n=joints.foot_force_n * np.nan)):
         weight = leg_track(known, GEOMETRY, imu).contact
-        assert weight.shape == (len(joints), 4)
-        assert weight.min() >= 0.0
-        assert weight.max() <= 1.0
+        assert (weight.min() >= 0.0, weight.max() <= 1.0) == (True, True)
         assert np.mean((weight > 0.5) == carries) > 0.85
         assert weight[carries].mean() > 3 * weight[joints.foot_force_n == 0].mean()
 
 
 def test_a_leg_without_forces_has_its_torques_and_nan_torques_are_no_contact_of_their_own(walked, joints, imu):
     force_n, torque_nm = joints.foot_force_n.copy(), joints.torque_nm.copy()
-    force_n[:, 2] = np.nan
-    torque_nm[::3] = np.nan
+    force_n[:, 2], torque_nm[::3] = np.nan, np.nan
     track = leg_track(replace(joints, foot_force_n=force_n, torque_nm=torque_nm), GEOMETRY, imu)
-    assert track.contact_sources[2] is ContactSource.TORQUE
-    assert track.contact_sources[0] is ContactSource.FORCE
-    assert np.isfinite(track.position_m).all()
+    assert track.contact_sources[::2] == (ContactSource.FORCE, ContactSource.TORQUE)
     assert np.isfinite(track.contact).all()
     assert drift(track, walked) < 0.015
 
 
-def test_nan_angles_take_their_leg_out_and_all_of_them_hold_the_speed_for_a_while(walked, joints, imu):
+def test_a_leg_without_angles_is_out_and_without_any_foot_the_speed_is_held_for_a_while(walked, joints, imu):
     position_rad = joints.position_rad.copy()
     position_rad[1000:2000, :3] = np.nan
     one = leg_track(replace(joints, position_rad=position_rad), GEOMETRY, imu)
@@ -131,15 +122,10 @@ def test_nan_angles_take_their_leg_out_and_all_of_them_hold_the_speed_for_a_whil
     assert none.unheld_s == pytest.approx(1.0, abs=0.02)
     held_m = np.hypot(*(none.position_m[3499] - none.position_m[3000])[:2])
     assert held_m == pytest.approx(0.3 * 0.7, abs=0.06)
-
-
-def test_a_gap_is_bridged_by_the_last_speed_and_told(walked, joints, imu):
-    kept = np.ones(len(joints), bool)
-    kept[3000:3100] = False
-    cut = JointSeries(*(getattr(joints, name)[kept] for name in joints.__slots__))
-    track = leg_track(cut, GEOMETRY, imu)
-    assert track.gap_s == pytest.approx(0.202, abs=1e-6)
-    assert drift(track, walked) < 0.03
+    kept = np.delete(np.arange(len(joints)), slice(3000, 3100))
+    gap = leg_track(JointSeries(*(getattr(joints, name)[kept] for name in joints.__slots__)), GEOMETRY, imu)
+    assert gap.gap_s == pytest.approx(0.202, abs=1e-6)
+    assert drift(gap, walked) < 0.03
 
 
 def test_an_empty_series_is_an_empty_track():
@@ -179,18 +165,3 @@ def test_feet_are_where_the_controllers_kinematics_have_them(angles):
     feet_m = np.empty((4, 3))
     foot_positions(np.array(angles) * SIGNS, ROBOT.hips_m, ROBOT.lengths, feet_m)
     np.testing.assert_allclose(feet_in_body(np.array([angles]), GEOMETRY)[0], feet_m, atol=1e-12)
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2, 3), (1, 0, 3, 2), (2, 3, 0, 1)])
-def test_forces_of_swapped_feet_are_found_by_the_feet_that_a_trot_lifts(order):
-    """Diagonal feet are alike in a trot: repaired, each leg has a force that is in step with it."""
-    lift = np.maximum(np.sin(2 * np.pi * (np.arange(4000)[:, None] / 250 + [0.0, 0.5, 0.5, 0.0])), 0.0)
-    joints = np.stack([0 * lift, 0.7 + 0.3 * lift, -1.4 - 0.6 * lift], axis=-1).reshape(4000, 12).astype(np.float32)
-    force_n = np.where(lift > 0, 0.0, 70.0) + np.random.default_rng(0).normal(0, 3, (4000, 4))
-    found = better_foot_order(joints, force_n[:, order])
-    assert (found is None) == (order == (0, 1, 2, 3))
-    if found is not None:
-        assert better_foot_order(joints, force_n[:, order][:, found]) is None
-    assert better_foot_order(joints[:50], force_n[:50, order]) is None
-    assert better_foot_order(np.tile(joints[:1], (500, 1)), force_n[:500]) is None
-    assert better_foot_order(joints, np.full_like(force_n, np.nan)) is None
