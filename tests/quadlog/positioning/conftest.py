@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -111,17 +112,6 @@ def trolley(lias_site: SimpleNamespace) -> Trolley:
 
 
 @pytest.fixture(scope="session")
-def lab() -> SimpleNamespace:
-    """The helpers above, for test files that cannot import this one."""
-    return SimpleNamespace(
-        TRIANGLE_M=TRIANGLE_M,
-        SQUARE_M=SQUARE_M,
-        TAG_HEIGHT_M=TAG_HEIGHT_M,
-        true_ranges=true_ranges,
-        rmse=rmse,
-        share_in_ellipses=share_in_ellipses,
-        simulate=simulate,
-        locate_tag=locate_tag,
-        walk_straight=walk_straight,
-        walk_figure_eight=walk_figure_eight,
-    )
+def lab() -> ModuleType:
+    """This file."""
+    return sys.modules[__name__]
