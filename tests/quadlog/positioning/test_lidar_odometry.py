@@ -83,31 +83,18 @@ def test_velocities_of_the_body_are_those_of_the_walk(causal):
     assert motion.t_ns[0] * 1e-9 == pytest.approx(0.1 if causal else 0.05)
 
 
-def scans_of_room(size_m: float, beams: int, duration_s: float = 6.0):
-    """Planar scans about the robot, and what gives its true position (N, 2) at instants."""
-    room = Room(size_m)
-    angle_rad = -np.pi + 2 * np.pi / beams * np.arange(beams)
-    ray = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(beams)], axis=1)
-    scans = [
-        (ns(t_s), (room.ranges_m(t_s, beams, (0.0, 0.0, 0.0), 2 * np.pi)[:, None] * ray).astype(np.float32), None)
-        for t_s in instants_s(duration_s, 10)
-    ]
-    return scans, room.way_m
-
-
-@pytest.mark.parametrize(("size_m", "beams"), [(3.0, 90), (5.0, 60), (10.0, 360)])
-def test_planar_scans_of_rooms_hold_to_two_centimetres(size_m, beams):
-    scans, true_at = scans_of_room(size_m, beams)
-    track = odometry(scans)
-    assert len(track.measured().t_ns) == len(scans)
-    assert ate_m(track, true_at) < 0.02
+def scans_of_room(size_m: float):
+    """Planar scans about the robot for eight seconds."""
+    room, angle_rad = Room(size_m), -np.pi + 2 * np.pi / 180 * np.arange(180)
+    ray = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(180)], axis=1)
+    for t_s in instants_s(8.0, 10):
+        range_m = room.ranges_m(t_s, 180, (0.0, 0.0, 0.0), 2 * np.pi)
+        yield ns(t_s), (range_m[:, None] * ray).astype(np.float32), None
 
 
 def test_a_track_that_mostly_loses_its_scans_ends():
     """Scans of other places now and then would match by chance, and the track would wander off."""
-    scans, _ = scans_of_room(6.0, 180, 8.0)
-    elsewhere, _ = scans_of_room(14.0, 180, 8.0)
-    mixed = [(elsewhere if 20 <= k < 70 and k % 3 else scans)[k] for k in range(80)]
-    track = odometry(mixed)
+    pairs = zip(scans_of_room(6.0), scans_of_room(14.0), strict=True)
+    track = odometry([elsewhere if 20 <= k < 70 and k % 3 else scan for k, (scan, elsewhere) in enumerate(pairs)])
     assert (track.match[:20] != ScanMatch.LOST).all()
     assert (track.match[70:] == ScanMatch.LOST).all()

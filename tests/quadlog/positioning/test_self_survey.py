@@ -69,11 +69,10 @@ def test_places_and_bounds_over_seeds():
 @pytest.mark.parametrize(
     ("path", "late_s", "why"),
     [
-        (lambda s_m: np.column_stack([s_m / 4, np.full(len(s_m), 4.0)]), 0.0, r"straight line .* mirror image; walk a"),
         (lambda s_m: np.column_stack([np.linspace(0, 1e-3, len(s_m)), 0 * s_m]), 0.0, r"walks 0\.0 m only"),
         (loop, 2.0, r"ranges contradict the odometry.* time stamps"),
     ],
-    ids=["straight", "standing", "two seconds apart"],
+    ids=["standing", "two seconds apart"],
 )
 def test_walks_that_show_no_anchor_are_refused(path, late_s, why):
     with pytest.raises(AnchorsNotObserved, match=why):
