@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -187,10 +185,8 @@ def test_corrected_and_aligned_errors_are_evos_with_the_offset_found(offset_s, h
 
 
 @pytest.mark.parametrize("offset_s", [0.11, -0.02, 7.5])
-def test_the_motion_of_a_real_trolley_observes_it(offset_s):
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    trolley = read_tum(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast_mocap.tum")
+def test_the_motion_of_a_real_trolley_observes_it(lias_site, offset_s):
+    trolley = read_tum(lias_site.folder / "lias_fast_mocap.tum")
     seconds = (trolley.t_ns - EPOCH_NS) / S
     own_s = np.arange(seconds[0] + 10, seconds[-1] - 10, 0.05)
     xyz_m = np.column_stack([np.interp(own_s, seconds, axis_m) for axis_m in trolley.position_m.T])
