@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from quadlog.geometry import transform_from_rpy
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.lidar.paper_method import PaperSettings, fit_ground, statistical_outliers
+from quadlog.lidar.paper_method import PaperSettings, fit_ground, ransac_iterations, statistical_outliers
 from quadlog.open3d import import_open3d
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
@@ -35,6 +35,11 @@ def test_outliers_are_those_of_the_definition(room, neighbours: int, std_ratio: 
     assert found.any()
     assert (np.abs(mean_m - limit_m) > 1e-9 * limit_m).all()
     assert (found == (mean_m > limit_m)).all()
+
+
+def test_iterations_by_the_formula() -> None:
+    counts = {0.3: 169, 0.5: 35, 0.999999: 1, 1.0: 1, 1e-200: 100_000}
+    assert {share: ransac_iterations(0.99, share) for share in counts} == counts
 
 
 @given(st.integers(0, 2**32), st.floats(-40, 40), st.floats(-40, 40), st.floats(-2, 2), st.floats(0.35, 0.9))
