@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +8,6 @@ import pytest
 from quadlog.lidar.classified_scan import GroundPlane, PointClass
 from quadlog.lidar.scan_classifier import ScanClassifier
 from quadlog.messages import PointCloud
-from quadlog.recordings.recording import open_recording
 
 
 @pytest.fixture(scope="session")
@@ -39,20 +36,6 @@ def room_scan():
     return made
 
 
-@pytest.fixture(scope="session")
-def real_scans() -> list[np.ndarray]:
-    """Points (N, 3) of all scans of the two real 16-beam recordings."""
-    root = os.environ.get("QUADLOG_DATASETS")
-    if root is None:
-        pytest.skip("QUADLOG_DATASETS is not set: no real recordings to test with")
-    found = []
-    for path in sorted(Path(root, "lidar_16beam").glob("*.mcap")):
-        with open_recording(path) as recording:
-            messages = [each.message for each in recording.messages([each.topic for each in recording.channels])]
-        found += [message.xyz_m for message in messages if isinstance(message, PointCloud)]
-    return found
-
-
 class Labelled(NamedTuple):
     """A scan classified by itself: of every point (N,) of the message, NaN and INVALID where it is no return."""
 
@@ -61,6 +44,11 @@ class Labelled(NamedTuple):
     height_m: np.ndarray
     ground: GroundPlane | None
     route: str
+
+    @property
+    def counts(self) -> list[int]:
+        """Invalid, cropped, outliers, ground and obstacles."""
+        return np.bincount(self.label, minlength=len(PointClass)).tolist()
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.mapping.grid import Window, crop, window_around
+from quadlog.mapping.grid import Window, window_around
 
 metres = st.floats(-1e4, 1e4)
 
@@ -33,12 +33,3 @@ def test_points_that_are_not_finite_are_refused_and_those_beyond_every_integer_l
             window_around(np.array([bad, 0.0]), 0.1, 200)
     window = Window(0, 0, 0.1, (10, 10))
     assert not window.contains(window.cell_of(np.array([[1e300, 0.5], [0.5, -1e300]]))).any()
-
-
-@given(st.integers(-15, 15), st.integers(-15, 15), st.integers(1, 9), st.integers(1, 9))
-def test_crop_holds_the_cells_that_both_windows_have(col0, row0, rows, cols):
-    grid = np.random.default_rng(0).random((6, 8)) < 0.5
-    everywhere = np.zeros((60, 60), np.bool_)
-    everywhere[32:38, 27:35] = grid
-    cropped = crop(grid, Window(-3, 2, 0.1, (6, 8)), Window(col0, row0, 0.1, (rows, cols)))
-    assert (cropped == everywhere[30 + row0 : 30 + row0 + rows, 30 + col0 : 30 + col0 + cols]).all()

@@ -6,7 +6,7 @@ from scipy.stats import binned_statistic_2d
 
 from quadlog.lidar.classified_scan import PointClass
 from quadlog.mapping.grid import GrowingLattice, SlidingLattice, Window, window_around
-from quadlog.mapping.memory import FREE, OCCUPIED, AccumulatedMap, GroundHeight, LogOddsMemory
+from quadlog.mapping.memory import FREE, OCCUPIED, UNKNOWN, AccumulatedMap, GroundHeight, LogOddsMemory
 from quadlog.mapping.placing import NO_RAY, NO_TOP, PlacedScan
 
 WINDOW = Window(0, 0, 0.1, (10, 12))
@@ -55,22 +55,19 @@ def test_only_rays_at_its_height_or_below_contradict_an_obstacle(ray: np.ndarray
     assert kept[2:] == [stays] * 47
 
 
-@pytest.mark.parametrize(("lattice", "comes_back"), [(SlidingLattice, False), (GrowingLattice, True)])
-def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(lattice, comes_back: bool) -> None:
-    memory, nothing = log_odds(100.0, lattice), seen(ray=UNSEEN)
+@pytest.mark.parametrize(
+    ("lattice", "size", "comes_back", "skipped"),
+    [(SlidingLattice, {}, False, 0), (GrowingLattice, {}, True, 0), (GrowingLattice, {"most_cells": 200}, True, 1)],
+)
+def test_the_window_slides_and_what_it_leaves_is_dropped_or_kept(lattice, size, comes_back, skipped) -> None:
+    """A scan for which there is no room is a map of its own."""
+    memory, nothing = log_odds(100.0, lattice, **size), seen(ray=UNSEEN)
     near, beside, away = WINDOW, Window(3, -2, 0.1, (10, 12)), Window(50, 0, 0.1, (10, 12))
     memory.add(10**9, near, seen((5, 5), ray=UNSEEN))
     assert np.argwhere(memory.add(2 * 10**9, beside, nothing)).tolist() == [[7, 2]]
-    assert not memory.add(3 * 10**9, away, nothing).any()
-    assert bool(memory.add(4 * 10**9, near, nothing)[5, 5]) is comes_back
-
-
-def test_scans_beyond_the_size_limit_are_counted_and_used_alone() -> None:
-    memory = log_odds(lattice=GrowingLattice, most_cells=200)
-    memory.add(0, WINDOW, seen((5, 5)))
-    far = Window(5000, 0, 0.1, WINDOW.shape)
-    assert np.argwhere(memory.add(STEP_NS, far, seen((1, 1)))).tolist() == [[1, 1]]
-    assert memory.lattice.skipped == 1
+    assert np.argwhere(memory.add(3 * 10**9, away, seen((1, 1), ray=UNSEEN))).tolist() == [[1, 1]]
+    assert np.argwhere(memory.add(4 * 10**9, near, nothing)).tolist() == [[5, 5]] * comes_back
+    assert memory.lattice.skipped == skipped
 
 
 @pytest.mark.parametrize("passes", [1, 2, 10])
@@ -84,35 +81,24 @@ def test_a_crate_outlasts_the_person_who_stepped_over_it(passes: int) -> None:
     assert not all(kept[-5:]), "what is taken away is forgotten as before"
 
 
-def add(whole: AccumulatedMap, window: Window, hit: np.ndarray, crossed: np.ndarray) -> None:
-    top_mm = np.where(hit, np.int16(500), NO_TOP)
-    # What is seen through above the robot says nothing.
-    whole.add(window, PlacedScan(top_mm, np.where(crossed, np.int16(399), np.where(hit, NO_RAY, np.int16(400)))), 400)
-
-
-@pytest.mark.parametrize(("hits", "passes", "expected"), [(3, 7, OCCUPIED), (2, 7, FREE), (1, 0, OCCUPIED)])
-def test_a_cell_is_occupied_by_its_share_of_hits(hits: int, passes: int, expected: int) -> None:
-    window, nothing, there = Window(0, 0, 1.0, (1, 10)), np.zeros((1, 10), bool), np.arange(10)[None] == 4
-    whole = AccumulatedMap(1.0)
-    # What is hit is not seen through in the same scan.
-    for hit, crossed in [(there, there)] * hits + [(nothing, there)] * passes:
-        add(whole, window, hit, crossed)
-    assert whole.to_cells()[0][0, 4] == expected
-
-
-def test_sliding_windows_agree_with_one_fixed_array_and_poses_far_off_are_skipped() -> None:
-    random, whole, counts = np.random.default_rng(0), AccumulatedMap(0.5), np.zeros((400, 400), np.int64)
-    for position in np.cumsum(random.uniform(-3, 5, (40, 2)), axis=0) - 30:
-        window, occupied = window_around(position, 0.5, 20), random.random((20, 20)) < 0.1
-        add(whole, window, occupied, np.zeros_like(occupied))
-        counts[window.row0 + 200 : window.row0 + 220, window.col0 + 200 : window.col0 + 220] += occupied
-    for x_m in (1e8, -1e15):
-        add(whole, window_around(np.array([x_m, 0.0]), 0.5, 20), occupied, np.zeros_like(occupied))
+def test_cells_by_their_share_of_hits_agree_with_one_fixed_array_and_poses_far_off_are_skipped() -> None:
+    """What is hit is not seen through in the same scan, and what is seen through above the robot says nothing."""
+    random, whole, counts = np.random.default_rng(0), AccumulatedMap(0.5), np.zeros((2, 400, 400), np.int64)
+    hit, ray_mm = random.random((122, 20, 20)) < 0.2, random.choice([NO_RAY, 400, 399], (122, 20, 20)).astype(np.int16)
+    positions_m = [*np.cumsum(random.uniform(-1, 2, (120, 2)), axis=0) - 30, [1e8, 0.0], [-1e15, 0.0]]
+    for position_m, top_mm, lowest_mm in zip(positions_m, np.where(hit, np.int16(500), NO_TOP), ray_mm, strict=True):
+        window = window_around(np.array(position_m), 0.5, 20)
+        whole.add(window, PlacedScan(top_mm, lowest_mm), 400)
+        if abs(window.col0) < 200:
+            there = np.s_[window.row0 + 200 : window.row0 + 220, window.col0 + 200 : window.col0 + 220]
+            counts[0][there] += top_mm > NO_TOP
+            counts[1][there] += (lowest_mm < 400) & (top_mm == NO_TOP)
     cells, held = whole.to_cells()
     rows, cols = held.shape
-    inside = counts[held.row0 + 200 : held.row0 + 200 + rows, held.col0 + 200 : held.col0 + 200 + cols]
-    assert inside.sum() == counts.sum()
-    assert ((cells == OCCUPIED) == (inside > 0)).all()
+    hits, passes = counts[:, held.row0 + 200 : held.row0 + 200 + rows, held.col0 + 200 : held.col0 + 200 + cols]
+    assert hits.sum() + passes.sum() == counts.sum()
+    expected = np.select([hits + passes == 0, hits >= 0.3 * (hits + passes)], [UNKNOWN, OCCUPIED], FREE)
+    assert (cells == expected).all()
     assert whole.lattice.skipped == 2
 
 

@@ -22,25 +22,19 @@ view = np.ndarray((len(xyz_m), 3), np.float32, np.zeros((len(xyz_m), 22), np.uin
 view.flags.writeable = False
 clouds = [(xyz_m, ring, times), (view, ring), (xyz_m.astype(np.float64),), (np.ascontiguousarray(xyz_m[::7] + 0.3),)]
 clouds.append([np.concatenate([each, each[::5]]) for each in (xyz_m, ring, times)])
-window, memories, ground = window_around(np.zeros(2), 0.1, 200), [], GroundHeight(0.2)
-for lattice in (SlidingLattice, GrowingLattice):
-    memories.append(LogOddsMemory(lattice(0.1, LogOddsMemory.LAYERS), 0.4))
-for view_deg in (360.0, 180.0):
-    classifier = ScanClassifier(RangeImageSettings(field_of_view_deg=view_deg))
-    for k, cloud in enumerate(clouds):
-        found = classifier.classify(PointCloud(0, "", *cloud), scan.transform_lidar_to_base)
-        poses = np.zeros((len(found.slot_ns), 3))
-        placed = place_scan(found, poses, window, np.zeros(2), PlacingSettings(min_points=2))
-        ground.add(found, poses, 15.0)
-        for memory in memories:
-            memory.add(k, window, placed)
-seen = {}
-for name, module in list(sys.modules.items()):
-    if name.startswith(("quadlog.lidar", "quadlog.mapping")):
-        for each in vars(module).values():
-            if isinstance(each, CPUDispatcher) and len(each.overloads) > 1:
-                seen[each.py_func.__qualname__] = [str(signature) for signature in each.overloads]
-print(seen or "one each")
+window, ground = window_around(np.zeros(2), 0.1, 200), GroundHeight(0.2)
+lattices = [each(0.1, LogOddsMemory.LAYERS) for each in (SlidingLattice, GrowingLattice)]
+memories, classifier = [LogOddsMemory(each, 0.4) for each in lattices], ScanClassifier(RangeImageSettings())
+for k, cloud in enumerate(clouds):
+    found = classifier.classify(PointCloud(0, "", *cloud), scan.transform_lidar_to_base)
+    poses = np.zeros((len(found.slot_ns), 3))
+    placed = place_scan(found, poses, window, np.zeros(2), PlacingSettings(min_points=2))
+    ground.add(found, poses, 15.0)
+    for memory in memories:
+        memory.add(k, window, placed)
+modules = [vars(each) for name, each in sys.modules.items() if name.startswith(("quadlog.lidar", "quadlog.mapping"))]
+kernels = {each for module in modules for each in module.values() if isinstance(each, CPUDispatcher)}
+print({each.py_func.__qualname__: each.signatures for each in kernels if len(each.signatures) > 1} or "one each")
 """
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,18 +42,15 @@ def by_evo(reference: PoseSeries, estimate: PoseSeries, offset_s: float, align: 
     return {"n": pair[0].num_poses, "ate": ape.get_statistic(rmse), "rpe": rpe.get_statistic(rmse)}
 
 
-def tumbling(rng, t_ns) -> PoseSeries:
-    return PoseSeries(
-        t_ns, rng.normal(size=(len(t_ns), 3)).cumsum(axis=0), Rotation.random(len(t_ns), rng=rng).as_quat()
-    )
-
-
 @pytest.mark.parametrize(("start_ns", "offset_s"), [(0, 0.0), (17 * 10**17, 0.0), (10**10, -0.37), (10**10, 2.5)])
 @pytest.mark.parametrize("counts", [(300, 100), (100, 300), (200, 200)])
 def test_pairs_and_errors_are_equal_to_evos(counts, start_ns, offset_s):
     rng = np.random.default_rng(len(counts) + counts[0])
     one_ns, other_ns = (np.sort(rng.choice(3000, n, replace=False)) * 1_000_000 + start_ns for n in counts)
-    reference, estimate = tumbling(rng, one_ns), tumbling(rng, other_ns - round(offset_s * 1e9))
+    reference, estimate = (
+        PoseSeries(t_ns, rng.normal(size=(len(t_ns), 3)).cumsum(axis=0), Rotation.random(len(t_ns), rng=rng).as_quat())
+        for t_ns in (one_ns, other_ns - round(offset_s * 1e9))
+    )
     found = metrics_of(compare_trajectories(reference, estimate, 0.01, offset_s).samples)
     ours = {"n": found["ate_rmse_m"].n, "ate": found["ate_rmse_m"].value, "rpe": found["rpe_rmse_m"].value}
     assert ours == pytest.approx(by_evo(reference, estimate, offset_s), abs=1e-9)
@@ -187,10 +182,8 @@ def test_corrected_and_aligned_errors_are_evos_with_the_offset_found(offset_s, h
 
 
 @pytest.mark.parametrize("offset_s", [0.11, -0.02, 7.5])
-def test_the_motion_of_a_real_trolley_observes_it(offset_s):
-    if "QUADLOG_DATASETS" not in os.environ:
-        pytest.skip("QUADLOG_DATASETS is not set")
-    trolley = read_tum(Path(os.environ["QUADLOG_DATASETS"]) / "uwb_lias" / "lias_fast_mocap.tum")
+def test_the_motion_of_a_real_trolley_observes_it(lias_site, offset_s):
+    trolley = read_tum(lias_site.folder / "lias_fast_mocap.tum")
     seconds = (trolley.t_ns - EPOCH_NS) / S
     own_s = np.arange(seconds[0] + 10, seconds[-1] - 10, 0.05)
     xyz_m = np.column_stack([np.interp(own_s, seconds, axis_m) for axis_m in trolley.position_m.T])
