@@ -28,8 +28,6 @@ MOST_SCANS_UNSEEN = 100
 """What the map has not shown for so many scans is removed from it."""
 MAX_GAP_NS = 1_000_000_000
 """After a longer one the last speed says nothing."""
-GIVE_UP_NS, GIVE_UP_SCANS = 5_000_000_000, 10
-"""The track ends when more than half of the scans of so long, and of at least so many, match nothing."""
 FLAT_M = 0.001
 """RMS distance from a level plane below which a scan is that of a planar scanner: theirs are in it exactly."""
 LEVEL = 0.9
@@ -81,8 +79,6 @@ class LidarOdometry:
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
         self._last_match: tuple[int, Float] = (0, np.eye(4))
-        self._tried: list[tuple[int, bool]] = []  # instants of scans with points, and whether they were lost
-        self.gave_up_ns: int | None = None
 
     def __len__(self) -> int:
         """Number of poses so far."""
@@ -99,24 +95,22 @@ class LidarOdometry:
             middle_ns += (int(offset_ns.min()) + int(offset_ns.max())) // 2
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
-        if self.gave_up_ns is not None:
-            self._keep(middle_ns, self._poses[-1], ScanMatch.LOST, ())
+        clouds, pose, match = self._thinned(xyz_m, offset_ns, middle_ns - t_ns), np.eye(4), ScanMatch.MATCHED
+        if self._poses:
+            if middle_ns - self._last_match[0] > MAX_GAP_NS:
+                self._per_s[:] = 0.0
+            guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
+            pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
+        elif not clouds:
             return
-        clouds = self._thinned(xyz_m, offset_ns, middle_ns - t_ns)
-        if not self._poses:
-            if clouds:
-                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, clouds)
-            return
-        if middle_ns - self._last_match[0] > MAX_GAP_NS:
-            self._per_s[:] = 0.0
-        guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
-        pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
-        self._keep(middle_ns, pose, match, () if match is ScanMatch.LOST else clouds)
-        if clouds:  # a covered scanner is no wrong track
-            self._tried = [each for each in self._tried if each[0] > middle_ns - GIVE_UP_NS]
-            self._tried.append((middle_ns, match is ScanMatch.LOST))
-            if len(self._tried) >= GIVE_UP_SCANS and 2 * sum(lost for _, lost in self._tried) > len(self._tried):
-                self.gave_up_ns = middle_ns
+        if match is not ScanMatch.LOST:
+            self._per_s = self._speed(middle_ns, pose) if self._poses else self._per_s
+            self._last_match = middle_ns, pose
+            for cloud in clouds:
+                self._map.insert(cloud, pose)
+        self._t_ns.append(middle_ns)
+        self._poses.append(pose)
+        self._match.append(match)
 
     def track(self) -> LidarTrack:
         """All of it so far."""
@@ -163,17 +157,6 @@ class LidarOdometry:
         """(6,) shift and rotation vector per second since the last match."""
         since_ns, matched = self._last_match
         return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
-
-    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, clouds: tuple[object, ...]) -> None:
-        if match is not ScanMatch.LOST:
-            if self._poses:
-                self._per_s = self._speed(t_ns, pose)
-            self._last_match = t_ns, pose
-        for cloud in clouds:
-            self._map.insert(cloud, pose)
-        self._t_ns.append(t_ns)
-        self._poses.append(pose)
-        self._match.append(match)
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:

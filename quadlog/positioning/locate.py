@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses, seconds_since
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.batch.causal import Known, follow
+from quadlog.positioning.batch.causal import Known, follow, track_of
 from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.links import AnchorBias, RangeRows
 from quadlog.positioning.batch.motion import Track
@@ -21,7 +21,6 @@ from quadlog.positioning.batch.tracking import (
     Tracked,
     TrackSettings,
     track_body,
-    track_of,
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.frame import KNOWN_STD_M, gauge, known_rows
-from quadlog.positioning.batch.factors import Border, TagRanges
+from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.solve import solve
 from quadlog.positioning.batch.tracking import Body, Starts, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, thin_rows
@@ -182,16 +182,14 @@ def _find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: fl
 
 def _misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> float:
     """Mean log(1 + (r / 2 std)^2) of what fixes of single epochs leave, each link's usual residual taken away."""
-    return float(np.concatenate([_costs(log, anchors_m, range_std_m) for log in logs]).mean())
-
-
-def _costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
-    range_m, fixes = log.epochs.range_m, log.fixes(anchors_m, range_std_m)
-    known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
-    bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
-    off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
-    cost = np.log1p((off_std / COST_STD) ** 2)
-    return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])
+    costs = []
+    for log in logs:
+        fixes = log.fixes(anchors_m, range_std_m)
+        known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
+        bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
+        off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
+        costs.append(np.log1p((off_std / COST_STD) ** 2)[np.isfinite(log.epochs.range_m + off_std)])
+    return float(np.concatenate(costs).mean())
 
 
 def _placed(
@@ -217,7 +215,7 @@ def _placed(
     level = np.tile(np.square([FREE_STD_M, FREE_STD_M, 1e-3]), n)
     freed = replace(
         problem,
-        model=replace(problem.model, border=Border(problem.model.border.n_links, m + 3 * n, m + 3 * np.arange(n))),
+        model=replace(problem.model, free=m),
         mean=np.append(problem.mean, np.zeros(3 * n)),
         priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
     )

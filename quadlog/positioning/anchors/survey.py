@@ -17,7 +17,7 @@ from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.check import SurveyFaults, find_faults
 from quadlog.positioning.anchors.frame import known_rows, misplaced, place_in_frame, reach_95, relative_covariance
 from quadlog.positioning.anchors.walk import Walk
-from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps
+from quadlog.positioning.batch.factors import Axes, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
 from quadlog.positioning.batch.robust import sight_probabilities
 from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
@@ -252,8 +252,7 @@ def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
     first = len(mean) - 4
     variances = drift_m**2 * walk.drifting_m, drift_rad**2 * walk.drifting_m
     others = (Steps(timeline, walk.way, axes, (first, first + 2, first + 1), variances),)
-    border = Border(n, len(mean), n + 3 * np.arange(n_anchors), first + 3)
-    model, slots = RangeModel(axes, border, np.zeros((n_anchors, 3))), ranges.slots(timeline.t_s)
+    model, slots = RangeModel(axes, np.zeros((n_anchors, 3)), n, first + 3), ranges.slots(timeline.t_s)
     return Problem(timeline, model, slots, std_m, mean, prior[None], others, in_sight=True)
 
 

@@ -225,7 +225,7 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
     predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, values)
     speed_mps = np.einsum("nd,nd->n", by_pose, rate)
-    late_s, delay = slots.late_s, problem.model.border.delay
+    late_s, delay = slots.late_s, problem.model.delay
     if delay is not None:
         late_s = late_s + values[delay]
         column, slope = np.vstack([column, np.full(len(speed_mps), delay)]), np.vstack([slope, speed_mps])
