@@ -95,7 +95,8 @@ class LidarOdometry:
             middle_ns += (int(offset_ns.min()) + int(offset_ns.max())) // 2
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
-        clouds, pose, match = self._thinned(xyz_m, offset_ns, middle_ns - t_ns), np.eye(4), ScanMatch.MATCHED
+        pose: Float = np.eye(4)
+        clouds, match = self._thinned(xyz_m, offset_ns, middle_ns - t_ns), ScanMatch.MATCHED
         if self._poses:
             if middle_ns - self._last_match[0] > MAX_GAP_NS:
                 self._per_s[:] = 0.0
@@ -119,10 +120,7 @@ class LidarOdometry:
         return LidarTrack(np.array(self._t_ns, dtype=np.int64), poses[:, :3, 3], poses[:, :3, :3], match)
 
     def _thinned(self, xyz_m: Float32, offset_ns: Int | None, middle_ns: int) -> tuple[object, ...]:
-        """small_gicp's clouds with normals and covariances: the one to match, then others for the map.
-
-        Empty for a scan with too few points.
-        """
+        """small_gicp's clouds: the one to match, then others for the map; none for a scan with too few points."""
         range2_m2 = np.einsum("ij,ij->i", xyz_m, xyz_m)
         near_m2, far_m2 = self._range2_m2
         used = (range2_m2 > near_m2) & (range2_m2 < far_m2)  # NaN fails both comparisons
@@ -151,7 +149,9 @@ class LidarOdometry:
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
         if not np.isfinite(pose).all() or too_fast or found.num_inliers < FEWEST_MATCHED * count:
             return guess, ScanMatch.LOST
-        return pose, ScanMatch.DEGENERATE if _faces_one_way(points) else ScanMatch.MATCHED
+        normals = np.asarray(points.normals())[:, :2]  # type: ignore[attr-defined]
+        least, greatest = np.linalg.eigvalsh(normals.T @ normals)
+        return pose, ScanMatch.DEGENERATE if least < DEGENERATE_RATIO * greatest else ScanMatch.MATCHED
 
     def _speed(self, t_ns: int, pose: Float) -> Float:
         """(6,) shift and rotation vector per second since the last match."""
@@ -199,9 +199,3 @@ def _motion(vector: Float) -> Float:
     motion[:3, :3] = Rotation.from_rotvec(vector[3:]).as_matrix()
     motion[:3, 3] = vector[:3]
     return motion
-
-
-def _faces_one_way(points: object) -> bool:
-    normals = np.asarray(points.normals())[:, :2]  # type: ignore[attr-defined]
-    least, greatest = np.linalg.eigvalsh(normals.T @ normals)
-    return bool(least < DEGENERATE_RATIO * greatest)

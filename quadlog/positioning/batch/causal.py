@@ -47,20 +47,16 @@ class Known:
     spread: float = 1.0
 
     def poses(self, t_s: Float, *, before: bool = False) -> tuple[Float, Float, Float]:
-        """Coordinates and rates (N, D) at instants (N,), and covariances (N, 2D, 2D), from what was known then.
-
-        before: without a step at the instant itself.
-        """
+        """Coordinates and rates (N, D), covariances (N, 2D, 2D), as known at (N,), before: without a step just then."""
         at = self._steps(t_s, before=before)
         size, n, ahead_s = len(self.body.axes), len(at), t_s - self.t_s[at]
         pose, rate = self.state[at, :size], self.state[at, size:]
         density = np.diag([each.density for each in self.body.axes.motions])
         powers = np.array([[ahead_s**3 / 3, ahead_s**2 / 2], [ahead_s**2 / 2, ahead_s]])
-        move, covariance = np.tile(np.eye(2), (n, 1, 1)), self.covariance[at].reshape(n, 2, size, 2, size)
-        move[:, 0, 1] = ahead_s
-        covariance = np.einsum("nab,nbij->naij", move, covariance.reshape(n, 2, size, -1)).reshape(covariance.shape)
-        covariance = np.einsum("naibj,ncb->naicj", covariance, move) + np.einsum("abn,ij->naibj", powers, density)
-        return pose + ahead_s[:, None] * rate, rate, covariance.reshape(n, 2 * size, 2 * size)
+        move, noise = np.tile(np.eye(2 * size), (n, 1, 1)), np.einsum("abn,ij->naibj", powers, density)
+        move[:, np.arange(size), np.arange(size) + size] = ahead_s[:, None]
+        covariance = move @ self.covariance[at] @ move.transpose(0, 2, 1) + noise.reshape(move.shape)
+        return pose + ahead_s[:, None] * rate, rate, covariance
 
     def _steps(self, t_s: Float, *, before: bool = False) -> Int:
         """(N,) the last step until each of the instants."""
@@ -68,9 +64,7 @@ class Known:
         return last
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
-        """For each of the body's ranges (R,): residual by the pose that was known with it, weight, and its squared
-        innovation, by what was known before it, over the variance that this should have.
-        """
+        """(R,) residuals by the pose known with a range, weights, squared innovations over their due variance."""
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
         std_m, found = problem.range_std_m, []
         for before in (False, True):
@@ -110,8 +104,7 @@ class _Step(NamedTuple):
 def follow(body: Body, starts: Starts) -> Known:
     """The track of a body as it was known at each instant, of R > 0 ranges from its first start on.
 
-    starts, and where the body was carried away, count from their own instants on; of a single tag that is looked for.
-    Step by step, at the first range of each STEP_S, which is known then.
+    Step by step, at the first range of each STEP_S; starts and cuts count from their own instants on.
     """
     t_s = body.ranges.t_s
     segment = np.append(0, np.cumsum(np.diff(t_s) > LONGEST_GAP_S))
@@ -137,10 +130,7 @@ def _step(
     last: Estimate | None,
     found: list[tuple[float, float]],
 ) -> Estimate:
-    """The window until now, solved again where the body turns out to have been carried away, which is noted in found.
-
-    before: of what came before the window, what it said of the globals is kept. last: the estimate of the last step.
-    """
+    """The window until now with what came before; solved again where the body was carried away, as noted in found."""
     rows = slice(*np.searchsorted(body.ranges.t_s, [before.t_s if before else -np.inf, now_s], side="right"))
     until = int(np.searchsorted(starts.t_s, now_s, side="right"))
     starts = Starts(starts.t_s[:until], starts.pose[:until])
@@ -168,7 +158,7 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
     at_starts = body.knots_from(starts, timeline)
     if last is None:
         return at_starts
-    pose, rate = last.at(timeline.t_s)
+    pose, rate = last.problem.timeline.sample(timeline.t_s).of(last.knots)
     ahead_s = (timeline.t_s - last.problem.timeline.t_s[-1]).clip(0.0)
     knots = np.stack([pose + ahead_s[:, None] * rate, rate], axis=1)
     old_s = last.problem.timeline.t_s

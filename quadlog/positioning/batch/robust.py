@@ -52,10 +52,9 @@ def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
 
 
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:
-    """(N,) probability that a range was in line of sight: Gaussian then, and late by an exponential delay otherwise.
+    """(N,) probability that a range was in line of sight, Gaussian, or late by an exponential delay; sum of -log.
 
-    And the sum of -log of the densities. The share of late ranges of each link and SHARE_S is found by
-    expectation-maximisation.
+    The share of late ranges of each link and SHARE_S is found by expectation-maximisation.
     """
     slot = ((t_s - t_s.min()) / SHARE_S).astype(np.int64)
     _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)

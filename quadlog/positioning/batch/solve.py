@@ -205,10 +205,6 @@ class Estimate:
     for_knots: Factorised
     last_step: Float
 
-    def at(self, t_s: Float) -> tuple[Float, Float]:
-        """Coordinates and rates (N, D)."""
-        return self.problem.timeline.sample(t_s).of(self.knots)
-
     def past(self) -> tuple[Float, Float, Float]:
         """What its ranges, and those before, say of the globals; see Problem."""
         arrow, factorised = self.for_globals, self.for_globals.factorised

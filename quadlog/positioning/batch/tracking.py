@@ -140,10 +140,7 @@ class Tracked:
         return *sampling.of(self.last.knots), sampling.between(self.covariance)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
-        """For each of the body's ranges (R,): residual, weight, and its square over the variance that it should have.
-
-        The last as a track that fits R ranges with D numbers leaves it, and for a mean weight of one.
-        """
+        """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""
         problem, weights = self.last.problem, self.last.weights
         slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
         pose, _, covariance = self.poses(slots.t_s)

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
-from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 
 ANCHORS_M = np.array(
@@ -50,7 +50,7 @@ def survey(
     n, a = range_m.shape
     seen = np.repeat(t_s + late_s, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.ravel()
     ranges = TagRanges(*seen, np.zeros((1, 2)), np.array([TAG_HEIGHT_M]), a)
-    heights = HeightPrior(np.full(a, 1.6), np.full(a, 0.8))
+    heights = np.array([np.full(a, 1.6), np.full(a, 0.8)])
     known_m = np.full((a, 2), np.nan)
     known_m[list(known)] = ANCHORS_M[list(known), :2]
     turned = (ANCHORS_M[:, :2] - xy_m[0]) @ [1, 1j] * np.exp(-1j * yaw[0])
