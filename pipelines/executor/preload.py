@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas  # noqa: F401  pyarrow loads it for the first table
 
 import quadlog.pipelines.batch.batch
 import quadlog.pipelines.stages.control

@@ -13,7 +13,7 @@ from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics
 from quadlog.pipelines.evaluation.body import known_robot, write_bodies
-from quadlog.pipelines.evaluation.reference import ReferenceErrors, RobotTag, compare_with_own_reference
+from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
 from quadlog.pipelines.replay import StageResults
 from quadlog.pipelines.request import ReplayRequest
@@ -134,7 +134,7 @@ def _trajectory_metrics(run: Path, done: Finished) -> Metrics:
     """
     if done.tracks is None or done.tracks.robot.source == "fixed":
         return {}
-    if (compared := _compared(run, done.results["position"])) is None:
+    if (compared := compare_with_own_reference(run)) is None:
         return {}
     metrics, journal = metrics_of(compared.samples), done.journal
     frame, reference = done.tracks.robot.frame_id, done.tracks.reference_frame
@@ -149,17 +149,6 @@ def _trajectory_metrics(run: Path, done: Finished) -> Metrics:
     for text in compared.warnings if not elsewhere else filter(None, [compared.mirrored]):
         journal.warn(text)
     return {name: each for name, each in metrics.items() if not elsewhere or name not in FRAME_METRICS}
-
-
-_last_compared: dict[str, ReferenceErrors | None] = {}
-
-
-def _compared(run: Path, positions: str) -> ReferenceErrors | None:
-    """The poses against the reference; of the runs of a sweep, which share positions, it is computed for the first."""
-    if positions not in _last_compared:
-        _last_compared.clear()
-        _last_compared[positions] = compare_with_own_reference(run)
-    return _last_compared[positions]
 
 
 def _record(done: Finished) -> RunRecord:

@@ -201,9 +201,8 @@ def label_ground(
     `walk_columns`.
     """
     ground, wall = walk_columns(image, good, descending, np.float32(floor_m))
-    rows, columns = image.row[::_PLANE_POINTS], image.column[::_PLANE_POINTS]
-    used = ground[rows, columns] & (rows >= 0) & (returns.label[::_PLANE_POINTS] == PointClass.OBSTACLE)
-    used = np.flatnonzero(used) * _PLANE_POINTS
+    used = np.flatnonzero((image.row >= 0) & (image.point_range_m > 0))[::_PLANE_POINTS]
+    used = used[ground[image.row[used], image.column[used]] & (returns.label[used] == PointClass.OBSTACLE)]
     places = np.column_stack([returns.dx_m[used], returns.dy_m[used], returns.z_m[used]]).astype(np.float64)
     plane = level_plane(places + np.array([*transform_lidar_to_level[:2, 3], 0.0]), 0.0)
     sectors = -(-image.range_m.shape[1] // SECTOR_COLUMNS)

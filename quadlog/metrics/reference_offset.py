@@ -220,15 +220,16 @@ class ReferenceComparison:
     def samples(self) -> dict[str, Samples]:
         """Of each metric of a trajectory against a reference, those that apply.
 
-        Aligned in the plane, or in space where both have heights.
+        Aligned in the plane, or in space where both have heights; not where one of them stands.
         """
         found, truth, estimate = pair_samples(self.truth, self.estimate), self.corrected_truth, self.corrected_estimate
         if self.offset.offset_s is not None:
             found["ate_time_corrected_rmse_m"] = pair_samples(truth, estimate)["ate_rmse_m"]
             found["reference_time_offset_s"] = Samples(self.offset.t_ns, self.offset.samples_s, "mean")
         have_heights = all(np.ptp(each.position_m[:, 2]) > 0 for each in (truth, estimate))
-        aligned = align_rigidly(estimate, truth, 3 if have_heights else 2)
-        found["ate_aligned_rmse_m"] = pair_samples(truth, aligned)["ate_rmse_m"]
+        if all(np.ptp(each.position_m, axis=0).any() for each in (truth, estimate)):
+            aligned = align_rigidly(estimate, truth, 3 if have_heights else 2)
+            found["ate_aligned_rmse_m"] = pair_samples(truth, aligned)["ate_rmse_m"]
         return {name: each for name, each in found.items() if len(each.values)}
 
     @cached_property
@@ -250,7 +251,9 @@ class ReferenceComparison:
         errors = [f"ATE {rms_m['ate_rmse_m']:.3f} m"]
         if "ate_time_corrected_rmse_m" in rms_m:
             errors.append(f"{rms_m['ate_time_corrected_rmse_m']:.3f} m with it added to the poses' times")
-        return f"{self.offset.words()}; {', '.join(errors)}, {rms_m['ate_aligned_rmse_m']:.3f} m aligned"
+        if "ate_aligned_rmse_m" in rms_m:
+            errors.append(f"{rms_m['ate_aligned_rmse_m']:.3f} m aligned")
+        return f"{self.offset.words()}; {', '.join(errors)}"
 
 
 def compare_trajectories(

@@ -296,13 +296,13 @@ def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weig
     yaw_rad = track.rpy_rad[:, 2]
     if track.attitude is AttitudeSource.FEET:
         yaw_rad = np.append(0.0, np.cumsum(np.where(stands, turn_rad, 0.0)))
-    firm = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5
+    firm, heard_s = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5, np.cumsum(step_s * (step_s <= MAX_GAP_S))
     return replace(
         track,
         position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
         contact=np.concatenate([weight, weight[-1:]]),
-        unheld_s=float(unheld_s.max(where=step_s <= MAX_GAP_S, initial=0.0)),
+        unheld_s=float((heard_s - np.where(last >= 0, heard_s[last], 0.0)).max()),
         slipping_share=float(((still < 0.5) & firm).sum() / max(int(firm.sum()), 1)),
     )

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 from weakref import finalize
 
 import numpy as np
@@ -24,7 +24,7 @@ from quadlog.errors import CannotWrite, RunExists, UnknownName
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
-from quadlog.results.arrays import ARRAYS, MapSequence, read_arrays, write_arrays
+from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
 from quadlog.results.find_runs import OWN_FILES, fetch, fetch_runs, is_absent
 from quadlog.results.record import RunRecord, SavedMetric, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
@@ -35,7 +35,6 @@ from quadlog.storage.remote_path import RemotePath, to_path
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-T = TypeVar("T")
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
 LARGEST_SHOWN = 1e12
 """No quantity of a run comes near; larger numbers are shown as missing, with a note."""
@@ -139,7 +138,7 @@ class Run:
 
         if name in TABLES and not self.has(f"{name}.parquet"):
             return None
-        frame = DataFrame(_once(self.path / f"{name}.parquet", lambda _: read_table(self.path, name, largest=math.inf)))
+        frame = DataFrame(read_table(self.path, name, largest=math.inf))
         for column in frame.select_dtypes("float").columns:
             values = frame[column].to_numpy()
             wrong = (np.abs(values) > LARGEST_SHOWN) & (np.isfinite(values) | (column not in UNBOUNDED))
@@ -157,14 +156,13 @@ class Run:
     def trajectory(self, name: str) -> PoseSeries | None:
         """The poses of NAME.tum. Raises UnreadableFile."""
         if name not in self._trajectories:
-            path = self.path / f"{name}.tum"
-            self._trajectories[name] = _once(path, read_tum) if self.has(path.name) else None
+            self._trajectories[name] = read_tum(self.path / f"{name}.tum") if self.has(f"{name}.tum") else None
         return self._trajectories[name]
 
     @cached_property
     def maps(self) -> MapSequence | None:
         """The map sequence. Raises NotARun, TooLarge."""
-        maps = _once(self.path / "maps.npz", MapSequence) if self.has("maps.npz") else None
+        maps = load_maps(self.path) if self.has("maps.npz") else None
         return maps if maps is not None and len(maps) else None
 
     @cached_property
@@ -187,23 +185,6 @@ class Run:
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) in seconds since the start of the run."""
         return seconds_since(t_ns, self.start_ns)
-
-
-_MANY_LINKS = 3
-"""A result's file in `.stages` and in more than one run."""
-_read_last: dict[str, tuple[tuple[int, ...], Any]] = {}
-
-
-def _once(path: Path, read: Callable[[Path], T]) -> T:
-    """What is read of a file; if runs share it, as those of a sweep do, it is read for the first of them alone."""
-    status = path.stat()
-    if status.st_nlink < _MANY_LINKS:
-        return read(path)
-    key = status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
-    if path.name not in _read_last or _read_last[path.name][0] != key:
-        _read_last[path.name] = key, read(path)
-    found: T = _read_last[path.name][1]
-    return found
 
 
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:

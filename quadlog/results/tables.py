@@ -123,7 +123,7 @@ class TableWriter(ExitStack[bool | None]):
         super().__init__()
         self.path, self.schema = path, schema
         self._rows: list[Mapping[str, Any]] = []
-        self._pending = pa.table([pa.nulls(0, field.type) for field in schema], schema=schema)
+        self._pending = schema.empty_table()
 
     def __enter__(self) -> Self:
         texts = [field.name for field in self.schema if field.type == pa.string()]
@@ -266,17 +266,8 @@ def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Arr
         raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
     if field.type == pa.string():
         # File names may hold bytes that are no text; the table must not fail for it.
-        texts = [text.encode("utf-8", "replace") for text in values.tolist()]
-        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
-        return pa.StringArray.from_buffers(rows, pa.py_buffer(ends), pa.py_buffer(b"".join(texts)))
-    # Not pa.array, which loads pandas: half a second for a worker that needs nothing of it.
-    content: NDArray[Any] = np.ascontiguousarray(values, _NUMPY[field.type])
-    valid = None
-    if field.type == pa.bool_():
-        content = np.packbits(content, bitorder="little")
-    elif field.type == pa.float64() and not (there := ~np.isnan(content)).all():
-        valid = pa.py_buffer(np.packbits(there, bitorder="little"))
-    return pa.Array.from_buffers(field.type, rows, [valid, pa.py_buffer(content)])
+        return pa.array([text.encode("utf-8", "replace") for text in values.tolist()], pa.string())
+    return pa.array(np.ascontiguousarray(values, _NUMPY[field.type]), field.type, from_pandas=True)
 
 
 # The earliest instant of these, so that all figures share one time axis.

@@ -85,9 +85,9 @@ def list_page(
     drawn = _over_each_other(compared, pack) if one_clock else []
     note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
     failed = [f"{row.name}: {row.reason}" for row in rows if row.exit_code == ExitCode.FAILED]
-    said: list[tuple[str, State]] = [(row.reason[:120], "") if row.run is None else status(row.run) for row in rows]
-    every = runs_table("every-metric", rows, said, chosen_metrics(rows, len(CATALOGUE)))
-    listed = runs_table("runs", rows, said, chosen_metrics(rows))
+    states: list[tuple[str, State]] = [(row.reason[:120], "") if row.run is None else status(row.run) for row in rows]
+    every = runs_table("every-metric", rows, states, chosen_metrics(rows, len(CATALOGUE)))
+    listed = runs_table("runs", rows, states, chosen_metrics(rows))
     sections = [
         blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)]), listed]),
         *([settings] if settings else []),
@@ -143,10 +143,10 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
 
-def runs_table(name: str, rows: Sequence[Listed], said: Sequence[tuple[str, State]], metrics: Sequence[str]) -> Table:
-    """The runs, worst first, with these metrics, coloured by bounds and alarms. said: of each run its status."""
+def runs_table(name: str, rows: Sequence[Listed], states: Sequence[tuple[str, State]], metrics: Sequence[str]) -> Table:
+    """The runs, worst first, with these metrics, coloured by bounds and alarms. states: status of each run."""
     found = []
-    for row, (below, shown) in zip(rows, said, strict=True):
+    for row, (below, shown) in zip(rows, states, strict=True):
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
         cells = [_value_cell(metric, row.metrics.get(metric), bounds.get(metric)) for metric in metrics]
