@@ -87,8 +87,7 @@ class Known:
 
     def biases_at(self, t_s: Float) -> Float:
         """(N, L) of all links as they were known at instants (N,), zero before the first step."""
-        known: Float = self.values[self._steps(t_s), : self.body.ranges.n_links]
-        return np.where(t_s[:, None] >= self.t_s[0], known, 0.0)
+        return np.where(t_s[:, None] >= self.t_s[0], self.values[self._steps(t_s), : self.body.ranges.n_links], 0.0)
 
 
 class _Step(NamedTuple):
