@@ -116,8 +116,8 @@ def _judged(log: Log, by: str) -> Scores | None:
     t_ns, xy_m, covariance_m2 = track.t_ns, track.position_m, track.covariance_m2
     if by == "fixes":
         tag = located.tags[0]
-        solved = tag.fixes.solved
-        t_ns, xy_m, covariance_m2 = tag.fix_t_ns[solved], tag.fixes.position_m[solved], tag.fixes.covariance_m2[solved]
+        fixes, solved = tag.fixes, tag.fixes.solved
+        t_ns, xy_m, covariance_m2 = tag.epochs.t_ns[solved], fixes.position_m[solved], fixes.covariance_m2[solved]
     return score(log, t_ns * 1e-9, xy_m, covariance_m2, cpu_s)
 
 

@@ -13,7 +13,7 @@ import tomli_w
 from quadlog.config.schema import Config
 from quadlog.errors import InvalidConfigValue, KnownAnchorsContradict, MissingInput, TooLarge
 from quadlog.geometry import seconds_since
-from quadlog.messages import Int, RangeSeries
+from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages.journal import Journal
@@ -24,7 +24,7 @@ from quadlog.pipelines.stages.positions.uwb import tags_of, with_carried_anchors
 from quadlog.pipelines.stages.positions.uwb_tags import body_tags_of, lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
-from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors
 from quadlog.recordings.containers.container import Loss
@@ -124,12 +124,12 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
     tags = robot_tags(config, journal, ranges)
     start_ns = int(track.t_ns[0])
     measured, anchor_ids = usable_ranges(config, journal, ranges, tags, start_ns)
-    heights = height_prior(config, anchor_ids, float(np.mean(measured.height_m)), given_heights)
+    heights_m = height_prior(config, anchor_ids, float(np.mean(measured.height_m)), given_heights)
     # A topic that is named may be odometry all the same.
     types = {channel.type_name for channel in data.log.recording.channels if channel.topic == track.source}
     prior = PRIORS.get("odometry" if ODOMETRY_TYPE in types else track.source, LEAST_PRIOR)
     way = Way(seconds_since(track.t_ns, start_ns), track.xy_m, track.yaw_rad)
-    walk, n_far = make_walk(way, measured, heights, prior)
+    walk, n_far = make_walk(way, measured, heights_m, prior)
     n_near = len(measured.t_s) - n_far
     if n_far:
         journal.warn(f"{n_far} of {len(measured.t_s)} ranges are left out: no pose of {track.source} is near them")
@@ -146,7 +146,7 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
         positions_m = np.column_stack([known_m, np.zeros(len(ids))])
         for text in fault_warnings(survey.faults, Anchors(anchor_ids, positions_m, np.zeros(len(ids)))):
             journal.warn(text)
-    z_given = frozenset(anchor_ids[heights.std_m == HEIGHT_STD_M].tolist())
+    z_given = frozenset(anchor_ids[heights_m[1] == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, config, z_given, tuple(journal.losses))
     _tell(journal, outcome, config.uwb.range_std_m, survey.way_m / max(float(way.t_s[-1]), 1e-3))
     return outcome
@@ -245,10 +245,8 @@ def usable_ranges(
     return TagRanges(*seen, levers_m, heights_m, len(anchor_ids)), anchor_ids
 
 
-def height_prior(
-    config: Config, anchor_ids: Int, tag_height_m: float, given: Mapping[int | None, float]
-) -> HeightPrior:
-    """Expected heights: as given, else as configured, else above the tag. Raises InvalidConfigValue for unknown ids."""
+def height_prior(config: Config, anchor_ids: Int, tag_height_m: float, given: Mapping[int | None, float]) -> Float:
+    """(2, A) heights and their std: as given, else as configured, else above the tag. Raises InvalidConfigValue."""
     ids = anchor_ids.tolist()
     unknown = [each for each in given if each is not None and each not in ids]
     if unknown:
@@ -259,7 +257,7 @@ def height_prior(
     usual_m, everywhere = tag_height_m + ABOVE_TAG_M, given.get(None)
     mean_m = np.array([heights.get(each, usual_m if everywhere is None else everywhere) for each in ids])
     std_m = np.array([HEIGHT_STD_M if each in heights or everywhere is not None else ABOVE_TAG_STD_M for each in ids])
-    return HeightPrior(mean_m, std_m)
+    return np.array([mean_m, std_m])
 
 
 def survey_json(outcome: SurveyOutcome) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def _tag_row(result: TagResult, role: str | None) -> dict[str, Any]:
         "tag": result.tag,
         "role": role,
         "height_m": result.height_m,
-        "epochs": len(result.fix_t_ns),
+        "epochs": len(result.epochs.t_ns),
         "fixes": int(solved.sum()),
         "too_few_ranges": result.n_too_few,
         "degenerate": result.n_degenerate,

@@ -147,10 +147,7 @@ class LidarTracker:
         """Why scans have no pose; empty where all do."""
         track = self._odometry.track()
         lost, few = self._scans - int((track.match != ScanMatch.LOST).sum()), f"fewer than {FEWEST_RETURNS_MATCHED}"
-        text = f"{lost} of {self._scans} scans have {few} returns or match nothing seen before" if lost else ""
-        if lost and (gave_up_ns := self._odometry.gave_up_ns) is not None:
-            text += f"; the track ends {(gave_up_ns - track.t_ns[0]) * 1e-9:.1f} s after its start, where most do"
-        return text
+        return f"{lost} of {self._scans} scans have {few} returns or match nothing seen before" if lost else ""
 
     def warnings(self) -> list[str]:
         """How many scans do not determine the whole pose, and why."""

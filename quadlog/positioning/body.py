@@ -9,9 +9,10 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses, seconds_since, wrap_angle
 from quadlog.messages import Float, Int
+from quadlog.positioning.batch.causal import STAMP_STD_S, track_of
 from quadlog.positioning.batch.factors import TagRanges, turned
 from quadlog.positioning.batch.motion import Track
-from quadlog.positioning.batch.tracking import KNOT_S, STAMP_STD_S, Body, Starts, track_of
+from quadlog.positioning.batch.tracking import KNOT_S, Body, Starts
 from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, no_track, steadied, with_track
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion
@@ -29,33 +30,20 @@ STEADY_M, MOST_UNSTEADY_M = 0.1, 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class MisplacedTag:
-    """A tag whose own track has it at found_m (2,) in base, and the table at given_m (2,)."""
-
-    tag: int
-    given_m: Float
-    found_m: Float
-
-    @property
-    def distance_m(self) -> float:
-        """How far these are apart."""
-        return float(np.hypot(*(self.found_m - self.given_m)))
-
-
-@dataclass(frozen=True, slots=True)
 class LocatedBody:
     """One track of a body from all of its tags.
 
     tags: of each tag, its fixes by itself, and the body's track at its place. middle_m: (2,) in base, the mean of the
     lever arms. track: of that point, at the mean of the tags' heights. yaw: of base; None where the lever arms do not
-    show it. misplaced: tags that contradict their lever arms. velocity: of the middle, by odometry.
+    show it. misplaced: tags that contradict their lever arms: these, where they are (2,), and how far apart.
+    velocity: of the middle, by odometry.
     """
 
     tags: tuple[TagResult, ...]
     middle_m: Float
     track: Track
     yaw: TagsYaw | None
-    misplaced: tuple[MisplacedTag, ...]
+    misplaced: dict[int, tuple[Float, Float, float]]
     velocity: MeasuredMotion | None
 
 
@@ -97,7 +85,7 @@ def locate_body(
         for name in ("t_ns", "anchor", "range_m")
     )
     if len(t_ns) == 0:
-        return LocatedBody(tuple(tags), middle_m, no_track(), None, (), None)
+        return LocatedBody(tuple(tags), middle_m, no_track(), None, {}, None)
     order = np.argsort(t_ns, kind="stable")
     t_ns, number, row, column = t_ns[order], number[order], row[order], anchors.columns_of(anchor[order])
     first_ns, range_m = int(t_ns[0]), range_m[order] - anchors.known_bias_m[column]
@@ -113,7 +101,7 @@ def locate_body(
         found[k] = with_track(found[k], tracked, of_ranges, k, number == k, row[number == k])
     at_ns, first = np.unique(t_ns, return_index=True)
     track = track_of(tracked, ranges.t_s[first], at_ns, None)
-    yaw, misplaced = None, tuple[MisplacedTag, ...]()
+    yaw, misplaced = None, dict[int, tuple[Float, Float, float]]()
     if (axis := body.axes.yaw) is not None:
         pose, rate, covariance = tracked.poses(ranges.t_s[first])
         misplaced = _misplaced(tags, levers_m, middle_m, pose[:, axis], track)
@@ -149,19 +137,17 @@ def _starts(tags: Sequence[TagResult], arms_m: Float, t_ns: Int) -> Starts:
 
 def _misplaced(
     tags: Sequence[TagResult], levers_m: Float, middle_m: Float, yaw_rad: Float, track: Track
-) -> tuple[MisplacedTag, ...]:
-    """Tags whose own tracks, seen from the body, lie elsewhere than their lever arms; none unless they do as a whole.
-
-    The body's yaw follows lever arms that are wrong as far as it can, so one wrong arm moves all tags.
-    """
-    found, variance_m2 = [], 0.0
+) -> dict[int, tuple[Float, Float, float]]:
+    """Tags whose own tracks lie elsewhere than their lever arms, if they do as a whole: one wrong arm moves all."""
+    found, variance_m2 = dict[int, tuple[Float, Float, float]](), 0.0
     for tag, lever_m in zip(tags, levers_m, strict=True):
         _, at, own = np.intersect1d(track.t_ns, tag.track.t_ns, assume_unique=True, return_indices=True)
         if len(at):
             off_m = turned(-yaw_rad[at], tag.track.position_m[own] - track.position_m[at])
-            found.append(MisplacedTag(tag.tag, lever_m, np.median(off_m, axis=0) + middle_m))
+            found_m = np.median(off_m, axis=0) + middle_m
+            found[tag.tag] = lever_m, found_m, float(np.hypot(*(found_m - lever_m)))
             variance_m2 += np.trace(tag.track.covariance_m2, axis1=1, axis2=2).mean()
-    squares_m2 = [each.distance_m**2 for each in found]
+    squares_m2 = [apart_m**2 for _, _, apart_m in found.values()]
     if sum(squares_m2) <= MISPLACED_STD**2 * variance_m2:
-        return ()
-    return tuple(each for each in found if each.distance_m**2 > np.mean(squares_m2) / 2)
+        return {}
+    return {tag: each for tag, each in found.items() if each[2] ** 2 > np.mean(squares_m2) / 2}

@@ -11,10 +11,7 @@ CHI2_95 = 5.991464547107979
 
 
 def ellipse_95(covariance_m2: Float) -> tuple[Float, Float]:
-    """Semi-axes (N,) of 95 % ellipses, the longer first.
-
-    covariance_m2: (N, 2, 2); rows that are NaN give NaN.
-    """
+    """Semi-axes (N,) of the 95 % ellipses of (N, 2, 2), the longer first; NaN rows give NaN."""
     xx, xy, yy = covariance_m2[:, 0, 0], covariance_m2[:, 0, 1], covariance_m2[:, 1, 1]
     middle, off = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     major_m: Float = np.sqrt(CHI2_95 * (middle + off))
@@ -23,10 +20,7 @@ def ellipse_95(covariance_m2: Float) -> tuple[Float, Float]:
 
 
 def radius_95(covariance_m2: Float, error_m: Float) -> Float:
-    """(N,) how far the 95 % ellipses of (N, 2, 2) reach in the direction of errors (N, 2): inside means error below it.
-
-    A zero error is given x's direction; NaN rows give NaN.
-    """
+    """(N,) how far the 95 % ellipses of (N, 2, 2) reach towards errors (N, 2), zero ones along x; NaN rows give NaN."""
     length_m = np.hypot(error_m[:, 0], error_m[:, 1])
     known = length_m > 0
     x, y = (np.where(known, error_m[:, axis] / np.where(known, length_m, 1.0), 1.0 - axis) for axis in range(2))

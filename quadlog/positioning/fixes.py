@@ -106,11 +106,10 @@ def _linear(
         d_i^2 - s^2 - |a_i|^2 = |p|^2 - 2 a_i . p,  with noise of variance v_i = 4 s^2 d_i^2 + 2 s^4
 
     s is the std of a range, and s^2 what noise adds to a squared range on average. Differences of rows remove |p|^2.
-    "weighted" [Following, right form] has the full covariance of the differences against a reference station as
-    weights: the same as rows less their mean, weighted by 1/v_i, whatever the reference (Sherman-Morrison). "paper"
-    subtracts the last station heard; its weight matrix is lost in the text and is read as diag(1/d_i). Others: rows
-    alike, less their mean. The covariance is that of the method's own weights. The spread is the mean square distance
-    in m^2 of the anchors heard from the line, in space the plane, that fits best, as 1/trace(S^-1) of their scatter S.
+    "weighted" [Following, right form] has the full covariance of the differences as weights: the same as rows less
+    their mean, weighted by 1/v_i, whatever the reference (Sherman-Morrison). "paper" subtracts the last station heard;
+    its weights, lost in the text, are read as diag(1/d_i). The spread is the mean square distance in m^2 of the anchors
+    heard from the line, in space the plane, that fits best, as 1/trace(S^-1) of their scatter S.
     """
     heard, axes = np.isfinite(range_m), 2 if height_m is not None else 3
     # About the centroid, so that maps with large coordinates lose no digits.
@@ -119,7 +118,8 @@ def _linear(
         origin_m[2] = height_m
     around_m, above_m = (anchors_m - origin_m)[:, :axes], (anchors_m - origin_m)[:, axes:]
     n = heard.sum(axis=1, keepdims=True)
-    scatter, determinant = _adjugate(_information(around_m - (heard / np.maximum(n, 1) @ around_m)[:, None], heard))
+    centred_m = np.where(heard[:, :, None], around_m - (heard / np.maximum(n, 1) @ around_m)[:, None], 0.0)
+    scatter, determinant = _adjugate(centred_m.transpose(0, 2, 1) @ centred_m)
     minors = n[:, 0] * np.trace(scatter, axis1=1, axis2=2)
     spread_m2 = np.where((minors > 0) & (n[:, 0] > axes), determinant / np.where(minors > 0, minors, 1.0), 0.0)
 
@@ -149,12 +149,6 @@ def _linear(
     return position_m + origin_m, inverse @ scatter @ inverse / 4, spread_m2
 
 
-def _information(vectors: Float, heard: np.ndarray) -> Float:
-    """(E, D, D) sums of u u^T over the vectors (E, A, D) of the anchors heard (E, A)."""
-    used = np.where(heard[:, :, None], vectors, 0.0)
-    return used.transpose(0, 2, 1) @ used
-
-
 def _adjugate(matrix: Float) -> tuple[Float, Float]:
     """(E, D, D) adjugates of symmetric matrices of two or three rows, and their determinants (E,)."""
     if matrix.shape[1] == 2:
@@ -180,10 +174,8 @@ def _descend(
 ) -> tuple[Float, Float, Float]:
     """Downhill from start_m (E, 3): positions (E, 3), (sum w u u^T)^-1 (E, D, D) and costs (E,).
 
-    Gauss-Newton for x, y, with three axes z. A residual beyond the first of limits_m, or below minus the second, counts
-    as Huber has it: its cost grows linearly and its weight falls as 1/residual. A step that would raise the cost is
-    halved; where not even a tiny one goes down, that is the minimum. NaN where the start is NaN or there is no sharp
-    minimum; the cost is infinite there.
+    Gauss-Newton for x, y, with three axes z; residuals beyond limits_m count as Huber has it. A step that would raise
+    the cost is halved. NaN, at infinite cost, where the start is NaN or there is no sharp minimum.
     """
     n = len(range_m)
     place_m, inverse, cost_m2 = start_m.copy(), np.full((n, axes, axes), np.nan), np.full(n, np.inf)
@@ -193,7 +185,16 @@ def _descend(
             break
         trial_m = place_m[going]
         trial_m[:, :axes] += step_m[going]
-        normal, pull, trial_m2 = _normal_equations(anchors_m, range_m[going], trial_m, axes, limits_m)
+        offset_m = trial_m[:, None] - anchors_m
+        distance_m = np.maximum(np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m)), 1e-9)
+        heard = np.isfinite(range_m[going])
+        residual_m = np.where(heard, range_m[going] - distance_m, 0.0)
+        size_m = np.abs(residual_m)
+        over_m = np.maximum(size_m - np.where(residual_m > 0, *limits_m), 0.0)
+        trial_m2 = np.einsum("ea,ea->e", residual_m - over_m, residual_m + over_m)
+        unit = offset_m[:, :, :axes] / distance_m[:, :, None]
+        weighted = ((heard * (1 - over_m / np.maximum(size_m, 1e-9)))[:, :, None] * unit).transpose(0, 2, 1)
+        normal, pull = weighted @ unit, (weighted @ residual_m[:, :, None])[:, :, 0]
         lower = trial_m2 <= cost_m2[going]
         rows = going[lower]
         step_m[going[~lower]] /= 2
@@ -205,27 +206,8 @@ def _descend(
     return place_m, inverse, cost_m2
 
 
-def _normal_equations(
-    anchors_m: Float, range_m: Float, place_m: Float, axes: int, limits_m: tuple[float, float]
-) -> tuple[Float, Float, Float]:
-    """Sum w u u^T (E, D, D), sum w u r (E, D) and the cost (E,) of places (E, 3), sum r^2 where nothing is beyond."""
-    offset_m = place_m[:, None] - anchors_m
-    distance_m = np.maximum(np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m)), 1e-9)
-    heard = np.isfinite(range_m)
-    residual_m = np.where(heard, range_m - distance_m, 0.0)
-    size_m = np.abs(residual_m)
-    over_m = np.maximum(size_m - np.where(residual_m > 0, *limits_m), 0.0)
-    cost_m2 = np.einsum("ea,ea->e", residual_m - over_m, residual_m + over_m)
-    unit = offset_m[:, :, :axes] / distance_m[:, :, None]
-    weight = heard * (1 - over_m / np.maximum(size_m, 1e-9))
-    weighted = (weight[:, :, None] * unit).transpose(0, 2, 1)
-    return weighted @ unit, (weighted @ residual_m[:, :, None])[:, :, 0], cost_m2
-
-
 def _images(anchors_m: Float, range_m: Float, position_m: Float, axes: int) -> Float:
-    """(E, 3) mirror images of positions in what fits the anchors heard best: a vertical plane through their line with
-    two axes, their plane with three. NaN with as few anchors as axes.
-    """
+    """(E, 3) images in the anchors' best vertical plane (two axes), or plane; NaN with as few anchors as axes."""
     image_m = np.full_like(position_m, np.nan)
     patterns, pattern = np.unique(np.isfinite(range_m), axis=0, return_inverse=True)
     for i in np.flatnonzero(patterns.sum(axis=1) > axes):
@@ -237,10 +219,7 @@ def _images(anchors_m: Float, range_m: Float, position_m: Float, axes: int) -> F
 
 
 def _lower(first: tuple[Float, Float, Float], second: tuple[Float, Float, Float], std_m: float) -> tuple[Float, Float]:
-    """Positions (E, 3) and (sum w u u^T)^-1 (E, D, D) of the lower of two minima, NaN where both are possible.
-
-    Minima nearer to each other than the fix's own std count as one.
-    """
+    """The lower of two minima, NaN where both are possible; those nearer than the fix's own std count as one."""
     better = second[2] < first[2]
     position_m, inverse = (
         np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(first[:2], second[:2], strict=True)
@@ -253,16 +232,12 @@ def _lower(first: tuple[Float, Float, Float], second: tuple[Float, Float, Float]
 
 
 def _completed(anchors_m: Float, range_m: Float, position_m: Float, covariance_m2: Float, outlier_m: float) -> Fixes:
-    """Fixes from the solutions of a method, with what is judged alike for all of them.
-
-    position_m: (E, 3), covariance_m2: (E, D, D), NaN where there is no solution; D is 2 where the height was given and
-    3 where it was solved for. A solution where the directions to the anchors are all but parallel is none: degenerate.
-    """
+    """Fixes from solutions (E, 3), (E, D, D), NaN where there is none; all but parallel directions are degenerate."""
     heard, axes = np.isfinite(range_m), covariance_m2.shape[1]
     n_ranges, offset_m = heard.sum(axis=1), position_m[:, None, :] - anchors_m
     distance_m = np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m))
-    unit = (offset_m / np.maximum(distance_m, 1e-9)[:, :, None])[:, :, :axes]
-    inverse = _inverted(_information(unit, heard))
+    unit = np.where(heard[:, :, None], offset_m / np.maximum(distance_m, 1e-9)[:, :, None], 0.0)[:, :, :axes]
+    inverse = _inverted(unit.transpose(0, 2, 1) @ unit)
     known = np.isfinite(position_m.sum(axis=1) + np.einsum("eii->e", covariance_m2))
     hdop = np.where(known, np.sqrt(inverse[:, 0, 0] + inverse[:, 1, 1]), np.nan)
     solved = np.isfinite(hdop)

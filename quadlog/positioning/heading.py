@@ -87,11 +87,7 @@ REFITS = np.unique((1.05 ** np.arange(400)).astype(np.int64))
 
 @dataclass(frozen=True, slots=True)
 class YawSensor:
-    """Yaw (M,) at increasing t_ns (M,) in a frame of the sensor's own.
-
-    drift: as IMU_DRIFT. either_way: whether the sensor may be mounted upside down, so that its turns count the other
-    way round.
-    """
+    """Yaw (M,) at increasing t_ns (M,) in a frame of its own; drift as IMU_DRIFT; either_way: it may be upside down."""
 
     t_ns: Int
     yaw_rad: Float
@@ -102,16 +98,18 @@ class YawSensor:
 def gyro_sensor(t_ns: Int, rate_radps: Float) -> YawSensor:
     """The yaw since the first instant, by trapezoids, of a rate (M,) about an IMU's z axis, which may point down."""
     t_s = seconds_since(t_ns, int(t_ns[0]) if len(t_ns) else 0)
-    steps = np.diff(t_s) * (rate_radps[1:] + rate_radps[:-1]) / 2
-    return YawSensor(t_ns, np.concatenate([np.zeros(min(len(t_ns), 1)), np.cumsum(steps)]), GYRO_DRIFT, True)
+    return YawSensor(t_ns, summed(t_s, rate_radps), GYRO_DRIFT, True)
+
+
+def summed(t_s: Float, rate: Float) -> Float:
+    """(M, ...) the integral of rates (M, ...) since the first instant, by trapezoids."""
+    steps = ((rate[1:] + rate[:-1]).T * np.diff(t_s) / 2).T
+    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(steps, axis=0)])
 
 
 @dataclass(frozen=True, slots=True)
 class TagsYaw:
-    """Yaw (T,) of base at a track's instants from the lever arms of several tags, and its std (T,).
-
-    constant_std_rad: the part of the std that is the same error all along.
-    """
+    """Yaw (T,) of base by the lever arms of several tags, and its std (T,), of which one part is constant all along."""
 
     yaw_rad: Float
     std_rad: Float
@@ -177,10 +175,7 @@ def align_yaw(
 def _differences(
     track: Track, sensor: YawSensor, tag_ahead_m: float, by_tags: TagsYaw | None, lag_s: Float
 ) -> tuple[Float, Int]:
-    """(3, N) groups as fit_offset takes them, and when (N,) each is over.
-
-    Course, or yaw of the tags, minus the sensor's yaw lag_s (T,) before.
-    """
+    """(3, N) groups of course, or the tags' yaw, minus the sensor's yaw lag_s (T,) before; and when (N,) they end."""
     begin_ns, end_ns, seen_ns = sensor.t_ns[0], sensor.t_ns[-1], track.t_ns - np.rint(lag_s * 1e9).astype(np.int64)
     yaw_rad, std, speed = course_of(track) if by_tags is None else (by_tags.yaw_rad, by_tags.std_rad, None)
     use = (std <= 1 / COUNTS_BY_STD) & (seen_ns >= begin_ns) & (track.t_ns <= end_ns)
@@ -248,11 +243,7 @@ class YawOffset:
         return offset
 
     def std_at(self, t_s: Float) -> Float:
-        """(T,) its standard deviation.
-
-        A line fitted to a random walk of density q over T s leaves q^2 T/15 in
-        the mean; beyond the span the walk goes on alone.
-        """
+        """(T,) its std; a line leaves q^2 T/15 of a random walk over T s, which goes on alone beyond the span."""
         away_s, c = t_s - self.middle_s, self.covariance
         walked_s = (self.last_s - self.first_s) / 15 + np.maximum(self.first_s - t_s, t_s - self.last_s).clip(0)
         variance = c[0, 0] + 2 * c[0, 1] * away_s + c[1, 1] * away_s**2 + self.walk_std**2 * walked_s
@@ -298,9 +289,7 @@ def _scale(residual: Float) -> float:
 
 
 def _start(away_s: Float, difference: Float, weight: Float, rate_std_radps: float) -> Float:
-    """Offset and drift near the best: of those that most groups agree with, or most of the doubled angles, which
-    backward steps do not turn.
-    """
+    """Offset and drift that most groups agree with, or most of the doubled angles, which backward steps do not turn."""
     some = slice(None, None, 1 + len(away_s) // START_GROUPS)
     away_s, difference, weight = away_s[some], difference[some], weight[some]
     likely = LIKELY_STD * rate_std_radps
@@ -316,9 +305,8 @@ def _start(away_s: Float, difference: Float, weight: Float, rate_std_radps: floa
 def _covariance(residual: Float, groups: Float, design: Float, prior: Float) -> tuple[Float, float]:
     """(2, 2) of the fit, and how much a squared score exceeds what independent groups would give.
 
-    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale. Errors persist for unknown times (strides,
-    late paths, biases that depend on the place), so scores are summed over blocks of 1, 2, 4 ... s and the largest
-    scatter counts. What the track claims of its course, or what misfits it more, stands beside few looks.
+    The fit solves sum w psi(r) x = prior, psi = r / (1 + u^2), u = r/scale. Errors persist for unknown times, so scores
+    are summed over blocks of 1, 2, 4 ... s and the largest scatter counts.
     """
     t_s, _, weight = groups
     u2 = (residual / _scale(residual)) ** 2

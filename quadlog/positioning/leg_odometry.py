@@ -14,6 +14,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.special import expit
 
 from quadlog.geometry import roll_pitch_from_quat, seconds_since, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
@@ -68,9 +69,8 @@ class LegTrack:
 
     velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) weights in 0..1 of the feet. attitude:
     what turned the body; contact_sources (4,) a ContactSource of each foot, the one used most of the time.
-    unheld_s: the longest time without a foot on the ground, not counting steps longer than MAX_GAP_S; gap_s: the
-    longest between two joints' instants. slipping_share: of the time in which feet carry, how much they move against
-    the ground.
+    unheld_s: the longest time without a foot on the ground, not counting steps longer than MAX_GAP_S. slipping_share:
+    of the time in which feet carry, how much they move against the ground.
     """
 
     t_ns: Int
@@ -81,7 +81,6 @@ class LegTrack:
     attitude: AttitudeSource
     contact_sources: tuple[ContactSource, ...]
     unheld_s: float
-    gap_s: float
     slipping_share: float
 
     def __len__(self) -> int:
@@ -104,7 +103,7 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
     carries, sources = _carrying(joints, geometry, rpy_rad)
     n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
     step_s, still = np.diff(t_s), np.zeros((n, 3))
-    track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0, 0.0)
+    track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0)
     if n < 2:
         return track
     beyond = ROUNDS * max(round(SMOOTHED_S / float(np.median(step_s))), 1)
@@ -177,21 +176,20 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
     """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
     carries, load_n = np.empty((2, len(joints), 4))
-    source = np.full((len(joints), 4), int(ContactSource.HEIGHT), dtype=np.int8)
+    sources = [ContactSource.HEIGHT] * 4
     for first in range(0, len(joints), MOST_ROWS):
         rows = slice(first, first + MOST_ROWS)
         height_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])[..., 2]
         load_n[rows] = _loads(joints.position_rad[rows], joints.torque_nm[rows], geometry, rpy_rad[rows])
         lifted_m = height_m - np.fmin.reduce(height_m, axis=1, keepdims=True)
-        carries[rows] = _logistic((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
+        carries[rows] = expit((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
     for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
         share = share_of_usual(load)
         known: NDArray[np.bool_] = np.isfinite(share)
-        carries[known] = _logistic((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
-        source[known] = kind
+        carries[known] = expit((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
+        sources = [kind if 2 * n > len(known) else each for each, n in zip(sources, known.sum(axis=0), strict=True)]
     carries[~np.isfinite(joints.position_rad).reshape(-1, 4, 3).all(axis=2) | ~np.isfinite(carries)] = 0.0
-    most = [int(np.bincount(column).argmax()) if len(column) else ContactSource.HEIGHT for column in source.T]
-    return carries, tuple(ContactSource(each) for each in most)
+    return carries, tuple(sources)
 
 
 def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
@@ -223,17 +221,10 @@ def share_of_usual(load: Float) -> Float:
     return share
 
 
-def _logistic(value: Float) -> Float:
-    return 0.5 * (1.0 + np.tanh(0.5 * value))
-
-
 def _steps(
     position_rad: Float, geometry: LegGeometry, rpy_rad: Float, carries: Float, step_s: Float, attitude: AttitudeSource
 ) -> tuple[Float, Float, Float, Float]:
-    """The body's motion between instants (M + 1,), by feet that are weighed again by how still they stand under it.
-
-    In the heading of the first instant: way (M, 3), turn (M,); weight and stillness of the feet (M, 4).
-    """
+    """Way (M, 3) in the heading of the first of two instants, turn (M,); weight and stillness of the feet (M, 4)."""
     feet_m = _levelled(feet_in_body(position_rad, geometry), rpy_rad)
     rolled_m = _rolled(position_rad, geometry.foot_radius_m, rpy_rad)
     known = np.isfinite(feet_m[1:] + feet_m[:-1]).all(axis=2) & (step_s <= MAX_GAP_S)[:, None]
@@ -241,7 +232,6 @@ def _steps(
     rolled_m = np.where(known[..., None], rolled_m, 0.0)
     firm = np.where(known, np.minimum(carries[1:], carries[:-1]), 0.0)
     weight, turn_rad = firm, np.diff(rpy_rad[:, 2])
-    still = np.ones_like(firm)
     for turn in range(ROUNDS):
         if attitude is AttitudeSource.FEET:
             turn_rad = _turn_of_feet(before + rolled_m, after, weight)
@@ -314,6 +304,5 @@ def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weig
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
         contact=np.concatenate([weight, weight[-1:]]),
         unheld_s=float((heard_s - np.where(last >= 0, heard_s[last], 0.0)).max()),
-        gap_s=float(step_s.max()),
         slipping_share=float(((still < 0.5) & firm).sum() / max(int(firm.sum()), 1)),
     )

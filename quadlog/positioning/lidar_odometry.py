@@ -28,8 +28,6 @@ MOST_SCANS_UNSEEN = 100
 """What the map has not shown for so many scans is removed from it."""
 MAX_GAP_NS = 1_000_000_000
 """After a longer one the last speed says nothing."""
-GIVE_UP_NS, GIVE_UP_SCANS = 5_000_000_000, 10
-"""The track ends when more than half of the scans of so long, and of at least so many, match nothing."""
 FLAT_M = 0.001
 """RMS distance from a level plane below which a scan is that of a planar scanner: theirs are in it exactly."""
 LEVEL = 0.9
@@ -81,8 +79,6 @@ class LidarOdometry:
         self._match: list[ScanMatch] = []
         self._per_s: Float = np.zeros(6)
         self._last_match: tuple[int, Float] = (0, np.eye(4))
-        self._tried: list[tuple[int, bool]] = []  # instants of scans with points, and whether they were lost
-        self.gave_up_ns: int | None = None
 
     def __len__(self) -> int:
         """Number of poses so far."""
@@ -99,24 +95,23 @@ class LidarOdometry:
             middle_ns += (int(offset_ns.min()) + int(offset_ns.max())) // 2
         if self._t_ns and middle_ns <= self._t_ns[-1]:
             return
-        if self.gave_up_ns is not None:
-            self._keep(middle_ns, self._poses[-1], ScanMatch.LOST, ())
+        pose: Float = np.eye(4)
+        clouds, match = self._thinned(xyz_m, offset_ns, middle_ns - t_ns), ScanMatch.MATCHED
+        if self._poses:
+            if middle_ns - self._last_match[0] > MAX_GAP_NS:
+                self._per_s[:] = 0.0
+            guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
+            pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
+        elif not clouds:
             return
-        clouds = self._thinned(xyz_m, offset_ns, middle_ns - t_ns)
-        if not self._poses:
-            if clouds:
-                self._keep(middle_ns, np.eye(4), ScanMatch.MATCHED, clouds)
-            return
-        if middle_ns - self._last_match[0] > MAX_GAP_NS:
-            self._per_s[:] = 0.0
-        guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
-        pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
-        self._keep(middle_ns, pose, match, () if match is ScanMatch.LOST else clouds)
-        if clouds:  # a covered scanner is no wrong track
-            self._tried = [each for each in self._tried if each[0] > middle_ns - GIVE_UP_NS]
-            self._tried.append((middle_ns, match is ScanMatch.LOST))
-            if len(self._tried) >= GIVE_UP_SCANS and 2 * sum(lost for _, lost in self._tried) > len(self._tried):
-                self.gave_up_ns = middle_ns
+        if match is not ScanMatch.LOST:
+            self._per_s = self._speed(middle_ns, pose) if self._poses else self._per_s
+            self._last_match = middle_ns, pose
+            for cloud in clouds:
+                self._map.insert(cloud, pose)
+        self._t_ns.append(middle_ns)
+        self._poses.append(pose)
+        self._match.append(match)
 
     def track(self) -> LidarTrack:
         """All of it so far."""
@@ -125,10 +120,7 @@ class LidarOdometry:
         return LidarTrack(np.array(self._t_ns, dtype=np.int64), poses[:, :3, 3], poses[:, :3, :3], match)
 
     def _thinned(self, xyz_m: Float32, offset_ns: Int | None, middle_ns: int) -> tuple[object, ...]:
-        """small_gicp's clouds with normals and covariances: the one to match, then others for the map.
-
-        Empty for a scan with too few points.
-        """
+        """small_gicp's clouds: the one to match, then others for the map; none for a scan with too few points."""
         range2_m2 = np.einsum("ij,ij->i", xyz_m, xyz_m)
         near_m2, far_m2 = self._range2_m2
         used = (range2_m2 > near_m2) & (range2_m2 < far_m2)  # NaN fails both comparisons
@@ -157,23 +149,14 @@ class LidarOdometry:
         too_fast = np.hypot(*per_s[:2]) > MAX_SPEED_MPS or per_s[3:].max() > MAX_TURN_RADPS
         if not np.isfinite(pose).all() or too_fast or found.num_inliers < FEWEST_MATCHED * count:
             return guess, ScanMatch.LOST
-        return pose, ScanMatch.DEGENERATE if _faces_one_way(points) else ScanMatch.MATCHED
+        normals = np.asarray(points.normals())[:, :2]  # type: ignore[attr-defined]
+        least, greatest = np.linalg.eigvalsh(normals.T @ normals)
+        return pose, ScanMatch.DEGENERATE if least < DEGENERATE_RATIO * greatest else ScanMatch.MATCHED
 
     def _speed(self, t_ns: int, pose: Float) -> Float:
         """(6,) shift and rotation vector per second since the last match."""
         since_ns, matched = self._last_match
         return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
-
-    def _keep(self, t_ns: int, pose: Float, match: ScanMatch, clouds: tuple[object, ...]) -> None:
-        if match is not ScanMatch.LOST:
-            if self._poses:
-                self._per_s = self._speed(t_ns, pose)
-            self._last_match = t_ns, pose
-        for cloud in clouds:
-            self._map.insert(cloud, pose)
-        self._t_ns.append(t_ns)
-        self._poses.append(pose)
-        self._match.append(match)
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -216,9 +199,3 @@ def _motion(vector: Float) -> Float:
     motion[:3, :3] = Rotation.from_rotvec(vector[3:]).as_matrix()
     motion[:3, 3] = vector[:3]
     return motion
-
-
-def _faces_one_way(points: object) -> bool:
-    normals = np.asarray(points.normals())[:, :2]  # type: ignore[attr-defined]
-    least, greatest = np.linalg.eigvalsh(normals.T @ normals)
-    return bool(least < DEGENERATE_RATIO * greatest)

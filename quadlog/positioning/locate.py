@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses, seconds_since
 from quadlog.messages import Float, Int, RangeSeries
-from quadlog.positioning.batch.causal import Known, follow
+from quadlog.positioning.batch.causal import Known, follow, track_of
 from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.links import AnchorBias, RangeRows
 from quadlog.positioning.batch.motion import Track
@@ -21,7 +21,6 @@ from quadlog.positioning.batch.tracking import (
     Tracked,
     TrackSettings,
     track_body,
-    track_of,
 )
 from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
@@ -87,7 +86,7 @@ class LocateSettings:
 
 @dataclass(frozen=True, slots=True)
 class TagResult:
-    """All that is known of one tag. Fixes are calibrated, not smoothed, one row per epoch at fix_t_ns (E,).
+    """All that is known of one tag. Fixes are calibrated, not smoothed, one row per epoch at epochs.t_ns (E,).
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     epochs: the ranges the fixes are made from, as measured. bias: what is subtracted beside the known biases, None
@@ -114,11 +113,6 @@ class TagResult:
     velocity: MeasuredMotion | None = None
 
     @property
-    def fix_t_ns(self) -> Int:
-        """(E,) when the fixes were."""
-        return self.epochs.t_ns
-
-    @property
     def n_too_few(self) -> int:
         """Epochs with too few ranges for a fix."""
         return int((self.fixes.n_ranges < (4 if self.height_solved else 3)).sum())
@@ -127,11 +121,6 @@ class TagResult:
     def n_degenerate(self) -> int:
         """Epochs with enough ranges, but without a unique fix."""
         return int(self.fixes.degenerate.sum())
-
-    @property
-    def n_untracked(self) -> int:
-        """Ranges off the track."""
-        return int(np.isnan(self.ranges.predicted_m).sum())
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import HOLD_S, Way, turned
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import Odometry
-from quadlog.positioning.heading import ODOMETRY_DRIFT, UNKNOWN_YAW_STD_RAD, YawSensor, align_yaw
+from quadlog.positioning.heading import ODOMETRY_DRIFT, UNKNOWN_YAW_STD_RAD, YawSensor, align_yaw, summed
 
 STANDING_MPS = 0.05
 """Below it odometry has no course of its own."""
@@ -50,12 +50,9 @@ def motion_between(
     first = np.flatnonzero(usable)
     if len(first) < 2:
         return None
-    step_ns = np.diff(t_ns)[first]
-    step_s = step_ns * 1e-9
+    step_ns, step_s = np.diff(t_ns)[first], np.diff(t_ns)[first] * 1e-9
     middle_rad = (yaw_rad[first] + yaw_rad[first + 1]) / 2
-    x_mps, y_mps = (np.diff(position_m, axis=0)[first] / step_s[:, None]).T
-    cos, sin = np.cos(middle_rad), np.sin(middle_rad)
-    velocity_mps = np.stack([cos * x_mps + sin * y_mps, cos * y_mps - sin * x_mps], axis=1)
+    velocity_mps = turned(-middle_rad, np.diff(position_m, axis=0)[first] / step_s[:, None])
     yaw_rate_radps = np.diff(yaw_rad)[first] / step_s
     if causal:
         return BodyMotion(t_ns[first + 1], velocity_mps, yaw_rad[first + 1], yaw_rate_radps, source)
@@ -119,16 +116,10 @@ def measure_motion(
     map_rad = yaw_rad + np.unwrap(offset_rad)
     if causal:
         std_mps = np.hypot(std_mps, offset_std * np.hypot(*map_mps.T))
-        odometry = Odometry(Way(t_s, _summed(t_s, map_mps), map_rad), std_mps, in_map=True)
+        odometry = Odometry(Way(t_s, summed(t_s, map_mps), map_rad), std_mps, in_map=True)
     else:
-        odometry = Odometry(Way(t_s, _summed(t_s, own_mps), yaw_rad), std_mps, in_map=False)
+        odometry = Odometry(Way(t_s, summed(t_s, own_mps), yaw_rad), std_mps, in_map=False)
     return MeasuredMotion(odometry, map_rad, std, motion.source)
-
-
-def _summed(t_s: Float, velocity_mps: Float) -> Float:
-    """(M, 2) the way since the first instant, by trapezoids."""
-    steps_m = np.diff(t_s)[:, None] * (velocity_mps[1:] + velocity_mps[:-1]) / 2
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps_m, axis=0)])
 
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:
@@ -137,25 +128,19 @@ def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> 
     last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
     course = np.arctan2(own_mps[:, 1], own_mps[:, 0])[last.clip(0)]
     aligned = align_yaw(track, YawSensor(motion.t_ns, course, ODOMETRY_DRIFT), causal=causal)
-    at_track, std_rad = (
-        wrap_angle(aligned.yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course)),
-        aligned.yaw_std_rad,
-    )
+    at_track = wrap_angle(aligned.yaw_rad - interpolate_angle(track.t_ns, motion.t_ns, course))
     before = (np.searchsorted(track.t_ns, motion.t_ns, side="right") - 1).clip(0)
     if causal:
         known = motion.t_ns >= track.t_ns[0]
-        return np.where(known, at_track[before], 0.0), np.where(known, std_rad[before], UNKNOWN_YAW_STD_RAD)
-    return interpolate_angle(motion.t_ns, track.t_ns, at_track), std_rad[before]
+        return np.where(known, at_track[before], 0.0), np.where(known, aligned.yaw_std_rad[before], UNKNOWN_YAW_STD_RAD)
+    return interpolate_angle(motion.t_ns, track.t_ns, at_track), aligned.yaw_std_rad[before]
 
 
 def _compare_legs(
     t_s: Float, map_mps: Float, track_s: Float, track: Track, *, causal: bool
 ) -> tuple[Float, Float, Float]:
-    """(M,) how far odometry misses the track's way in LEG_S about each instant (causal: before it), and both ways.
-
-    NaN where the track or odometry does not cover the leg, or is silent for HOLD_S at one of its ends.
-    """
-    summed_m, begin_s = _summed(t_s, map_mps), t_s - (LEG_S if causal else LEG_S / 2)
+    """(M,) how far odometry misses the track's way in LEG_S about (causal: before) an instant, and both; or NaN."""
+    summed_m, begin_s = summed(t_s, map_mps), t_s - (LEG_S if causal else LEG_S / 2)
     covered, ends = (begin_s >= t_s[0]) & (begin_s + LEG_S <= t_s[-1] + 1e-9), []
     for end_s in (begin_s, begin_s + LEG_S):
         # From and to poses that were known then, so that a causal leg needs no later one.

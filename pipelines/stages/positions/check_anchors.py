@@ -12,7 +12,7 @@ from quadlog.geometry import seconds_since, yaw_from_quat
 from quadlog.messages import PoseSeries
 from quadlog.positioning.anchors.check import SurveyFaults, TagEpochs, check_survey
 from quadlog.positioning.anchors.survey import survey_anchors
-from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, Located, LocateSettings
 
@@ -57,8 +57,7 @@ def _by_odometry(
     xy_m, yaw_rad = odometry.position_m[:, :2], yaw_from_quat(odometry.quat_xyzw)
     if not tags or len(odometry) < 2 or not np.isfinite(np.column_stack([xy_m, yaw_rad])).all():
         return None
-    order = np.argsort(anchors.ids)
-    index = [order[np.searchsorted(anchors.ids, each.ranges.anchor, sorter=order)] for each in tags]
+    index = [anchors.columns_of(each.ranges.anchor) for each in tags]
     start_ns = int(odometry.t_ns[0])
     measured = TagRanges(
         seconds_since(np.concatenate([each.ranges.t_ns for each in tags]), start_ns),
@@ -69,7 +68,7 @@ def _by_odometry(
         np.array([each.height_m for each in tags]),
         len(anchors.ids),
     )
-    heights = HeightPrior(anchors.position_m[:, 2], np.full(len(anchors.ids), HEIGHT_STD_M))
+    heights = np.array([anchors.position_m[:, 2], np.full(len(anchors.ids), HEIGHT_STD_M)])
     in_time = measured.rows(np.argsort(measured.t_s, kind="stable"))
     way = Way(seconds_since(odometry.t_ns, start_ns), xy_m, yaw_rad)
     try:

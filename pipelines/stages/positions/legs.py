@@ -73,14 +73,15 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
         journal.warn("legs: no foot forces and no torques; the lowest feet are taken to stand, which needs even ground")
     if track.unheld_s > HOLD_S:
         journal.warn(f"legs: no foot stands for up to {track.unheld_s:.1f} s; motion in that time is lost")
-    usual_s = float(np.median(np.diff(track.t_ns))) * 1e-9 if len(track) > 1 else 0.0
+    step_s = np.append(0.0, np.diff(track.t_ns) * 1e-9)
+    usual_s, gap_s = float(np.median(step_s[1:])) if len(track) > 1 else 0.0, step_s.max()
     if usual_s > MAX_GAP_S:
         journal.warn(
             f"legs: joints come every {usual_s:.1f} s, too seldom to measure motion; the robot is taken to stand"
         )
-    elif track.gap_s > MAX_GAP_S:
-        taken = "the robot is taken to stand" if track.gap_s > HOLD_S else "the last speed is taken"
-        journal.warn(f"legs: joints are silent for up to {track.gap_s:.1f} s; meanwhile {taken}")
+    elif gap_s > MAX_GAP_S:
+        taken = "the robot is taken to stand" if gap_s > HOLD_S else "the last speed is taken"
+        journal.warn(f"legs: joints are silent for up to {gap_s:.1f} s; meanwhile {taken}")
     by_force = set(track.contact_sources) == {ContactSource.FORCE}
     if track.slipping_share > (MOST_SLIPPING_BY_FORCE if by_force else MOST_SLIPPING):
         journal.warn(

@@ -108,7 +108,7 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
             "anchors on a line or a mirror image": result.n_degenerate,
         }
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
-        texts.append(f"tag {result.tag}: of {len(result.fix_t_ns)} epochs, {words} give no fix")
+        texts.append(f"tag {result.tag}: of {len(result.epochs.t_ns)} epochs, {words} give no fix")
     residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
     known_m, std_m = residual_m[np.isfinite(residual_m)], config.uwb.range_std_m
     if len(known_m) and (median_m := np.median(known_m)) >= MISFIT_STD * std_m:  # they fit no position at all
@@ -191,7 +191,7 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         journal.warn(text)
     counts = located.counts
     journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
-    journal.counts["ranges_off_track"] = sum(result.n_untracked for result in located.tags)
+    journal.counts["ranges_off_track"] = sum(int(np.isnan(each.ranges.predicted_m).sum()) for each in located.tags)
     for text in located_warnings(located, config, data.first_ns):
         journal.warn(text)
     for text in _located_notes(located, config):
@@ -367,7 +367,7 @@ def _fix_columns(result: TagResult) -> dict[str, object]:
     solved, fixes = result.fixes.solved, result.fixes
     covariance = fixes.covariance_m2[solved]
     return {
-        "t_ns": result.fix_t_ns[solved],
+        "t_ns": result.epochs.t_ns[solved],
         "tag": result.tag,
         "x_m": fixes.position_m[solved, 0],
         "y_m": fixes.position_m[solved, 1],

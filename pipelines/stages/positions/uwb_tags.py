@@ -90,7 +90,7 @@ def errors_of_tags(
     for result in (each for each in located.tags if each.tag in levers_m):
         fixes, solved, track, of = result.fixes, result.fixes.solved, result.track, (levers_m[result.tag], reference)
         found[result.tag] = {
-            "fixes": _errors(result.fix_t_ns[solved], fixes.position_m[solved], fixes.covariance_m2[solved], *of),
+            "fixes": _errors(result.epochs.t_ns[solved], fixes.position_m[solved], fixes.covariance_m2[solved], *of),
             "track": _errors(track.t_ns, track.position_m, track.covariance_m2, *of),
         }
     return found
@@ -133,10 +133,10 @@ def tell_body(journal: Journal, body: LocatedBody) -> None:
         )
     if body.velocity is not None:
         journal.note(velocity_words(body.velocity, "the track of the body"))
-    for each in body.misplaced:
+    for tag, (given_m, found_m, apart_m) in body.misplaced.items():
         journal.warn(
-            f"tag {each.tag}: its ranges place it at x_m = {each.found_m[0]:.2f}, y_m = {each.found_m[1]:.2f} in base, "
-            f"{each.distance_m:.2f} m from its lever arm ({each.given_m[0]:.2f}, {each.given_m[1]:.2f}); position and "
+            f"tag {tag}: its ranges place it at x_m = {found_m[0]:.2f}, y_m = {found_m[1]:.2f} in base, "
+            f"{apart_m:.2f} m from its lever arm ({given_m[0]:.2f}, {given_m[1]:.2f}); position and "
             f"yaw are wrong if the lever arms of tags {names} are: check order, signs and x against y in [[uwb.tags]]"
         )
 

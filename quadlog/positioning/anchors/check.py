@@ -11,8 +11,8 @@ from scipy.linalg import block_diag
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
-from quadlog.positioning.anchors.frame import KNOWN_STD_M, gauge, known_rows
-from quadlog.positioning.batch.factors import Border, TagRanges
+from quadlog.positioning.anchors.frame import KNOWN_STD_M, gauge
+from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.solve import solve
 from quadlog.positioning.batch.tracking import Body, Starts, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, thin_rows
@@ -65,7 +65,7 @@ def find_faults(anchors_m: Float, covariance: Float, known_m: Float, numbers: In
     numbers (A,). Each fault is fitted together with a turn and a shift of the frame. None where no single fault
     explains the places, and with fewer than three known anchors, which say nothing of one another.
     """
-    known = known_rows(known_m)
+    known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 3:
         return None
     rows = (3 * known[:, None] + np.arange(2)).ravel()
@@ -167,10 +167,7 @@ def check_survey(
 
 
 def _find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> tuple[tuple[int, int], ...]:
-    """Swapped pairs that explain logs better than anchors (A, 3) as configured, the likeliest first.
-
-    Every pair is tried. A symmetric layout hides those that mirror or turn it onto itself.
-    """
+    """Swapped pairs that explain logs better than anchors (A, 3) as configured, the likeliest first."""
     heard = np.flatnonzero(sum(np.isfinite(log.epochs.range_m).any(axis=0) for log in logs))
     pairs = list(combinations(heard.tolist(), 2))
     layouts = [anchors_m, *(anchors_m[_exchanged(len(anchors_m), *pair)] for pair in pairs)]
@@ -182,25 +179,20 @@ def _find_exchanges(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: fl
 
 def _misfit(logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float) -> float:
     """Mean log(1 + (r / 2 std)^2) of what fixes of single epochs leave, each link's usual residual taken away."""
-    return float(np.concatenate([_costs(log, anchors_m, range_std_m) for log in logs]).mean())
-
-
-def _costs(log: TagEpochs, anchors_m: Float, range_std_m: float) -> Float:
-    range_m, fixes = log.epochs.range_m, log.fixes(anchors_m, range_std_m)
-    known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
-    bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
-    off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
-    cost = np.log1p((off_std / COST_STD) ** 2)
-    return np.asarray(cost[np.isfinite(range_m) & np.isfinite(cost)])
+    costs = []
+    for log in logs:
+        fixes = log.fixes(anchors_m, range_std_m)
+        known = np.where(np.isfinite(fixes.residual_m).any(axis=0), fixes.residual_m, 0.0)
+        bias_m = np.nanmedian(known, axis=0).clip(-LARGEST_BIAS_M, LARGEST_BIAS_M)
+        off_std = np.where(fixes.solved[:, None], (fixes.residual_m - bias_m) / range_std_m, NO_FIX_STD)
+        costs.append(np.log1p((off_std / COST_STD) ** 2)[np.isfinite(log.epochs.range_m + off_std)])
+    return float(np.concatenate(costs).mean())
 
 
 def _placed(
     log: TagEpochs, anchors_m: Float, range_std_m: float, acceleration_std_mps2: float
 ) -> tuple[Float, Float] | None:
-    """Anchors (A, 3), solved for from near places together with track and biases, and their covariance (3A, 3A).
-
-    None for a short log, and for a tag that stood still. What moves all anchors alike is hardly known.
-    """
+    """Anchors (A, 3), solved for with track and biases, their covariance (3A, 3A); None if short, or it stood still."""
     range_m, fixes = log.epochs.range_m, log.fixes(anchors_m, range_std_m)
     t_s = seconds_since(log.epochs.t_ns, int(log.epochs.t_ns[0]))
     if t_s[-1] < MIN_LOG_S or not fixes.solved.any():
@@ -217,7 +209,7 @@ def _placed(
     level = np.tile(np.square([FREE_STD_M, FREE_STD_M, 1e-3]), n)
     freed = replace(
         problem,
-        model=replace(problem.model, border=Border(problem.model.border.n_links, m + 3 * n, m + 3 * np.arange(n))),
+        model=replace(problem.model, free=m),
         mean=np.append(problem.mean, np.zeros(3 * n)),
         priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
     )

@@ -19,7 +19,7 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
     case as far as it moves the known ones; in the second case the error of the first pose is added, start_std (3,) in
     m, m and rad. The last value is the first pose (3,) in that frame.
     """
-    n, known = len(known_m), known_rows(known_m)
+    n, known = len(known_m), np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
         moves = np.zeros((len(covariance), 3))
         moves[: 3 * n] = gauge(anchors_m)
@@ -32,18 +32,12 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
     return moved_m, relative_covariance(change @ covariance @ change.T, moved_m, known), np.append(shift_m, turn_rad)
 
 
-def known_rows(known_m: Float) -> Int:
-    """Which of the anchors (A, 2) are known; the others are NaN."""
-    rows: Int = np.flatnonzero(np.isfinite(known_m[:, 0]))
-    return rows
-
-
 def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict[int, float], bool]:
     """Known anchors (A, 2) that are farther from those of place_in_frame than the bounds allow, index -> distance in m.
 
     And whether they all fit the mirror image of the survey, which only three of them can exclude.
     """
-    known = known_rows(known_m)
+    known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
         return {}, False
     far_m = MISPLACED * np.array(
@@ -69,8 +63,7 @@ def relative_covariance(covariance: Float, anchors_m: Float, given: Int) -> Floa
     rows = (3 * given[:, None] + np.arange(2)).ravel()
     change = np.eye(len(covariance))
     change[:, rows] -= moves @ np.linalg.pinv(moves[rows])
-    relative: Float = change @ covariance @ change.T
-    return relative
+    return np.asarray(change @ covariance @ change.T)
 
 
 def gauge(anchors_m: Float) -> Float:

@@ -15,9 +15,9 @@ from scipy.linalg import block_diag
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.check import SurveyFaults, find_faults
-from quadlog.positioning.anchors.frame import known_rows, misplaced, place_in_frame, reach_95, relative_covariance
+from quadlog.positioning.anchors.frame import misplaced, place_in_frame, reach_95, relative_covariance
 from quadlog.positioning.anchors.walk import Walk
-from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps
+from quadlog.positioning.batch.factors import Axes, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
 from quadlog.positioning.batch.robust import sight_probabilities
 from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
@@ -114,7 +114,7 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
     is base at the first pose. Raises AnchorsNotObserved where the walk shows none of the anchors.
     """
     _check_walk(walk)
-    counts = np.bincount(walk.ranges.anchor, minlength=walk.n_anchors)
+    counts = np.bincount(walk.ranges.anchor, minlength=walk.ranges.n_anchors)
     heard = np.flatnonzero(counts >= FEWEST_RANGES)
     if len(heard) == 0:
         raise AnchorsNotObserved(
@@ -129,8 +129,11 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
             f"no anchor's place is known to {UNKNOWN_M:g} m: {anchors[0].why_not}",
             "walk a longer loop, nearer to the anchors and around them",
         )
-    anchors += [_silent(int(index), int(counts[index])) for index in np.flatnonzero(counts < FEWEST_RANGES)]
-    n_known = len(known_rows(known_m))
+    nowhere, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
+    for index, n in [(index, n) for index, n in enumerate(counts.tolist()) if n < FEWEST_RANGES]:
+        why = f"it has {n} ranges near an odometry pose, {FEWEST_RANGES} are needed"
+        anchors.append(SurveyedAnchor(index, nowhere, unknown, np.nan, np.nan, n, np.nan, False, why))
+    n_known = int(np.isfinite(known_m[:, 0]).sum())
     misplaced_m, mirrored = misplaced(anchors_m, covariance, known_m)
     scale, turn_scale, yaw_drift_radps, delay_s = solution.estimate.values[-4:].tolist()
     return AnchorSurvey(
@@ -179,10 +182,7 @@ def _check_odometry(solution: _Solution) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """The estimate with a random drift that is `looseness` times the usual one.
-
-    Its globals are the biases of the links, the anchors, then scale of the way, scale of the turns, drift, delay.
-    """
+    """With `looseness` times the usual random drift; globals: links' biases, anchors, both scales, drift, delay."""
 
     walk: Walk
     estimate: Estimate
@@ -218,10 +218,7 @@ class _Solution:
 
 
 def _misfit(estimate: Estimate, lasts: float) -> float:
-    """-log of the likelihood with the globals and knots integrated out [Laplace], up to a constant.
-
-    `lasts` ranges count as one: estimates whose errors last differently cannot be compared otherwise.
-    """
+    """-log of the likelihood, globals and knots integrated out [Laplace], of estimates whose errors last alike."""
     problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
     alike = replace(estimate.weights, lasts=lasts)
     factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorised
@@ -237,10 +234,10 @@ def _misfit(estimate: Estimate, lasts: float) -> float:
 
 def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
     """The first knot stays where it is; looseness multiplies the usual drift, std_m is that of ranges in sight."""
-    ranges, heights, odometry, timeline = walk.ranges, walk.heights, walk.odometry, walk.timeline
-    n, n_anchors, n_tags = ranges.n_links, walk.n_anchors, len(ranges.lever_m)
-    place = np.column_stack([np.zeros((n_anchors, 2)), heights.mean_m])
-    std = np.column_stack([np.full((n_anchors, 2), ANYWHERE_M), heights.std_m])
+    ranges, odometry, timeline = walk.ranges, walk.odometry, walk.timeline
+    n, n_anchors, n_tags = ranges.n_links, walk.ranges.n_anchors, len(ranges.lever_m)
+    place = np.column_stack([np.zeros((n_anchors, 2)), walk.heights_m[0]])
+    std = np.column_stack([np.full((n_anchors, 2), ANYWHERE_M), walk.heights_m[1]])
     same_anchor = np.tile(np.eye(n_anchors), (n_tags, n_tags))
     biases = COMMON_BIAS_STD_M**2 + ANCHOR_BIAS_STD_M**2 * same_anchor + LINK_BIAS_STD_M**2 * np.eye(n)
     lasting = [odometry.scale_std, odometry.turn_scale_std, odometry.yaw_drift_std_radps, DELAY_STD_S]
@@ -252,8 +249,7 @@ def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
     first = len(mean) - 4
     variances = drift_m**2 * walk.drifting_m, drift_rad**2 * walk.drifting_m
     others = (Steps(timeline, walk.way, axes, (first, first + 2, first + 1), variances),)
-    border = Border(n, len(mean), n + 3 * np.arange(n_anchors), first + 3)
-    model, slots = RangeModel(axes, border, np.zeros((n_anchors, 3))), ranges.slots(timeline.t_s)
+    model, slots = RangeModel(axes, np.zeros((n_anchors, 3)), n, first + 3), ranges.slots(timeline.t_s)
     return Problem(timeline, model, slots, std_m, mean, prior[None], others, in_sight=True)
 
 
@@ -325,7 +321,7 @@ def _anchors(
     solution: _Solution, anchors_m: Float, covariance: Float, index: Int, ambiguous: dict[int, str]
 ) -> list[SurveyedAnchor]:
     """The anchors heard (A,), by their numbers; covariance: as place_in_frame has it."""
-    ranges, slots, n = solution.walk.ranges, solution.estimate.problem.slots, solution.walk.n_anchors
+    ranges, slots, n = solution.walk.ranges, solution.estimate.problem.slots, solution.walk.ranges.n_anchors
     bias_m = solution.estimate.values[: ranges.n_links].reshape(-1, n).mean(axis=0)
     among = relative_covariance(covariance, anchors_m, np.arange(n))
     counts = np.bincount(ranges.anchor, minlength=n)
@@ -343,14 +339,8 @@ def _anchors(
             float(np.sqrt(covariance[np.ix_(links, links)].mean())),
             int(counts[anchor]),
             float(late[anchor]),
-            bool(np.sqrt(block[2, 2]) < BLIND_SHARE * solution.walk.heights.std_m[anchor]),
+            bool(np.sqrt(block[2, 2]) < BLIND_SHARE * solution.walk.heights_m[1, anchor]),
             ambiguous.get(anchor, unknown),
         )
         anchors.append(surveyed)
     return anchors
-
-
-def _silent(index: int, n_ranges: int) -> SurveyedAnchor:
-    nowhere, unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
-    why = f"it has {n_ranges} ranges near an odometry pose, {FEWEST_RANGES} are needed"
-    return SurveyedAnchor(index, nowhere, unknown, np.nan, np.nan, n_ranges, np.nan, False, why)

@@ -21,14 +21,6 @@ STANDING_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class HeightPrior:
-    """Expected heights of the anchors above the floor: mean_m (A,), std_m (A,)."""
-
-    mean_m: Float
-    std_m: Float
-
-
-@dataclass(frozen=True, slots=True)
 class OdometryPrior:
     """Errors to expect of an odometry: std of its scales of way and of turns and of its yaw's drift, and its random
     drift, in m and rad after 1 m of way.
@@ -45,6 +37,7 @@ class Walk:
     """A way seen from its first pose, K knots on it, ranges along it, and what is expected of anchors and odometry.
 
     way_m: its length by odometry, from knot to knot; drifting_m (K - 1,): of that, for which it drifts at random.
+    heights_m (2, A): expected above the floor, and their std.
     """
 
     way: Way
@@ -52,13 +45,8 @@ class Walk:
     way_m: float
     drifting_m: Float
     ranges: TagRanges
-    heights: HeightPrior
+    heights_m: Float
     odometry: OdometryPrior
-
-    @property
-    def n_anchors(self) -> int:
-        """How many anchors there are."""
-        return self.ranges.n_anchors
 
     @cached_property
     def knots(self) -> Float:
@@ -68,13 +56,11 @@ class Walk:
 
     def of_anchors(self, anchors: Int) -> Walk:
         """The same walk with the ranges to some anchors alone, which are numbered as in anchors (B,)."""
-        number = np.full(self.n_anchors, -1)
+        number = np.full(self.ranges.n_anchors, -1)
         number[anchors] = np.arange(len(anchors))
         kept = self.ranges.rows(number[self.ranges.anchor] >= 0)
         ranges = replace(kept, anchor=number[kept.anchor], n_anchors=len(anchors))
-        return replace(
-            self, ranges=ranges, heights=HeightPrior(self.heights.mean_m[anchors], self.heights.std_m[anchors])
-        )
+        return replace(self, ranges=ranges, heights_m=self.heights_m[:, anchors])
 
     def candidates(self, knots: Float) -> list[tuple[Float, Float]]:
         """For each anchor the places (C, 4) that fit best locally along the knots (K, 2, 3), and their misfits (C,)."""
@@ -82,24 +68,23 @@ class Walk:
         pose, _ = self.timeline.sample(ranges.t_s).of(knots)
         xy_m = pose[:, :2] + turned(pose[:, 2], ranges.lever_m[ranges.tag])
         tag_m = np.column_stack([xy_m, ranges.height_m[ranges.tag]])
-        for anchor in range(self.n_anchors):
+        for anchor in range(self.ranges.n_anchors):
             rows = ranges.anchor == anchor
-            expected = float(self.heights.mean_m[anchor]), float(self.heights.std_m[anchor])
-            found.append(anchor_candidates(tag_m[rows], ranges.range_m[rows], expected))
+            found.append(anchor_candidates(tag_m[rows], ranges.range_m[rows], self.heights_m[:, anchor]))
         return found
 
 
 def make_walk(
     way: Way,
     ranges: TagRanges,
-    heights: HeightPrior,
+    heights_m: Float,
     odometry: OdometryPrior,
     most_ranges: int = MOST_RANGES,
 ) -> tuple[Walk, int]:
     """The walk, and the number of ranges left out because the odometry has no pose near them.
 
     way: M >= 2 poses in the odometry's own frame. ranges: in time order, by the same clock. Of more than most_ranges
-    an even selection of each link's is used.
+    an even selection of each link's is used. heights_m: (2, A) as in Walk.
     """
     t_s, last_s = way.t_s - way.t_s[0], max(float(way.t_s[-1] - way.t_s[0]), 1e-3)
     after = np.searchsorted(way.t_s, ranges.t_s).clip(1, len(t_s) - 1)
@@ -107,7 +92,11 @@ def make_walk(
     near = (np.abs(gap_s) <= MAX_GAP_S) & (ranges.t_s >= way.t_s[0]) & (ranges.t_s <= way.t_s[-1])
     rows = np.flatnonzero(near)
     if len(rows) > most_ranges:
-        rows = _even_selection(rows, ranges.tag[rows] * ranges.n_anchors + ranges.anchor[rows], most_ranges)
+        link = ranges.tag[rows] * ranges.n_anchors + ranges.anchor[rows]
+        of_link = [rows[link == each] for each in np.unique(link)]
+        limit = max(most_ranges // len(of_link), 1)
+        spread = [np.linspace(0, len(mine) - 1, min(len(mine), limit)).astype(np.int64) for mine in of_link]
+        rows = np.sort(np.concatenate([mine[some] for mine, some in zip(of_link, spread, strict=True)]))
     kept, yaw_rad = ranges.rows(rows), np.unwrap(way.yaw_rad)
     xy_m = turned(np.full(len(t_s), -yaw_rad[0]), way.xy_m - way.xy_m[0])
     most = min(MOST_KNOTS, most_ranges, MOST_CELLS // (ranges.n_links + 3 * ranges.n_anchors))
@@ -115,15 +104,7 @@ def make_walk(
     relative = Way(t_s, xy_m, yaw_rad - yaw_rad[0])
     walked_m = np.hypot(*np.diff(relative.at(timeline.t_s)[0], axis=0).T)
     kept, drifting_m = replace(kept, t_s=kept.t_s - way.t_s[0]), np.maximum(walked_m, STANDING_M)
-    return Walk(relative, timeline, float(walked_m.sum()), drifting_m, kept, heights, odometry), int((~near).sum())
-
-
-def _even_selection(rows: Int, link: Int, most: int) -> Int:
-    """Of rows (N,) with their links (N,) about `most`: as many of every link, evenly spread, all of rare ones."""
-    of_link = [rows[link == each] for each in np.unique(link)]
-    limit = max(most // len(of_link), 1)
-    spread = [np.linspace(0, len(mine) - 1, min(len(mine), limit)).astype(np.int64) for mine in of_link]
-    return np.sort(np.concatenate([mine[some] for mine, some in zip(of_link, spread, strict=True)]))
+    return Walk(relative, timeline, float(walked_m.sum()), drifting_m, kept, heights_m, odometry), int((~near).sum())
 
 
 MOST_ROWS, ROUNDS = 240, 15
@@ -134,7 +115,7 @@ APART_M = 0.5
 USUAL_BIAS_M, BIAS_STD_M = 0.15, 0.15
 
 
-def anchor_candidates(tag_m: Float, range_m: Float, expected: tuple[float, float]) -> tuple[Float, Float]:
+def anchor_candidates(tag_m: Float, range_m: Float, expected: Float) -> tuple[Float, Float]:
     """Places (C, 4) x_m, y_m, z_m, bias_m of one anchor that fit its ranges (N,) locally best, and their misfits (C,).
 
     tag_m (N, 3): where the tag was; expected: the anchor's height and its std. Sorted by misfit, which is the mean of
@@ -160,7 +141,7 @@ def anchor_candidates(tag_m: Float, range_m: Float, expected: tuple[float, float
     return places[kept], misfits[kept]
 
 
-def refine_place(tag_m: Float, range_m: Float, start_m: Float, expected: tuple[float, float]) -> tuple[Float, float]:
+def refine_place(tag_m: Float, range_m: Float, start_m: Float, expected: Float) -> tuple[Float, float]:
     """(4,) x_m, y_m, z_m, bias_m by damped Gauss-Newton steps of the Cauchy kernel, and its misfit.
 
     tag_m: (N, 3). Priors on height, with its expected mean and std, and bias.

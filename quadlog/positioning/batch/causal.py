@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.motion import Timeline
+from quadlog.positioning.batch.motion import Timeline, Track
 from quadlog.positioning.batch.robust import lateness_weights, link_windows
 from quadlog.positioning.batch.solve import Estimate, Problem, solve
-from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, find_jumps
+from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
 STEP_S = 0.1
 """Ranges so close together are used at once, when the last of them has come."""
@@ -22,6 +22,9 @@ ROUNDS = 5
 """At most, of each step; one is enough where the last one was near."""
 LASTS_S = 0.25
 """How long errors of a link are taken to last: a log so far shows it too badly."""
+STAMP_STD_S = 0.05
+"""How well the stamps of ranges are known: radios, drivers and references have clocks of their own, unknown to the
+ranges. Real recordings were 0.08 and 0.11 s off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +47,16 @@ class Known:
     spread: float = 1.0
 
     def poses(self, t_s: Float, *, before: bool = False) -> tuple[Float, Float, Float]:
-        """Coordinates and rates (N, D) at instants (N,), and covariances (N, 2D, 2D), from what was known then.
-
-        before: without a step at the instant itself.
-        """
+        """Coordinates and rates (N, D), covariances (N, 2D, 2D), as known at (N,), before: without a step just then."""
         at = self._steps(t_s, before=before)
         size, n, ahead_s = len(self.body.axes), len(at), t_s - self.t_s[at]
         pose, rate = self.state[at, :size], self.state[at, size:]
         density = np.diag([each.density for each in self.body.axes.motions])
         powers = np.array([[ahead_s**3 / 3, ahead_s**2 / 2], [ahead_s**2 / 2, ahead_s]])
-        move, covariance = np.tile(np.eye(2), (n, 1, 1)), self.covariance[at].reshape(n, 2, size, 2, size)
-        move[:, 0, 1] = ahead_s
-        covariance = np.einsum("nab,nbij->naij", move, covariance.reshape(n, 2, size, -1)).reshape(covariance.shape)
-        covariance = np.einsum("naibj,ncb->naicj", covariance, move) + np.einsum("abn,ij->naibj", powers, density)
-        return pose + ahead_s[:, None] * rate, rate, covariance.reshape(n, 2 * size, 2 * size)
+        move, noise = np.tile(np.eye(2 * size), (n, 1, 1)), np.einsum("abn,ij->naibj", powers, density)
+        move[:, np.arange(size), np.arange(size) + size] = ahead_s[:, None]
+        covariance = move @ self.covariance[at] @ move.transpose(0, 2, 1) + noise.reshape(move.shape)
+        return pose + ahead_s[:, None] * rate, rate, covariance
 
     def _steps(self, t_s: Float, *, before: bool = False) -> Int:
         """(N,) the last step until each of the instants."""
@@ -65,9 +64,7 @@ class Known:
         return last
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
-        """For each of the body's ranges (R,): residual by the pose that was known with it, weight, and its squared
-        innovation, by what was known before it, over the variance that this should have.
-        """
+        """(R,) residuals by the pose known with a range, weights, squared innovations over their due variance."""
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
         std_m, found = problem.range_std_m, []
         for before in (False, True):
@@ -90,8 +87,7 @@ class Known:
 
     def biases_at(self, t_s: Float) -> Float:
         """(N, L) of all links as they were known at instants (N,), zero before the first step."""
-        known: Float = self.values[self._steps(t_s), : self.body.ranges.n_links]
-        return np.where(t_s[:, None] >= self.t_s[0], known, 0.0)
+        return np.where(t_s[:, None] >= self.t_s[0], self.values[self._steps(t_s), : self.body.ranges.n_links], 0.0)
 
 
 class _Step(NamedTuple):
@@ -107,8 +103,7 @@ class _Step(NamedTuple):
 def follow(body: Body, starts: Starts) -> Known:
     """The track of a body as it was known at each instant, of R > 0 ranges from its first start on.
 
-    starts, and where the body was carried away, count from their own instants on; of a single tag that is looked for.
-    Step by step, at the first range of each STEP_S, which is known then.
+    Step by step, at the first range of each STEP_S; starts and cuts count from their own instants on.
     """
     t_s = body.ranges.t_s
     segment = np.append(0, np.cumsum(np.diff(t_s) > LONGEST_GAP_S))
@@ -134,10 +129,7 @@ def _step(
     last: Estimate | None,
     found: list[tuple[float, float]],
 ) -> Estimate:
-    """The window until now, solved again where the body turns out to have been carried away, which is noted in found.
-
-    before: of what came before the window, what it said of the globals is kept. last: the estimate of the last step.
-    """
+    """The window until now with what came before; solved again where the body was carried away, as noted in found."""
     rows = slice(*np.searchsorted(body.ranges.t_s, [before.t_s if before else -np.inf, now_s], side="right"))
     until = int(np.searchsorted(starts.t_s, now_s, side="right"))
     starts = Starts(starts.t_s[:until], starts.pose[:until])
@@ -165,7 +157,7 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
     at_starts = body.knots_from(starts, timeline)
     if last is None:
         return at_starts
-    pose, rate = last.at(timeline.t_s)
+    pose, rate = last.problem.timeline.sample(timeline.t_s).of(last.knots)
     ahead_s = (timeline.t_s - last.problem.timeline.t_s[-1]).clip(0.0)
     knots = np.stack([pose + ahead_s[:, None] * rate, rate], axis=1)
     old_s = last.problem.timeline.t_s
@@ -177,3 +169,27 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
             some = Starts(starts.t_s[since], starts.pose[since])
             knots[new] = body.knots_from(some, timeline)[new]
     return knots
+
+
+def track_of(tracked: Tracked | Known, t_s: Float, t_ns: Int, tag: int | None) -> Track:
+    """Of a tag, or of the body's origin at the mean height of its tags, at t_ns (N,), which are t_s.
+
+    Its covariances know that stamps are uncertain.
+    """
+    (pose, rate, covariance), ranges, axes = tracked.poses(t_s), tracked.body.ranges, tracked.body.axes
+    size, n, lever_m, height_m = len(axes), len(t_ns), np.zeros(2), ranges.height_m.mean()
+    if tag is not None:
+        lever_m, height_m = ranges.lever_m[tag], ranges.height_m[tag]
+    place_m, swing_m = axes.places(pose, np.broadcast_to(lever_m, (n, 2)))
+    change = np.zeros((n, 2, size))
+    change[:, 0, 0] = change[:, 1, 1] = 1.0
+    if axes.yaw is not None:
+        change[:, :, axes.yaw] = swing_m
+    velocity_mps, back = np.einsum("nij,nj->ni", change, rate), change.transpose(0, 2, 1)
+    own_m2, rates = change @ covariance[:, :size, :size] @ back, change @ covariance[:, size:, size:] @ back
+    place_m2 = own_m2 + STAMP_STD_S**2 * velocity_mps[:, :, None] * velocity_mps[:, None, :]
+    excess = tracked.spread * np.trace(place_m2, axis1=1, axis2=2) / np.trace(own_m2, axis1=1, axis2=2)
+    z_m, z_std_m = np.full(n, float(height_m)), np.zeros(n)
+    if axes.z is not None:
+        z_m, z_std_m = z_m + pose[:, axes.z], np.sqrt(covariance[:, axes.z, axes.z])
+    return Track(t_ns, place_m, velocity_mps, place_m2, rates, z_m, z_std_m, excess)

@@ -134,45 +134,28 @@ class TagRanges:
 
 
 @dataclass(frozen=True, slots=True)
-class Border:
-    """Where the global unknowns are: first the bias of each link, then what is named here, to `width` in all.
+class RangeModel:
+    """range = |tag - anchor| + bias of the link, of a body with these axes among anchors (A, 3).
 
-    anchors: (A,) the first of the three columns of each anchor's displacement, negative for one that stays. delay: of
-    the ranges' stamps.
+    The first global unknowns are the biases of the links. free: the first column of 3A displacements of the anchors,
+    None where they stay; delay: the column of the ranges' stamps, if any.
     """
 
-    n_links: int
-    width: int
-    anchors: Int | None = None
-    delay: int | None = None
-
-    def displaced(self, anchors_m: Float, values: Float) -> Float:
-        """Anchors (A, 3) where the values (M,) of the globals have them."""
-        if self.anchors is None:
-            return anchors_m
-        free = self.anchors >= 0
-        moved = anchors_m.copy()
-        moved[free] += values[self.anchors[free][:, None] + np.arange(3)]
-        return moved
-
-
-@dataclass(frozen=True, slots=True)
-class RangeModel:
-    """range = |tag - anchor| + bias of the link, of a body with these axes among anchors (A, 3)."""
-
     axes: Axes
-    border: Border
     anchors_m: Float
+    free: int | None = None
+    delay: int | None = None
 
     def predict(self, slots: Slots, pose: Float, values: Float) -> tuple[Float, Float, Int, Float]:
         """Predictions (N,), slopes by the pose (N, D), and by globals: columns (G, N), slopes (G, N).
 
         pose (N, D) at the slots' instants; values (M,) of the globals.
         """
-        axes, border = self.axes, self.border
+        axes, first = self.axes, self.free
         place_m, swing_m = axes.places(pose, slots.lever_m)
-        anchors_m = border.displaced(self.anchors_m, values)
-        apart_m = np.column_stack([place_m, slots.height_m]) - anchors_m[slots.anchor]
+        apart_m = np.column_stack([place_m, slots.height_m]) - self.anchors_m[slots.anchor]
+        if first is not None:
+            apart_m -= values[first : first + self.anchors_m.size].reshape(-1, 3)[slots.anchor]
         if axes.z is not None:
             apart_m[:, 2] += pose[:, axes.z]
         distance_m = np.sqrt(np.einsum("ni,ni->n", apart_m, apart_m))
@@ -184,10 +167,9 @@ class RangeModel:
         if axes.yaw is not None:
             by_pose[:, axes.yaw] = np.einsum("ni,ni->n", unit[:, :2], swing_m)
         columns, slopes = [slots.link], [np.ones(len(distance_m))]
-        if border.anchors is not None:
-            first = border.anchors[slots.anchor]
-            columns += [np.where(first >= 0, first + axis, 0) for axis in range(3)]
-            slopes += [np.where(first >= 0, -unit[:, axis], 0.0) for axis in range(3)]
+        if first is not None:
+            columns += [first + 3 * slots.anchor + axis for axis in range(3)]
+            slopes += list(-unit.T)
         return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
 
 

@@ -110,14 +110,10 @@ def link_quality(
 
 
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:
-    """(A,) share of a tag's ranges whose gap (N,) of receiver to first-path power is above WEAK_FIRST_PATH_DB.
-
-    NaN for links whose radios do not report it.
-    """
-    known = np.zeros(len(ranges), dtype=bool) if gap_db is None else (ranges.tag == tag) & np.isfinite(gap_db)
-    weak = known if gap_db is None else known & (gap_db > WEAK_FIRST_PATH_DB)
-    counts = [(int(weak[mine].sum()), int(known[mine].sum())) for mine in (ranges.anchor == i for i in anchor_ids)]
-    return np.array([weak_n / n if n else np.nan for weak_n, n in counts])
+    """(A,) share of a tag's ranges whose gap (N,) of receiver to first-path power is wide; NaN where not reported."""
+    own_db = np.full(len(ranges), np.nan) if gap_db is None else np.where(ranges.tag == tag, gap_db, np.nan)
+    parts_db = (own_db[(ranges.anchor == anchor) & np.isfinite(own_db)] for anchor in anchor_ids)
+    return np.array([np.mean(each > WEAK_FIRST_PATH_DB) if len(each) else np.nan for each in parts_db])
 
 
 RARE_SHARE = 0.05

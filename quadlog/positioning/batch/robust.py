@@ -45,23 +45,16 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float) 
 
 def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
     """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
-    off_m = residual_m - link_medians(residual_m, link)[link]
+    parts_m = np.split(residual_m, np.cumsum(np.bincount(link))[:-1])  # they are sorted by link
+    off_m = residual_m - np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
     spread_m = max(std_m, 1.4826 * float(np.median(np.abs(off_m))))
     return 1 / (1 + (off_m / (HALF_TRUST_STD * spread_m)) ** 2) ** 2
 
 
-def link_medians(residual_m: Float, link: Int) -> Float:
-    """(L,) median residual of each link, zero where it has none; ranges are sorted by link."""
-    n = np.bincount(link)
-    parts_m = np.split(residual_m, np.cumsum(n)[:-1])
-    return np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])
-
-
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:
-    """(N,) probability that a range was in line of sight: Gaussian then, and late by an exponential delay otherwise.
+    """(N,) probability that a range was in line of sight, Gaussian, or late by an exponential delay; sum of -log.
 
-    And the sum of -log of the densities. The share of late ranges of each link and SHARE_S is found by
-    expectation-maximisation.
+    The share of late ranges of each link and SHARE_S is found by expectation-maximisation.
     """
     slot = ((t_s - t_s.min()) / SHARE_S).astype(np.int64)
     _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)

@@ -205,10 +205,6 @@ class Estimate:
     for_knots: Factorised
     last_step: Float
 
-    def at(self, t_s: Float) -> tuple[Float, Float]:
-        """Coordinates and rates (N, D)."""
-        return self.problem.timeline.sample(t_s).of(self.knots)
-
     def past(self) -> tuple[Float, Float, Float]:
         """What its ranges, and those before, say of the globals; see Problem."""
         arrow, factorised = self.for_globals, self.for_globals.factorised
@@ -225,7 +221,7 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     slots, (pose, rate) = problem.slots, problem.sampling.of(knots)
     predicted_m, by_pose, column, slope = problem.model.predict(slots, pose, values)
     speed_mps = np.einsum("nd,nd->n", by_pose, rate)
-    late_s, delay = slots.late_s, problem.model.border.delay
+    late_s, delay = slots.late_s, problem.model.delay
     if delay is not None:
         late_s = late_s + values[delay]
         column, slope = np.vstack([column, np.full(len(speed_mps), delay)]), np.vstack([slope, speed_mps])

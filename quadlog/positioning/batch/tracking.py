@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, Border, RangeModel, Steps, TagRanges, Way
+from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, RangeModel, Steps, TagRanges, Way
 from quadlog.positioning.batch.links import bias_priors, delete_anchors
-from quadlog.positioning.batch.motion import Timeline, Track, lifting, make_timeline, turning, walking
+from quadlog.positioning.batch.motion import Timeline, lifting, make_timeline, turning, walking
 from quadlog.positioning.batch.solve import Estimate, Problem, solve
-
-if TYPE_CHECKING:
-    from quadlog.positioning.batch.causal import Known
 
 KNOT_S = 0.2
 """Between knots; ranges of a link are averaged from each to the next."""
 LONGEST_GAP_S = 2.0
 """After so long without a range a new segment begins."""
-STAMP_STD_S = 0.05
-"""How well the stamps of ranges are known: radios, drivers and references have clocks of their own, unknown to the
-ranges. Real recordings were 0.08 and 0.11 s off."""
 SCALE_STD, DRIFT_STD_RADPS, WALK_STD = 0.05, 0.003, 0.003
 """Of an odometry: its scale, the drift of its yaw, and the random walk of that (rad/sqrt s)."""
 JUMP_STRESS, JUMP_SHORT_SHARE, SHORT_STD = 20.0, 0.1, 4.0
@@ -52,10 +45,6 @@ class Starts:
 
     t_s: Float
     pose: Float
-
-    def at(self, t_s: Float) -> Float:
-        """(N, 2) or (N, 3) poses between them."""
-        return np.column_stack([np.interp(t_s, self.t_s, each) for each in self.pose.T])
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,39 +106,33 @@ class Body:
         if self.motion is not None and not self.motion.in_map:  # its scale, and the drift of its yaw
             mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
             priors = np.array([block_diag(prior, own) for prior in priors])
-        model = RangeModel(self.axes, Border(n, len(mean)), self.anchors_m)
-        slots = self.ranges.slots(self.timeline.t_s)
+        model, slots = RangeModel(self.axes, self.anchors_m), self.ranges.slots(self.timeline.t_s)
         return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
 
     def knots_from(self, starts: Starts, timeline: Timeline) -> Float:
         """(K, 2, D) knots that stand at their places between starts."""
         axes = self.axes
         knots, own = np.zeros((len(timeline), 2, len(axes))), [0, 1] if axes.yaw is None else [0, 1, axes.yaw]
-        knots[:, 0, own] = starts.at(timeline.t_s)[:, : len(own)]
+        for axis, each in zip(own, starts.pose.T, strict=False):
+            knots[:, 0, axis] = np.interp(timeline.t_s, starts.t_s, each)
         return knots
 
 
 @dataclass(frozen=True, slots=True)
 class Tracked:
-    """last: the estimate; covariance (K, 2D, 2D): of its knots, raised by what positions differ by without each anchor,
-    for the place by spread. without: the globals (G, M) without each of some anchors (G,).
+    """known (R,): all ranges; restarts_s: where the body was carried away; last: the estimate.
+
+    covariance (K, 2D, 2D): of its knots, raised by what positions differ by without each anchor, for the place by
+    spread. without: the globals (G, M) without each of some anchors (G,).
     """
 
     body: Body
+    known: np.ndarray
+    restarts_s: Float
     last: Estimate
     covariance: Float
     spread: float
     without: tuple[Int, Float]
-
-    @property
-    def known(self) -> np.ndarray:
-        """(R,) bool, the ranges with which there is a pose: all."""
-        return np.ones(len(self.body.ranges.t_s), dtype=bool)
-
-    @property
-    def restarts_s(self) -> Float:
-        """Where the body was carried away."""
-        return self.body.cuts_s
 
     def poses(self, t_s: Float) -> tuple[Float, Float, Float]:
         """Coordinates and rates (N, D) at instants (N,), and their covariances (N, 2D, 2D)."""
@@ -157,10 +140,7 @@ class Tracked:
         return *sampling.of(self.last.knots), sampling.between(self.covariance)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
-        """For each of the body's ranges (R,): residual, weight, and its square over the variance that it should have.
-
-        The last as a track that fits R ranges with D numbers leaves it, and for a mean weight of one.
-        """
+        """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""
         problem, weights = self.last.problem, self.last.weights
         slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
         pose, _, covariance = self.poses(slots.t_s)
@@ -215,7 +195,8 @@ def track_body(body: Body, starts: Starts) -> Tracked:
         scale = np.sqrt(1 + spread / np.bincount(axis, np.diagonal(own.mean(axis=0))[:size]))[axis]
         raised[:, :size, :size] *= scale[:, None] * scale
     spread = np.trace(raised[:, :2, :2].mean(axis=0)) / np.trace(own[:, :2, :2].mean(axis=0))
-    return Tracked(body, estimate, raised, float(spread), (anchors, values))
+    known = np.ones(len(body.ranges.t_s), dtype=bool)
+    return Tracked(body, known, body.cuts_s, estimate, raised, float(spread), (anchors, values))
 
 
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:
@@ -246,27 +227,3 @@ def find_jumps(estimate: Estimate, starts: Starts) -> Float:
             cut_s = float(at_s[inside][np.argmax(step_m[inside])])
             found += [cut_s] if all(abs(cut_s - other) > 0.5 for other in found) else []
     return np.array(sorted(found))
-
-
-def track_of(tracked: Tracked | Known, t_s: Float, t_ns: Int, tag: int | None) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags, at t_ns (N,), which are t_s.
-
-    Its covariances know that stamps are uncertain.
-    """
-    (pose, rate, covariance), ranges, axes = tracked.poses(t_s), tracked.body.ranges, tracked.body.axes
-    size, n, lever_m, height_m = len(axes), len(t_ns), np.zeros(2), ranges.height_m.mean()
-    if tag is not None:
-        lever_m, height_m = ranges.lever_m[tag], ranges.height_m[tag]
-    place_m, swing_m = axes.places(pose, np.broadcast_to(lever_m, (n, 2)))
-    change = np.zeros((n, 2, size))
-    change[:, 0, 0] = change[:, 1, 1] = 1.0
-    if axes.yaw is not None:
-        change[:, :, axes.yaw] = swing_m
-    velocity_mps, back = np.einsum("nij,nj->ni", change, rate), change.transpose(0, 2, 1)
-    own_m2, rates = change @ covariance[:, :size, :size] @ back, change @ covariance[:, size:, size:] @ back
-    place_m2 = own_m2 + STAMP_STD_S**2 * velocity_mps[:, :, None] * velocity_mps[:, None, :]
-    excess = tracked.spread * np.trace(place_m2, axis1=1, axis2=2) / np.trace(own_m2, axis1=1, axis2=2)
-    z_m, z_std_m = np.full(n, float(height_m)), np.zeros(n)
-    if axes.z is not None:
-        z_m, z_std_m = z_m + pose[:, axes.z], np.sqrt(covariance[:, axes.z, axes.z])
-    return Track(t_ns, place_m, velocity_mps, place_m2, rates, z_m, z_std_m, excess)

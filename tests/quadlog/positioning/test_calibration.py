@@ -55,7 +55,7 @@ def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):
     simulated = lab.simulate(lab.walk_straight, lab.SQUARE_M, 7, bias_m=0.25)
     got = lab.locate_tag(simulated.series, lab.SQUARE_M, calibrate=False)
     assert got.bias is None
-    raw = lab.rmse(got.fixes.position_m - simulated.truth_at(got.fix_t_ns))
+    raw = lab.rmse(got.fixes.position_m - simulated.truth_at(got.epochs.t_ns))
     assert lab.rmse(got.track.position_m - simulated.truth_at(got.track.t_ns)) < 0.4 * raw
     assert np.median(got.ranges.range_m - got.ranges.predicted_m) == pytest.approx(0.0, abs=0.02)
     assert np.median(got.ranges.weight) > 0.9

@@ -16,7 +16,7 @@ import pytest
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.survey import PRIORS
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
-from quadlog.positioning.anchors.walk import HeightPrior, make_walk
+from quadlog.positioning.anchors.walk import make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, locate
 
@@ -64,7 +64,7 @@ def test_fixes_from_rounds_and_tracks(lab, labyrinth, calibrate, smooth, fixes_m
     tag = labyrinth.locate(calibrate=calibrate, smooth=smooth)
     fixed, track = tag.fixes.solved, tag.track
     assert fixed.sum() >= 58
-    assert lab.rmse((tag.fixes.position_m - labyrinth.truth_at(tag.fix_t_ns))[fixed]) <= fixes_m
+    assert lab.rmse((tag.fixes.position_m - labyrinth.truth_at(tag.epochs.t_ns))[fixed]) <= fixes_m
     assert len(track) >= 229
     error_m = track.position_m - labyrinth.truth_at(track.t_ns)
     assert lab.rmse(error_m) <= limit_m
@@ -97,7 +97,7 @@ def surveyed(labyrinth: Labyrinth, turns: float) -> AnchorSurvey:
     ranges, anchors = labyrinth.ranges, labyrinth.anchors
     anchor = np.searchsorted(anchors.ids, ranges.anchor)
     seen = ranges.t_ns * 1e-9 - t_s[0], ranges.tag, anchor, ranges.range_m
-    heights = HeightPrior(np.zeros(4), np.full(4, 0.05))
+    heights = np.array([np.zeros(4), np.full(4, 0.05)])
     walk, _ = make_walk(way, TagRanges(*seen, np.zeros((1, 2)), np.zeros(1), 4), heights, PRIORS["odometry"])
     return survey_anchors(walk, anchors.position_m[:, :2])
 

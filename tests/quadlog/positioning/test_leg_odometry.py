@@ -117,7 +117,6 @@ def test_a_leg_without_angles_is_out_and_without_any_foot_the_speed_is_held_for_
     assert held_m == pytest.approx(0.3 * 0.7, abs=0.06)
     kept = np.delete(np.arange(len(joints)), slice(3000, 3100))
     gap = leg_track(JointSeries(*(getattr(joints, name)[kept] for name in joints.__slots__)), GEOMETRY, imu)
-    assert gap.gap_s == pytest.approx(0.202, abs=1e-6)
     assert drift(gap, walked) < 0.03
 
 

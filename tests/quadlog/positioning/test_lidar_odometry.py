@@ -11,7 +11,6 @@ from quadlog.geometry import seconds_since
 from quadlog.positioning.lidar_odometry import LidarOdometry, LidarTrack, ScanMatch, body_motion
 from quadlog.simulation.synthetic import corridor, follow, forest
 from quadlog.simulation.synthetic.recording import START_NS
-from tests.lab.strangers import Room, instants_s, ns
 
 LIDAR_HEIGHT_M = 0.45
 
@@ -81,20 +80,3 @@ def test_velocities_of_the_body_are_those_of_the_walk(causal):
     assert motion.velocity_mps == pytest.approx(np.tile([0.6, 0.1], (57, 1)), abs=1e-3)
     assert motion.yaw_rate_radps == pytest.approx(0.5)
     assert motion.t_ns[0] * 1e-9 == pytest.approx(0.1 if causal else 0.05)
-
-
-def scans_of_room(size_m: float):
-    """Planar scans about the robot for eight seconds."""
-    room, angle_rad = Room(size_m), -np.pi + 2 * np.pi / 180 * np.arange(180)
-    ray = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(180)], axis=1)
-    for t_s in instants_s(8.0, 10):
-        range_m = room.ranges_m(t_s, 180, (0.0, 0.0, 0.0), 2 * np.pi)
-        yield ns(t_s), (range_m[:, None] * ray).astype(np.float32), None
-
-
-def test_a_track_that_mostly_loses_its_scans_ends():
-    """Scans of other places now and then would match by chance, and the track would wander off."""
-    pairs = zip(scans_of_room(6.0), scans_of_room(14.0), strict=True)
-    track = odometry([elsewhere if 20 <= k < 70 and k % 3 else scan for k, (scan, elsewhere) in enumerate(pairs)])
-    assert (track.match[:20] != ScanMatch.LOST).all()
-    assert (track.match[70:] == ScanMatch.LOST).all()

@@ -7,7 +7,7 @@ import pytest
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.positioning.anchors.survey import AnchorSurvey, survey_anchors
-from quadlog.positioning.anchors.walk import HeightPrior, OdometryPrior, make_walk
+from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
 
 ANCHORS_M = np.array(
@@ -48,7 +48,7 @@ def survey(seed: int, path=loop, turns: float = 1.0, late_s: float = 0.0) -> tup
     n, a = range_m.shape
     seen = np.repeat(t_s + late_s, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.ravel()
     ranges = TagRanges(*seen, np.zeros((1, 2)), np.array([TAG_HEIGHT_M]), a)
-    heights = HeightPrior(np.full(a, 1.6), np.full(a, 0.8))
+    heights = np.array([np.full(a, 1.6), np.full(a, 0.8)])
     turned = (ANCHORS_M[:, :2] - xy_m[0]) @ [1, 1j] * np.exp(-1j * yaw[0])
     truth_m = np.column_stack([turned.real, turned.imag, ANCHORS_M[:, 2]])
     walk, _ = make_walk(way, ranges, heights, LIDAR if turns == 1 else WHEELS)

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 
 from quadlog.positioning.batch import solve as module
-from quadlog.positioning.batch.factors import Axes, Border, RangeModel, Steps, TagRanges, Way
+from quadlog.positioning.batch.factors import Axes, RangeModel, Steps, TagRanges, Way
 from quadlog.positioning.batch.links import bias_priors
 from quadlog.positioning.batch.motion import (
     lifting,
@@ -38,12 +38,11 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
         Steps(timeline, way, AXES, (n, n + 1, n + 2), (variance, variance / 2)),
         Steps(timeline, way, AXES, (), (variance, variance)),
     )
-    mean = np.concatenate([np.zeros(n), [1.0, 0.0, 1.0], np.zeros(3)])
-    border = Border(n, n + 6, np.array([-1, -1, n + 3, -1, -1]))
-    prior = np.diag(np.concatenate([np.ones(n), np.square([0.1, 0.01, 0.1, 1.0, 1.0, 0.1])]))
+    mean = np.concatenate([np.zeros(n), [1.0, 0.0, 1.0], np.zeros(15)])
+    prior = np.diag(np.concatenate([np.ones(n), np.square([0.1, 0.01, 0.1] + 5 * [1.0, 1.0, 0.1])]))
     prior[:n, :n] = bias_priors(n, True)[-1]
     problem = Problem(
-        timeline, RangeModel(AXES, border, ANCHORS_M), ranges.slots(timeline.t_s), 0.1, mean, prior[None], others
+        timeline, RangeModel(AXES, ANCHORS_M, n + 3), ranges.slots(timeline.t_s), 0.1, mean, prior[None], others
     )
     knots = 0.1 * rng.standard_normal((len(timeline), 2, 4))
     knots[:, 0, 0] += 3 + 0.5 * timeline.t_s
