@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,9 +60,12 @@ def walk_figure_eight(t_s: Float) -> Float:
 
 
 def simulate(
-    walk, anchors_m: Float, seed: int, *, duration_s=12.0, rate_hz=50.0, std_m=0.1, bias_m=0.0, bursts=False
+    walk, anchors_m: Float, seed: int, *, duration_s=12, rate_hz=50, std_m=0.1, bias_m=0.0, bursts=False, place_m=0.0
 ) -> Simulated:
-    """Gaussian ranges; bursts: every anchor spends a tenth of the 0.6 s slots behind something, late by Exp(0.5 m)."""
+    """Gaussian ranges; bursts: every anchor spends a tenth of the 0.6 s slots behind something, late by Exp(0.5 m).
+
+    place_m: rms of errors that depend on the place, as those of reflections do.
+    """
     rng = np.random.default_rng(seed)
     t_s = np.arange(round(duration_s * rate_hz)) / rate_hz
     position_m = walk(t_s)
@@ -73,6 +77,8 @@ def simulate(
             range_m[begin : begin + slot] += late
     t_ns = 1_700_000_000_000_000_000 + np.rint(t_s * 1e9).astype(np.int64)
     n, a = range_m.shape
+    waves, phase = rng.normal(0, 1.2, (a, 20, 2)), rng.uniform(0, 6.3, (a, 20, 1))
+    range_m += place_m * np.sqrt(2 / 20) * np.cos(waves @ position_m.T + phase).sum(axis=1).T
     series = RangeSeries(
         np.repeat(t_ns, a), np.zeros(n * a, dtype=np.int64), np.tile(np.arange(a), n), range_m.reshape(-1).copy()
     )
@@ -111,17 +117,6 @@ def trolley(lias_site: SimpleNamespace) -> Trolley:
 
 
 @pytest.fixture(scope="session")
-def lab() -> SimpleNamespace:
-    """The helpers above, for test files that cannot import this one."""
-    return SimpleNamespace(
-        TRIANGLE_M=TRIANGLE_M,
-        SQUARE_M=SQUARE_M,
-        TAG_HEIGHT_M=TAG_HEIGHT_M,
-        true_ranges=true_ranges,
-        rmse=rmse,
-        share_in_ellipses=share_in_ellipses,
-        simulate=simulate,
-        locate_tag=locate_tag,
-        walk_straight=walk_straight,
-        walk_figure_eight=walk_figure_eight,
-    )
+def lab() -> ModuleType:
+    """This file."""
+    return sys.modules[__name__]

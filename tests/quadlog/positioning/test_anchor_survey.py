@@ -76,15 +76,6 @@ def test_a_shifted_anchor_is_named_and_placed(lab, anchor, x_m, y_m):
     assert got.shifted[0].distance_m == pytest.approx(np.hypot(x_m, y_m), abs=4 * got.shifted[0].distance_std_m)
 
 
-def test_a_large_shift_does_not_pass_for_a_swap(lab):
-    """With four anchors a swap explains half of it; the displacement explains all."""
-    for seed, anchor in ((0, 0), (1, 2)):
-        log = log_of(lab, seed, anchors_m=lab.SQUARE_M, bursts=False, bias_m=0.0)
-        got = check(moved(lab.SQUARE_M, anchor, 2.5, 2.5), log)
-        assert not got.swapped
-        assert anchor in [each.anchor for each in got.shifted]
-
-
 @pytest.mark.parametrize(
     ("n_anchors", "duration_s", "walks"), [(3, 30, True), (6, 4, True), (6, 12, True), (6, 30, False)]
 )

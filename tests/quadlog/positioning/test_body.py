@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
@@ -22,41 +20,28 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@dataclass(frozen=True)
-class Walk:
-    """Ranges of the tags of a body that looks to and fro as it walks, and its true poses; errors last in a place."""
-
-    ranges: RangeSeries
-    t_s: np.ndarray
-    xy_m: np.ndarray
-    yaw_rad: np.ndarray
-
-    def truth_at(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        t_s = (t_ns - START_NS) * 1e-9
-        xy_m = np.stack([np.interp(t_s, self.t_s, self.xy_m[:, axis]) for axis in range(2)], axis=1)
-        return xy_m, np.interp(t_s, self.t_s, self.yaw_rad)
+def pose_at(lab, t_ns) -> tuple[np.ndarray, np.ndarray]:
+    """Position and yaw of a body that looks to and fro as it walks."""
+    t_s = (t_ns - START_NS) * 1e-9
+    phase = 2 * np.pi * t_s / 30
+    course = np.arctan2(3.6 * np.cos(2 * phase), 2.5 * np.cos(phase))
+    return lab.walk_figure_eight(t_s), course + 0.3 * np.sin(2 * np.pi * t_s / 6)
 
 
-def walk(seed: int, levers_m=LEVERS_M, *, in_turn=False, duration_s=30.0, hz=20.0) -> Walk:
-    rng = np.random.default_rng(seed)
-    t_s = np.arange(round(duration_s * hz)) / hz
-    phase = 2 * np.pi * t_s / 30 + rng.uniform(0, 6)
-    xy_m = np.array([4, 3.5]) + np.stack([2.5 * np.sin(phase), 1.8 * np.sin(2 * phase)], axis=1)
-    course = np.unwrap(np.arctan2(*np.gradient(xy_m, t_s, axis=0).T[::-1]))
-    yaw = course + 0.3 * np.sin(2 * np.pi * t_s / 6) + rng.uniform(-3, 3)
-    truth, rows = Walk(None, t_s, xy_m, yaw), []  # type: ignore[arg-type]
+def walk(lab, seed: int, levers_m=LEVERS_M, *, in_turn=False, duration_s=30.0, hz=20.0) -> RangeSeries:
+    """What the body's tags range, all at once or in turn."""
+    rows = []
     for tag, lever_m in enumerate(levers_m):
-        t_ns = START_NS + np.rint((t_s + in_turn * tag / len(levers_m) / hz) * 1e9).astype(np.int64)
-        tag_m = np.column_stack([base_to_tag(*truth.truth_at(t_ns), *lever_m), np.full(len(t_ns), HEIGHT_M)])
-        for anchor, anchor_m in enumerate(ANCHORS_M):
-            waves = rng.normal(0, 1 / 0.6, (12, 2)), rng.uniform(0, 2 * np.pi, 12)
-            lasting_m = 0.04 * np.sqrt(2 / 12) * np.cos(tag_m[:, :2] @ waves[0].T + waves[1]).sum(axis=1)
-            late_m = 0.15 + rng.normal(0, 0.05) + lasting_m + 0.08 * rng.standard_normal(len(t_ns))
-            range_m = np.linalg.norm(tag_m - anchor_m, axis=1) + late_m
-            rows.append((t_ns, np.full(len(t_ns), tag), np.full(len(t_ns), anchor), range_m))
+        late_ns = round(in_turn * tag / len(levers_m) / hz * 1e9)
+
+        def place(t_s, lever_m=lever_m, late_ns=late_ns):
+            return base_to_tag(*pose_at(lab, START_NS + late_ns + t_s * 1e9), *lever_m)
+
+        errors = {"std_m": 0.08, "bias_m": 0.15, "place_m": 0.04}
+        heard = lab.simulate(place, ANCHORS_M, 10 * seed + tag, duration_s=duration_s, rate_hz=hz, **errors).series
+        rows.append((heard.t_ns + late_ns, heard.tag + tag, heard.anchor, heard.range_m))
     columns = [np.concatenate(each) for each in zip(*rows, strict=True)]
-    order = np.argsort(columns[0], kind="stable")
-    return Walk(RangeSeries(*(each[order] for each in columns)), t_s, xy_m, yaw)
+    return RangeSeries(*columns).rows(np.argsort(columns[0], kind="stable"))
 
 
 def solve(ranges: RangeSeries, levers_m, told_m=None, anchors_m=ANCHORS_M, height_m=HEIGHT_M, **settings):
@@ -77,10 +62,10 @@ def base_of(body: LocatedBody):
 def test_position_and_yaw_of_a_walk(lab, smooth, in_turn):
     errors_m, yaw_errors, shares, yaw_shares, single_m = [], [], [], [], []
     for seed in range(4 if smooth else 1):
-        true = walk(seed, in_turn=in_turn, hz=20.0 if smooth else 10.0)
-        tags, body = solve(true.ranges, LEVERS_M, smooth=smooth)
+        ranges = walk(lab, seed, in_turn=in_turn, hz=20.0 if smooth else 10.0)
+        tags, body = solve(ranges, LEVERS_M, smooth=smooth)
         later = body.track.t_ns > START_NS + 2e9
-        xy_m, yaw_rad = true.truth_at(body.track.t_ns[later])
+        xy_m, yaw_rad = pose_at(lab, body.track.t_ns[later])
         base_m, covariance_m2 = base_of(body)
         off = wrap_angle(body.yaw.yaw_rad[later] - yaw_rad)
         errors_m.append(lab.rmse(base_m[later] - xy_m))
@@ -88,11 +73,11 @@ def test_position_and_yaw_of_a_walk(lab, smooth, in_turn):
         shares.append(lab.share_in_ellipses(base_m[later] - xy_m, covariance_m2[later]))
         yaw_shares.append(np.mean(np.abs(off) < 1.96 * body.yaw.std_rad[later]))
         single_m += [
-            lab.rmse(tag.track.position_m - base_to_tag(*true.truth_at(tag.track.t_ns), *LEVERS_M[tag.tag]))
+            lab.rmse(tag.track.position_m - base_to_tag(*pose_at(lab, tag.track.t_ns), *LEVERS_M[tag.tag]))
             for tag in tags
         ]
         assert not body.misplaced
-        assert len(body.track) == len(np.unique(true.ranges.t_ns))
+        assert len(body.track) == len(np.unique(ranges.t_ns))
     assert rms(errors_m) < 0.9 * rms(single_m)
     assert np.degrees(rms(yaw_errors)) < (6.0 if smooth else 7.0)
     assert min(np.mean(shares), np.mean(yaw_shares)) > 0.9
@@ -100,30 +85,29 @@ def test_position_and_yaw_of_a_walk(lab, smooth, in_turn):
     assert claimed < 2 * rms(yaw_errors)
 
 
-def test_lever_arms_that_the_ranges_contradict():
+def test_lever_arms_that_the_ranges_contradict(lab):
     """Tags 0 and 1 exchanged: no rotation brings them to where they are told to be."""
-    _, body = solve(walk(0, duration_s=15.0).ranges, LEVERS_M, told_m=LEVERS_M[[1, 0, 2]])
+    _, body = solve(walk(lab, 0, duration_s=15.0), LEVERS_M, told_m=LEVERS_M[[1, 0, 2]])
     assert body.misplaced
     assert all(apart_m > 0.1 for _, _, apart_m in body.misplaced.values())
 
 
 def test_tags_in_one_place_show_no_yaw(lab):
     levers_m = np.tile([0.1, 0.0], (2, 1))
-    true = walk(6, levers_m)
-    tags, body = solve(true.ranges, levers_m)
+    tags, body = solve(walk(lab, 6, levers_m), levers_m)
     assert body.yaw is None
-    truth_m = base_to_tag(*true.truth_at(body.track.t_ns), 0.1, 0.0)
+    truth_m = base_to_tag(*pose_at(lab, body.track.t_ns), 0.1, 0.0)
     alone_m = [lab.rmse(tag.track.position_m - truth_m) for tag in tags]
     assert lab.rmse(body.track.position_m - truth_m) < max(alone_m)
     np.testing.assert_allclose(body.middle_m, [0.1, 0.0])
 
 
 def test_a_tag_that_falls_silent_leaves_the_track_to_the_others(lab):
-    true = walk(7)
-    t_s = (true.ranges.t_ns - START_NS) * 1e-9
-    heard = ((true.ranges.tag != 0) | (t_s < 10) | (t_s > 20)) & ((true.ranges.tag == 2) | (t_s < 23) | (t_s > 26))
-    _, body = solve(true.ranges.rows(heard), LEVERS_M)
-    xy_m, yaw_rad = true.truth_at(body.track.t_ns)
+    ranges = walk(lab, 7)
+    t_s = (ranges.t_ns - START_NS) * 1e-9
+    heard = ((ranges.tag != 0) | (t_s < 10) | (t_s > 20)) & ((ranges.tag == 2) | (t_s < 23) | (t_s > 26))
+    _, body = solve(ranges.rows(heard), LEVERS_M)
+    xy_m, yaw_rad = pose_at(lab, body.track.t_ns)
     assert lab.rmse(base_of(body)[0] - xy_m) < 0.08
     at_s = (body.track.t_ns - START_NS) * 1e-9
     alone = (at_s > 23.5) & (at_s < 25.5)
@@ -197,11 +181,10 @@ def test_yaw_of_another_sensor_is_aligned_by_every_tag(trolley, on_trolley):
 
 def test_a_body_whose_height_is_solved_for_has_the_tags_height(lab):
     """Tags at 0.6 m that were written down at 1.0 m; the track's is the mean of both."""
-    true = walk(4, duration_s=20.0, hz=10.0)
-    tags, body = solve(true.ranges, LEVERS_M, height_m=1.0, height="solved")
+    tags, body = solve(walk(lab, 4, duration_s=20.0, hz=10.0), LEVERS_M, height_m=1.0, height="solved")
     assert all(tag.height_solved for tag in tags)
     assert np.median(body.track.z_m) == pytest.approx(HEIGHT_M, abs=0.15)
-    assert lab.rmse(base_of(body)[0] - true.truth_at(body.track.t_ns)[0]) < 0.1
+    assert lab.rmse(base_of(body)[0] - pose_at(lab, body.track.t_ns)[0]) < 0.1
 
 
 def test_a_height_that_the_anchors_cannot_show_leaves_the_place(lab):

@@ -89,17 +89,6 @@ def screen(rows):
     return screen_ranges(series(rows), np.array([0, 3]), np.array([10, 11, 12]), 0.05, 300.0)
 
 
-def test_every_cause_is_counted_and_every_stranger_named():
-    bad_m = [np.nan, np.inf, 0.0, -2.0, 0.01, 301.0]
-    rows = [(k, 0, 10, each) for k, each in enumerate([1.0, *bad_m, 300.0])]
-    kept, counts = screen([*rows, (8, 0, 77, 1.0), (9, 0, 77, 1.0), (10, 3, 78, 1.0), (11, 5, 10, 1.0)])
-    np.testing.assert_array_equal(kept.t_ns, [0, 7])
-    assert (counts.not_finite, counts.not_positive, counts.too_short, counts.too_long) == (2, 2, 1, 1)
-    assert counts.unknown_anchors == ((77, 2), (78, 1))
-    assert counts.other_tags == ((5, 1),)
-    assert counts.silent_anchors == (11, 12)
-
-
 range_m = st.floats(-1, 400) | st.sampled_from([np.nan, np.inf, -np.inf, 0.0])
 
 

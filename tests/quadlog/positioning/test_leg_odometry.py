@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from quadlog.control.locomotion.kinematics import foot_positions, joints_for
+from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.geometry import quat_from_euler, seconds_since
 from quadlog.messages import ImuSeries, JointSeries
@@ -16,7 +16,6 @@ from quadlog.positioning.leg_odometry import (
     AttitudeSource,
     ContactSource,
     LegGeometry,
-    feet_in_body,
     leg_track,
 )
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, START_NS
@@ -65,6 +64,9 @@ def test_the_way_of_a_simulated_walker_is_found(walked, joints, imu, without, so
     track = leg_track(replace(joints, **{name: getattr(joints, name) * np.nan for name in without}), GEOMETRY, imu)
     assert drift(track, walked) < limit
     assert track.contact_sources == (source,) * 4
+    carries = joints.foot_force_n > 25.0
+    assert np.mean((track.contact > 0.5) == carries) > 0.85
+    assert track.contact[carries].mean() > 3 * track.contact[joints.foot_force_n == 0].mean()
     assert track.attitude is AttitudeSource.IMU
     assert track.unheld_s < 0.1
 
@@ -91,15 +93,6 @@ def test_without_an_attitude_rates_give_the_turns_and_without_an_imu_the_feet_do
         assert drift(track, walked) < 0.03
         turned = track.rpy_rad[:, 2] - track.rpy_rad[0, 2] - (true_rad - true_rad[0])
         assert np.abs(turned).max() < np.radians(4.0)
-
-
-def test_contacts_are_those_of_the_simulation(joints, imu):
-    carries = joints.foot_force_n > 25.0
-    for known in (joints, replace(joints, foot_force_n=joints.foot_force_n * np.nan)):
-        weight = leg_track(known, GEOMETRY, imu).contact
-        assert (weight.min() >= 0.0, weight.max() <= 1.0) == (True, True)
-        assert np.mean((weight > 0.5) == carries) > 0.85
-        assert weight[carries].mean() > 3 * weight[joints.foot_force_n == 0].mean()
 
 
 def test_a_leg_without_forces_has_its_torques_and_nan_torques_are_no_contact_of_their_own(walked, joints, imu):
@@ -157,10 +150,3 @@ def test_feet_fixed_in_the_world_give_back_any_motion_of_the_body_exactly(wave):
         track = leg_track(joints, replace(GEOMETRY, foot_radius_m=0.0), imu)
         np.testing.assert_allclose(track.position_m, place_m - place_m[0], atol=1e-9)
         assert track.contact.min() > 0.95
-
-
-@given(st.lists(st.floats(-1.2, 1.2), min_size=12, max_size=12))
-def test_feet_are_where_the_controllers_kinematics_have_them(angles):
-    feet_m = np.empty((4, 3))
-    foot_positions(np.array(angles) * SIGNS, ROBOT.hips_m, ROBOT.lengths, feet_m)
-    np.testing.assert_allclose(feet_in_body(np.array([angles]), GEOMETRY)[0], feet_m, atol=1e-12)

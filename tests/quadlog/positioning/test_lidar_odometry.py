@@ -11,7 +11,6 @@ from quadlog.geometry import seconds_since
 from quadlog.positioning.lidar_odometry import LidarOdometry, LidarTrack, ScanMatch, body_motion
 from quadlog.simulation.synthetic import corridor, follow, forest
 from quadlog.simulation.synthetic.recording import START_NS
-from tests.lab.strangers import Room, instants_s, ns
 
 LIDAR_HEIGHT_M = 0.45
 
@@ -81,23 +80,3 @@ def test_velocities_of_the_body_are_those_of_the_walk(causal):
     assert motion.velocity_mps == pytest.approx(np.tile([0.6, 0.1], (57, 1)), abs=1e-3)
     assert motion.yaw_rate_radps == pytest.approx(0.5)
     assert motion.t_ns[0] * 1e-9 == pytest.approx(0.1 if causal else 0.05)
-
-
-def scans_of_room(size_m: float, beams: int, duration_s: float = 6.0):
-    """Planar scans about the robot, and what gives its true position (N, 2) at instants."""
-    room = Room(size_m)
-    angle_rad = -np.pi + 2 * np.pi / beams * np.arange(beams)
-    ray = np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros(beams)], axis=1)
-    scans = [
-        (ns(t_s), (room.ranges_m(t_s, beams, (0.0, 0.0, 0.0), 2 * np.pi)[:, None] * ray).astype(np.float32), None)
-        for t_s in instants_s(duration_s, 10)
-    ]
-    return scans, room.way_m
-
-
-@pytest.mark.parametrize(("size_m", "beams"), [(3.0, 90), (5.0, 60), (10.0, 360)])
-def test_planar_scans_of_rooms_hold_to_two_centimetres(size_m, beams):
-    scans, true_at = scans_of_room(size_m, beams)
-    track = odometry(scans)
-    assert len(track.measured().t_ns) == len(scans)
-    assert ate_m(track, true_at) < 0.02

@@ -1,4 +1,4 @@
-"""The batch against scipy's dense least squares of the same problem, and its matrices against dense ones."""
+"""The batch against scipy's dense least squares of the same problem."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from quadlog.positioning.batch.links import bias_priors
 from quadlog.positioning.batch.motion import (
     lifting,
     make_timeline,
-    motion_information,
     transition,
     turning,
     walking,
 )
-from quadlog.positioning.batch.solve import Arrow, Problem, Weights, assemble, linearise, posterior_of_globals, solve
+from quadlog.positioning.batch.solve import Problem, Weights, linearise, solve
 
 ANCHORS_M = np.array([[0, 0, 0.3], [8, 0, 2.4], [8, 7, 0.5], [0, 7, 2.5], [4, -1, 1.2]])
 AXES = Axes((walking(1.0), walking(1.0), lifting(0.5), turning()), 2, 3)
@@ -51,44 +50,8 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     return problem, knots, mean + 0.01 * rng.standard_normal(len(mean))
 
 
-def dense(arrow: Arrow) -> tuple[np.ndarray, np.ndarray]:
-    """The whole matrix and its right side."""
-    n, size = arrow.n_knots * arrow.size, arrow.size
-    matrix, right = np.zeros((n + arrow.width, n + arrow.width)), np.zeros(n + arrow.width)
-    for k, (block, pull) in enumerate(zip(arrow.blocks, arrow.pulls, strict=True)):
-        at = slice(k * size, (k + 2) * size)
-        matrix[at, at] += block
-        right[at] += pull
-    matrix[:n, n:], matrix[n:, :n], matrix[n:, n:] = arrow.border, arrow.border.T, arrow.corner
-    right[n:] = arrow.pull
-    return matrix, right
-
-
-def test_the_arrow_is_the_dense_system_and_its_marginals():
-    problem, knots, values = problem_of()
-    weights = Weights(*np.random.default_rng(1).uniform(0.2, 1, (2, len(problem.slots.range_m))), 2.0)
-    for_globals, for_knots = assemble(problem, linearise(problem, knots, values), weights, knots, values)
-    matrix, right = dense(for_globals)
-    n = knots.size
-    prior = np.linalg.inv(problem.priors[0])
-    full, pull = matrix.copy(), right.copy()
-    full[n:, n:] += prior
-    pull[n:] -= prior @ (values - problem.mean)
-    step, covariance, _ = posterior_of_globals(problem, for_globals, values)
-    np.testing.assert_allclose(step, np.linalg.solve(full, pull)[n:], atol=1e-8)
-    np.testing.assert_allclose(covariance, np.linalg.inv(full)[n:, n:], atol=1e-9)
-    factorised = for_knots.factorised
-    own, own_right = dense(for_knots)
-    wanted = np.linalg.solve(own[:n, :n], own_right[:n] - own[:n, n:] @ step)
-    np.testing.assert_allclose(factorised.step_of_knots(step).ravel(), wanted, atol=1e-7)
-    inverse = np.linalg.inv(own[:n, :n])
-    spread = inverse + inverse @ own[:n, n:] @ covariance @ own[n:, :n] @ inverse
-    blocks = [spread[k : k + 8, k : k + 8] for k in range(0, n, 8)]
-    np.testing.assert_allclose(factorised.covariances(covariance), blocks, rtol=1e-6, atol=1e-9)
-
-
 def test_it_is_least_squares_over_the_whole_log(monkeypatch):
-    """Against scipy, which solves for all knots and globals at once; weights are one."""
+    """Against scipy, which solves for all knots and globals at once, and inverts densely; weights are one."""
     problem, knots, values = problem_of()
     ones = np.ones(len(problem.slots.range_m))
     monkeypatch.setattr(module, "weigh", lambda *_: Weights(ones, ones))
@@ -110,6 +73,10 @@ def test_it_is_least_squares_over_the_whole_log(monkeypatch):
     found = best.x[: knots.size].reshape(knots.shape)
     np.testing.assert_allclose(solved.knots[:, 0], found[:, 0], atol=5e-3)
     np.testing.assert_allclose(solved.values, best.x[knots.size :], atol=5e-3)
+    dense = np.linalg.inv(best.jac.T @ best.jac)
+    np.testing.assert_allclose(solved.covariance, dense[knots.size :, knots.size :], rtol=0.05, atol=1e-5)
+    blocks = [dense[k : k + 8, k : k + 8] for k in range(0, knots.size, 8)]
+    np.testing.assert_allclose(solved.knot_covariances(), blocks, rtol=0.05, atol=1e-4)
 
 
 def test_motion_is_the_exact_discretisation():
@@ -122,15 +89,3 @@ def test_motion_is_the_exact_discretisation():
             column = expm(drift * 0.3 * (k + 0.5) / fine)[:, 1]
             summed += motion.density * np.outer(column, column) * 0.3 / fine
         np.testing.assert_allclose(noise, summed, rtol=1e-4, atol=1e-12)
-
-
-def test_a_spline_passes_through_its_knots_and_segments_are_apart():
-    timeline = make_timeline(np.array([0.0, 0.3, 1.1, 4.0, 4.5]), 0.2, 2.0, np.array([1.1]))
-    np.testing.assert_allclose(timeline.t_s[timeline.firsts], [0.0, 1.1, 4.0])
-    knots = np.random.default_rng(0).standard_normal((len(timeline), 2, 3))
-    value, rate = timeline.sample(timeline.t_s).of(knots)
-    np.testing.assert_allclose(value, knots[:, 0], atol=1e-9)
-    inside = np.append(timeline.connected, False) | np.append(False, timeline.connected)
-    np.testing.assert_allclose(rate[inside], knots[inside, 1], atol=1e-9)
-    information = motion_information((walking(1.0),), timeline)
-    assert np.abs(information[~timeline.connected][:, :2, 2:]).max() == 0
