@@ -10,6 +10,7 @@ from quadlog.messages import Float
 from quadlog.pipelines.tables.claims import Claim, Figures, Group, Point, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import EXACT, SIZE, Judge, not_comparable, number, rests
 from quadlog.positioning.fixes import solve_fixes
+from quadlog.positioning.two_way_ranging import averaged_range_m, general_range_m, measured_times
 
 RANGE_STD_M = 0.1
 """What [Following] reports of its ranges. Its raw ranges are not published, so this is what ours are drawn with."""
@@ -72,29 +73,6 @@ def printed_site(tag: str) -> Figures:
     fix_m = solve_fixes("gauss_newton", STATIONS_M, np.array([of.distance_m]), 0.0, 0.01, np.inf).position_m[0]
     found = {f"{axis}_m": round(float(value), 6) for axis, value in zip("xy", fix_m, strict=True)}
     return found | {f"distance_{k + 1}_m": float(each) for k, each in enumerate(distances(of.true_m))}
-
-
-LIGHT_MPS = 299_792_458.0
-
-
-def measured_times(away_m: Float | float, replies_s: tuple[float, float], clock_errors: tuple[float, float]) -> Float:
-    """(4, N) in s: round and reply that A measures, then of B, by its own clock; clock_errors: 2e-5 for 20 ppm."""
-    flights_s, (fast_a, fast_b) = 2 * away_m / LIGHT_MPS, np.add(clock_errors, 1)
-    by_a = [(flights_s + replies_s[1]) * fast_a, flights_s * 0 + replies_s[0] * fast_a]
-    return np.array([*by_a, (flights_s + replies_s[0]) * fast_b, flights_s * 0 + replies_s[1] * fast_b])
-
-
-def general_range_m(times_s: Float) -> Float:
-    """(N,) for replies of any length [Neirynck]; errs by half of the clocks' errors, times itself."""
-    round_a, reply_a, round_b, reply_b = times_s
-    range_m: Float = LIGHT_MPS * (round_a * round_b - reply_a * reply_b) / times_s.sum(axis=0)
-    return range_m
-
-
-def averaged_range_m(times_s: Float) -> Float:
-    """(N,) mean of both sides' times of flight [Following]; errs where replies and clocks differ."""
-    range_m: Float = LIGHT_MPS * (times_s[0] - times_s[1] + times_s[2] - times_s[3]) / 4
-    return range_m
 
 
 REPLIES_S = {"equal replies of 300 µs": (3e-4, 3e-4), "replies of 300 and 1000 µs": (3e-4, 1e-3)}

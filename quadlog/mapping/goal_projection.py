@@ -20,8 +20,7 @@ from quadlog.messages import Float, Int
 
 
 def inflate(occupied: Grid, radius_cells: float) -> Grid:
-    """Every cell whose centre lies within radius_cells of an occupied cell's centre. Raises ValueError below 0."""
-    _check(radius_cells)
+    """Every cell whose centre lies within radius_cells of an occupied cell's centre."""
     if not occupied.any():
         return occupied.copy()
     # Slightly more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
@@ -40,7 +39,6 @@ def inflate(occupied: Grid, radius_cells: float) -> Grid:
 
 def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
     """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning] ValueError below 0."""
-    _check(radius_cells)
     edge = 2 * int(min(radius_cells + 1e-9, max(occupied.shape))) + 1
     grown: Grid = ndimage.maximum_filter(occupied.view(np.uint8), edge, mode="constant").view(np.bool_)
     return grown
@@ -48,11 +46,6 @@ def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
 
 INFLATIONS = {"euclidean": inflate, "square": inflate_square}
 """The shapes by which obstacles grow."""
-
-
-def _check(radius_cells: float) -> None:
-    if not radius_cells >= 0:
-        raise ValueError(f"the inflation radius must be at least 0 cells, not {radius_cells}")
 
 
 Cell = tuple[int, int]

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from quadlog.pipelines.tables.following_uwb import LIGHT_MPS, averaged_range_m, general_range_m, measured_times
+from quadlog.positioning.two_way_ranging import LIGHT_MPS, averaged_range_m, general_range_m, measured_times
 
 FAST, SLOW = 20e-6, -20e-6
 EQUAL, UNEQUAL = (3e-4, 3e-4), (3e-4, 1e-3)
