@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from quadlog.compiled import kernel
 from quadlog.mapping.grid import Grid, Window
 from quadlog.messages import Float, Int
 
@@ -114,10 +113,11 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
       reachable cell nearest to the goal's, or to that of the crossing.
     Ties go to the counter-clockwise side of the margin, else to the lower row, then column.
     """
+    # A diagonal step needs both cells beside it free, so two straight steps do as well.
+    regions, _ = ndimage.label(~blocked)
+    reachable: Grid = regions == regions[start_cell[1], start_cell[0]]
     cell = window.cell_of(goal_xy_m)
-    inside = window.contains(cell)
-    reachable = reachable_cells(blocked, start_cell, (int(cell[0]), int(cell[1])) if inside else None)
-    if not inside:
+    if not window.contains(cell):
         cell = _crossing(window, start_cell, goal_xy_m)
         margin = _margin(window.shape)
         at = np.flatnonzero((margin == cell).all(axis=1))[0]
@@ -131,34 +131,6 @@ def project_goal(blocked: Grid, window: Window, start_cell: Cell, goal_xy_m: Flo
         nearest = np.argmin((cols - cell[0]) ** 2 + (rows - cell[1]) ** 2)
         cell = np.array([cols[nearest], rows[nearest]])
     return int(cell[0]), int(cell[1])
-
-
-def reachable_cells(blocked: Grid, start_cell: Cell, until: Cell | None = None) -> Grid:
-    """Free cells (rows, cols) bool connected to the start, which must be free; not all of them once `until` is found.
-
-    A diagonal step needs both cells beside it free, so two straight steps do
-    as well: 8-connected without cutting corners reaches what 4-connected does.
-    """
-    rows, cols = blocked.shape
-    padded = np.ones((rows + 2, cols + 2), np.bool_)
-    padded[1:-1, 1:-1] = blocked
-    left = padded.copy()
-    start, end = ((row + 1) * (cols + 2) + col + 1 for col, row in (start_cell, until or (-1, -1)))
-    _flood(left.ravel(), cols + 2, start, end)
-    return (left != padded)[1:-1, 1:-1]
-
-
-@kernel
-def _flood(blocked, width, start, end):  # type: ignore[no-untyped-def]
-    """Blocks what is connected to the start, the nearest cells first, until that is the end."""
-    waiting, at, count = np.empty(len(blocked), np.int64), 0, 1
-    blocked[start], waiting[0] = True, start
-    while at < count and waiting[at] != end:
-        for step in (waiting[at] - width, waiting[at] + width, waiting[at] - 1, waiting[at] + 1):
-            if not blocked[step]:
-                blocked[step], waiting[count] = True, step
-                count += 1
-        at += 1
 
 
 def _crossing(window: Window, start_cell: Cell, goal_xy_m: Float) -> Int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -49,11 +48,6 @@ class Window:
         """Which of the cells (..., 2) lie in this window: (...) bool."""
         cells = np.asarray(cells)
         return np.asarray(((cells >= 0) & (cells < np.array([self.shape[1], self.shape[0]]))).all(axis=-1))
-
-    def holds(self, x_m: float, y_m: float) -> bool:
-        """Whether a point of map lies in this window: `contains` its cell, in a tenth of the time."""
-        col, row = math.floor(x_m / self.cell_m) - self.col0, math.floor(y_m / self.cell_m) - self.row0
-        return 0 <= col < self.shape[1] and 0 <= row < self.shape[0]
 
     def shift_to(self, other: Window) -> tuple[int, int]:
         """How far (dcol, drow) `other` lies from this window: cell c of this one is cell c - shift of the other.

@@ -200,7 +200,7 @@ def _replan(
     here = walk.robot.pose[:2]
     if not np.isfinite(target_m).all():
         return
-    if not instant.window.holds(*here.tolist()):
+    if not instant.window.contains(instant.window.cell_of(here)):
         walk.outside_replans += 1
         return
     replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, here.copy(), target_m)
@@ -226,7 +226,7 @@ def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings
     every = max(round(1 / (settings.rate_hz * robot.tick_s)), 1)
     for row, now_ns in zip(rows, t_ns.tolist(), strict=True):
         x_m, y_m, yaw_rad = robot.pose.tolist()
-        if instant.window.holds(x_m, y_m):
+        if instant.window.contains(instant.window.cell_of(np.array([x_m, y_m]))):
             around = body.length_m, body.width_m, centres_m, instant.window.cell_m
             row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *around)
         else:
