@@ -37,7 +37,7 @@ def inflate(occupied: Grid, radius_cells: float) -> Grid:
 
 
 def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
-    """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning] ValueError below 0."""
+    """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning]"""
     edge = 2 * int(min(radius_cells + 1e-9, max(occupied.shape))) + 1
     grown: Grid = ndimage.maximum_filter(occupied.view(np.uint8), edge, mode="constant").view(np.bool_)
     return grown

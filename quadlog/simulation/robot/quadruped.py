@@ -90,7 +90,6 @@ class Quadruped:
         # The leg of each geom, 4 for those of none.
         self._leg_of_geom = np.full(model.model.ngeom, 4)
         self._leg_of_geom[model.foot_geoms] = range(4)
-        self._touches_of: dict[bytes, list[bool]] = {}
         self._state, self._mass, self._force = WholeBodyState(), np.zeros((DOF, DOF)), np.zeros(6)
         # A robot of the user's may have its legs in another order.
         order = np.concatenate([np.arange(BASE), model.joint_qvel])
@@ -114,12 +113,9 @@ class Quadruped:
 
     def _touches(self) -> list[bool]:
         """Of each foot, whether it is in contact with anything."""
-        pairs = self.data.contact.geom
-        # There are few sets of contacts, and telling their legs takes longer than all of the dynamics' reading.
-        if (touches := self._touches_of.get(key := pairs.tobytes())) is None:
-            touching = set(self._leg_of_geom[pairs].ravel().tolist())
-            touches = self._touches_of[key] = [leg in touching for leg in range(4)]
-        return touches
+        legs = self._leg_of_geom
+        touching = {legs[geom] for pair in self.data.contact.geom.tolist() for geom in pair}
+        return [leg in touching for leg in range(4)]
 
     def act(self, torques_nm: Float, push_n: Float | None = None) -> None:
         """Hold the joint torques (12,) for one tick, and push the trunk by a force (3,) in map."""
