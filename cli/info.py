@@ -121,7 +121,7 @@ def _uwb(info: dict[str, Any]) -> Iterator[str]:
     yield from table_lines([row | _link_words(row, said) for row in info["uwb"]], LINK)
     yield from table_lines(tags, TAG)
     if any(row["nis"] is not None for row in tags):
-        yield "HDOP and 95 % semi-axes are medians; NIS per range: 1 where uwb.range_std_m fits"
+        yield "HDOP and 95 % semi-axes are medians; NIS per range: 1 where its std is right"
     yield from (folded(f"biases of tag {row['tag']}: {row['calibration']}") for row in tags[:MOST_TAGS])
     if info["uwb_body"]:
         yield f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"

@@ -30,8 +30,8 @@ from quadlog.positioning.locate import Anchors
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import listed
 
-POOR_FIT = 1.5
-"""Ranges in line of sight that scatter more than this times uwb.range_std_m are warned of."""
+POOR_FIT_M = 0.15
+"""Ranges in line of sight that scatter more than this are warned of."""
 NOTED_DELAY_S = 0.03
 SOURCES = ("odometry", "tf", "lidar", "joints")
 """Roles of topics that positions other than UWB come from."""
@@ -148,11 +148,11 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
             journal.warn(text)
     z_given = frozenset(anchor_ids[heights_m[1] == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, config, z_given, tuple(journal.losses))
-    _tell(journal, outcome, config.uwb.range_std_m, survey.way_m / max(float(way.t_s[-1]), 1e-3))
+    _tell(journal, outcome, survey.way_m / max(float(way.t_s[-1]), 1e-3))
     return outcome
 
 
-def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mps: float) -> None:
+def _tell(journal: Journal, outcome: SurveyOutcome, speed_mps: float) -> None:
     """Choices and what is not observed, on stderr; speed_mps: mean of the robot's."""
     survey, ids = outcome.survey, outcome.anchor_ids
     drift_m, drift_rad = survey.drift
@@ -182,10 +182,10 @@ def _tell(journal: Journal, outcome: SurveyOutcome, range_std_m: float, speed_mp
             f"known anchors {listed(sorted(outcome.kept), MOST_LISTED)} stay in their configured frame, and the "
             "others are not surveyed in it: do not use them together"
         )
-    if survey.range_std_m > POOR_FIT * range_std_m:
+    if survey.range_std_m > POOR_FIT_M:
         journal.warn(
-            f"ranges miss the survey by {survey.range_std_m:.2f} m, and uwb.range_std_m is "
-            f"{range_std_m:g}: the odometry or the ranges are worse than the bounds allow for"
+            f"ranges in sight miss the survey by {survey.range_std_m:.2f} m: the odometry or the ranges are worse than "
+            "the bounds allow for"
         )
     unseen = [ids[each.index] for each in survey.anchors if not each.why_not and not each.height_observed]
     blind = [anchor for anchor in unseen if anchor not in outcome.z_given]

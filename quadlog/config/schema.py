@@ -96,7 +96,12 @@ class RangeTopic(Section):
 class UwbConfig(Section):
     """From ranges to positions."""
 
-    range_std_m: float = Field(0.1, ge=0.001, le=10, description="standard deviation of one range [Following, Fig. 9]")
+    range_std_m: float | None = Field(
+        None,
+        ge=0.001,
+        le=10,
+        description="standard deviation of a range in sight; unset: estimated from the log, link by link",
+    )
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(

@@ -80,7 +80,7 @@ _POSITION = (
         "root mean square of the ranges of the robot's fixes less what the fixes predict",
         "√( Σ n_i residual_i² / Σ n_i ), n_i ranges in fix i", _OURS, "ranges"),
     MetricEntry("uwb_nis", "", "NIS of the ranges (1 is consistent)",
-        "mean squared residual per range over its variance, causal: innovation; 1 if uwb.range_std_m is the noise",
+        "mean squared residual per range over its variance, causal: innovation; 1 if the std of a range is right",
         "1/N Σ rᵢᵀ Sᵢ⁻¹ rᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track", better=""),
     MetricEntry("uwb_nees", "", "NEES of the track (2 is consistent)",
         "mean normalised error squared of the robot's track; 2 if its covariance is consistent", "1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ",

@@ -14,6 +14,7 @@ from quadlog.positioning.batch.causal import Known, follow, track_of
 from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.links import AnchorBias, RangeRows
 from quadlog.positioning.batch.motion import Track
+from quadlog.positioning.batch.robust import USUAL_STD_M
 from quadlog.positioning.batch.tracking import (
     LONGEST_GAP_S,
     Body,
@@ -66,7 +67,7 @@ class LocateSettings:
     smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 
-    range_std_m: float = 0.1
+    range_std_m: float | None = None
     min_range_m: float = 0.05
     max_range_m: float = 300.0
     epoch_s: float | None = None
@@ -77,6 +78,11 @@ class LocateSettings:
     mirror: Literal["refuse", "left", "right"] = "refuse"
     calibrate: bool = True
     smooth: bool = True
+
+    @property
+    def usual_std_m(self) -> float:
+        """Of a range, before a track has shown more."""
+        return self.range_std_m or USUAL_STD_M
 
     def of_track(self, height_solved: bool) -> TrackSettings:
         """What a track is estimated with."""
@@ -94,7 +100,8 @@ class TagResult:
     restart_ns: (R,) where the tag was carried away and its track begins again.
     n_ranges, nis: (T,) of each of the track's instants, its ranges and what they miss the track by, squared, over the
     variance that they have where range_std_m and the motion are right, by their weights over the mean weight.
-    velocity: what odometry has of the tag's motion, None where there is none.
+    range_std_m: (A,) of the ranges in sight of each link, as given or estimated. velocity: what odometry has of the
+    tag's motion, None where there is none.
     """
 
     tag: int
@@ -108,6 +115,7 @@ class TagResult:
     restart_ns: Int
     n_ranges: Int
     nis: Float
+    range_std_m: Float
     bias: AnchorBias | None = None
     shared_m: float = 0.0
     velocity: MeasuredMotion | None = None
@@ -139,7 +147,7 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
     refuse = settings.mirror == "refuse"
-    on_line = are_on_line(anchors.ids, anchors.position_m, settings.range_std_m, refuse=refuse)
+    on_line = are_on_line(anchors.ids, anchors.position_m, settings.usual_std_m, refuse=refuse)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
     return Located(tuple(_locate(usable, anchors, tag, settings, on_line) for tag in tags), counts, on_line)
@@ -152,11 +160,11 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
     start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
     height_solved = settings.height == "solved" and not on_line
     if settings.height == "auto" and not on_line:
-        height_solved = heights_are_told(anchors.position_m, start, settings.range_std_m)
+        height_solved = heights_are_told(anchors.position_m, start, settings.usual_std_m)
     mine, none = ranges.rows(ranges.tag == tag.id), np.empty(0, np.int64)
     rows = RangeRows(mine.t_ns, mine.anchor, mine.range_m, np.full(len(mine), np.nan), np.zeros(len(mine)))
-    of_tag = tag.id, tag.height_m, epoch_s, height_solved
-    result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0))
+    of_tag, unknown_m = (tag.id, tag.height_m, epoch_s, height_solved), np.full(len(anchors.ids), settings.usual_std_m)
+    result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0), unknown_m)
 
     fixed, fix_ns = start.solved & ~start.outlier, epochs.t_ns if settings.smooth else epochs.last_ns
     row = np.flatnonzero(_in_segments_with_a_fix(mine.t_ns, fix_ns[fixed]))
@@ -182,6 +190,8 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
             result = replace(result, bias=bias)
         else:
             result = replace(result, shared_m=float(bias_m.mean()))
+        if settings.smooth:
+            settings = replace(settings, range_std_m=float(np.median(result.range_std_m)))
     zero, track = np.zeros(len(result.track)), result.track
     side, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, zero, epoch_s)
     fixes = _fix(settings, anchors, known_m, None if height_solved else tag.height_m, side, on_line)
@@ -193,8 +203,8 @@ def _fix(
 ) -> Fixes:
     """Fixes of epochs (E, A), of anchors on a line on the side of places (E, 2), or the side that is asked for."""
     if on_line and height_m is not None:
-        return solve_on_side(anchors.position_m, range_m, height_m, settings.range_std_m, settings.outlier_m, side)
-    seen = anchors.position_m, range_m, height_m, settings.range_std_m
+        return solve_on_side(anchors.position_m, range_m, height_m, settings.usual_std_m, settings.outlier_m, side)
+    seen = anchors.position_m, range_m, height_m, settings.usual_std_m
     return solve_fixes(settings.method, *seen, settings.outlier_m)
 
 
@@ -237,6 +247,7 @@ def with_track(
         restart_ns=t_ns[np.searchsorted(t_s, tracked.restarts_s - 1e-9).clip(max=len(t_ns) - 1)],
         n_ranges=n_ranges,
         nis=np.add.reduceat(square, first) / n_ranges,
+        range_std_m=np.split(tracked.last.weights.std_m, len(tracked.body.ranges.lever_m))[number],
     )
 
 

@@ -175,13 +175,15 @@ def _late_ranges(run: Run) -> Iterator[view.Layer]:
 
 
 LATE_STD = 3.0
-"""A range is late if it is longer than predicted by more standard deviations."""
+"""A range is late if it is longer than predicted by more standard deviations of its link."""
 
 
 def is_late(run: Run, ranges: DataFrame) -> view.Array:
     """Which rows (N,) of the table ranges are late."""
-    late = ranges["range_m"] - ranges["predicted_m"] > LATE_STD * run.config.uwb.range_std_m
-    return late.to_numpy()
+    link, links = ["tag", "anchor"], run.table("links")
+    assert links is not None
+    std_m = ranges[link].merge(links, how="left", on=link)["range_std_m"].to_numpy()
+    return np.asarray(ranges["range_m"] - ranges["predicted_m"] > LATE_STD * std_m)
 
 
 def _plans(run: Run) -> Iterator[view.Lines]:

@@ -55,7 +55,7 @@ TABLES: dict[str, pa.Schema] = {
     "ranges": table_schema("t_ns:int tag:int anchor:int range_m predicted_m weight"),
     "links": table_schema(
         "tag:int anchor:int x_m y_m z_m n:int residual_rms_m residual_median_m bias_m bias_std_m bias_applied:bool "
-        "why_not:text nlos_share weak_first_path_share"
+        "why_not:text range_std_m nlos_share weak_first_path_share"
     ),
     "uwb_errors": table_schema("t_ns:int tag:int source:text error_x_m error_y_m bound_m"),
     "innovations": table_schema("t_ns:int tag:int n_ranges:int nis"),

@@ -46,7 +46,7 @@ def check_located(
         TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
         for result in located.tags
     ]
-    return check_survey(logs, anchors.position_m, settings.range_std_m, settings.acceleration_std_mps2)
+    return check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
 
 
 def _by_odometry(

@@ -19,6 +19,7 @@ from quadlog.pipelines.stages.positions.check_anchors import check_located, faul
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, tell_roles, velocity_words
 from quadlog.positioning.batch.links import link_quality, weak_first_path_share
+from quadlog.positioning.batch.robust import USUAL, USUAL_STD_M, link_stds
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.lidar_odometry import body_motion
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from quadlog.pipelines.stages.log import LogData
 
 MOST_DESCRIBED = 10
+MOST_OFF = 2.0
+"""A given std of ranges that is off by more is warned of."""
 MISFIT_STD = 5.0
 """Of clean ranges half miss by less than 0.7 std, of heavily blocked ones by less than 3."""
 MOSTLY_LATE = 0.5
@@ -109,15 +112,25 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
         }
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
         texts.append(f"tag {result.tag}: of {len(result.epochs.t_ns)} epochs, {words} give no fix")
-    residual_m = np.abs(result.ranges.range_m - result.ranges.predicted_m)
-    known_m, std_m = residual_m[np.isfinite(residual_m)], config.uwb.range_std_m
-    if len(known_m) and (median_m := np.median(known_m)) >= MISFIT_STD * std_m:  # they fit no position at all
+    residual_m, given_m = result.ranges.range_m - result.ranges.predicted_m, config.uwb.range_std_m
+    order = np.argsort(result.ranges.anchor, kind="stable")
+    _, link = np.unique(result.ranges.anchor[order], return_inverse=True)
+    known = np.isfinite(residual_m[order])
+    known_m, usual_m = residual_m[order][known], given_m or USUAL_STD_M
+    if len(known_m) and (median_m := np.median(np.abs(known_m))) >= MISFIT_STD * usual_m:  # they fit no position at all
         texts.append(
-            f"tag {result.tag}: half of its ranges miss its track by more than {median_m:.2f} m "
-            f"(uwb.range_std_m is {std_m} m); check ids and places in [[uwb.anchors]]"
+            f"tag {result.tag}: half of its ranges miss its track by more than {median_m:.2f} m; "
+            "check ids and places in [[uwb.anchors]]"
         )
+    elif len(known_m) and given_m is not None:
+        found_m = np.median(link_stds(known_m, link[known], int(link.max()) + 1, (given_m, USUAL[1])))
+        if not 1 / MOST_OFF < found_m / given_m < MOST_OFF:
+            texts.append(
+                f"tag {result.tag}: its ranges in sight scatter by {found_m:.3f} m about its track, and "
+                f"uwb.range_std_m is {given_m:g}: leave it out, and it is estimated"
+            )
     anchors = np.array([anchor.id for anchor in config.uwb.anchors], dtype=np.int64)
-    share = link_quality(result.ranges, anchors, result.bias, std_m)["nlos_share"]
+    share = link_quality(result.ranges, anchors, result.bias, result.range_std_m)["nlos_share"]
     texts += [
         f"anchor {anchors[k]}: {share[k]:.0%} of its ranges to tag {result.tag} count as NLOS; its view was "
         "blocked, or its place in [[uwb.anchors]] or that of another anchor is wrong"
@@ -358,7 +371,7 @@ def link_columns(result: TagResult, streams: Streams, config: Config) -> dict[st
     return {
         "tag": result.tag,
         "anchor": anchor,
-        **link_quality(result.ranges, anchor, result.bias, config.uwb.range_std_m),
+        **link_quality(result.ranges, anchor, result.bias, result.range_std_m),
         "weak_first_path_share": weak,
     }
 

@@ -143,7 +143,7 @@ def survey_anchors(walk: Walk, known_m: Float) -> AnchorSurvey:
         yaw_drift_radps=-yaw_drift_radps,
         delay_s=delay_s,
         drift=solution.drift,
-        range_std_m=solution.estimate.problem.range_std_m,
+        range_std_m=float(solution.estimate.weights.std_m[0]),
         way_m=walk.way_m,
         start=start,
         aligned_to=n_known if n_known > 1 else 0,
@@ -213,17 +213,18 @@ class _Solution:
 
     def cost_above(self, other: _Solution) -> float:
         """By how much -log of the likelihood exceeds another solution's, with the larger persistence for both."""
-        lasts = max(self.estimate.weights.lasts, other.estimate.weights.lasts)
+        lasts = np.maximum(self.estimate.weights.lasts, other.estimate.weights.lasts)
         return _misfit(self.estimate, lasts) - _misfit(other.estimate, lasts)
 
 
-def _misfit(estimate: Estimate, lasts: float) -> float:
+def _misfit(estimate: Estimate, lasts: Float) -> float:
     """-log of the likelihood, globals and knots integrated out [Laplace], of estimates whose errors last alike."""
     problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
     alike = replace(estimate.weights, lasts=lasts)
     factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorised
-    seen = slots.range_t_s, slots.range_link, estimate.linear.residual_m, problem.range_std_m
-    cost = sight_probabilities(*seen)[1] / lasts + problem.stress(estimate.knots).sum() / 2
+    std_m = estimate.weights.std_m[slots.range_link]
+    against = sight_probabilities(slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m)[1]
+    cost = (against / lasts).sum() + problem.stress(estimate.knots).sum() / 2
     for each in problem.others:
         rows, weight = each.linearise(estimate.knots, values)
         cost += float((weight * rows.residual**2 - np.log(weight)).sum()) / 2
@@ -263,7 +264,7 @@ def _likeliest(walk: Walk, anchors_m: Float, knots: Float) -> _Solution:
     for each in np.exp(loose).tolist():
         found.append(_Solution(walk, solve(_problem(walk, each, USUAL_STD_M), knots, values, warm=True), each))
         values, knots = found[-1].estimate.values, found[-1].estimate.knots
-    lasts = float(np.median([each.estimate.weights.lasts for each in found]))
+    lasts = np.median([each.estimate.weights.lasts for each in found], axis=0)
     costs = [_misfit(each.estimate, lasts) for each in found] + (loose / DRIFT_SPREAD) ** 2 / 2
     share = np.exp(costs.min() - costs) / np.exp(costs.min() - costs).sum()
     mean = float(share @ loose)

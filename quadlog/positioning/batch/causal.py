@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Timeline, Track
-from quadlog.positioning.batch.robust import lateness_weights, link_windows
+from quadlog.positioning.batch.robust import USUAL, lateness_weights, link_stds, link_windows
 from quadlog.positioning.batch.solve import Estimate, Problem, solve
 from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
@@ -20,7 +20,7 @@ WINDOW_S = 3.0
 """With 2 s tracks of 8 ranges/s err by up to 5 % more."""
 ROUNDS = 5
 """At most, of each step; one is enough where the last one was near."""
-LASTS_S = 0.25
+LASTS_S = 0.6
 """How long errors of a link are taken to last: a log so far shows it too badly."""
 STAMP_STD_S = 0.05
 """How well the stamps of ranges are known: radios, drivers and references have clocks of their own, unknown to the
@@ -32,8 +32,8 @@ class Known:
     """What was known of a body after each of S steps, at t_s (S,).
 
     known (R,): the ranges with which there is a pose. state (S, 2D), covariance (S, 2D, 2D): of the pose and its rate
-    then; values (S, M): of the globals. restarts_s: when it was found that the body had been carried away. last: the
-    estimate in the end, of the last few seconds. spread: as in Tracked.
+    then; values (S, M): of the globals; range_std_m (S,): of ranges in sight. restarts_s: when it was found that the
+    body had been carried away. last: the estimate in the end, of the last few seconds. spread: as in Tracked.
     """
 
     body: Body
@@ -42,6 +42,7 @@ class Known:
     state: Float
     covariance: Float
     values: Float
+    range_std_m: Float
     restarts_s: Float
     last: Estimate
     spread: float = 1.0
@@ -66,10 +67,11 @@ class Known:
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals by the pose known with a range, weights, squared innovations over their due variance."""
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
-        std_m, found = problem.range_std_m, []
+        found = []
         for before in (False, True):
             pose, _, covariance = self.poses(slots.t_s, before=before)
-            values = self.values[self._steps(slots.t_s, before=before)]
+            at = self._steps(slots.t_s, before=before)
+            values, std_m = self.values[at], self.range_std_m[at]
             predicted_m, slope, _, _ = problem.model.predict(slots, pose, np.zeros(values.shape[1]))
             residual_m = slots.range_m - predicted_m - values[np.arange(len(values)), slots.link]
             variance_m2 = std_m**2 + np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope)
@@ -77,7 +79,7 @@ class Known:
         (residual_m, _), (innovation_m, variance_m2) = found
         order, weight = np.lexsort((slots.t_s, slots.link)), np.empty(len(residual_m))
         windows = link_windows(slots.t_s[order], slots.link[order])
-        weight[order] = lateness_weights(windows, residual_m[order], std_m)
+        weight[order] = lateness_weights(windows, residual_m[order], std_m[order])
         return residual_m, weight, weight * innovation_m**2 / variance_m2 / max(float(weight.mean()), 1e-3)
 
     def biases(self) -> tuple[Float, Float]:
@@ -97,6 +99,7 @@ class _Step(NamedTuple):
     state: Float
     covariance: Float
     values: Float
+    range_std_m: float
     past: tuple[Float, Float, Float]
 
 
@@ -112,13 +115,23 @@ def follow(body: Body, starts: Starts) -> Known:
     known = t_s >= starts.t_s[start][segment]
     number = np.floor(t_s[known] / STEP_S) + segment[known]
     steps, last, found = list[_Step](), None, [(cut_s, cut_s) for cut_s in body.cuts_s.tolist()]
+    std_m, seen = body.settings.range_std_m or USUAL[0], USUAL[1]
     for now_s in t_s[known][np.flatnonzero(np.diff(number, prepend=-1))].tolist():
         begun = bisect_right(steps, now_s - WINDOW_S, key=lambda step: step.t_s)
-        last = _step(body, starts, now_s, steps[begun - 1] if begun else None, last, found)
-        steps.append(_Step(now_s, last.knots[-1].ravel(), last.knot_covariances()[-1], last.values, last.past()))
+        own = replace(body, settings=replace(body.settings, range_std_m=std_m))
+        last = _step(own, starts, now_s, steps[begun - 1] if begun else None, last, found)
+        state, covariance = last.knots[-1].ravel(), last.knot_covariances()[-1]
+        steps.append(_Step(now_s, state, covariance, last.values, std_m, last.past()))
+        if body.settings.range_std_m is None:
+            # A range is in many windows.
+            slots = last.problem.slots
+            seen += int(np.count_nonzero(slots.range_t_s > now_s - STEP_S))
+            prior = std_m, round(seen * WINDOW_S / STEP_S)
+            std_m = float(np.median(link_stds(last.linear.residual_m, slots.range_link, slots.n_links, prior)))
     assert last is not None
-    known_s, state, covariance, values = (np.array(each) for each in list(zip(*steps, strict=True))[:4])
-    return Known(body, known, known_s, state, covariance, values, np.array([each for each, _ in found]), last)
+    known_s, state, covariance, values, stds_m = (np.array(each) for each in list(zip(*steps, strict=True))[:5])
+    restarts_s = np.array([each for each, _ in found])
+    return Known(body, known, known_s, state, covariance, values, stds_m, restarts_s, last)
 
 
 def _step(
@@ -138,18 +151,20 @@ def _step(
         problem = replace(body, ranges=body.ranges.rows(rows), cuts_s=cuts_s).problem()
         problem = replace(problem, past=before.past if before else None)
         knots, values = _guess(body, problem.timeline, starts, last), last.values if last else problem.mean
-        estimate = solve(problem, knots, values, _lasts(problem), ROUNDS)
+        std_m = np.full(body.ranges.n_links, body.settings.range_std_m)
+        estimate = solve(problem, knots, values, (std_m, _lasts(problem)), ROUNDS)
         jumps_s = cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)
         if len(jumps_s) == 0:
             return estimate
         found += [(now_s, cut_s) for cut_s in jumps_s.tolist()]
 
 
-def _lasts(problem: Problem) -> float:
-    """How many ranges of a link share an error."""
+def _lasts(problem: Problem) -> Float:
+    """(R,) how many ranges of a link share an error."""
     slots, timeline = problem.slots, problem.timeline
     span_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), KNOT_S)
-    return max(1.0, LASTS_S * len(slots.range_m) / len(np.unique(slots.link)) / span_s)
+    lasts = LASTS_S * len(slots.range_m) / len(np.unique(slots.link)) / span_s
+    return np.full(len(slots.range_m), max(1.0, lasts))
 
 
 def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None) -> Float:

@@ -72,6 +72,7 @@ class Slots:
     late_s: Float
     range_m: Float
     order: Int
+    n_links: int
 
     @property
     def range_t_s(self) -> Float:
@@ -120,17 +121,15 @@ class TagRanges:
         in_time = np.argsort(mean_s, kind="stable")
         slot, mean_s, of_slot = np.argsort(in_time)[slot], mean_s[in_time], (cell % self.n_links)[in_time]
         tag, anchor = np.divmod(of_slot, self.n_anchors)
-        late_s = t_s - mean_s[slot]
-        return Slots(
-            mean_s, of_slot, anchor, self.lever_m[tag], self.height_m[tag], slot, late_s, self.range_m[order], order
-        )
+        late_s, place = t_s - mean_s[slot], (self.lever_m[tag], self.height_m[tag])
+        return Slots(mean_s, of_slot, anchor, *place, slot, late_s, self.range_m[order], order, self.n_links)
 
     def single(self) -> Slots:
         """Each range by itself, in time order."""
         n, link = len(self.t_s), self.tag * self.n_anchors + self.anchor
         own = np.arange(n)
         place = self.lever_m[self.tag], self.height_m[self.tag]
-        return Slots(self.t_s, link, self.anchor, *place, own, np.zeros(n), self.range_m, own)
+        return Slots(self.t_s, link, self.anchor, *place, own, np.zeros(n), self.range_m, own, self.n_links)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ WEAK_FIRST_PATH_DB = 6.0
 """Receiver power this far above that of the first path is the radios' own hint of a blocked way."""
 
 COMMON_STD_M = 0.2
-LINK_STDS_M = (0.0, 0.002, 0.02, 0.05)
+LINK_STDS_M = (0.0, 0.002, 0.02, 0.07)
 PRIORS = ("no biases", "one bias of all links", "one of all links, and small ones of each", "a bias of each link")
 """Biases that are possible a priori, and the std of those of each link; real sets lie within 0 and 0.4 m, and links of
 one make share most of it."""
@@ -80,7 +80,7 @@ class AnchorBias:
 
 
 def link_quality(
-    rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: float
+    rows: RangeRows, anchor_ids: Int, bias: AnchorBias | None, range_std_m: Float
 ) -> dict[str, np.ndarray]:
     """A tag's links to anchors (A,), by column, each (A,); what a link has no ranges for is NaN.
 
@@ -91,8 +91,8 @@ def link_quality(
     residual_m = rows.range_m - rows.predicted_m
     of_links_m = [residual_m[(rows.anchor == anchor) & np.isfinite(residual_m)] for anchor in anchor_ids]
     found = [
-        (len(m), np.sqrt(np.mean(m**2)), np.median(m), np.mean(m > NLOS_STD * range_std_m)) if len(m) else (0, *NONE)
-        for m in of_links_m
+        (len(m), np.sqrt(np.mean(m**2)), np.median(m), np.mean(m > NLOS_STD * std_m)) if len(m) else (0, *NONE)
+        for m, std_m in zip(of_links_m, range_std_m.tolist(), strict=True)
     ]
     n, rms_m, median_m, nlos_share = np.array(found).reshape(-1, 4).T
     unknown = np.full(len(anchor_ids), np.nan)
@@ -105,6 +105,7 @@ def link_quality(
         "bias_std_m": unknown if bias is None else bias.std_m,
         "bias_applied": applied,
         "why_not": np.where(applied, "", "calibration is off" if bias is None else "no ranges"),
+        "range_std_m": range_std_m,
         "nlos_share": nlos_share,
     }
 
@@ -128,17 +129,17 @@ def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
     n = np.bincount(problem.slots.anchor[problem.slots.slot])
     busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))
     busy = busy if len(busy) >= 3 else busy[:0]
-    variance_m2 = weights.lasts * problem.range_std_m**2
+    of_knots, of_globals = weights.information(problem.slots)
     parts = [
         (arrow, *estimate.linear.weighted(problem.slots, each))
-        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
+        for arrow, each in ((estimate.for_globals, of_globals), (estimate.for_knots.arrow, of_knots))
     ]
     knots, values = np.empty((len(busy), *estimate.knots.shape)), np.empty((len(busy), len(estimate.values)))
     for k, anchor in enumerate(busy):
         mine, without = problem.slots.anchor == anchor, []
         for arrow, rows, total in parts:
             left = arrow.copy()
-            left.add(rows.rows(mine), -total[mine] / variance_m2)
+            left.add(rows.rows(mine), -total[mine])
             without.append(left)
         step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
         knots[k] = estimate.knots + without[1].factorised.step_of_knots(step)

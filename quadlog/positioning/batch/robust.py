@@ -1,4 +1,7 @@
-"""Robust weights of ranges: late ranges (blocked paths) are common and persistent, early ones rare."""
+"""What ranges are worth: their noise, how long their errors last, and robust weights.
+
+Late ranges (blocked paths) are common and persistent, early ones rare.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,44 @@ LATE_MEAN_STD, LATE_MEAN_LEAST = 2.0, 0.4
 LATE_STD, EARLY_STD = 3.0, 8.0
 """A single residual is half trusted so many std late or early."""
 CLIP_STD = 4.0
-HALF_TRUST_STD = 2.0
+HALF_TRUST_STD = 2.5
 SHARE_S, SHARE_PRIOR = 2.0, (0.3, 0.5)
 """Over how long the share of late ranges of a link is taken for constant, and pseudo-counts of late and other ones."""
 DELAY_M, ODD_SHARE, ODD_SPAN_M = 0.4, 0.01, 20.0
 """Mean delay of a late range; a range may be anything with this probability, over so wide a span."""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
+USUAL_STD_M, STD_BOUNDS_M = 0.1, (0.02, 0.3)
+USUAL = USUAL_STD_M, 100
+"""Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what the ranges of a log may say."""
+MODE_SHARE, FEWEST_FOR_MODE, ALIKE = 0.25, 20, 1.5
+"""So much of a link's residuals, as close together as any, shows where those in sight lie. Links whose stds differ by
+less than the last from the usual one have that: link by link tracks err by up to 10 % more."""
+
+
+def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int] = USUAL) -> Float:
+    """(L,) std of the ranges in sight of each link, from residuals (N,) by link.
+
+    From the early half about the mode, because blocked paths lengthen the late one. prior: a std, and for how many
+    ranges it counts.
+    """
+    count, early, own_m = np.bincount(link, minlength=n_links), list[Float](), np.full(n_links, np.nan)
+    for k, part_m in enumerate(np.split(residual_m, np.cumsum(count)[:-1])):
+        if len(part_m) > FEWEST_BLOCKS:
+            part_m, n = np.sort(part_m), len(part_m)
+            some = min(max(int(MODE_SHARE * n), FEWEST_FOR_MODE), n // 2)
+            first = int(np.argmin(part_m[some:] - part_m[:-some]))
+            mode_m = np.median(part_m[first : first + some + 1])
+            early.append(mode_m - part_m[part_m <= mode_m])
+            own_m[k] = np.median(early[-1])
+    prior_m, n_prior = prior
+    if not early:
+        return np.full(n_links, prior_m)
+    usual_m, n = 1.4826 * float(np.median(np.concatenate(early))), len(residual_m)
+    apart = np.log(np.nan_to_num(1.4826 * own_m / usual_m, nan=1.0).clip(1e-3))
+    apart = np.sign(apart) * (np.abs(apart) - np.log(ALIKE)).clip(0.0) * count / (count + n_prior)
+    usual_m = np.sqrt((n * usual_m**2 + n_prior * prior_m**2) / (n + n_prior))
+    return (usual_m * np.exp(apart)).clip(*STD_BOUNDS_M)
 
 
 def link_windows(t_s: Float, link: Int) -> tuple[Int, Int]:
@@ -29,7 +63,7 @@ def link_windows(t_s: Float, link: Int) -> tuple[Int, Int]:
     return np.searchsorted(key, key - WINDOW_S / 2), np.searchsorted(key, key + WINDOW_S / 2, side="right")
 
 
-def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float) -> Float:
+def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float | Float) -> Float:
     """(N,) weights in (0, 1]: low where the mean of a link's residuals over a window is late, or one residual is."""
     x = residual_m / std_m
     total = np.append(0.0, np.cumsum(x.clip(-CLIP_STD, CLIP_STD)))
@@ -43,16 +77,15 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float) 
     return weights
 
 
-def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
+def symmetric_weights(residual_m: Float, link: Int, std_m: Float) -> Float:
     """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
     parts_m = np.split(residual_m, np.cumsum(np.bincount(link))[:-1])  # they are sorted by link
     off_m = residual_m - np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
-    spread_m = max(std_m, 1.4826 * float(np.median(np.abs(off_m))))
-    return 1 / (1 + (off_m / (HALF_TRUST_STD * spread_m)) ** 2) ** 2
+    return 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2
 
 
-def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:
-    """(N,) probability that a range was in line of sight, Gaussian, or late by an exponential delay; sum of -log.
+def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float]:
+    """(N,) probability that a range was in line of sight, Gaussian, or late by an exponential delay; -log likelihoods.
 
     The share of late ranges of each link and SHARE_S is found by expectation-maximisation.
     """
@@ -69,21 +102,25 @@ def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) 
         sight, delayed = (1 - share[window]) * gauss, share[window] * late
         total = sight + delayed + ODD_SHARE / ODD_SPAN_M
         share = (np.bincount(window, delayed / total, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
-    return sight / total, float(-np.log(total).sum())
+    return sight / total, -np.log(total)
 
 
-def persistence(t_s: Float, link: Int, residual: Float, information: Float, free: float) -> float:
-    """By how much the variance of a link's summed residuals exceeds that of white noise, at least 1.
+def persistence(t_s: Float, link: Int, residual: Float, information: Float, free: float) -> Float:
+    """(N,) how many ranges of a link share an error, from how much sums of its residuals over a block exceed noise.
 
-    The largest over blocks of BLOCKS_S counts, at most as many as ranges are in a block. information (N,); free: the
-    share of the residuals' degrees of freedom that a fit leaves.
+    The blocks of BLOCKS_S with the largest count. Where a block has more ranges than is usual, because a body stands,
+    more share its error. information (N,); free: the share of errors that last which a fit leaves in the residuals.
     """
-    pull, largest = residual * information, 1.0
+    mean = np.bincount(link, residual * information) / np.maximum(np.bincount(link, information), 1e-12)
+    pull, largest, found = (residual - mean[link]) * information, 1.0, np.ones(len(t_s))
     for block_s in BLOCKS_S:
         block = ((t_s - t_s.min()) / block_s).astype(np.int64)
         if block.max() + 1 < FEWEST_BLOCKS:
             break
-        cell = block * (int(link.max()) + 1) + link
-        excess = float((np.bincount(cell, pull) ** 2).sum() / information.sum()) / free
-        largest = max(largest, min(excess, len(cell) / len(np.unique(cell))))
-    return largest
+        _, cell, n = np.unique(block * (int(link.max()) + 1) + link, return_inverse=True, return_counts=True)
+        excess, usual = np.bincount(cell, pull) ** 2 / (pull**2).mean() - n, n <= 2 * np.median(n)
+        shared = excess[usual].sum() / max(float((n * (n - 1))[usual].sum()), 1.0) / free
+        lasts = 1 + min(max(shared, 0.0), 1.0) * (n - 1)
+        if np.median(lasts) > largest:
+            largest, found = float(np.median(lasts)), lasts[cell]
+    return found

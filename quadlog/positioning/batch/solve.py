@@ -18,6 +18,10 @@ from quadlog.positioning.batch.motion import Sampling, Timeline, motion_informat
 
 ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
 SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
+NEAR_KNOTS, WALKING_MPS = 5, 0.2
+"""A body slower than this over so many knots to either side stands, the more so the slower it is."""
+TAKEN_SHARE, LEAST_FREE = 0.9, 0.2
+"""Of errors that last, of n links, a track with D coordinates takes up this share of D/n, but leaves the second."""
 
 
 class Arrow:
@@ -122,14 +126,15 @@ class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    past: what earlier ranges say of the globals: values (M,), and information (M, M) and pull (M,) there. in_sight:
-    ranges count by the probability of line of sight, for knots and globals.
+    range_std_m: of ranges in sight, None: estimated for each link. past: what earlier ranges say of the globals: values
+    (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the probability of line of sight, for
+    knots and globals.
     """
 
     timeline: Timeline
     model: RangeModel
     slots: Slots
-    range_std_m: float
+    range_std_m: float | None
     mean: Float
     priors: Float
     others: tuple[Steps, ...] = ()
@@ -165,11 +170,20 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """Of R ranges: for the knots and for the globals (R,); lasts: how many ranges of a link share an error."""
+    """Of R ranges: for the knots and for the globals (R,); lasts (R,): how many ranges of a link share an error.
+
+    std_m: (L,) of the ranges in sight of each link.
+    """
 
     knots: Float
     globals: Float
-    lasts: float = 1.0
+    std_m: Float
+    lasts: Float
+
+    def information(self, slots: Slots) -> tuple[Float, Float]:
+        """(R,) of each range, for the knots and for the globals."""
+        variance_m2 = self.lasts * self.std_m[slots.range_link] ** 2
+        return self.knots / variance_m2, self.globals / variance_m2
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,18 +244,31 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
-def weigh(problem: Problem, residual_m: Float, lasts: float | None) -> Weights:
-    """Weights from residuals (R,); lasts None: estimated from them."""
-    slots, std_m, link = problem.slots, problem.range_std_m, problem.slots.range_link
-    alike = robust.symmetric_weights(residual_m, link, std_m)
-    sight = robust.sight_probabilities(slots.range_t_s, link, residual_m, std_m)[0] if problem.in_sight else alike
-    if lasts is None:
-        heard = len(np.unique(link))
-        free = max(heard - len(problem.model.axes), 1) / heard
-        # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
-        lasts = robust.persistence(slots.range_t_s, link, residual_m, np.sqrt(alike * sight) / std_m**2, free)
-    knots = sight if problem.in_sight else robust.lateness_weights(problem.windows, residual_m, std_m)
-    return Weights(knots, sight, lasts)
+def weigh(problem: Problem, residual_m: Float, std_m: Float, lasts: Float) -> Weights:
+    """Robust weights from residuals (R,)."""
+    slots, std_of_range_m = problem.slots, std_m[problem.slots.range_link]
+    if problem.in_sight:
+        sight = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_of_range_m)[0]
+        return Weights(sight, sight, std_m, lasts)
+    late = robust.lateness_weights(problem.windows, residual_m, std_of_range_m)
+    return Weights(late, robust.symmetric_weights(residual_m, slots.range_link, std_of_range_m), std_m, lasts)
+
+
+def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Float:
+    """(R,) how many ranges of a link share an error.
+
+    By a clock that slows down with the body: errors depend on the place, so those of a body that stands last.
+    """
+    slots, t_s, place_m = problem.slots, problem.timeline.t_s, knots[:, 0, :2]
+    before, after = np.arange(len(t_s)) - NEAR_KNOTS, np.arange(len(t_s)) + NEAR_KNOTS
+    before, after = before.clip(0), after.clip(max=len(t_s) - 1)
+    speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
+    walked_s = np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
+    std_m, heard = weights.std_m[slots.range_link], len(np.unique(slots.link))
+    # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
+    alike = np.sqrt(robust.symmetric_weights(residual_m, slots.range_link, std_m) * weights.globals)
+    free, clock_s = 1 - TAKEN_SHARE * len(problem.model.axes) / heard, np.interp(slots.range_t_s, t_s, walked_s)
+    return robust.persistence(clock_s, slots.range_link, residual_m, alike / std_m**2, max(free, LEAST_FREE))
 
 
 def assemble(
@@ -257,12 +284,12 @@ def assemble(
         at, information, pull = problem.past
         for_globals.corner += information
         for_globals.pull += pull - information @ (values - at)
-    variance_m2 = weights.lasts * problem.range_std_m**2
-    alike = weights.knots is weights.globals
-    for arrow, each in ((for_globals, weights.globals), (for_knots, weights.knots))[: 1 if alike else 2]:
-        rows, total = linear.weighted(problem.slots, each)
-        arrow.add(rows, total / variance_m2)
-    return for_globals, for_globals if alike else for_knots
+    of_knots, of_globals = weights.information(problem.slots)
+    for_globals.add(*linear.weighted(problem.slots, of_globals))
+    if problem.in_sight:
+        return for_globals, for_globals
+    for_knots.add(*linear.weighted(problem.slots, of_knots))
+    return for_globals, for_knots
 
 
 def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple[Float, Float, Float]:
@@ -290,35 +317,40 @@ def solve(
     problem: Problem,
     knots: Float,
     values: Float,
-    lasts: float | None = None,
+    noise: tuple[Float, Float] | None = None,
     rounds: int = ROUNDS,
     *,
     warm: bool = False,
 ) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
-    One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, errors taken as white;
-    then the persistence of the errors is estimated once and kept. It is not estimated again, because motion that a
-    stiffer track cannot follow would look like persistent errors. warm: the start is near enough for robust weights.
-    lasts: the persistence, if it is known; then the start is warm, and a move of NEAR_M is the last.
+    One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, the std of ranges being
+    estimated, errors taken as white; then the persistence of the errors is estimated once and kept. It is not estimated
+    again, because motion that a stiffer track cannot follow would look like persistent errors. warm: the start is near
+    enough for robust weights. noise: std (L,) and persistence (R,), if they are known; then the start is warm, and a
+    move of NEAR_M is the last.
     """
-    given, moved_m = lasts is not None, np.inf
-    weights, linear = Weights(*np.ones((2, len(problem.slots.range_m)))), linearise(problem, knots, values)
+    n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
+    std_m, lasts = noise or (np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n))
+    weights, linear, settled = Weights(np.ones(n), np.ones(n), std_m, lasts), linearise(problem, knots, values), False
     for index in range(rounds):
-        if warm or given or index >= PLAIN_ROUNDS:
-            near = index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS)
-            weights = weigh(problem, linear.residual_m, None if near and lasts is None else lasts or 1.0)
-            lasts = weights.lasts if near else lasts
+        if warm or noise or index >= PLAIN_ROUNDS:
+            if problem.range_std_m is None and not noise and not settled:
+                std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links)
+            weights = weigh(problem, linear.residual_m, std_m, lasts)
+            if not noise and not settled and index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS):
+                settled, lasts = True, persistence(problem, linear.residual_m, weights, knots)
+                weights = replace(weights, lasts=lasts)
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         factorised = for_knots.factorised
         step = factorised.step_of_knots(global_step)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
-        if not given and (index == rounds - 1 or (lasts is not None and moved_m < SETTLED_M)):
+        if not noise and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
             global_step = 0.0 * global_step  # what is left of a way is not gone: equations are those at the solution
             break
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
-        if given and moved_m < NEAR_M:
+        if noise and moved_m < NEAR_M:
             break
     return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)

@@ -31,9 +31,11 @@ far as these scatter."""
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """height_std_m: of the given heights, zero where they are not tracked; calibrate: estimate a bias for each link."""
+    """range_std_m: None where it is estimated; height_std_m: of the given heights, zero where they are not tracked;
+    calibrate: estimate a bias for each link.
+    """
 
-    range_std_m: float
+    range_std_m: float | None
     acceleration_std_mps2: float
     height_std_m: float
     calibrate: bool
@@ -146,8 +148,8 @@ class Tracked:
         pose, _, covariance = self.poses(slots.t_s)
         _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
         known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.spread
-        variance_m2 = problem.range_std_m**2
-        fitted = float((weights.knots * known[slots.slot]).mean()) / (weights.lasts * variance_m2)
+        variance_m2 = weights.std_m[slots.range_link] ** 2
+        fitted = float((weights.knots * known[slots.slot] / (weights.lasts * variance_m2)).mean())
         trust = max(float(weights.knots.mean()), 1e-3) * (1 - min(fitted, 0.9))
         found = np.empty((3, len(residual_m)))
         found[:, slots.order] = residual_m, weights.knots, weights.knots * residual_m**2 / (variance_m2 * trust)
@@ -205,7 +207,8 @@ def find_jumps(estimate: Estimate, starts: Starts) -> Float:
     Suspected where the motion is stressed and ranges are short; there it is between the fixes that are farthest apart.
     """
     problem, timeline = estimate.problem, estimate.problem.timeline
-    short = estimate.linear.residual_m < -SHORT_STD * problem.range_std_m
+    std_m = estimate.weights.std_m
+    short = estimate.linear.residual_m < -SHORT_STD * std_m[problem.slots.range_link]
     if len(starts.t_s) < 2 * JUMP_FIXES or not short.any():
         return np.empty(0)
     stress = problem.stress(estimate.knots) * timeline.connected
@@ -223,7 +226,7 @@ def find_jumps(estimate: Estimate, starts: Starts) -> Float:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], suspect.astype(np.int64), [0]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         inside = slice(*np.searchsorted(at_s, [timeline.t_s[first] - 0.5, timeline.t_s[end] + 0.5]))
-        if step_m[inside].max(initial=0.0) > JUMP_STD * problem.range_std_m:
+        if step_m[inside].max(initial=0.0) > JUMP_STD * np.median(std_m):
             cut_s = float(at_s[inside][np.argmax(step_m[inside])])
             found += [cut_s] if all(abs(cut_s - other) > 0.5 for other in found) else []
     return np.array(sorted(found))

@@ -152,9 +152,10 @@ def _cell(column: str, value: Any, is_text: bool) -> Cell:
 _LEGS = {f"duty_factor_{leg}": f"duty {name}" for leg, name in enumerate(("FL", "FR", "RL", "RR"))}
 _SHOWN = {
     "links": (
-        {"tag": "tag", "anchor": "anchor", "n": "ranges", "residual_rms_m": "residual rms (m)", "bias_m": "bias (m)",
+        {"tag": "tag", "anchor": "anchor", "n": "ranges", "residual_rms_m": "residual rms (m)",
+         "range_std_m": "noise (m)", "bias_m": "bias (m)",
          "bias_std_m": "± std (m)", "bias_applied": "subtracted", "why_not": "why not", "nlos_share": "late"},
-        "UWB links. Late: longer than predicted by more than three standard deviations, most likely NLOS."),
+        "UWB links. Late: longer than predicted by more than three times the noise, most likely NLOS."),
     "contacts": (
         {"seconds": "from (s)", "duration_s": "for (s)", "x_m": "x (m)", "y_m": "y (m)",
          "clearance_m": "clearance (m)", "cause": "cause", "collision": "collision"},
