@@ -135,7 +135,7 @@ def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
     ]
     knots, values = np.empty((len(busy), *estimate.knots.shape)), np.empty((len(busy), len(estimate.values)))
     for k, anchor in enumerate(busy):
-        mine, without = problem.slots.anchor == anchor, []
+        mine, without = np.flatnonzero(problem.slots.anchor == anchor), []
         for arrow, rows, total in parts:
             left = arrow.copy()
             left.add(rows.rows(mine), -total[mine] / variance_m2)
