@@ -59,8 +59,8 @@ class Slots:
     """N means of one link's ranges over a slot each, in time order, and the R single ranges, by link, then time.
 
     t_s (N,): mean time; link, anchor (N,); lever_m (N, 2): the tag in base; height_m (N,): of the tag. slot (R,): which
-    slot a range belongs to; late_s (R,): by how much it is later than its slot; range_m (R,). order (R,): the ranges as
-    they were given.
+    slot a range belongs to; begin (N,): at which range another slot begins; late_s (R,): by how much a range is later
+    than its slot; range_m (R,). order (R,): the ranges as they were given.
     """
 
     t_s: Float
@@ -69,6 +69,7 @@ class Slots:
     lever_m: Float
     height_m: Float
     slot: Int
+    begin: Int
     late_s: Float
     range_m: Float
     order: Int
@@ -82,6 +83,12 @@ class Slots:
     def range_link(self) -> Int:
         """(R,) the link of each range."""
         return self.link[self.slot]
+
+    def sums(self, value: Float) -> Float:
+        """(N,) sums of values (R,) of the ranges."""
+        sums = np.empty(len(self.t_s))
+        sums[self.slot[self.begin]] = np.add.reduceat(value, self.begin)
+        return sums
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +130,14 @@ class TagRanges:
         mean_s, of_slot = mean_s[in_time], of_slot[in_time]
         tag, anchor = np.divmod(of_slot, self.n_anchors)
         place = self.lever_m[tag], self.height_m[tag]
-        return Slots(mean_s, of_slot, anchor, *place, slot, late_s, self.range_m[order], order)
+        return Slots(mean_s, of_slot, anchor, *place, slot, begin, late_s, self.range_m[order], order)
 
     def single(self) -> Slots:
         """Each range by itself, in time order."""
         n, link = len(self.t_s), self.tag * self.n_anchors + self.anchor
         own = np.arange(n)
         place = self.lever_m[self.tag], self.height_m[self.tag]
-        return Slots(self.t_s, link, self.anchor, *place, own, np.zeros(n), self.range_m, own)
+        return Slots(self.t_s, link, self.anchor, *place, own, own, np.zeros(n), self.range_m, own)
 
 
 @dataclass(frozen=True, slots=True)

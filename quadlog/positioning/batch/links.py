@@ -131,7 +131,7 @@ def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
     variance_m2 = weights.lasts * problem.range_std_m**2
     parts = [
         (arrow, *estimate.linear.weighted(problem.slots, each))
-        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots.arrow, weights.knots))
+        for arrow, each in ((estimate.for_globals, weights.globals), (estimate.for_knots, weights.knots))
     ]
     knots, values = np.empty((len(busy), *estimate.knots.shape)), np.empty((len(busy), len(estimate.values)))
     for k, anchor in enumerate(busy):
@@ -141,6 +141,6 @@ def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
             left.add(rows.rows(mine), -total[mine] / variance_m2)
             without.append(left)
         step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
-        knots[k] = estimate.knots + without[1].factorised.step_of_knots(step)
+        knots[k] = estimate.knots + without[1].step_of_knots(step)
         values[k] = estimate.values + step
     return busy, knots, values
