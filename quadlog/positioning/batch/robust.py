@@ -46,9 +46,14 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float) 
 def symmetric_weights(residual_m: Float, link: Int, std_m: float) -> Float:
     """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
     parts_m = np.split(residual_m, np.cumsum(np.bincount(link))[:-1])  # they are sorted by link
-    off_m = residual_m - np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
-    spread_m = max(std_m, 1.4826 * float(np.median(np.abs(off_m))))
+    off_m = residual_m - np.array([_middle(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
+    spread_m = max(std_m, 1.4826 * _middle(np.abs(off_m)))
     return 1 / (1 + (off_m / (HALF_TRUST_STD * spread_m)) ** 2) ** 2
+
+
+def _middle(value: Float) -> float:
+    """The median of values, of an even number the upper one."""
+    return float(np.partition(value, len(value) // 2)[len(value) // 2])
 
 
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: float) -> tuple[Float, float]:
@@ -85,5 +90,5 @@ def persistence(t_s: Float, link: Int, residual: Float, information: Float, free
             break
         cell = block * (int(link.max()) + 1) + link
         excess = float((np.bincount(cell, pull) ** 2).sum() / information.sum()) / free
-        largest = max(largest, min(excess, len(cell) / len(np.unique(cell))))
+        largest = max(largest, min(excess, len(cell) / np.count_nonzero(np.bincount(cell))))
     return largest
