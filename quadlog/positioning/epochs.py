@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -124,19 +123,18 @@ def _gather(t_ns: Int, column: Int, range_m: Float, tag_and_width: tuple[int, in
 
 def _first_of_epochs(t_ns: Int, column: Int, epoch_ns: int) -> Int:
     """(E,) the first range of each epoch."""
-    stamps = [*np.flatnonzero(np.diff(t_ns, prepend=t_ns[:1] - 1)).tolist(), len(t_ns)]
-    columns, stamp_ns, first, until_ns = column.tolist(), t_ns[stamps[:-1]].tolist(), list[int](), 0
-    heard: set[int] = set()
-    for (begin, end), now_ns in zip(pairwise(stamps), stamp_ns, strict=True):
-        together = columns[begin:end]
-        if not first or now_ns > until_ns or not heard.isdisjoint(together):
-            first.append(begin)
-            heard, until_ns = set(), now_ns + epoch_ns
-        for row, anchor in enumerate(together, begin):
-            if anchor in heard:
-                first.append(row)
-                heard, until_ns = set(), now_ns + epoch_ns
-            heard.add(anchor)
+    n, order = len(t_ns), np.argsort(column, kind="stable")
+    # An epoch ends before the stamp, or the range, at which an anchor of its comes again.
+    again, same = np.full(n, n), np.diff(column[order]) == 0
+    again[order[:-1][same]] = order[1:][same]
+    stamp = np.append(np.searchsorted(t_ns, t_ns), n)[again]
+    end = np.where(stamp > np.arange(n), stamp, again)
+    end = np.minimum.accumulate(end[::-1])[::-1]
+    end = np.minimum(end, np.searchsorted(t_ns - epoch_ns, t_ns, side="right")).tolist()
+    first, row = list[int](), 0
+    while row < n:
+        first.append(row)
+        row = end[row]
     return np.array(first, dtype=np.int64)
 
 

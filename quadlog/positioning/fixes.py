@@ -1,7 +1,8 @@
 """Fixes: where a tag was at one epoch, from the ranges of that epoch alone, by five methods; all epochs at once.
 
 Ranges are (E, A), NaN where absent, to anchors (A, 3) in map. The unknown is (x, y), or (x, y, z) where the tag's
-height is None; a height that is given makes slant ranges of them.
+height is None; a height that is given makes slant ranges of them. Private functions have the epochs last, which is
+faster: ranges (A, E), positions (3, E), matrices (D, D, E).
 """
 
 from __future__ import annotations
@@ -83,25 +84,25 @@ def solve_fixes(
     """
     if method not in METHODS:
         raise UnknownName("UWB method", method, METHODS)
-    position_m, covariance_m2, spread_m2 = _linear(method, anchors_m, range_m, tag_height_m, range_std_m)
+    seen_m = np.ascontiguousarray(range_m.T)
+    position_m, covariance_m2, spread_m2 = _linear(method, anchors_m, seen_m, tag_height_m, range_std_m)
     if method in ("gauss_newton", "huber"):
         limits_m = (LONG_STD * range_std_m, SHORT_STD * range_std_m) if method == "huber" else NO_LIMITS
-        axes, thin, start_m = covariance_m2.shape[1], spread_m2 < (THIN_STD * range_std_m) ** 2, position_m
-        position_m, inverse, cost_m2 = _descend(anchors_m, range_m, start_m, axes, limits_m)
+        axes, thin, start_m = len(covariance_m2), spread_m2 < (THIN_STD * range_std_m) ** 2, position_m
+        position_m, inverse, cost_m2 = _descend(anchors_m, seen_m, start_m, axes, limits_m)
         if thin.any():
-            both = _descend(
-                anchors_m, range_m[thin], _images(anchors_m, range_m[thin], start_m[thin], axes), axes, limits_m
-            )
-            first = position_m[thin], inverse[thin], cost_m2[thin]
-            position_m[thin], inverse[thin] = _lower(first, both, range_std_m)
+            some_m = seen_m[:, thin]
+            both = _descend(anchors_m, some_m, _images(anchors_m, some_m, start_m[:, thin], axes), axes, limits_m)
+            first = position_m[:, thin], inverse[..., thin], cost_m2[thin]
+            position_m[:, thin], inverse[..., thin] = _lower(first, both, range_std_m)
         covariance_m2 = range_std_m**2 * inverse
-    return _completed(anchors_m, range_m, position_m, covariance_m2, outlier_m)
+    return _completed(anchors_m, seen_m, position_m, covariance_m2, outlier_m)
 
 
 def _linear(
     method: str, anchors_m: Float, range_m: Float, height_m: float | None, std_m: float
 ) -> tuple[Float, Float, Float]:
-    """Positions (E, 3), covariances (E, D, D) and the anchors' spread (E,): squared ranges are linear in the place.
+    """Positions (3, E), covariances (D, D, E) and the anchors' spread (E,): squared ranges are linear in the place.
 
         d_i^2 - s^2 - |a_i|^2 = |p|^2 - 2 a_i . p,  with noise of variance v_i = 4 s^2 d_i^2 + 2 s^4
 
@@ -116,55 +117,56 @@ def _linear(
     origin_m = anchors_m.mean(axis=0)
     if height_m is not None:
         origin_m[2] = height_m
-    around_m, above_m = (anchors_m - origin_m)[:, :axes], (anchors_m - origin_m)[:, axes:]
-    n = heard.sum(axis=1, keepdims=True)
-    centred_m = np.where(heard[:, :, None], around_m - (heard / np.maximum(n, 1) @ around_m)[:, None], 0.0)
-    scatter, determinant = _adjugate(centred_m.transpose(0, 2, 1) @ centred_m)
-    minors = n[:, 0] * np.trace(scatter, axis1=1, axis2=2)
-    spread_m2 = np.where((minors > 0) & (n[:, 0] > axes), determinant / np.where(minors > 0, minors, 1.0), 0.0)
+    around_m, above_m = np.split((anchors_m - origin_m).T, [axes])
+    n = heard.sum(axis=0)
+    centred_m = np.where(heard, around_m[:, :, None] - (around_m @ heard / np.maximum(n, 1))[:, None], 0.0)
+    adjugate, determinant = _adjugate(np.einsum("iae,jae->ije", centred_m, centred_m))
+    minors = n * np.trace(adjugate)
+    spread_m2 = np.where((minors > 0) & (n > axes), determinant / np.where(minors > 0, minors, 1.0), 0.0)
 
     square_m2 = np.where(heard, range_m, 0.0) ** 2
     noise_m4 = 4 * std_m**2 * square_m2 + 2 * np.float64(std_m) ** 4
-    row_m2 = np.maximum(square_m2 - (above_m**2).sum(axis=1), 0.0) - std_m**2 - (around_m**2).sum(axis=1)
+    row_m2 = np.maximum(square_m2 - (above_m**2).sum(axis=0)[:, None], 0.0)
+    row_m2 -= std_m**2 + (around_m**2).sum(axis=0)[:, None]
     weight = heard.astype(np.float64)
     if method == "weighted":
         weight /= noise_m4
     elif method == "paper":
         weight /= np.maximum(np.nan_to_num(range_m), std_m)
-    reference = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
+    reference = weight / np.maximum(weight.sum(axis=0), 1e-300)
     if method == "paper":
-        last = heard.shape[1] - 1 - np.argmax(heard[:, ::-1], axis=1)
-        reference = (heard & (np.arange(heard.shape[1]) == last[:, None])).astype(np.float64)
-    offset_m = np.where(heard[:, :, None], around_m - (reference @ around_m)[:, None], 0.0)
-    pull_m2 = ((reference * row_m2).sum(axis=1, keepdims=True) - row_m2) / 2
-    lever = weight[:, :, None] * offset_m
-    inverse = _inverted(lever.transpose(0, 2, 1) @ offset_m)
-    inverse[~(spread_m2 > (SPREAD_OF_RANGE_STD * std_m) ** 2)] = np.nan
-    position_m = np.zeros((len(inverse), 3)) + 0.0 * inverse[:, 0, :1]
-    position_m[:, :axes] = np.einsum("eij,eaj,ea->ei", inverse, lever, pull_m2)
+        last = len(heard) - 1 - np.argmax(heard[::-1], axis=0)
+        reference = (heard & (np.arange(len(heard))[:, None] == last)).astype(np.float64)
+    offset_m = np.where(heard, around_m[:, :, None] - (around_m @ reference)[:, None], 0.0)
+    pull_m2 = ((reference * row_m2).sum(axis=0) - row_m2) / 2
+    lever = weight * offset_m
+    inverse = _inverted(np.einsum("iae,jae->ije", lever, offset_m))
+    inverse[:, :, ~(spread_m2 > (SPREAD_OF_RANGE_STD * std_m) ** 2)] = np.nan
+    position_m = np.zeros((3, len(n))) + 0.0 * inverse[0, 0]
+    position_m[:axes] = (inverse * (lever * pull_m2).sum(axis=1)).sum(axis=1)
     # The reference's own noise is in every difference; about the weighted mean these sum to zero.
-    total, shared_m4 = lever.sum(axis=1), (reference * noise_m4).sum(axis=1)
-    scatter = (lever * noise_m4[:, :, None]).transpose(0, 2, 1) @ lever
-    scatter += shared_m4[:, None, None] * total[:, :, None] * total[:, None, :]
-    return position_m + origin_m, inverse @ scatter @ inverse / 4, spread_m2
+    total, shared_m4 = lever.sum(axis=1), (reference * noise_m4).sum(axis=0)
+    scatter = np.einsum("iae,jae->ije", lever * noise_m4, lever) + shared_m4 * total[:, None] * total
+    covariance_m2 = np.einsum("ije,kje->ike", np.einsum("ije,jke->ike", inverse, scatter), inverse) / 4
+    return position_m + origin_m[:, None], covariance_m2, spread_m2
 
 
 def _adjugate(matrix: Float) -> tuple[Float, Float]:
-    """(E, D, D) adjugates of symmetric matrices of two or three rows, and their determinants (E,)."""
-    if matrix.shape[1] == 2:
-        adjugate = matrix[:, ::-1, ::-1] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    """(D, D, E) adjugates of symmetric matrices of two or three rows, and their determinants (E,)."""
+    if len(matrix) == 2:
+        adjugate = matrix[::-1, ::-1] * np.array([[[1.0], [-1.0]], [[-1.0], [1.0]]])
     else:
-        x, y, z = matrix[:, 0], matrix[:, 1], matrix[:, 2]
-        adjugate = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=2)
-    return adjugate, np.einsum("ei,ei->e", matrix[:, 0], adjugate[:, :, 0])
+        x, y, z = matrix
+        adjugate = np.stack([np.cross(*each, axis=0) for each in ((y, z), (z, x), (x, y))])
+    return adjugate, (matrix[0] * adjugate[0]).sum(axis=0)
 
 
 @np.errstate(all="ignore")
 def _inverted(matrix: Float) -> Float:
-    """(E, D, D) inverses of symmetric matrices, NaN where these are all but singular."""
+    """(D, D, E) inverses of symmetric matrices, NaN where these are all but singular."""
     adjugate, determinant = _adjugate(matrix)
-    size, minors = (np.trace(each, axis1=1, axis2=2) for each in (matrix, adjugate))
-    inverse: Float = adjugate / np.where(determinant > SHARP * size * minors, determinant, np.nan)[:, None, None]
+    size, minors = np.trace(matrix), np.trace(adjugate)
+    inverse: Float = adjugate / np.where(determinant > SHARP * size * minors, determinant, np.nan)
     return inverse
 
 
@@ -172,87 +174,85 @@ def _inverted(matrix: Float) -> Float:
 def _descend(
     anchors_m: Float, range_m: Float, start_m: Float, axes: int, limits_m: tuple[float, float] = NO_LIMITS
 ) -> tuple[Float, Float, Float]:
-    """Downhill from start_m (E, 3): positions (E, 3), (sum w u u^T)^-1 (E, D, D) and costs (E,).
+    """Downhill from start_m (3, E): positions (3, E), (sum w u u^T)^-1 (D, D, E) and costs (E,).
 
     Gauss-Newton for x, y, with three axes z; residuals beyond limits_m count as Huber has it. A step that would raise
     the cost is halved. NaN, at infinite cost, where the start is NaN or there is no sharp minimum.
     """
-    n = len(range_m)
-    place_m, inverse, cost_m2 = start_m.copy(), np.full((n, axes, axes), np.nan), np.full(n, np.inf)
-    step_m, going = np.zeros((n, axes)), np.flatnonzero(np.isfinite(start_m).all(axis=1))
+    n = range_m.shape[1]
+    place_m, inverse, cost_m2 = start_m.copy(), np.full((axes, axes, n), np.nan), np.full(n, np.inf)
+    step_m, going = np.zeros((axes, n)), np.flatnonzero(np.isfinite(start_m).all(axis=0))
     for _ in range(MOST_ROUNDS):
         if len(going) == 0:
             break
-        trial_m = place_m[going]
-        trial_m[:, :axes] += step_m[going]
-        offset_m = trial_m[:, None] - anchors_m
-        distance_m = np.maximum(np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m)), 1e-9)
-        heard = np.isfinite(range_m[going])
-        residual_m = np.where(heard, range_m[going] - distance_m, 0.0)
-        size_m = np.abs(residual_m)
-        over_m = np.maximum(size_m - np.where(residual_m > 0, *limits_m), 0.0)
-        trial_m2 = np.einsum("ea,ea->e", residual_m - over_m, residual_m + over_m)
-        unit = offset_m[:, :, :axes] / distance_m[:, :, None]
-        weighted = ((heard * (1 - over_m / np.maximum(size_m, 1e-9)))[:, :, None] * unit).transpose(0, 2, 1)
-        normal, pull = weighted @ unit, (weighted @ residual_m[:, :, None])[:, :, 0]
+        # Indices in brackets would put the epochs first.
+        trial_m = place_m.take(going, axis=1)
+        trial_m[:axes] += step_m.take(going, axis=1)
+        offset_m = trial_m[:, None] - anchors_m.T[:, :, None]
+        distance_m = np.maximum(np.sqrt(np.einsum("iae,iae->ae", offset_m, offset_m)), 1e-9)
+        unit, residual_m = offset_m[:axes] / distance_m, range_m.take(going, axis=1) - distance_m
+        trust = np.isfinite(residual_m).astype(np.float64)
+        residual_m[trust == 0] = 0.0
+        if limits_m != NO_LIMITS:
+            trust *= np.minimum(np.where(residual_m > 0, *limits_m) / np.abs(residual_m), 1.0)
+        trial_m2 = (trust * (2 - trust) * residual_m**2).sum(axis=0)
+        weighted = trust * unit
+        sharp = _inverted(np.einsum("iae,jae->ije", weighted, unit))
+        new_m = (sharp * (weighted * residual_m).sum(axis=1)).sum(axis=1)
         lower = trial_m2 <= cost_m2[going]
         rows = going[lower]
-        step_m[going[~lower]] /= 2
-        place_m[rows], cost_m2[rows], inverse[rows] = trial_m[lower], trial_m2[lower], _inverted(normal[lower])
-        step_m[rows] = np.einsum("eij,ej->ei", inverse[rows], pull[lower])
-        going = going[np.abs(step_m[going]).sum(axis=1) > RESTED_M]  # NaN has ended, too
-    lost = ~(np.abs(step_m).sum(axis=1) < NEAR_M) | np.isnan(inverse[:, 0, 0])
-    place_m[lost], inverse[lost], cost_m2[lost] = np.nan, np.nan, np.inf
+        step_m[:, going[~lower]] /= 2
+        for found, value in ((place_m, trial_m), (cost_m2, trial_m2), (inverse, sharp), (step_m, new_m)):
+            found[..., rows] = value[..., lower]
+        going = going[np.abs(step_m[:, going]).sum(axis=0) > RESTED_M]  # NaN has ended, too
+    lost = ~(np.abs(step_m).sum(axis=0) < NEAR_M) | np.isnan(inverse[0, 0])
+    place_m[:, lost], inverse[:, :, lost], cost_m2[lost] = np.nan, np.nan, np.inf
     return place_m, inverse, cost_m2
 
 
 def _images(anchors_m: Float, range_m: Float, position_m: Float, axes: int) -> Float:
-    """(E, 3) images in the anchors' best vertical plane (two axes), or plane; NaN with as few anchors as axes."""
+    """(3, E) images in the anchors' best vertical plane (two axes), or plane; NaN with as few anchors as axes."""
     image_m = np.full_like(position_m, np.nan)
-    patterns, pattern = np.unique(np.isfinite(range_m), axis=0, return_inverse=True)
+    patterns, pattern = np.unique(np.isfinite(range_m).T, axis=0, return_inverse=True)
     for i in np.flatnonzero(patterns.sum(axis=1) > axes):
         mine, known_m, normal = pattern.reshape(-1) == i, anchors_m[patterns[i], :axes], np.zeros(3)
         normal[:axes] = np.linalg.svd(known_m - known_m.mean(axis=0))[2][-1]
-        off_m = (position_m[mine, :axes] - known_m.mean(axis=0)) @ normal[:axes]
-        image_m[mine] = position_m[mine] - 2 * off_m[:, None] * normal
+        off_m = normal[:axes] @ (position_m[:axes, mine] - known_m.mean(axis=0)[:, None])
+        image_m[:, mine] = position_m[:, mine] - 2 * off_m * normal[:, None]
     return image_m
 
 
 def _lower(first: tuple[Float, Float, Float], second: tuple[Float, Float, Float], std_m: float) -> tuple[Float, Float]:
     """The lower of two minima, NaN where both are possible; those nearer than the fix's own std count as one."""
-    better = second[2] < first[2]
-    position_m, inverse = (
-        np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in zip(first[:2], second[:2], strict=True)
-    )
+    position_m, inverse = (np.where(second[2] < first[2], b, a) for a, b in zip(first[:2], second[:2], strict=True))
     with np.errstate(invalid="ignore"):
         alike = np.abs(first[2] - second[2]) < AMBIGUOUS_STD2 * std_m**2  # never where one of them is infinite
-    apart = np.linalg.norm(first[0] - second[0], axis=1) > std_m * np.sqrt(np.trace(inverse, axis1=1, axis2=2))
-    position_m[apart & alike] = np.nan
+    apart = np.linalg.norm(first[0] - second[0], axis=0) > std_m * np.sqrt(np.trace(inverse))
+    position_m[:, apart & alike] = np.nan
     return position_m, inverse
 
 
 def _completed(anchors_m: Float, range_m: Float, position_m: Float, covariance_m2: Float, outlier_m: float) -> Fixes:
-    """Fixes from solutions (E, 3), (E, D, D), NaN where there is none; all but parallel directions are degenerate."""
-    heard, axes = np.isfinite(range_m), covariance_m2.shape[1]
-    n_ranges, offset_m = heard.sum(axis=1), position_m[:, None, :] - anchors_m
-    distance_m = np.sqrt(np.einsum("eai,eai->ea", offset_m, offset_m))
-    unit = np.where(heard[:, :, None], offset_m / np.maximum(distance_m, 1e-9)[:, :, None], 0.0)[:, :, :axes]
-    inverse = _inverted(unit.transpose(0, 2, 1) @ unit)
-    known = np.isfinite(position_m.sum(axis=1) + np.einsum("eii->e", covariance_m2))
-    hdop = np.where(known, np.sqrt(inverse[:, 0, 0] + inverse[:, 1, 1]), np.nan)
+    """Fixes from solutions (3, E), (D, D, E), NaN where there is none; all but parallel directions are degenerate."""
+    heard, axes, offset_m = np.isfinite(range_m), len(covariance_m2), position_m[:, None] - anchors_m.T[:, :, None]
+    n_ranges, distance_m = heard.sum(axis=0), np.sqrt(np.einsum("iae,iae->ae", offset_m, offset_m))
+    unit = np.where(heard, offset_m[:axes] / np.maximum(distance_m, 1e-9), 0.0)
+    inverse = _inverted(np.einsum("iae,jae->ije", unit, unit))
+    known = np.isfinite(position_m.sum(axis=0) + np.trace(covariance_m2))
+    hdop = np.where(known, np.sqrt(inverse[0, 0] + inverse[1, 1]), np.nan)
     solved = np.isfinite(hdop)
     blank = np.where(solved, 0.0, np.nan)
-    residual_m = range_m - distance_m + blank[:, None]
-    rms_m = np.sqrt(np.where(heard, residual_m**2, 0.0).sum(axis=1) / np.maximum(n_ranges, 1)) + blank
+    residual_m = range_m - distance_m + blank
+    rms_m = np.sqrt(np.where(heard, residual_m**2, 0.0).sum(axis=0) / np.maximum(n_ranges, 1)) + blank
     return Fixes(
-        position_m=position_m[:, :2] + blank[:, None],
-        covariance_m2=covariance_m2[:, :2, :2] + blank[:, None, None],
-        z_m=position_m[:, 2] + blank,
-        z_std_m=np.sqrt(covariance_m2[:, 2, 2] + blank) if axes == 3 else blank,
+        position_m=(position_m[:2] + blank).T,
+        covariance_m2=(covariance_m2[:2, :2] + blank).transpose(2, 0, 1),
+        z_m=position_m[2] + blank,
+        z_std_m=np.sqrt(covariance_m2[2, 2] + blank) if axes == 3 else blank,
         hdop=hdop,
         n_ranges=n_ranges,
         residual_rms_m=rms_m,
-        residual_m=residual_m,
+        residual_m=residual_m.T,
         solved=solved,
         degenerate=(n_ranges > axes) & ~solved,
         outlier=rms_m > outlier_m,
@@ -288,18 +288,19 @@ def solve_on_side(
     centre_m = anchors_m[:, :2].mean(axis=0)
     along = np.linalg.svd(anchors_m[:, :2] - centre_m)[2][0]
     along *= -1 if along @ (anchors_m[-1, :2] - anchors_m[0, :2]) < 0 else 1
-    across, n = np.array([-along[1], along[0], 0.0]), np.isfinite(range_m).sum(axis=1)
-    sign = (1.0 if side == "left" else -1.0) if isinstance(side, str) else np.sign((side - centre_m) @ across[:2])
-    far_m = np.where(n >= 3, np.nansum(range_m, axis=1) / np.maximum(n, 1), np.nan)
-    position_m, _, _ = _descend(anchors_m, range_m, np.append(centre_m, tag_height_m) + far_m[:, None] * across, 2)
+    across, n = np.array([[-along[1]], [along[0]], [0.0]]), np.isfinite(range_m).sum(axis=1)
+    sign = (1.0 if side == "left" else -1.0) if isinstance(side, str) else np.sign((side - centre_m) @ across[:2, 0])
+    far_m, seen_m = np.where(n >= 3, np.nansum(range_m, axis=1) / np.maximum(n, 1), np.nan), range_m.T
+    centre_m = np.append(centre_m, tag_height_m)[:, None]
+    position_m, _, _ = _descend(anchors_m, seen_m, centre_m + far_m * across, 2)
     # What lies on the other side is as good a minimum as its mirror image.
-    off_m = (position_m[:, :2] - centre_m) @ across[:2]
-    position_m += ((sign * np.abs(off_m)) - off_m)[:, None] * across
-    position_m, inverse, _ = _descend(anchors_m, range_m, position_m, 2)
-    off_m = sign * ((position_m[:, :2] - centre_m) @ across[:2])
-    std_m = range_std_m * np.sqrt(np.einsum("i,eij,j->e", across[:2], inverse, across[:2]))
-    position_m[~(off_m > NEAR_LINE_STD * std_m)] = np.nan
-    return _completed(anchors_m, range_m, position_m, range_std_m**2 * inverse, outlier_m)
+    off_m = (across * (position_m - centre_m)).sum(axis=0)
+    position_m += ((sign * np.abs(off_m)) - off_m) * across
+    position_m, inverse, _ = _descend(anchors_m, seen_m, position_m, 2)
+    off_m = sign * (across * (position_m - centre_m)).sum(axis=0)
+    std_m = range_std_m * np.sqrt((across[:2] * (inverse * across[:2]).sum(axis=1)).sum(axis=0))
+    position_m[:, ~(off_m > NEAR_LINE_STD * std_m)] = np.nan
+    return _completed(anchors_m, seen_m, position_m, range_std_m**2 * inverse, outlier_m)
 
 
 def heights_are_told(anchors_m: Float, fixes: Fixes, range_std_m: float) -> bool:

@@ -15,14 +15,7 @@ from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.links import AnchorBias, RangeRows
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.robust import USUAL_STD_M
-from quadlog.positioning.batch.tracking import (
-    LONGEST_GAP_S,
-    Body,
-    Starts,
-    Tracked,
-    TrackSettings,
-    track_body,
-)
+from quadlog.positioning.batch.tracking import LONGEST_GAP_S, Body, Starts, Tracked, TrackSettings, track_body
 from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion

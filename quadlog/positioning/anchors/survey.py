@@ -221,7 +221,7 @@ def _misfit(estimate: Estimate, lasts: Float) -> float:
     """-log of the likelihood, globals and knots integrated out [Laplace], of estimates whose errors last alike."""
     problem, slots, values = estimate.problem, estimate.problem.slots, estimate.values
     alike = replace(estimate.weights, lasts=lasts)
-    factorised = assemble(problem, estimate.linear, alike, estimate.knots, values)[0].factorised
+    arrow = assemble(problem, estimate.linear, alike, estimate.knots, values)[0]
     std_m = estimate.weights.std_m[slots.range_link]
     against = sight_probabilities(slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m)[1]
     cost = (against / lasts).sum() + problem.stress(estimate.knots).sum() / 2
@@ -229,7 +229,7 @@ def _misfit(estimate: Estimate, lasts: Float) -> float:
         rows, weight = each.linearise(estimate.knots, values)
         cost += float((weight * rows.residual**2 - np.log(weight)).sum()) / 2
     prior, off = problem.prior_information[-1], values - problem.mean
-    volume = 2 * np.log(factorised.chol[-1]).sum() + np.linalg.slogdet(factorised.schur + prior)[1]
+    volume = 2 * np.log(arrow.chol[-1]).sum() + np.linalg.slogdet(arrow.reduced[0] + prior)[1]
     return float(cost + off @ prior @ off / 2 + volume / 2)
 
 

@@ -29,9 +29,9 @@ class Rows:
     column: Int
     slope: Float
 
-    def rows(self, rows: np.ndarray) -> Rows:
-        """Those of a mask or of indices."""
-        parts = self.interval[rows], self.local[:, rows], self.residual[rows]
+    def rows(self, rows: Int) -> Rows:
+        """Those of indices."""
+        parts = self.interval[rows], self.local.take(rows, axis=1), self.residual[rows]
         return Rows(*parts, self.column[:, rows], self.slope[:, rows])
 
 
@@ -51,7 +51,7 @@ class Axes:
         if self.yaw is None:
             return pose[:, :2], np.zeros_like(lever_m)
         arm_m = turned(pose[:, self.yaw], lever_m)
-        return pose[:, :2] + arm_m, np.column_stack([-arm_m[:, 1], arm_m[:, 0]])
+        return pose[:, :2] + arm_m, arm_m[:, ::-1] * [-1, 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +59,8 @@ class Slots:
     """N means of one link's ranges over a slot each, in time order, and the R single ranges, by link, then time.
 
     t_s (N,): mean time; link, anchor (N,); lever_m (N, 2): the tag in base; height_m (N,): of the tag. slot (R,): which
-    slot a range belongs to; late_s (R,): by how much it is later than its slot; range_m (R,). order (R,): the ranges as
-    they were given.
+    slot a range belongs to; begin (N,): at which range another slot begins; late_s (R,): by how much a range is later
+    than its slot; range_m (R,). order (R,): the ranges as they were given.
     """
 
     t_s: Float
@@ -69,6 +69,7 @@ class Slots:
     lever_m: Float
     height_m: Float
     slot: Int
+    begin: Int
     late_s: Float
     range_m: Float
     order: Int
@@ -83,6 +84,12 @@ class Slots:
     def range_link(self) -> Int:
         """(R,) the link of each range."""
         return self.link[self.slot]
+
+    def sums(self, value: Float) -> Float:
+        """(N,) sums of values (R,) of the ranges."""
+        sums = np.empty(len(self.t_s))
+        sums[self.slot[self.begin]] = np.add.reduceat(value, self.begin)
+        return sums
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,21 +122,23 @@ class TagRanges:
         link = self.tag * self.n_anchors + self.anchor
         order = np.lexsort((self.t_s, link))
         t_s, link = self.t_s[order], link[order]
-        number = np.searchsorted(edges_s, t_s, side="right")
-        cell, slot = np.unique(number * self.n_links + link, return_inverse=True)
-        mean_s = np.bincount(slot, t_s) / np.bincount(slot)
+        cell = np.searchsorted(edges_s, t_s, side="right") * self.n_links + link
+        begin = np.flatnonzero(np.diff(cell, prepend=-1))
+        n, of_slot = np.diff(begin, append=len(cell)), link[begin]
+        mean_s = np.add.reduceat(t_s, begin) / n
         in_time = np.argsort(mean_s, kind="stable")
-        slot, mean_s, of_slot = np.argsort(in_time)[slot], mean_s[in_time], (cell % self.n_links)[in_time]
+        slot, late_s = np.repeat(np.argsort(in_time), n), t_s - np.repeat(mean_s, n)
+        mean_s, of_slot = mean_s[in_time], of_slot[in_time]
         tag, anchor = np.divmod(of_slot, self.n_anchors)
-        late_s, place = t_s - mean_s[slot], (self.lever_m[tag], self.height_m[tag])
-        return Slots(mean_s, of_slot, anchor, *place, slot, late_s, self.range_m[order], order, self.n_links)
+        place = self.lever_m[tag], self.height_m[tag]
+        return Slots(mean_s, of_slot, anchor, *place, slot, begin, late_s, self.range_m[order], order, self.n_links)
 
     def single(self) -> Slots:
         """Each range by itself, in time order."""
         n, link = len(self.t_s), self.tag * self.n_anchors + self.anchor
         own = np.arange(n)
         place = self.lever_m[self.tag], self.height_m[self.tag]
-        return Slots(self.t_s, link, self.anchor, *place, own, np.zeros(n), self.range_m, own, self.n_links)
+        return Slots(self.t_s, link, self.anchor, *place, own, own, np.zeros(n), self.range_m, own, self.n_links)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,24 +161,24 @@ class RangeModel:
         """
         axes, first = self.axes, self.free
         place_m, swing_m = axes.places(pose, slots.lever_m)
-        apart_m = np.column_stack([place_m, slots.height_m]) - self.anchors_m[slots.anchor]
+        apart_m = np.vstack([place_m.T, slots.height_m]) - self.anchors_m.T.take(slots.anchor, axis=1)
         if first is not None:
-            apart_m -= values[first : first + self.anchors_m.size].reshape(-1, 3)[slots.anchor]
+            apart_m -= values[first : first + self.anchors_m.size].reshape(-1, 3)[slots.anchor].T
         if axes.z is not None:
-            apart_m[:, 2] += pose[:, axes.z]
-        distance_m = np.sqrt(np.einsum("ni,ni->n", apart_m, apart_m))
-        unit = apart_m / np.maximum(distance_m, 1e-6)[:, None]
-        by_pose = np.zeros_like(pose)
-        by_pose[:, :2] = unit[:, :2]
+            apart_m[2] += pose[:, axes.z]
+        distance_m = np.sqrt(np.einsum("in,in->n", apart_m, apart_m))
+        unit = apart_m / np.maximum(distance_m, 1e-6)
+        by_pose = np.zeros((len(axes), len(pose)))
+        by_pose[:2] = unit[:2]
         if axes.z is not None:
-            by_pose[:, axes.z] = unit[:, 2]
+            by_pose[axes.z] = unit[2]
         if axes.yaw is not None:
-            by_pose[:, axes.yaw] = np.einsum("ni,ni->n", unit[:, :2], swing_m)
+            by_pose[axes.yaw] = np.einsum("in,ni->n", unit[:2], swing_m)
         columns, slopes = [slots.link], [np.ones(len(distance_m))]
         if first is not None:
             columns += [first + 3 * slots.anchor + axis for axis in range(3)]
-            slopes += list(-unit.T)
-        return distance_m + values[slots.link], by_pose, np.array(columns), np.array(slopes)
+            slopes += list(-unit)
+        return distance_m + values[slots.link], by_pose.T, np.array(columns), np.array(slopes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,4 +252,4 @@ def turned(yaw_rad: Float, vector_m: Float) -> Float:
     """(N, 2) a vector (2,), or (N, 2), turned by yaw (N,)."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y = vector_m.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+    return np.stack([cos * x - sin * y, sin * x + cos * y]).T

@@ -132,16 +132,16 @@ def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
     of_knots, of_globals = weights.information(problem.slots)
     parts = [
         (arrow, *estimate.linear.weighted(problem.slots, each))
-        for arrow, each in ((estimate.for_globals, of_globals), (estimate.for_knots.arrow, of_knots))
+        for arrow, each in ((estimate.for_globals, of_globals), (estimate.for_knots, of_knots))
     ]
     knots, values = np.empty((len(busy), *estimate.knots.shape)), np.empty((len(busy), len(estimate.values)))
     for k, anchor in enumerate(busy):
-        mine, without = problem.slots.anchor == anchor, []
+        mine, without = np.flatnonzero(problem.slots.anchor == anchor), []
         for arrow, rows, total in parts:
             left = arrow.copy()
             left.add(rows.rows(mine), -total[mine])
             without.append(left)
         step, _, _ = posterior_of_globals(problem, without[0], estimate.values)
-        knots[k] = estimate.knots + without[1].factorised.step_of_knots(step)
+        knots[k] = estimate.knots + without[1].step_of_knots(step)
         values[k] = estimate.values + step
     return busy, knots, values

@@ -56,8 +56,9 @@ class Sampling:
 
     def of(self, knots: Float) -> tuple[Float, Float]:
         """Coordinates and rates (N, D) of knots (K, 2, D)."""
-        around = np.concatenate([knots[self.interval], knots[self.interval + 1]], axis=1)
-        return np.einsum("jn,njd->nd", self.value, around), np.einsum("jn,njd->nd", self.rate, around)
+        flat = np.ascontiguousarray(knots.transpose(1, 2, 0))
+        around = np.concatenate([flat.take(self.interval, axis=2), flat.take(self.interval + 1, axis=2)])
+        return np.einsum("jn,jdn->dn", self.value, around).T, np.einsum("jn,jdn->dn", self.rate, around).T
 
     def between(self, matrices: Float) -> Float:
         """(N, ., .) between those of the knots (K, ., .)."""

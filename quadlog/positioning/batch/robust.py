@@ -80,8 +80,13 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float |
 def symmetric_weights(residual_m: Float, link: Int, std_m: Float) -> Float:
     """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
     parts_m = np.split(residual_m, np.cumsum(np.bincount(link))[:-1])  # they are sorted by link
-    off_m = residual_m - np.array([np.median(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
+    off_m = residual_m - np.array([_middle(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
     return 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2
+
+
+def _middle(value: Float) -> float:
+    """The median of values, of an even number the upper one."""
+    return float(np.partition(value, len(value) // 2)[len(value) // 2])
 
 
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float]:
@@ -117,10 +122,11 @@ def persistence(t_s: Float, link: Int, residual: Float, information: Float, free
         block = ((t_s - t_s.min()) / block_s).astype(np.int64)
         if block.max() + 1 < FEWEST_BLOCKS:
             break
-        _, cell, n = np.unique(block * (int(link.max()) + 1) + link, return_inverse=True, return_counts=True)
-        excess, usual = np.bincount(cell, pull) ** 2 / (pull**2).mean() - n, n <= 2 * np.median(n)
+        begin = np.flatnonzero(np.diff(block + link * (int(block.max()) + 1), prepend=-1))
+        n = np.diff(begin, append=len(link))
+        excess, usual = np.add.reduceat(pull, begin) ** 2 / (pull**2).mean() - n, n <= 2 * np.median(n)
         shared = excess[usual].sum() / max(float((n * (n - 1))[usual].sum()), 1.0) / free
         lasts = 1 + min(max(shared, 0.0), 1.0) * (n - 1)
         if np.median(lasts) > largest:
-            largest, found = float(np.median(lasts)), lasts[cell]
+            largest, found = float(np.median(lasts)), np.repeat(lasts, n)
     return found

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch import robust
@@ -25,19 +26,21 @@ TAKEN_SHARE, LEAST_FREE = 0.9, 0.2
 
 
 class Arrow:
-    """[[A, B], [B^T, C]] and its right side: A banded over K knots of `size` numbers, C over `width` globals."""
+    """[[A, B], [B^T, C]] and its right side [a, c]: A banded over K knots of `size` numbers, C over `width` globals.
+
+    Nothing is added once a solution was asked for.
+    """
 
     def __init__(self, n_knots: int, size: int, width: int) -> None:
         self.n_knots, self.size, self.width = n_knots, size, width
-        self.blocks = np.zeros((n_knots - 1, 2 * size, 2 * size))
-        self.pulls = np.zeros((n_knots - 1, 2 * size))
+        self.blocks, self.side = np.zeros((n_knots - 1, 2 * size, 2 * size)), np.zeros((n_knots, size))
         self.border = np.zeros((n_knots * size, width))
         self.corner, self.pull = np.zeros((width, width)), np.zeros(width)
 
     def copy(self) -> Arrow:
         """A copy that may be added to."""
         other = Arrow(self.n_knots, self.size, self.width)
-        for name in ("blocks", "pulls", "border", "corner", "pull"):
+        for name in ("blocks", "side", "border", "corner", "pull"):
             setattr(other, name, getattr(self, name).copy())
         return other
 
@@ -45,12 +48,20 @@ class Arrow:
         """Add measurements with weights (N,), one over their variances; a negative weight takes them away."""
         if len(weight) == 0:
             return
-        firsts = np.flatnonzero(np.diff(rows.interval, prepend=-1))
-        touched, weighted = rows.interval[firsts], weight * rows.local
-        self.pulls[touched] += np.add.reduceat(weighted * rows.residual, firsts, axis=1).T
-        for i, own in enumerate(weighted):
-            self.blocks[touched, i] += np.add.reduceat(own * rows.local, firsts, axis=1).T
-        row = rows.interval * self.size + np.arange(len(weighted))[:, None]
+        firsts, size = np.flatnonzero(np.diff(rows.interval, prepend=-1)), self.size
+        ends, both = np.append(firsts[1:], len(weight)), np.vstack([rows.local, rows.residual])
+        n = ends - firsts
+        usual = np.sort(n)[-1 - len(n) // 10]
+        for begin in range(0, n.max(), usual):  # products of matrices add up; few intervals have more rows than usual
+            some = np.flatnonzero(n > begin)
+            row = firsts[some, None] + np.arange(begin, begin + usual)
+            padded = both.take(row, axis=1, mode="clip")
+            weighted = np.where(row < ends[some, None], weight.take(row, mode="clip"), 0.0) * padded
+            sums, touched = weighted.transpose(1, 0, 2) @ padded.transpose(1, 2, 0), rows.interval[firsts[some]]
+            self.blocks[touched] += sums[:, :-1, :-1]
+            self.side[touched] += sums[:, :size, -1]
+            self.side[touched + 1] += sums[:, size:-1, -1]
+        weighted, row = weight * rows.local, rows.interval * size + np.arange(2 * size)[:, None]
         for column, slope in zip(rows.column, rows.slope, strict=True):
             cells = (row * self.width + column).ravel()
             self.border += _summed(cells, (weighted * slope).ravel(), self.border.shape)
@@ -62,41 +73,37 @@ class Arrow:
     def add_motion(self, information: Float, knots: Float) -> None:
         """Add information (K - 1, 4D, 4D) about a zero of each two neighbouring knots of (K, 2, D)."""
         self.blocks += information
-        self.pulls -= np.einsum("kij,kj->ki", information, _neighbours(knots))
+        pulls = (information @ _neighbours(knots)[:, :, None])[:, :, 0]
+        self.side[:-1] -= pulls[:, : self.size]
+        self.side[1:] -= pulls[:, self.size :]
 
     @cached_property
-    def factorised(self) -> Factorised:
-        """Cholesky of the band, Schur complement on the border; nothing is added afterwards."""
+    def chol(self) -> Float:
+        """The upper banded Cholesky factor U of A."""
         size, n, band = self.size, self.n_knots * self.size, 2 * self.size - 1
-        upper, pull = np.zeros((band + 1, n)), np.zeros(n)
+        upper = np.zeros((band + 1, n))
         for j in range(2 * size):
-            pull[j : n - size + j : size] += self.pulls[:, j]
             for i in range(j + 1):
                 upper[band + i - j, j : n - size + j : size] += self.blocks[:, i, j]
-        chol = cholesky_banded(upper, check_finite=False)
-        solved = cho_solve_banded((chol, False), np.column_stack([pull, self.border]), check_finite=False)
-        schur = self.corner - self.border.T @ solved[:, 1:]
-        return Factorised(self, chol, solved[:, 0], solved[:, 1:], (schur + schur.T) / 2)
+        found: Float = cholesky_banded(upper, check_finite=False)
+        return found
 
-
-@dataclass(frozen=True, slots=True)
-class Factorised:
-    """chol: upper banded Cholesky of A; step (n,) = A^-1 a; reach (n, M) = A^-1 B; schur (M, M) = C - B^T A^-1 B."""
-
-    arrow: Arrow
-    chol: Float
-    step: Float
-    reach: Float
-    schur: Float
+    @cached_property
+    def reduced(self) -> tuple[Float, Float]:
+        """Information (M, M) about the globals, the knots being free: C - B^T A^-1 B, and the pull c - B^T A^-1 a."""
+        half = dtbtrs(self.chol, np.vstack([self.side.ravel(), self.border.T]).T, trans="T")[0]  # U^-T [a, B]
+        inner = half.T @ half
+        return self.corner - inner[1:, 1:], self.pull - inner[0, 1:]
 
     def step_of_knots(self, global_step: Float) -> Float:
         """(K, 2, D) step of the knots where the globals move by (M,)."""
-        step = self.step - self.reach @ global_step
-        return step.reshape(self.arrow.n_knots, 2, -1)
+        side = self.side.ravel() - self.border @ global_step
+        step: Float = cho_solve_banded((self.chol, False), side, check_finite=False).reshape(self.n_knots, 2, -1)
+        return step
 
     def covariances(self, global_covariance: Float) -> Float:
         """(K, 2D, 2D) marginals of the knots by selected inversion, with that of the globals (M, M)."""
-        size, count = self.arrow.size, self.arrow.n_knots
+        size, count = self.size, self.n_knots
         column, above = np.arange(count * size).reshape(count, 1, size), np.arange(size)[:, None] - np.arange(size)
         own = np.where(above <= 0, self.chol[(above - 1).clip(max=-1), column], 0.0)
         next_ = self.chol[above - 1 - size, column[1:]]
@@ -104,7 +111,7 @@ class Factorised:
         gain, found = inverse[:-1] @ next_, inverse @ inverse.transpose(0, 2, 1)
         for k in range(count - 2, -1, -1):
             found[k] += gain[k] @ found[k + 1] @ gain[k].T
-        reach = self.reach.reshape(count, size, -1)
+        reach = cho_solve_banded((self.chol, False), self.border, check_finite=False).reshape(count, size, -1)
         marginals: Float = found + reach @ global_covariance @ reach.transpose(0, 2, 1)
         return marginals
 
@@ -195,9 +202,8 @@ class Linearised:
 
     def weighted(self, slots: Slots, weight: Float) -> tuple[Rows, Float]:
         """Rows of the slots with the weighted means of their residuals, and the sums of their weights."""
-        n = len(slots.t_s)
-        total = np.maximum(np.bincount(slots.slot, weight, n), 1e-12)
-        mean_m = np.bincount(slots.slot, weight * self.residual_m, n) / total
+        total = np.maximum(slots.sums(weight), 1e-12)
+        mean_m = slots.sums(weight * self.residual_m) / total
         return replace(self.rows, residual=mean_m), total
 
 
@@ -216,14 +222,13 @@ class Estimate:
     weights: Weights
     linear: Linearised
     for_globals: Arrow
-    for_knots: Factorised
+    for_knots: Arrow
     last_step: Float
 
     def past(self) -> tuple[Float, Float, Float]:
         """What its ranges, and those before, say of the globals; see Problem."""
-        arrow, factorised = self.for_globals, self.for_globals.factorised
-        pull = arrow.pull - arrow.border.T @ factorised.step - factorised.schur @ self.last_step
-        return self.values, factorised.schur, pull
+        information, pull = self.for_globals.reduced
+        return self.values, information, pull - information @ self.last_step
 
     def knot_covariances(self) -> Float:
         """(K, 2D, 2D) of the knots' coordinates and rates."""
@@ -298,12 +303,11 @@ def posterior_of_globals(problem: Problem, arrow: Arrow, values: Float) -> tuple
     A mean over the possible priors: each, P, counts by how likely the log is under it [Laplace]. With information L
     about the globals and gradient g at their prior mean, log p = (g^T (L + P^-1)^-1 g - log |I + L P|) / 2.
     """
-    factorised = arrow.factorised
-    off = values - problem.mean
-    gradient = arrow.pull - arrow.border.T @ factorised.step + factorised.schur @ off
-    covariances = np.linalg.inv(factorised.schur + problem.prior_information)
+    (information, pull), off = arrow.reduced, values - problem.mean
+    gradient = pull + information @ off
+    covariances = np.linalg.inv(information + problem.prior_information)
     means = covariances @ gradient
-    volumes = np.linalg.slogdet(np.eye(len(off)) + factorised.schur @ problem.priors)[1]
+    volumes = np.linalg.slogdet(np.eye(len(off)) + information @ problem.priors)[1]
     evidence = (means @ gradient - volumes) / 2
     shares = np.exp(evidence - evidence.max())
     shares /= shares.sum()
@@ -343,8 +347,7 @@ def solve(
                 weights = replace(weights, lasts=lasts)
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
-        factorised = for_knots.factorised
-        step = factorised.step_of_knots(global_step)
+        step = for_knots.step_of_knots(global_step)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
         if not noise and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
             global_step = 0.0 * global_step  # what is left of a way is not gone: equations are those at the solution
@@ -353,4 +356,4 @@ def solve(
         linear = linearise(problem, knots, values)
         if noise and moved_m < NEAR_M:
             break
-    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, factorised, global_step)
+    return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots, global_step)
