@@ -33,8 +33,7 @@ CLEAR_COST = 6.0
 """A mirror image is ruled out if its likelihood is smaller by exp(CLEAR_COST)."""
 UNKNOWN_M = 1.0
 """An anchor counts as observed if its 95 % ellipse reaches no farther than this."""
-WIDER, NORMAL_95 = 1.2, 1.96
-"""Factor on stds for what is estimated and then taken as known: drift, spread and delay of ranges."""
+NORMAL_95 = 1.96
 MOST_DRIFT_M, MOST_DRIFT_RAD = 0.1, 0.1
 """With more random drift after 1 m of way the ranges contradict the odometry."""
 MOST_SCALE_STD = 8.0
@@ -203,7 +202,8 @@ class _Solution:
     def covariance(self) -> Float:
         """(3A + TA, 3A + TA) of the anchors' x, y, z, then of the links' biases."""
         order = np.roll(np.arange(len(self.estimate.values) - 4), -self.walk.ranges.n_links)
-        return WIDER**2 * self.estimate.covariance[np.ix_(order, order)]
+        covariance: Float = self.estimate.covariance[np.ix_(order, order)]
+        return covariance
 
     def with_anchors(self, anchors_m: Float, knots: Float) -> _Solution:
         """From other places (A, 3) and knots, all else being alike."""

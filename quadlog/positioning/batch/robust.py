@@ -110,14 +110,14 @@ def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) 
     return sight / total, -np.log(total)
 
 
-def persistence(t_s: Float, link: Int, residual: Float, information: Float, free: float) -> Float:
-    """(N,) how many ranges of a link share an error, from how much sums of its residuals over a block exceed noise.
+def persistence(t_s: Float, link: Int, pull: Float, free: float) -> Float:
+    """(N,) how many ranges of a link share an error, from how much sums of their pull (N,) over a block exceed noise.
 
     The blocks of BLOCKS_S with the largest count. Where a block has more ranges than is usual, because a body stands,
-    more share its error. information (N,); free: the share of errors that last which a fit leaves in the residuals.
+    more share its error. pull: weighted residuals, by link, then time; free: the share of errors that last which a fit
+    leaves in them.
     """
-    mean = np.bincount(link, residual * information) / np.maximum(np.bincount(link, information), 1e-12)
-    pull, largest, found = (residual - mean[link]) * information, 1.0, np.ones(len(t_s))
+    largest, found = 1.0, np.ones(len(t_s))
     for block_s in BLOCKS_S:
         block = ((t_s - t_s.min()) / block_s).astype(np.int64)
         if block.max() + 1 < FEWEST_BLOCKS:

@@ -271,9 +271,14 @@ def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Fl
     walked_s = np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
     std_m, heard = weights.std_m[slots.range_link], len(np.unique(slots.link))
     # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
-    alike = np.sqrt(robust.symmetric_weights(residual_m, slots.range_link, std_m) * weights.globals)
+    information = np.sqrt(robust.symmetric_weights(residual_m, slots.range_link, std_m) * weights.globals) / std_m**2
+    if not problem.in_sight:  # What lasts for the whole log is the biases'.
+        total = np.bincount(slots.range_link, information * residual_m)
+        residual_m = (
+            residual_m - (total / np.maximum(np.bincount(slots.range_link, information), 1e-12))[slots.range_link]
+        )
     free, clock_s = 1 - TAKEN_SHARE * len(problem.model.axes) / heard, np.interp(slots.range_t_s, t_s, walked_s)
-    return robust.persistence(clock_s, slots.range_link, residual_m, alike / std_m**2, max(free, LEAST_FREE))
+    return robust.persistence(clock_s, slots.range_link, residual_m * information, max(free, LEAST_FREE))
 
 
 def assemble(
