@@ -32,8 +32,7 @@ MAX_DEPTH = 4
 
 PRESETS: dict[str, dict[str, Any]] = {
     "paper": {
-        "uwb": {"method": "paper", "calibrate": False, "smooth": False, "height": "given", "odometry": False}
-        | {"range_std_m": 0.1},
+        "uwb": {"method": "paper", "calibrate": False, "smooth": False, "height": "given", "odometry": False},
         "lidar": {"method": "paper", "deskew": False, "level": False},
         "grid": {"memory": "scan", "dilation": "square", "min_points": 1},
         "planner": {"name": "ia_star"},
