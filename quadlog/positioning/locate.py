@@ -183,8 +183,6 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
             result = replace(result, bias=bias)
         else:
             result = replace(result, shared_m=float(bias_m.mean()))
-        if settings.smooth:
-            settings = replace(settings, range_std_m=float(np.median(result.range_std_m)))
     zero, track = np.zeros(len(result.track)), result.track
     side, _, _ = interpolate_poses(epochs.t_ns, track.t_ns, track.position_m, zero, epoch_s)
     fixes = _fix(settings, anchors, known_m, None if height_solved else tag.height_m, side, on_line)

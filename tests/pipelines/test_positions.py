@@ -65,7 +65,7 @@ def test_links_are_what_the_saved_ranges_show(located_run: ReplayOutcome):
         mine_m = residual_m[(ranges["tag"] == tag) & (ranges["anchor"] == anchor) & np.isfinite(residual_m)]
         assert links["n"][index] == len(mine_m)
         assert links["residual_rms_m"][index] == pytest.approx(np.sqrt(np.mean(mine_m**2)))
-        assert links["nlos_share"][index] == pytest.approx(np.mean(mine_m > 0.3))
+        assert links["nlos_share"][index] == pytest.approx(np.mean(mine_m > 3 * links["range_std_m"][index]))
     assert np.isnan(links["weak_first_path_share"]).all()
     assert ((links["why_not"] == "") == links["bias_applied"]).all()
 

@@ -96,7 +96,7 @@ def test_nothing_is_lost_in_silence_and_all_links_are_corrected(run):
     assert np.isfinite(ranges["predicted_m"]).all()
     assert (len(links["tag"]), links["bias_applied"].all()) == (24, True)
     assert ((links["bias_m"] > 0.05) & (links["bias_m"] < 0.35)).all()
-    assert links["nlos_share"].max() < 0.03
+    assert links["nlos_share"].max() < 0.1
 
 
 def test_tracks_and_claimed_ellipses_hold_for_the_robots_tags(run):
