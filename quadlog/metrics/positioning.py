@@ -93,15 +93,11 @@ def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: flo
 
 
 def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:
-    if len(short_s) == 0 or len(long_s) == 0:
-        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    after = np.searchsorted(long_s, short_s, side="right")
-    before = np.maximum(after - 1, 0)
-    after = np.minimum(after, len(long_s) - 1)
-    later = np.abs(long_s[after] - short_s) < np.abs(short_s - long_s[before])
-    nearest = np.where(later, after, before)
-    paired = np.flatnonzero(np.abs(long_s[nearest] - short_s) <= max_difference_s)
-    return paired, nearest[paired]
+    around = np.searchsorted(long_s, short_s, side="right") - [[1], [0]]
+    around = np.clip(around, 0, len(long_s) - 1)
+    apart_s = np.abs(long_s[around] - short_s)
+    paired = np.flatnonzero(apart_s.min(axis=0) <= max_difference_s)
+    return paired, around[apart_s.argmin(axis=0)[paired], paired]
 
 
 def _steps(position_m: Float, quat_xyzw: Float) -> Float:
