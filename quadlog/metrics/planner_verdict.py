@@ -46,10 +46,8 @@ def _cells(comparison: Comparison) -> str:
         bounds += f", as the best of {len(rivals)}" if len(rivals) > 1 else ""
         bounds += ", no difference shown" if ratio.interval[0] <= 1 else ""
     excess = next(row["suboptimality_mean"] for row in comparison.rows if row["planner"] == best)
-    price = (
-        f"its paths {100 * excess:.2g} % costlier than the optimum on average" if excess else "all its paths optimal"
-    )
-    cost = "" if excess is None else f", {price}"
+    cost = "" if excess is None else ", all its paths optimal"
+    cost = f", its paths {100 * excess:.2g} % costlier than the optimum on average" if excess else cost
     return f"{best} saved most: {times(rivals[best])} times fewer {what} than {base}{where} ({bounds}){cost}."
 
 
