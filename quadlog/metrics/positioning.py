@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
+from quadlog.geometry import rotation_from_quat, seconds_since
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.positioning.ellipses import CHI2_95
@@ -50,11 +50,8 @@ def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Sampl
     Steps are seen from their first pose, so that a rigid motion of either trajectory does not change them.
     """
     absolute_m: Float = np.linalg.norm(estimate.position_m - reference.position_m, axis=1)
-    relative_m: Float = np.empty(0)
-    if len(absolute_m) > 1:
-        # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
-        our_step, true_step = (_steps(each.position_m, each.quat_xyzw) for each in (estimate, reference))
-        relative_m = np.linalg.norm(our_step - true_step, axis=1)
+    # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
+    relative_m: Float = np.linalg.norm(_steps(estimate) - _steps(reference), axis=1)
     return {
         "ate_rmse_m": Samples(estimate.t_ns, absolute_m, "rms"),
         "rpe_rmse_m": Samples(estimate.t_ns[1:], relative_m, "rms"),
@@ -100,9 +97,7 @@ def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tu
     return paired, around[apart_s.argmin(axis=0)[paired], paired]
 
 
-def _steps(position_m: Float, quat_xyzw: Float) -> Float:
+def _steps(poses: PoseSeries) -> Float:
     """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    steps: Float = Rotation.from_quat(quat_xyzw[:-1]).inv().apply(np.diff(position_m, axis=0))
+    steps: Float = np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))
     return steps
