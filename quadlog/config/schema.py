@@ -100,8 +100,8 @@ class UwbConfig(Section):
         None,
         ge=0.001,
         le=10,
-        description="standard deviation of a range in sight; unset: estimated from the log, link by link, for tracks, and "
-        "0.1 for fixes, in which late ranges count in full [Following, Fig. 9]",
+        description="standard deviation of a range in sight; unset: estimated from the log, link by link, for tracks, "
+        "and 0.1 for fixes, in which late ranges count in full [Following, Fig. 9]",
     )
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
