@@ -6,7 +6,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.alignment import rigid_motion
-from quadlog.positioning.ellipses import CHI2_95
+from quadlog.positioning.ellipses import ellipse_95
 
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""
@@ -40,20 +40,14 @@ def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
         return {}, False
-    far_m = MISPLACED * np.array(
-        [KNOWN_STD_M + reach_95(covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2]) for k in known]
-    )
+    blocks = np.array([covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in known])
+    far_m = MISPLACED * (KNOWN_STD_M + ellipse_95(blocks)[0])
     off_m = np.hypot(*(anchors_m[known, :2] - known_m[known]).T)
     image_m = anchors_m[known, :2] * [1, -1]
     rotation, shift_m = rigid_motion(image_m, known_m[known])
     image_off_m = np.hypot(*(image_m @ rotation.T + shift_m - known_m[known]).T)
     misplaced_m = {int(known[row]): float(off_m[row]) for row in np.flatnonzero(off_m > far_m)}
     return misplaced_m, bool(misplaced_m) and len(known) > 2 and bool((image_off_m <= far_m).all())
-
-
-def reach_95(covariance_m2: Float) -> float:
-    """How far the 95 % ellipse of x and y reaches; covariance_m2 (2, 2) or (3, 3)."""
-    return float(np.sqrt(CHI2_95 * np.linalg.eigvalsh(covariance_m2[:2, :2])[-1]))
 
 
 def relative_covariance(covariance: Float, anchors_m: Float, given: Int) -> Float:
