@@ -62,15 +62,9 @@ class AnchorBias:
     shares: Float
 
     @property
-    def applied(self) -> np.ndarray:
-        """(A,) bool, the links that are corrected: all that were heard."""
-        heard: np.ndarray = self.n > 0
-        return heard
-
-    @property
     def applied_m(self) -> Float:
         """(A,) what to subtract from the ranges: the biases of the links that were heard, zero elsewhere."""
-        return np.where(self.applied, self.bias_m, 0.0)
+        return np.where(self.n > 0, self.bias_m, 0.0)
 
     @property
     def reason(self) -> str:
@@ -96,7 +90,7 @@ def link_quality(
     ]
     n, rms_m, median_m, nlos_share = np.array(found).reshape(-1, 4).T
     unknown = np.full(len(anchor_ids), np.nan)
-    applied = np.zeros(len(anchor_ids), dtype=bool) if bias is None else bias.applied
+    applied = np.zeros(len(anchor_ids), dtype=bool) if bias is None else bias.n > 0
     return {
         "n": n.astype(np.int64),
         "residual_rms_m": rms_m,
