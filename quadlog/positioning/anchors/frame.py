@@ -21,8 +21,7 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
     """
     n, known = len(known_m), np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
-        moves = np.zeros((len(covariance), 3))
-        moves[: 3 * n] = gauge(anchors_m)
+        moves = gauge(anchors_m, len(covariance))
         return anchors_m, covariance + (moves * start_std**2) @ moves.T, np.zeros(3)
     rotation = np.eye(3)
     rotation[:2, :2], shift_m = rigid_motion(anchors_m[known, :2], known_m[known])
@@ -52,17 +51,16 @@ def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict
 
 def relative_covariance(covariance: Float, anchors_m: Float, given: Int) -> Float:
     """The covariance in the frame in which the given anchors, by index, fit their places best."""
-    moves = np.zeros((len(covariance), 3))
-    moves[: 3 * len(anchors_m)] = gauge(anchors_m)
+    moves = gauge(anchors_m, len(covariance))
     rows = (3 * given[:, None] + np.arange(2)).ravel()
     change = np.eye(len(covariance))
     change[:, rows] -= moves @ np.linalg.pinv(moves[rows])
     return np.asarray(change @ covariance @ change.T)
 
 
-def gauge(anchors_m: Float) -> Float:
-    """(3A, 3) how x, y, z of anchors (A, 3) move with a shift in x, in y, and a turn about the origin."""
-    motion = np.zeros((len(anchors_m), 3, 3))
-    motion[:, 0, 0] = motion[:, 1, 1] = 1.0
-    motion[:, 0, 2], motion[:, 1, 2] = -anchors_m[:, 1], anchors_m[:, 0]
-    return motion.reshape(-1, 3)
+def gauge(anchors_m: Float, size: int) -> Float:
+    """(size, 3) how x, y, z of anchors (A, 3) move with a shift in x, in y, and a turn about the origin, zero after."""
+    motion, x, y = np.zeros((size, 3)), slice(0, anchors_m.size, 3), slice(1, anchors_m.size, 3)
+    motion[x, 0] = motion[y, 1] = 1.0
+    motion[x, 2], motion[y, 2] = -anchors_m[:, 1], anchors_m[:, 0]
+    return motion
