@@ -26,11 +26,8 @@ NO_BIAS_M = 1e-3
 
 def bias_priors(n_links: int, calibrate: bool) -> Float:
     """(P, L, L) covariances of the links' biases that are possible a priori; without calibration the first two."""
-    found = []
-    for link_std_m in LINK_STDS_M if calibrate else LINK_STDS_M[:2]:
-        common_m = COMMON_STD_M if link_std_m else NO_BIAS_M
-        found.append(common_m**2 + max(link_std_m, NO_BIAS_M) ** 2 * np.eye(n_links))
-    return np.array(found)
+    stds_m = np.maximum(LINK_STDS_M if calibrate else LINK_STDS_M[:2], NO_BIAS_M)[:, None, None]
+    return np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
 
 
 @dataclass(frozen=True, slots=True)
