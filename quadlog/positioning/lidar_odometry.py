@@ -71,8 +71,9 @@ class LidarOdometry:
 
     def __init__(self, min_range_m: float = 0.3, max_range_m: float = 60.0) -> None:
         import small_gicp  # only where a lidar has to tell the position
+        from scipy.spatial.transform import Rotation
 
-        self._range2_m2, self._gicp = (min_range_m**2, max_range_m**2), small_gicp
+        self._range2_m2, self._gicp, self._turns = (min_range_m**2, max_range_m**2), small_gicp, Rotation
         self._planar, self._map = False, small_gicp.GaussianVoxelMap(VOXEL_M)
         self._found: list[tuple[int, Float, ScanMatch]] = []
         self._per_s: Float = np.zeros(6)
@@ -99,7 +100,9 @@ class LidarOdometry:
             last_ns, last_pose, _ = self._found[-1]
             if middle_ns - self._last_match[0] > MAX_GAP_NS:
                 self._per_s[:] = 0.0
-            guess = last_pose @ _motion(self._per_s * ((middle_ns - last_ns) * 1e-9))
+            moved, motion = self._per_s * ((middle_ns - last_ns) * 1e-9), np.eye(4)
+            motion[:3, :3], motion[:3, 3] = self._turns.from_rotvec(moved[3:]).as_matrix(), moved[:3]
+            guess = last_pose @ motion
             pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
         elif not clouds:
             return
@@ -153,7 +156,9 @@ class LidarOdometry:
     def _speed(self, t_ns: int, pose: Float) -> Float:
         """(6,) shift and rotation vector per second since the last match."""
         since_ns, matched = self._last_match
-        return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
+        moved = np.linalg.inv(matched) @ pose
+        turn_rad = self._turns.from_matrix(moved[:3, :3]).as_rotvec()
+        return np.concatenate([moved[:3, 3], turn_rad]) / ((t_ns - since_ns) * 1e-9)
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -179,20 +184,3 @@ def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
     points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), VOXEL_M / 2)])
     up_m = np.array([0.0, 0.0, PLANAR_THINNED_M], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
-
-
-def _vector(motion: Float) -> Float:
-    """(6,) shift and rotation vector of a transform (4, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])
-
-
-def _motion(vector: Float) -> Float:
-    """The transform (4, 4) of what `_vector` gives."""
-    from scipy.spatial.transform import Rotation
-
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(vector[3:]).as_matrix()
-    motion[:3, 3] = vector[:3]
-    return motion
