@@ -83,7 +83,7 @@ quadlog metrics runs/yesterday --explain success_rate   # and when the run was a
 ```
 
 Intervals allow for the correlation of neighbouring samples; counts, extremes and short walks have none. 95 % ellipses
-of positions (`uwb_coverage_95`) contained 0.84 to 1.00 of the true positions on six real logs: [Limits](limits.md).
+of positions (`uwb_coverage_95`) contained 0.98 to 1.00 of the true positions on two real logs: [Limits](limits.md).
 
 `x_i` is sample i of N; **n** is what the number of samples counts. Sources are keys of
 [Methods and papers](references.md); without one, the definition is quadlog's own.

@@ -23,7 +23,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.results.arrays import ARRAYS, MapsWriter, write_arrays
+from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
@@ -242,7 +242,9 @@ class _Mapper:
             cells, window = whole
             write_rosmap(folder, cells, window.origin_m, window.cell_m)
         if (ground := self._ground.to_map()) is not None:
-            write_arrays(folder, "ground", {key: getattr(ground, key) for key in ARRAYS["ground"]})
+            height_m, count, window = ground
+            corner = {"origin_m": window.origin_m, "cell_m": window.cell_m}
+            write_arrays(folder, "ground", corner | {"height_m": height_m, "count": count})
         for name, skipped in (("map.pgm", self._whole.lattice.skipped), ("ground.npz", self._ground.lattice.skipped)):
             if skipped:
                 journal.warn(f"{name}: {skipped} scans left out, the run covers more ground than the file may grow to")

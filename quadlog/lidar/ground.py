@@ -275,10 +275,7 @@ def _label(image: Image, returns: Returns, ground: Bool, wall: Bool, profile_m: 
         along, column = away - np.float32(k), c + SECTOR_COLUMNS // 2
         second = column // SECTOR_COLUMNS
         across = (np.float32(column - second * SECTOR_COLUMNS) + _HALF) / np.float32(SECTOR_COLUMNS)
-        before, behind = (
-            profile_m[second - 1 if second > 0 else sectors - 1],
-            profile_m[second if second < sectors else 0],
-        )
+        before, behind = profile_m[second - 1], profile_m[second if second < sectors else 0]
         near = before[k] + along * (before[k + 1] - before[k])
         far = behind[k] + along * (behind[k + 1] - behind[k])
         above = z_m - (near + across * (far - near))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.geometry import quat_from_euler, rotation_from_quat
 from quadlog.lidar.paper_method import PaperSettings, fit_ground
 from quadlog.messages import Float, Int
 
@@ -45,13 +46,8 @@ def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | Non
     that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
-    x, y, z, w = quat_xyzw[real].T
-    # The last row of the rotation matrix, times the quaternion's squared length.
-    up: Float = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w + z * z - x * x - y * y], axis=1)
-    up /= (x * x + y * y + z * z + w * w)[:, None]
-    if rotation_sensor_to_base is not None:
-        up = up @ rotation_sensor_to_base.T
-    return UpSeries(t_ns[real], up)
+    up = rotation_from_quat(quat_xyzw[real])[:, 2]
+    return UpSeries(t_ns[real], up if rotation_sensor_to_base is None else up @ rotation_sensor_to_base.T)
 
 
 def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevelled | None]:
@@ -63,7 +59,8 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
     unknown = NotLevelled.STALE if is_stale.any() else NotLevelled.STEEP if np.isnan(up).any() else None
     if unknown is not None:
         return np.tile(np.eye(3), (len(t_ns_wanted), 1, 1)), unknown
-    return np.array([_rotation(*each) for each in up.tolist()]).reshape(-1, 3, 3), None
+    roll_rad, pitch_rad = tilt_of(up).T
+    return rotation_from_quat(quat_from_euler(np.zeros(len(up)), pitch_rad, roll_rad)), None
 
 
 def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:
@@ -88,17 +85,13 @@ def _up_at(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NDArray[np.bool_]
 
 
 def tilt_of(up: Float) -> Float:
-    """Roll and pitch (N, 2) of base in which the directions (N, 3) are up; see _rotation."""
+    """Roll and pitch (N, 2) of base in which the directions (N, 3) are up.
+
+    They are the last row of its rotation: (-sin pitch, cos pitch sin roll, cos pitch cos roll).
+    """
     x, y, z = up.T
     # Adding 0 turns the -0 of a level robot into 0.
     return np.column_stack([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))]) + 0.0
-
-
-def _rotation(x: float, y: float, z: float) -> list[list[float]]:
-    """R_y(pitch) R_x(roll), whose last row is up: (-sin pitch, cos pitch sin roll, cos pitch cos roll)."""
-    cos_pitch = math.hypot(y, z)
-    sin_roll, cos_roll = y / cos_pitch, z / cos_pitch
-    return [[cos_pitch, -x * sin_roll, -x * cos_roll], [0.0, cos_roll, -sin_roll], [x, y, z]]
 
 
 FLOOR = PaperSettings(min_range_m=0.3, max_range_m=5.0, ground_inlier_share=0.2)

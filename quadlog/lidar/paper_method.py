@@ -8,7 +8,6 @@ looked for.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,13 +112,9 @@ def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDA
 
 def ransac_iterations(confidence: float, inlier_share: float) -> int:
     """N = log(1 - p) / log(1 - w^3), rounded up, at least 1 and at most MOST_ITERATIONS. [Following]"""
-    all_inliers = inlier_share**3
-    if all_inliers >= 1.0:
-        return 1
-    if all_inliers <= 0.0:
-        return MOST_ITERATIONS
-    wanted = math.log(1.0 - confidence) / math.log1p(-all_inliers)
-    return int(min(max(math.ceil(wanted), 1), MOST_ITERATIONS))
+    with np.errstate(divide="ignore"):
+        wanted = np.log(1.0 - confidence) / np.log1p(-(inlier_share**3))
+    return int(np.clip(np.ceil(wanted), 1, MOST_ITERATIONS))
 
 
 def fit_ground(xyz_m: Float, settings: PaperSettings, seed: int) -> tuple[GroundPlane, NDArray[np.bool_]] | None:

@@ -77,13 +77,11 @@ class _Scan(NamedTuple):
 class _Known(NamedTuple):
     """The sensor's beams, and what was seen in the scan in which they were found.
 
-    upright: whether it stands so. strange: share of its points off their beams or without a cell of their own. n_scan:
-    number of the scan.
+    strange: share of its points off their beams or without a cell of their own. n_scan: number of the scan.
     """
 
     beams: Beams
     route: Route
-    upright: bool
     n_points: int
     strange: float
     n_scan: int
@@ -143,12 +141,11 @@ class ScanClassifier:
         """The scan in an image of its beams; None where it shows none."""
         known, n, upright = self._known, len(scan.slot), bool(scan.transforms[0, 2, 2] > 0)
         self._n_scans += 1
-        if known is not None and known.upright == upright and (known.route == "elevations" or scan.ring is not None):
-            newer = self._n_scans <= known.n_scan + SCANS_BETWEEN_LOOKS
-            if newer and abs(n - known.n_points) <= known.n_points // 4:
-                image, returns, strange = self._lay_on(known.beams, known.route, scan)
-                if strange <= known.strange + _CHANGED_SHARE:
-                    return image, returns, known
+        newer = known is not None and self._n_scans <= known.n_scan + SCANS_BETWEEN_LOOKS
+        if known is not None and newer and abs(n - known.n_points) <= known.n_points // 4:
+            image, returns, strange = self._lay_on(known.beams, known.route, scan)
+            if strange <= known.strange + _CHANGED_SHARE:
+                return image, returns, known
         self._known, polar = None, to_polar(scan.xyz_m, self._ranges_m)
         route: Route = "rings"
         beams = None if scan.ring is None else beams_by_number(polar, scan.ring, upright)
@@ -157,7 +154,7 @@ class ScanClassifier:
         if beams is None:
             return None
         image, returns, strange = self._lay_on(beams, route, scan)
-        self._known = _Known(beams, route, upright, n, strange, self._n_scans)
+        self._known = _Known(beams, route, n, strange, self._n_scans)
         return image, returns, self._known
 
     def _lay_on(self, beams: Beams, route: Route, scan: _Scan) -> tuple[Image, Returns, float]:

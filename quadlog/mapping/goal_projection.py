@@ -7,8 +7,10 @@ then blocked by the growth alone, and no planner could start there. [Planning]
 from __future__ import annotations
 
 import math
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from heapq import heappop, heappush
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +20,16 @@ from quadlog.mapping.grid import Grid, Window
 from quadlog.messages import Float, Int
 
 
-def inflate(occupied: Grid, radius_cells: float) -> Grid:
-    """Every cell whose centre lies within radius_cells of an occupied cell's centre."""
+def inflate(occupied: Grid, radius_cells: float, distance: Callable[[int, int], float] = math.hypot) -> Grid:
+    """Every cell within radius_cells of an occupied one, by the distance of columns and rows between their centres."""
     if not occupied.any():
         return occupied.copy()
     # Slightly more, so that a radius of exactly n cells, computed as metres / metres, reaches the n-th cell.
     reach = radius_cells + 1e-9
     grown, wide, width = occupied.copy(), occupied.copy(), 0
-    # Rows of the disc from its edge to its middle, each at least as wide as the last: much faster than distances.
+    # Rows of the shape from its edge to its middle, each at least as wide as the last: much faster than distances.
     for up in range(int(min(reach, len(occupied))), -1, -1):
-        while math.hypot(width + 1, up) <= reach and width < occupied.shape[1]:
+        while distance(width + 1, up) <= reach and width < occupied.shape[1]:
             width += 1
             wide[:, width:] |= occupied[:, :-width]
             wide[:, :-width] |= occupied[:, width:]
@@ -36,16 +38,8 @@ def inflate(occupied: Grid, radius_cells: float) -> Grid:
     return grown
 
 
-def inflate_square(occupied: Grid, radius_cells: float) -> Grid:
-    """Every cell no more than radius_cells columns and rows from an occupied cell. [Planning]"""
-    edge = 2 * int(min(radius_cells + 1e-9, max(occupied.shape))) + 1
-    grown: Grid = ndimage.maximum_filter(occupied.view(np.uint8), edge, mode="constant").view(np.bool_)
-    return grown
-
-
-INFLATIONS = {"euclidean": inflate, "square": inflate_square}
-"""The shapes by which obstacles grow."""
-
+INFLATIONS: dict[str, Callable[[Grid, float], Grid]] = {"euclidean": inflate, "square": partial(inflate, distance=max)}
+"""The shapes by which obstacles grow: discs, and squares of no more columns or rows than the radius. [Planning]"""
 
 Cell = tuple[int, int]
 # Steps from a cell as (dcol, drow), by row, then column.
@@ -68,21 +62,17 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: Cell, goal_cell: Cel
     start = start_cell[1] * cols + start_cell[0]
     cost, came_from = {start: 0}, {start: -1}
     waiting = [(0, start)]
-    best, best_cost, most = -1, 0, 0
-    while waiting:
+    most, best = math.inf, (math.inf, -1)
+    while waiting and waiting[0][0] <= most:
         at_cost, at = heappop(waiting)
         if at_cost > cost[at]:
             continue
-        if best >= 0 and at_cost > most:
-            break
         row, col = divmod(at, cols)
         if not closed_off[at]:
             along, across = abs(goal_cell[0] - col), abs(goal_cell[1] - row)
             total = at_cost + 10 * max(along, across) + 4 * min(along, across)
-            if best < 0:
-                most = at_cost + (DETOUR if at != start else -1)
-            if best < 0 or total < best_cost:
-                best, best_cost = at, total
+            most = min(most, at_cost + DETOUR if at != start else -1)
+            best = min(best, (total, at), key=itemgetter(0))
             continue
         for dcol, drow in STEPS:
             c, r = col + dcol, row + drow
@@ -95,7 +85,7 @@ def escape_start(occupied: Grid, blocked: Grid, start_cell: Cell, goal_cell: Cel
             if step not in cost or step_cost < cost[step]:
                 cost[step], came_from[step] = step_cost, at
                 heappush(waiting, (step_cost, step))
-    way, at = [], best
+    way, at = [], best[1]
     while at >= 0:
         way.append((at % cols, at // cols))
         at = came_from[at]

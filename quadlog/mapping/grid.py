@@ -50,12 +50,7 @@ class Window:
         return np.asarray(((cells >= 0) & (cells < np.array([self.shape[1], self.shape[0]]))).all(axis=-1))
 
     def shift_to(self, other: Window) -> tuple[int, int]:
-        """How far (dcol, drow) `other` lies from this window: cell c of this one is cell c - shift of the other.
-
-        Raises ValueError when the cells differ in size: then no whole number of cells lies between.
-        """
-        if other.cell_m != self.cell_m:
-            raise ValueError(f"windows with cells of {self.cell_m} m and {other.cell_m} m share no lattice")
+        """How far (dcol, drow) `other` of the same lattice lies from this: cell c of this is cell c - shift of it."""
         return other.col0 - self.col0, other.row0 - self.row0
 
 
@@ -72,10 +67,7 @@ def window_at(origin_m: Float, cell_m: float, shape: tuple[int, ...]) -> Window:
 
 
 def crop(grid: NDArray[Cell], of: Window, to: Window) -> NDArray[Cell]:
-    """What a grid (rows, cols) of one window has in another one of the same lattice, zero where they do not overlap.
-
-    Raises ValueError when the cells differ in size.
-    """
+    """What a grid (rows, cols) of one window has in another one of the same lattice, zero where they do not overlap."""
     dcol, drow = of.shift_to(to)
     cropped = np.zeros(to.shape, dtype=grid.dtype)
     rows = slice(max(-drow, 0), max(min(of.shape[0] - drow, to.shape[0]), 0))
@@ -93,8 +85,8 @@ def _lattice_cell_of(xy_m: Float, cell_m: float) -> Int:
     return np.maximum(np.minimum(np.floor(xy_m / cell_m), FARTHEST_CELL), -FARTHEST_CELL).astype(np.int64)
 
 
-# Grown in whole blocks, so that a walking robot does not copy the map with every scan.
-BLOCK_CELLS = 128
+# Grown by more than is needed, so that a walking robot does not copy the map with every scan.
+SPARE_CELLS = 64
 # 16.8 million cells: 410 m by 410 m of 0.1 m. A pose that jumps to the moon must not take all memory.
 MOST_CELLS = 4096 * 4096
 
@@ -120,7 +112,9 @@ class GrowingLattice:
             return False
         self.covered = covered
         if 0 in self._held.shape or _union(self._held, covered) != self._held:
-            self._move(_in_blocks(covered))
+            (rows, cols), spare = covered.shape, SPARE_CELLS
+            shape = rows + 2 * spare, cols + 2 * spare
+            self._move(Window(covered.col0 - spare, covered.row0 - spare, covered.cell_m, shape))
         return True
 
     def whole(self, name: str, window: Window) -> tuple[NDArray, int, int]:
@@ -157,11 +151,3 @@ def _union(one: Window, other: Window) -> Window:
     cols = max(one.col0 + one.shape[1], other.col0 + other.shape[1]) - col0
     rows = max(one.row0 + one.shape[0], other.row0 + other.shape[0]) - row0
     return Window(col0, row0, one.cell_m, (rows, cols))
-
-
-def _in_blocks(window: Window) -> Window:
-    """The window with every edge moved outwards to a multiple of BLOCK_CELLS."""
-    col0, row0 = (index // BLOCK_CELLS * BLOCK_CELLS for index in (window.col0, window.row0))
-    cols = -(-(window.col0 + window.shape[1]) // BLOCK_CELLS) * BLOCK_CELLS - col0
-    rows = -(-(window.row0 + window.shape[0]) // BLOCK_CELLS) * BLOCK_CELLS - row0
-    return Window(col0, row0, window.cell_m, (rows, cols))

@@ -5,14 +5,13 @@ was seen occupied or seen through, and how high the ground is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
 from quadlog.mapping.grid import MOST_CELLS, Grid, GrowingLattice, Window, window_around
 from quadlog.mapping.placing import NO_TOP, PlacedScan, places_of
 from quadlog.messages import Float, Float32
@@ -141,18 +140,6 @@ class AccumulatedMap:
         return cells, window
 
 
-@dataclass(frozen=True, slots=True)
-class HeightMap:
-    """origin_m: (2,) lower-left corner in map; height_m: (rows, cols) of the ground, NaN where none was seen; count:
-    (rows, cols) points per cell.
-    """
-
-    origin_m: Float
-    cell_m: float
-    height_m: Float32
-    count: NDArray[np.int32]
-
-
 # How far a robot moves while a scan lasts.
 _MOVED_M = 1.0
 
@@ -170,14 +157,21 @@ class GroundHeight:
         window = window_around(slot_pose_base_in_map[0, :2], self._cell_m, 2 * half + 1)
         if scan.count(PointClass.GROUND) == 0 or not self.lattice.cover(window):
             return
-        place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)
-        sums, row, col = self.lattice.whole("sum_m", window)
-        counts, _, _ = self.lattice.whole("count", window)
-        limits = np.array([1 / self._cell_m, reach_m], np.float32)
-        _add(scan.returns, place_m, limits, window.shape[0], row, col, sums, counts)
+        dx_m, dy_m, z_m, _, label, _ = scan.returns
+        used = np.flatnonzero(label == PointClass.GROUND)
+        used = used[dx_m[used] ** 2 + dy_m[used] ** 2 <= reach_m**2]
+        place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)[:, used]
+        col, row = np.floor(place_m * np.float32(1 / self._cell_m)).astype(np.int64)
+        inside = (np.minimum(col, row) >= 0) & (np.maximum(col, row) < window.shape[0])
+        at = (row * window.shape[1] + col)[inside]
+        for name, weights in (("sum_m", z_m[used[inside]]), ("count", None)):
+            layer = self.lattice.view(name, window)
+            layer += np.bincount(at, weights, layer.size).reshape(layer.shape).astype(layer.dtype)
 
-    def to_map(self) -> HeightMap | None:
-        """The mean height of every cell seen; None when no ground was."""
+    def to_map(self) -> tuple[Float32, NDArray[np.int32], Window] | None:
+        """The mean height of the ground in every cell (rows, cols), NaN where none was seen, how many points it is of,
+        and the window they fill; None when no ground was seen.
+        """
         whole = self.lattice.covered
         if whole is None:
             return None
@@ -188,25 +182,4 @@ class GroundHeight:
         window = Window(whole.col0 + int(cols.min()), whole.row0 + int(rows.min()), whole.cell_m, shape)
         count, sum_m = (self.lattice.view(name, window) for name in ("count", "sum_m"))
         height_m = np.where(count > 0, sum_m / np.maximum(count, 1), np.nan).astype(np.float32)
-        return HeightMap(window.origin_m, window.cell_m, height_m, count.copy())
-
-
-@kernel
-def _add(
-    returns: Returns, place_m: Float32, limits: Float32, size: int, first_row: int, first_col: int, sum_m: Float,
-    count: NDArray[np.int32],
-) -> None:  # fmt: skip
-    """place_m: (2, N) from the corner of the window of size * size cells that begins at first_row and first_col.
-
-    limits: cells per metre, and the reach.
-    """
-    for i in range(len(returns.label)):
-        dx, dy = returns.dx_m[i], returns.dy_m[i]
-        if returns.label[i] != np.uint8(PointClass.GROUND) or not dx * dx + dy * dy <= limits[1] * limits[1]:
-            continue
-        col, row = np.floor(place_m[0, i] * limits[0]), np.floor(place_m[1, i] * limits[0])
-        # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
-        if col >= 0 and col < size and row >= 0 and row < size:
-            r, c = first_row + np.int64(row), first_col + np.int64(col)
-            sum_m[r, c] += returns.z_m[i]
-            count[r, c] += 1
+        return height_m, count, window

@@ -236,14 +236,10 @@ def parse_condition(text: str) -> Condition:
     Raises BadCondition for anything else, UnknownMetric for a name that no metric has.
     """
     found = _CONDITION.fullmatch(text) if len(text) <= _LONGEST else None
-    if found is None:
+    if found is None or not math.isfinite(float(found[3])):
         raise BadCondition(text[:_LONGEST], OPERATORS)
-    name, sign, number = found.groups()
-    limit = float(number)
-    if not math.isfinite(limit):
-        raise BadCondition(text, OPERATORS)
-    check_metric(name)
-    return Condition(name, sign, limit)
+    check_metric(found[1])
+    return Condition(found[1], found[2], float(found[3]))
 
 
 def check_metric(name: str) -> None:

@@ -67,10 +67,8 @@ def median_interval(values: Float, confidence: float = 0.95) -> Interval | None:
     """
     from scipy.special import bdtr
 
-    n = len(values)
-    below = bdtr(np.arange(n // 2), n, 0.5)
-    k = int(np.searchsorted(below, (1 - confidence) / 2 * (1 + 1e-12), side="right"))
-    ordered = np.sort(values)
+    n, ordered = len(values), np.sort(values)
+    k = np.count_nonzero(bdtr(np.arange(n // 2), n, 0.5) <= (1 - confidence) / 2 * (1 + 1e-12))
     return (float(ordered[k - 1]), float(ordered[n - k])) if k else None
 
 

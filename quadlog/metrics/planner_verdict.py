@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.metrics.intervals import Interval, corrected_confidence, fewest_values
+from quadlog.metrics.intervals import corrected_confidence, fewest_values
 from quadlog.metrics.planning import Comparison
 
 _SPENT = {"expanded": "cells expanded", "generated": "cells generated", "touched": "neighbours tested"}
@@ -42,13 +42,12 @@ def _cells(comparison: Comparison) -> str:
     ratio = comparison.ratio(comparison.counted, base, best, corrected_confidence(len(rivals)))
     bounds = "too few for an interval"
     if ratio is not None and ratio.interval is not None:
-        bounds = _bounds(ratio.interval) + (f", as the best of {len(rivals)}" if len(rivals) > 1 else "")
+        bounds = "95 %: " + " to ".join(map(times, ratio.interval))
+        bounds += f", as the best of {len(rivals)}" if len(rivals) > 1 else ""
         bounds += ", no difference shown" if ratio.interval[0] <= 1 else ""
     excess = next(row["suboptimality_mean"] for row in comparison.rows if row["planner"] == best)
-    price = (
-        f"its paths {100 * excess:.2g} % costlier than the optimum on average" if excess else "all its paths optimal"
-    )
-    cost = "" if excess is None else f", {price}"
+    cost = "" if excess is None else ", all its paths optimal"
+    cost = f", its paths {100 * excess:.2g} % costlier than the optimum on average" if excess else cost
     return f"{best} saved most: {times(rivals[best])} times fewer {what} than {base}{where} ({bounds}){cost}."
 
 
@@ -83,10 +82,6 @@ def notes(comparison: Comparison) -> list[str]:
     if (repeats := comparison.paired[base].get("us_repeats")) is not None:
         lines.append(f"Every replan was timed {repeats.shape[1]} times, the planners in turns; its time is the median.")
     return lines
-
-
-def _bounds(interval: Interval) -> str:
-    return f"95 %: {times(interval[0])} to {times(interval[1])}"
 
 
 def _count(number: int, noun: str) -> str:

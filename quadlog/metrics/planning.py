@@ -161,10 +161,8 @@ def search_samples(replans: Table) -> dict[str, Samples]:
     fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
     first one, which always does.
     """
-    t_ns, excess = (
-        replans["t_ns"],
-        np.where(replans["found"], _excess(replans["cost"], replans["optimal_cost"]), np.nan),
-    )
+    t_ns, excess = replans["t_ns"], _excess(replans["cost"], replans["optimal_cost"])
+    excess = np.where(replans["found"], excess, np.nan)
     totals = {f"{name}_total": finite_samples(t_ns, replans[name], "sum") for name in ("expanded", "generated")}
     return totals | {
         "expanded_mean": finite_samples(t_ns, replans["expanded"], "mean"),

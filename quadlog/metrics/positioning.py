@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadlog.geometry import seconds_since
+from quadlog.geometry import rotation_from_quat, seconds_since
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.positioning.ellipses import CHI2_95
@@ -50,11 +50,8 @@ def pair_samples(reference: PoseSeries, estimate: PoseSeries) -> dict[str, Sampl
     Steps are seen from their first pose, so that a rigid motion of either trajectory does not change them.
     """
     absolute_m: Float = np.linalg.norm(estimate.position_m - reference.position_m, axis=1)
-    relative_m: Float = np.empty(0)
-    if len(absolute_m) > 1:
-        # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
-        our_step, true_step = (_steps(each.position_m, each.quat_xyzw) for each in (estimate, reference))
-        relative_m = np.linalg.norm(our_step - true_step, axis=1)
+    # E = (true step)^-1 (our step): its translation is their difference, turned, which leaves its length.
+    relative_m: Float = np.linalg.norm(_steps(estimate) - _steps(reference), axis=1)
     return {
         "ate_rmse_m": Samples(estimate.t_ns, absolute_m, "rms"),
         "rpe_rmse_m": Samples(estimate.t_ns[1:], relative_m, "rms"),
@@ -93,20 +90,14 @@ def associate(t_ns: Int, other_t_ns: Int, max_difference_s: float, offset_s: flo
 
 
 def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tuple[Int, Int]:
-    if len(short_s) == 0 or len(long_s) == 0:
-        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
-    after = np.searchsorted(long_s, short_s, side="right")
-    before = np.maximum(after - 1, 0)
-    after = np.minimum(after, len(long_s) - 1)
-    later = np.abs(long_s[after] - short_s) < np.abs(short_s - long_s[before])
-    nearest = np.where(later, after, before)
-    paired = np.flatnonzero(np.abs(long_s[nearest] - short_s) <= max_difference_s)
-    return paired, nearest[paired]
+    around = np.searchsorted(long_s, short_s, side="right") - [[1], [0]]
+    around = np.clip(around, 0, len(long_s) - 1)
+    apart_s = np.abs(long_s[around] - short_s)
+    paired = np.flatnonzero(apart_s.min(axis=0) <= max_difference_s)
+    return paired, around[apart_s.argmin(axis=0)[paired], paired]
 
 
-def _steps(position_m: Float, quat_xyzw: Float) -> Float:
+def _steps(poses: PoseSeries) -> Float:
     """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
-    from scipy.spatial.transform import Rotation  # slow to import
-
-    steps: Float = Rotation.from_quat(quat_xyzw[:-1]).inv().apply(np.diff(position_m, axis=0))
+    steps: Float = np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))
     return steps

@@ -181,8 +181,9 @@ LATE_STD = 3.0
 def is_late(run: Run, ranges: DataFrame) -> view.Array:
     """Which rows (N,) of the table ranges are late."""
     link, links = ["tag", "anchor"], run.table("links")
-    assert links is not None
-    std_m = ranges[link].merge(links, how="left", on=link)["range_std_m"].to_numpy()
+    if links is None:
+        return np.zeros(len(ranges), np.bool_)
+    std_m = ranges[link].merge(links.drop_duplicates(link), how="left", on=link)["range_std_m"].to_numpy()
     return np.asarray(ranges["range_m"] - ranges["predicted_m"] > LATE_STD * std_m)
 
 

@@ -113,6 +113,8 @@ def with_many_anchors(run: Path, anchors: int = 12, tags: int = 6) -> None:
     noise_m[7::10] = 1.5
     ranges = row | {"range_m": 5 + noise_m, "predicted_m": 5.0, "weight": 1.0}
     write_table(run / "ranges.parquet", TABLES["ranges"], ranges)
+    of_links = dict.fromkeys(TABLES["links"].names, 0.1) | {"tag": tag, "anchor": anchor, "n": 40, "why_not": ""}
+    write_table(run / "links.parquet", TABLES["links"], of_links | {"bias_applied": True})
     errors = {"t_ns": np.tile(t_ns, tags), "tag": np.repeat(np.arange(tags), 40), "source": "track"}
     errors |= {"error_x_m": np.linspace(0, 0.3, 40 * tags), "error_y_m": 0.0, "bound_m": 0.2}
     write_table(run / "uwb_errors.parquet", TABLES["uwb_errors"], errors)

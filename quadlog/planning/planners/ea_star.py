@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.mapping.goal_projection import inflate_square
+from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
 from quadlog.planning.search.heap_search import Danger, HeapSearch
@@ -23,7 +23,7 @@ def danger_levels(blocked: Bool, rings: int) -> NDArray[np.int8]:
     """
     levels = np.zeros(blocked.shape, dtype=np.int8)
     for ring in range(1, rings + 1):
-        levels += inflate_square(blocked, ring)
+        levels += INFLATIONS["square"](blocked, ring)
     levels[blocked] = 0
     return levels
 

@@ -116,10 +116,7 @@ class World:
     speed_mps: float = SPEED_MPS
 
     def occupied_in(self, window: Window, t_ns: int) -> Bool:
-        """Occupied cells (rows, cols) of a window at an instant; what lies outside of the world is free.
-
-        Raises ValueError when the window's cells are of another size.
-        """
+        """Occupied cells (rows, cols) of a window of its lattice at an instant; what lies outside is free."""
         occupied = crop(self.occupied, self.window, window)
         if self.moving:
             discs_m = np.array([[*each.track.at(t_ns), each.radius_m] for each in self.moving])

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial.distance import cdist
 
-from quadlog.mapping.goal_projection import DETOUR, escape_start, inflate, inflate_square, project_goal
+from quadlog.mapping.goal_projection import DETOUR, INFLATIONS, escape_start, inflate, project_goal
 from quadlog.mapping.grid import Window
 
 WINDOW = Window(-20, 35, 0.1, (40, 60))
@@ -114,4 +114,4 @@ def test_growth_is_by_distance_and_in_squares_as_scipys(occupied: np.ndarray, ra
     apart = cdist(np.argwhere(np.ones_like(occupied)), np.argwhere(occupied)).min(axis=1, initial=np.inf)
     assert (inflate(occupied, radius_cells).ravel() == (apart <= radius_cells + 1e-9)).all()
     expected = ndimage.binary_dilation(occupied, np.ones((2 * int(radius_cells + 1e-9) + 1,) * 2))
-    assert (inflate_square(occupied, radius_cells) == expected).all()
+    assert (INFLATIONS["square"](occupied, radius_cells) == expected).all()

@@ -110,10 +110,10 @@ def test_mean_heights_agree_with_scipy_and_a_scan_beyond_the_limit_is_skipped(sc
         ground.add(scanned(points_m, label), np.array([[x_m, 0.0, 0.0]]), 20.0)
     ground.add(scanned([[0.1, 0.1, 0.5]], PointClass.GROUND), np.array([[1e9, 0.0, 0.0]]), 20.0)
     assert ground.lattice.skipped == 1
-    terrain, all_m = ground.to_map(), xyz_m[:, :4000] + np.array([[[5.0 * i, 0, 0]] for i in range(4)])
-    x_m, y_m, z_m = all_m.reshape(-1, 3).T
-    edges = [terrain.origin_m[k] + 0.25 * np.arange(terrain.height_m.shape[1 - k] + 1) for k in (1, 0)]
-    for statistic, found in (("count", terrain.count), ("mean", terrain.height_m)):
+    x_m, y_m, z_m = (xyz_m[:, :4000] + np.array([[[5.0 * i, 0, 0]] for i in range(4)])).reshape(-1, 3).T
+    height_m, count, window = ground.to_map()
+    edges = [window.origin_m[k] + 0.25 * np.arange(window.shape[1 - k] + 1) for k in (1, 0)]
+    for statistic, found in (("count", count), ("mean", height_m)):
         expected, *_ = binned_statistic_2d(y_m, x_m, z_m, statistic, bins=edges)
         assert found == pytest.approx(expected, abs=1e-6, nan_ok=True)
-    assert terrain.count.sum() == 16_000
+    assert count.sum() == 16_000
