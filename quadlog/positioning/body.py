@@ -49,8 +49,6 @@ class LocatedBody:
 
 def keep_distance(first: Track, second: Track) -> bool:
     """Whether two tags that move stay as far apart as two on one body."""
-    if min(len(first), len(second)) < 2:
-        return False
     no_yaw = np.zeros(len(second))
     place_m, _, _ = interpolate_poses(first.t_ns, second.t_ns, second.position_m, no_yaw, START_NEAR_S)
     distance_m = np.hypot(*(first.position_m - place_m).T)

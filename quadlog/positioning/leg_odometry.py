@@ -117,30 +117,16 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
     return _summed(track, step_s, *(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def feet_in_body(position_rad: Float, geometry: LegGeometry) -> Float:
-    """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them."""
-    (cos, sin, x_m, down), _, aside = _links(position_rad, geometry)
-    return np.stack([x_m, aside * cos + down * sin, aside * sin - down * cos], axis=-1) + geometry.hips_m
-
-
-def _foot_jacobians(position_rad: Float, geometry: LegGeometry) -> Float:
-    """(N, 4, 3, 3) d foot / d joint."""
-    (cos, sin, x_m, down), (lower_x, lower_down), aside = _links(position_rad, geometry)
-    columns: list[list[Float]] = [
-        [np.zeros_like(cos), down * cos - aside * sin, aside * cos + down * sin],
-        [-down, x_m * sin, -x_m * cos],
-        [-lower_down, lower_x * sin, -lower_x * cos],
-    ]
-    return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
-
-
-def _links(position_rad: Float, geometry: LegGeometry) -> tuple[tuple[Float, ...], tuple[Float, Float], Float]:
-    """(N, 4) cosine and sine of the hip, how far the foot is ahead of and below it; of that the calf; (4,) aside."""
+def _feet(position_rad: Float, geometry: LegGeometry) -> tuple[Float, Float]:
+    """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them, and (N, 4, 3, 3) slopes."""
     hip, thigh, calf = _angles(position_rad)
     aside, upper, lower = geometry.lengths_m
-    lower_x, lower_down = -lower * np.sin(thigh + calf), lower * np.cos(thigh + calf)
-    ahead = np.cos(hip), np.sin(hip), lower_x - upper * np.sin(thigh), lower_down + upper * np.cos(thigh)
-    return ahead, (lower_x, lower_down), aside * np.array([1.0, -1.0, 1.0, -1.0])
+    cos, sin, y_m = np.cos(hip), np.sin(hip), aside * np.array([1.0, -1.0, 1.0, -1.0])
+    calf_x, calf_down = -lower * np.sin(thigh + calf), lower * np.cos(thigh + calf)
+    x_m, down_m = calf_x - upper * np.sin(thigh), calf_down + upper * np.cos(thigh)
+    foot = x_m, y_m * cos + down_m * sin, y_m * sin - down_m * cos
+    slopes = [0 * cos, -foot[2], foot[1]], [-down_m, x_m * sin, -x_m * cos], [-calf_down, calf_x * sin, -calf_x * cos]
+    return np.stack(foot, axis=-1) + geometry.hips_m, np.array(slopes).transpose(2, 3, 1, 0)
 
 
 def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
@@ -179,8 +165,9 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
     sources = [ContactSource.HEIGHT] * 4
     for first in range(0, len(joints), MOST_ROWS):
         rows = slice(first, first + MOST_ROWS)
-        height_m = _levelled(feet_in_body(joints.position_rad[rows], geometry), rpy_rad[rows])[..., 2]
-        load_n[rows] = _loads(joints.position_rad[rows], joints.torque_nm[rows], geometry, rpy_rad[rows])
+        feet_m, jacobian = _feet(joints.position_rad[rows], geometry)
+        height_m = _levelled(feet_m, rpy_rad[rows])[..., 2]
+        load_n[rows] = _loads(jacobian, joints.torque_nm[rows], rpy_rad[rows])
         lifted_m = height_m - np.fmin.reduce(height_m, axis=1, keepdims=True)
         carries[rows] = expit((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
     for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
@@ -192,9 +179,9 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
     return carries, tuple(sources)
 
 
-def _loads(position_rad: Float, torque_nm: Float, geometry: LegGeometry, rpy_rad: Float) -> Float:
+def _loads(jacobian: Float, torque_nm: Float, rpy_rad: Float) -> Float:
     """(N, 4) what the feet push down with, in N, of legs without mass: tau = J^T f."""
-    jacobian, torques = _foot_jacobians(position_rad, geometry), torque_nm.reshape(-1, 4, 3, 1)
+    torques = torque_nm.reshape(-1, 4, 3, 1)
     known = np.isfinite(jacobian.sum(axis=(2, 3)) + torques.sum(axis=(2, 3)))[..., None, None]
     jacobian, torques = np.where(known, jacobian, np.eye(3)), np.where(known, torques, np.nan)
     # A stretched leg holds any force along itself; damping by 1 mm keeps the solution finite.
@@ -225,7 +212,7 @@ def _steps(
     position_rad: Float, geometry: LegGeometry, rpy_rad: Float, carries: Float, step_s: Float, attitude: AttitudeSource
 ) -> tuple[Float, Float, Float, Float]:
     """Way (M, 3) in the heading of the first of two instants, turn (M,); weight and stillness of the feet (M, 4)."""
-    feet_m = _levelled(feet_in_body(position_rad, geometry), rpy_rad)
+    feet_m = _levelled(_feet(position_rad, geometry)[0], rpy_rad)
     rolled_m = _rolled(position_rad, geometry.foot_radius_m, rpy_rad)
     known = np.isfinite(feet_m[1:] + feet_m[:-1]).all(axis=2) & (step_s <= MAX_GAP_S)[:, None]
     before, after = (np.where(known[..., None], each, 0.0) for each in (feet_m[:-1], feet_m[1:]))
@@ -268,21 +255,16 @@ def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
 
 
 def _turned(vectors: Float, angle_rad: Float) -> Float:
-    """Vectors (M, 4, 3) or (M, 3) turned about z by angles (M,)."""
-    angle_rad = angle_rad.reshape(-1, *[1] * (vectors.ndim - 2))
-    cos, sin, (x, y, z) = np.cos(angle_rad), np.sin(angle_rad), np.moveaxis(vectors, -1, 0)
+    """Vectors (M, F, 3) turned about z by angles (M,)."""
+    cos, sin, (x, y, z) = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None], np.moveaxis(vectors, -1, 0)
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
 
 
 def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
     """(M,) yaw that turns the feet after a step (M, 4, 3) onto those before it, by least squares [Umeyama]."""
-    total = np.maximum(weight.sum(axis=1), 1e-9)[:, None]
-    x0, y0, x1, y1 = (
-        each - (weight * each).sum(axis=1, keepdims=True) / total
-        for each in (before[..., 0], before[..., 1], after[..., 0], after[..., 1])
-    )
-    turn: Float = np.arctan2((weight * (x1 * y0 - y1 * x0)).sum(axis=1), (weight * (x1 * x0 + y1 * y0)).sum(axis=1))
-    return turn
+    first, last = before[..., 0] + 1j * before[..., 1], after[..., 0] + 1j * after[..., 1]
+    centre = (weight * first).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+    return np.angle((weight * (first - centre[:, None]) * np.conj(last)).sum(axis=1))
 
 
 def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weight: Float, still: Float) -> LegTrack:
@@ -299,7 +281,7 @@ def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weig
     firm, heard_s = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5, np.cumsum(step_s * (step_s <= MAX_GAP_S))
     return replace(
         track,
-        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m, yaw_rad[:-1]), axis=0)]),
+        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m[:, None], yaw_rad[:-1])[:, 0], axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
         contact=np.concatenate([weight, weight[-1:]]),

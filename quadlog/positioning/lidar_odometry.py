@@ -71,18 +71,17 @@ class LidarOdometry:
 
     def __init__(self, min_range_m: float = 0.3, max_range_m: float = 60.0) -> None:
         import small_gicp  # only where a lidar has to tell the position
+        from scipy.spatial.transform import Rotation
 
-        self._range2_m2, self._gicp = (min_range_m**2, max_range_m**2), small_gicp
+        self._range2_m2, self._gicp, self._turns = (min_range_m**2, max_range_m**2), small_gicp, Rotation
         self._planar, self._map = False, small_gicp.GaussianVoxelMap(VOXEL_M)
-        self._t_ns: list[int] = []
-        self._poses: list[Float] = []
-        self._match: list[ScanMatch] = []
+        self._found: list[tuple[int, Float, ScanMatch]] = []
         self._per_s: Float = np.zeros(6)
         self._last_match: tuple[int, Float] = (0, np.eye(4))
 
     def __len__(self) -> int:
         """Number of poses so far."""
-        return len(self._t_ns)
+        return len(self._found)
 
     def take(self, t_ns: int, xyz_m: Float32, offset_ns: Int | None) -> None:
         """The next scan: points (N, 3) in upright axes about the robot, measured offset_ns (N,) after t_ns.
@@ -93,31 +92,32 @@ class LidarOdometry:
         middle_ns = t_ns
         if offset_ns is not None and len(offset_ns):
             middle_ns += (int(offset_ns.min()) + int(offset_ns.max())) // 2
-        if self._t_ns and middle_ns <= self._t_ns[-1]:
+        if self._found and middle_ns <= self._found[-1][0]:
             return
         pose: Float = np.eye(4)
         clouds, match = self._thinned(xyz_m, offset_ns, middle_ns - t_ns), ScanMatch.MATCHED
-        if self._poses:
+        if self._found:
+            last_ns, last_pose, _ = self._found[-1]
             if middle_ns - self._last_match[0] > MAX_GAP_NS:
                 self._per_s[:] = 0.0
-            guess = self._poses[-1] @ _motion(self._per_s * ((middle_ns - self._t_ns[-1]) * 1e-9))
+            moved, motion = self._per_s * ((middle_ns - last_ns) * 1e-9), np.eye(4)
+            motion[:3, :3], motion[:3, 3] = self._turns.from_rotvec(moved[3:]).as_matrix(), moved[:3]
+            guess = last_pose @ motion
             pose, match = self._matched(clouds[0], guess, middle_ns) if clouds else (guess, ScanMatch.LOST)
         elif not clouds:
             return
         if match is not ScanMatch.LOST:
-            self._per_s = self._speed(middle_ns, pose) if self._poses else self._per_s
+            self._per_s = self._speed(middle_ns, pose) if self._found else self._per_s
             self._last_match = middle_ns, pose
             for cloud in clouds:
                 self._map.insert(cloud, pose)
-        self._t_ns.append(middle_ns)
-        self._poses.append(pose)
-        self._match.append(match)
+        self._found.append((middle_ns, pose, match))
 
     def track(self) -> LidarTrack:
         """All of it so far."""
-        poses = np.array(self._poses).reshape(-1, 4, 4)
-        match = np.array(self._match, dtype=np.int64)
-        return LidarTrack(np.array(self._t_ns, dtype=np.int64), poses[:, :3, 3], poses[:, :3, :3], match)
+        poses = np.array([pose for _, pose, _ in self._found]).reshape(-1, 4, 4)
+        t_ns, match = (np.array([each[k] for each in self._found], dtype=np.int64) for k in (0, 2))
+        return LidarTrack(t_ns, poses[:, :3, 3], poses[:, :3, :3], match)
 
     def _thinned(self, xyz_m: Float32, offset_ns: Int | None, middle_ns: int) -> tuple[object, ...]:
         """small_gicp's clouds: the one to match, then others for the map; none for a scan with too few points."""
@@ -132,7 +132,7 @@ class LidarOdometry:
             cos, sin, (x_m, y_m, z_m) = np.cos(per_s[5] * since_s), np.sin(per_s[5] * since_s), points.T
             points = np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m], axis=1)
             points += since_s[:, None] * per_s[:3]
-        if not self._poses and _is_planar(points):
+        if not self._found and _is_planar(points):
             self._planar, self._map = True, self._gicp.GaussianVoxelMap(VOXEL_M)
             self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice
         parts, thinned_m = (_walls_and_points(points), PLANAR_THINNED_M) if self._planar else ((points,), THINNED_M)
@@ -156,7 +156,9 @@ class LidarOdometry:
     def _speed(self, t_ns: int, pose: Float) -> Float:
         """(6,) shift and rotation vector per second since the last match."""
         since_ns, matched = self._last_match
-        return _vector(np.linalg.inv(matched) @ pose) / ((t_ns - since_ns) * 1e-9)
+        moved = np.linalg.inv(matched) @ pose
+        turn_rad = self._turns.from_matrix(moved[:3, :3]).as_rotvec()
+        return np.concatenate([moved[:3, 3], turn_rad]) / ((t_ns - since_ns) * 1e-9)
 
 
 def body_motion(track: LidarTrack, *, causal: bool) -> BodyMotion | None:
@@ -182,20 +184,3 @@ def _walls_and_points(xyz_m: Float32) -> tuple[Float32, Float32]:
     points_m = np.column_stack([xyz_m[:, :2], np.full(len(xyz_m), VOXEL_M / 2)])
     up_m = np.array([0.0, 0.0, PLANAR_THINNED_M], np.float32)
     return np.concatenate([points_m - up_m, points_m, points_m + up_m]), points_m
-
-
-def _vector(motion: Float) -> Float:
-    """(6,) shift and rotation vector of a transform (4, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])
-
-
-def _motion(vector: Float) -> Float:
-    """The transform (4, 4) of what `_vector` gives."""
-    from scipy.spatial.transform import Rotation
-
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(vector[3:]).as_matrix()
-    motion[:3, 3] = vector[:3]
-    return motion

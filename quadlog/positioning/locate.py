@@ -113,16 +113,6 @@ class TagResult:
     shared_m: float = 0.0
     velocity: MeasuredMotion | None = None
 
-    @property
-    def n_too_few(self) -> int:
-        """Epochs with too few ranges for a fix."""
-        return int((self.fixes.n_ranges < (4 if self.height_solved else 3)).sum())
-
-    @property
-    def n_degenerate(self) -> int:
-        """Epochs with enough ranges, but without a unique fix."""
-        return int(self.fixes.degenerate.sum())
-
 
 @dataclass(frozen=True, slots=True)
 class Located:

@@ -105,10 +105,11 @@ def _located_notes(located: Located, config: Config) -> list[str]:
 def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]:
     """Epochs without a fix, ranges that fit no track, and a track that was lost."""
     texts = []
-    if result.n_too_few or result.n_degenerate:
+    flat = int(result.fixes.degenerate.sum())
+    if unsolved := int(np.sum(~result.fixes.solved)):
         causes = {
-            f"fewer than {'four' if result.height_solved else 'three'} ranges": result.n_too_few,
-            "anchors on a line or a mirror image": result.n_degenerate,
+            f"fewer than {'four' if result.height_solved else 'three'} ranges": unsolved - flat,
+            "anchors on a line or a mirror image": flat,
         }
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
         texts.append(f"tag {result.tag}: of {len(result.epochs.t_ns)} epochs, {words} give no fix")

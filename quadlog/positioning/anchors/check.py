@@ -70,7 +70,7 @@ def find_faults(anchors_m: Float, covariance: Float, known_m: Float, numbers: In
         return None
     rows = (3 * known[:, None] + np.arange(2)).ravel()
     covariance_m2 = covariance[np.ix_(rows, rows)] + KNOWN_STD_M**2 / 2 * np.eye(len(rows))
-    whiten, frame = np.linalg.inv(np.linalg.cholesky(covariance_m2)), gauge(anchors_m)[rows]
+    whiten, frame = np.linalg.inv(np.linalg.cholesky(covariance_m2)), gauge(anchors_m, len(covariance))[rows]
 
     def fit(places_m: Float, free: Float) -> tuple[float, Float, Float]:
         """The misfit with columns (2A, K) free, their values (K,) and covariance (K, K)."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.alignment import rigid_motion
-from quadlog.positioning.ellipses import CHI2_95
+from quadlog.positioning.ellipses import ellipse_95
 
 KNOWN_STD_M, MISPLACED = 0.1, 2.0
 """Known anchors contradict the survey beyond MISPLACED times the sum of KNOWN_STD_M and their 95 % bound."""
@@ -21,8 +21,7 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
     """
     n, known = len(known_m), np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
-        moves = np.zeros((len(covariance), 3))
-        moves[: 3 * n] = gauge(anchors_m)
+        moves = gauge(anchors_m, len(covariance))
         return anchors_m, covariance + (moves * start_std**2) @ moves.T, np.zeros(3)
     rotation = np.eye(3)
     rotation[:2, :2], shift_m = rigid_motion(anchors_m[known, :2], known_m[known])
@@ -40,9 +39,8 @@ def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
         return {}, False
-    far_m = MISPLACED * np.array(
-        [KNOWN_STD_M + reach_95(covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2]) for k in known]
-    )
+    blocks = np.array([covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in known])
+    far_m = MISPLACED * (KNOWN_STD_M + ellipse_95(blocks)[0])
     off_m = np.hypot(*(anchors_m[known, :2] - known_m[known]).T)
     image_m = anchors_m[known, :2] * [1, -1]
     rotation, shift_m = rigid_motion(image_m, known_m[known])
@@ -51,24 +49,18 @@ def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict
     return misplaced_m, bool(misplaced_m) and len(known) > 2 and bool((image_off_m <= far_m).all())
 
 
-def reach_95(covariance_m2: Float) -> float:
-    """How far the 95 % ellipse of x and y reaches; covariance_m2 (2, 2) or (3, 3)."""
-    return float(np.sqrt(CHI2_95 * np.linalg.eigvalsh(covariance_m2[:2, :2])[-1]))
-
-
 def relative_covariance(covariance: Float, anchors_m: Float, given: Int) -> Float:
     """The covariance in the frame in which the given anchors, by index, fit their places best."""
-    moves = np.zeros((len(covariance), 3))
-    moves[: 3 * len(anchors_m)] = gauge(anchors_m)
+    moves = gauge(anchors_m, len(covariance))
     rows = (3 * given[:, None] + np.arange(2)).ravel()
     change = np.eye(len(covariance))
     change[:, rows] -= moves @ np.linalg.pinv(moves[rows])
     return np.asarray(change @ covariance @ change.T)
 
 
-def gauge(anchors_m: Float) -> Float:
-    """(3A, 3) how x, y, z of anchors (A, 3) move with a shift in x, in y, and a turn about the origin."""
-    motion = np.zeros((len(anchors_m), 3, 3))
-    motion[:, 0, 0] = motion[:, 1, 1] = 1.0
-    motion[:, 0, 2], motion[:, 1, 2] = -anchors_m[:, 1], anchors_m[:, 0]
-    return motion.reshape(-1, 3)
+def gauge(anchors_m: Float, size: int) -> Float:
+    """(size, 3) how x, y, z of anchors (A, 3) move with a shift in x, in y, and a turn about the origin, zero after."""
+    motion, x, y = np.zeros((size, 3)), slice(0, anchors_m.size, 3), slice(1, anchors_m.size, 3)
+    motion[x, 0] = motion[y, 1] = 1.0
+    motion[x, 2], motion[y, 2] = -anchors_m[:, 1], anchors_m[:, 0]
+    return motion

@@ -15,12 +15,13 @@ from scipy.linalg import block_diag
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
 from quadlog.positioning.anchors.check import SurveyFaults, find_faults
-from quadlog.positioning.anchors.frame import misplaced, place_in_frame, reach_95, relative_covariance
+from quadlog.positioning.anchors.frame import misplaced, place_in_frame, relative_covariance
 from quadlog.positioning.anchors.walk import Walk
 from quadlog.positioning.batch.factors import Axes, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
 from quadlog.positioning.batch.robust import sight_probabilities
 from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
+from quadlog.positioning.ellipses import ellipse_95
 
 FEWEST_RANGES = 30
 LEAST_WAY_M = 3.0
@@ -330,7 +331,7 @@ def _anchors(
     anchors = []
     for anchor, number in enumerate(index.tolist()):
         rows, links = slice(3 * anchor, 3 * anchor + 3), 3 * n + anchor + n * np.arange(len(ranges.lever_m))
-        block, reach_m = covariance[rows, rows], reach_95(among[rows, rows])
+        block, reach_m = covariance[rows, rows], float(ellipse_95(among[None, rows, rows])[0][0])
         unknown = f"its place among the others is known to {reach_m:.1f} m only" if reach_m > UNKNOWN_M else ""
         surveyed = SurveyedAnchor(
             number,

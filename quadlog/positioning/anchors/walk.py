@@ -131,31 +131,22 @@ def anchor_candidates(tag_m: Float, range_m: Float, expected: Float) -> tuple[Fl
     design = np.column_stack([2 * along_m, -np.ones(len(rows))])
     u_m, v_m, square_m2 = np.linalg.lstsq(design, (along_m**2).sum(axis=1) - level_m2)[0]
     side_m = np.sqrt(max(square_m2 - u_m**2, 0.0))
-    starts_m = middle_m + np.array([[u_m, v_m], [u_m, side_m], [u_m, -side_m]]) @ axes
-    refined = [refine_place(tag_m, range_m, start_m, expected) for start_m in starts_m]
-    places, misfits = (np.array(each) for each in zip(*refined, strict=True))
-    kept: list[int] = []
-    for index in np.argsort(misfits, kind="stable"):
-        if all(np.hypot(*(places[index, :2] - places[other, :2])) > APART_M for other in kept):
-            kept.append(int(index))
-    return places[kept], misfits[kept]
-
-
-def refine_place(tag_m: Float, range_m: Float, start_m: Float, expected: Float) -> tuple[Float, float]:
-    """(4,) x_m, y_m, z_m, bias_m by damped Gauss-Newton steps of the Cauchy kernel, and its misfit.
-
-    tag_m: (N, 3). Priors on height, with its expected mean and std, and bias.
-    """
-    place = np.array([*start_m, expected[0], USUAL_BIAS_M])
-    mean, weight = place.copy(), np.array([0.0, 0.0, expected[1] ** -2, BIAS_STD_M**-2])
-    for round_ in range(ROUNDS + 1):
-        offset_m = place[:3] - tag_m
-        distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-6)
-        off = 1 + ((range_m - place[3] - distance_m) / KERNEL_M) ** 2
-        if round_ == ROUNDS:
-            break
-        design = np.column_stack([offset_m / distance_m[:, None], np.ones(len(tag_m))])
-        weighted = design / (off * KERNEL_M**2)[:, None]
-        pull = weighted.T @ (range_m - place[3] - distance_m) - weight * (place - mean)
-        place = place + np.linalg.solve(weighted.T @ design + np.diag(weight + 1e-3), pull)
-    return place, float(np.log(off).mean())
+    mean, weight = np.array([0, 0, expected[0], USUAL_BIAS_M]), np.array([0, 0, expected[1] ** -2, BIAS_STD_M**-2])
+    found = list[tuple[float, Float]]()
+    for start_m in middle_m + np.array([[u_m, v_m], [u_m, side_m], [u_m, -side_m]]) @ axes:
+        place = np.append(start_m, mean[2:])
+        for step in range(ROUNDS + 1):  # damped Gauss-Newton of the Cauchy kernel
+            offset_m = place[:3] - tag_m
+            distance_m = np.maximum(np.linalg.norm(offset_m, axis=1), 1e-6)
+            off_m = range_m - place[3] - distance_m
+            if step < ROUNDS:
+                slope = np.column_stack([offset_m / distance_m[:, None], np.ones(len(rows))])
+                weighted = slope / (KERNEL_M**2 + off_m**2)[:, None]
+                pull = weighted.T @ off_m - weight * (place - mean)
+                place = place + np.linalg.solve(weighted.T @ slope + np.diag(weight + 1e-3), pull)
+        found.append((float(np.log1p((off_m / KERNEL_M) ** 2).mean()), place))
+    kept = list[tuple[float, Float]]()
+    for each in sorted(found, key=lambda each: each[0]):
+        if all(np.hypot(*(each[1] - other)[:2]) > APART_M for _, other in kept):
+            kept.append(each)
+    return np.array([place for _, place in kept]), np.array([misfit for misfit, _ in kept])

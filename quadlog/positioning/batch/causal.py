@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Timeline, Track
 from quadlog.positioning.batch.robust import USUAL, lateness_weights, link_stds, link_windows
-from quadlog.positioning.batch.solve import Estimate, Problem, solve
+from quadlog.positioning.batch.solve import Estimate, solve
 from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
 STEP_S = 0.1
@@ -150,21 +150,16 @@ def _step(
         cuts_s = np.unique([cut_s for known_s, cut_s in found if known_s <= now_s])
         problem = replace(body, ranges=body.ranges.rows(rows), cuts_s=cuts_s).problem()
         problem = replace(problem, past=before.past if before else None)
-        knots, values = _guess(body, problem.timeline, starts, last), last.values if last else problem.mean
-        std_m = np.full(body.ranges.n_links, body.settings.range_std_m)
-        estimate = solve(problem, knots, values, (std_m, _lasts(problem)), ROUNDS)
+        slots, timeline = problem.slots, problem.timeline
+        knots, values = _guess(body, timeline, starts, last), last.values if last else problem.mean
+        span_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), KNOT_S)
+        lasts = max(1.0, LASTS_S * len(slots.range_m) / len(np.unique(slots.link)) / span_s)
+        noise = np.full(slots.n_links, body.settings.range_std_m), np.full(len(slots.range_m), lasts)
+        estimate = solve(problem, knots, values, noise, ROUNDS)
         jumps_s = cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)
         if len(jumps_s) == 0:
             return estimate
         found += [(now_s, cut_s) for cut_s in jumps_s.tolist()]
-
-
-def _lasts(problem: Problem) -> Float:
-    """(R,) how many ranges of a link share an error."""
-    slots, timeline = problem.slots, problem.timeline
-    span_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), KNOT_S)
-    lasts = LASTS_S * len(slots.range_m) / len(np.unique(slots.link)) / span_s
-    return np.full(len(slots.range_m), max(1.0, lasts))
 
 
 def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None) -> Float:

@@ -195,15 +195,6 @@ class Way:
         return np.column_stack([x_m, y_m]), yaw_rad
 
 
-def covered(timeline: Timeline, t_s: Float) -> Int:
-    """Intervals between knots that a sensor's instants (M,) cover without a silence longer than HOLD_S."""
-    knots_s = timeline.t_s
-    after = np.searchsorted(t_s, knots_s).clip(0, len(t_s) - 1)
-    near_s = np.minimum(np.abs(t_s[after] - knots_s), np.abs(t_s[(after - 1).clip(0)] - knots_s))
-    near = near_s <= HOLD_S
-    return np.flatnonzero(timeline.connected & near[1:] & near[:-1])
-
-
 class Steps:
     """An odometry's steps between knots in base, scale R(-psi) (p_1 - p_0) with psi halfway, and its turns between them
     in a frame of its own, turn_scale turn = psi_1 - psi_0 + drift dt; or its steps in map alone, p_1 - p_0.
@@ -215,7 +206,10 @@ class Steps:
     def __init__(
         self, timeline: Timeline, way: Way, axes: Axes, columns: tuple[int, ...], variances: tuple[Float, Float]
     ) -> None:
-        self.interval, self.axes, self.columns = covered(timeline, way.t_s), axes, columns
+        after, self.axes, self.columns = np.searchsorted(way.t_s, timeline.t_s), axes, columns
+        ends = after.clip(max=len(way.t_s) - 1), (after - 1).clip(0)
+        near = np.min([np.abs(way.t_s[each] - timeline.t_s) for each in ends], axis=0) <= HOLD_S
+        self.interval = np.flatnonzero(timeline.connected & near[1:] & near[:-1])
         (xy_m, yaw_rad), self.rows = way.at(timeline.t_s), 3 if columns else 2
         middle_rad = (yaw_rad[1:] + yaw_rad[:-1]) / 2 * bool(columns)
         step = np.column_stack([turned(-middle_rad, np.diff(xy_m, axis=0)), np.diff(yaw_rad)])

@@ -26,11 +26,8 @@ NO_BIAS_M = 1e-3
 
 def bias_priors(n_links: int, calibrate: bool) -> Float:
     """(P, L, L) covariances of the links' biases that are possible a priori; without calibration the first two."""
-    found = []
-    for link_std_m in LINK_STDS_M if calibrate else LINK_STDS_M[:2]:
-        common_m = COMMON_STD_M if link_std_m else NO_BIAS_M
-        found.append(common_m**2 + max(link_std_m, NO_BIAS_M) ** 2 * np.eye(n_links))
-    return np.array(found)
+    stds_m = np.maximum(LINK_STDS_M if calibrate else LINK_STDS_M[:2], NO_BIAS_M)[:, None, None]
+    return np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +59,9 @@ class AnchorBias:
     shares: Float
 
     @property
-    def applied(self) -> np.ndarray:
-        """(A,) bool, the links that are corrected: all that were heard."""
-        heard: np.ndarray = self.n > 0
-        return heard
-
-    @property
     def applied_m(self) -> Float:
         """(A,) what to subtract from the ranges: the biases of the links that were heard, zero elsewhere."""
-        return np.where(self.applied, self.bias_m, 0.0)
+        return np.where(self.n > 0, self.bias_m, 0.0)
 
     @property
     def reason(self) -> str:
@@ -96,7 +87,7 @@ def link_quality(
     ]
     n, rms_m, median_m, nlos_share = np.array(found).reshape(-1, 4).T
     unknown = np.full(len(anchor_ids), np.nan)
-    applied = np.zeros(len(anchor_ids), dtype=bool) if bias is None else bias.applied
+    applied = np.zeros(len(anchor_ids), dtype=bool) if bias is None else bias.n > 0
     return {
         "n": n.astype(np.int64),
         "residual_rms_m": rms_m,

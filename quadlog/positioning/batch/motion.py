@@ -60,12 +60,6 @@ class Sampling:
         around = np.concatenate([flat.take(self.interval, axis=2), flat.take(self.interval + 1, axis=2)])
         return np.einsum("jn,jdn->dn", self.value, around).T, np.einsum("jn,jdn->dn", self.rate, around).T
 
-    def between(self, matrices: Float) -> Float:
-        """(N, ., .) between those of the knots (K, ., .)."""
-        after = self.value[2][:, None, None]
-        found: Float = (1 - after) * matrices[self.interval] + after * matrices[self.interval + 1]
-        return found
-
 
 def make_timeline(t_s: Float, step_s: float, longest_gap_s: float, cuts_s: Float) -> Timeline:
     """Knots step_s apart over N > 0 instants in order, and one at the last; a new segment after each longer gap and at

@@ -139,7 +139,9 @@ class Tracked:
     def poses(self, t_s: Float) -> tuple[Float, Float, Float]:
         """Coordinates and rates (N, D) at instants (N,), and their covariances (N, 2D, 2D)."""
         sampling = self.last.problem.timeline.sample(t_s)
-        return *sampling.of(self.last.knots), sampling.between(self.covariance)
+        row, after = sampling.interval, sampling.value[2][:, None, None]
+        covariance = (1 - after) * self.covariance[row] + after * self.covariance[row + 1]
+        return *sampling.of(self.last.knots), covariance
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""

@@ -75,7 +75,7 @@ def test_biases_without_the_truth_are_those_that_the_truth_shows(labyrinth):
     """Late ranges of 0.4 m and more among them: medians of the excess, 0.07 to 0.15 m."""
     bias = labyrinth.locate().bias
     assert bias is not None
-    assert bias.applied.all()
+    assert (bias.n > 0).all()
     place = np.searchsorted(labyrinth.anchors.ids, labyrinth.ranges.anchor)
     offset_m = labyrinth.truth_at(labyrinth.ranges.t_ns) - labyrinth.anchors.position_m[place, :2]
     excess_m = labyrinth.ranges.range_m - np.linalg.norm(offset_m, axis=1)

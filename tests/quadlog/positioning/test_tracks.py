@@ -235,6 +235,6 @@ def test_a_tag_that_appears_half_way_one_that_never_does_and_epochs_without_a_fi
     assert got.tags[0].track.t_ns[0] == simulated.t_ns[301]
     assert len(got.tags[1].track) == len(got.tags[1].epochs.t_ns) == 0
     assert got.counts.other_tags == ((0, 301 * 5),)
-    assert (got.tags[0].n_too_few, got.tags[0].n_degenerate) == (5, 2)
+    assert [np.sum(each) for each in (~got.tags[0].fixes.solved, got.tags[0].fixes.degenerate)] == [7, 2]
     assert np.isfinite(got.tags[0].ranges.predicted_m).all()
     assert (got.counts.not_positive, got.counts.not_finite) == (15, 4)
