@@ -140,6 +140,17 @@ class AccumulatedMap:
         return cells, window
 
 
+@kernel
+def _sum_heights(sum_m: Float, count: NDArray[np.int32], place_cells: Float32, z_m: Float32) -> None:
+    rows, cols = count.shape
+    for i in range(len(z_m)):
+        x, y = np.floor(place_cells[0, i]), np.floor(place_cells[1, i])
+        if 0 <= x < cols and 0 <= y < rows:
+            row, col = np.int64(y), np.int64(x)
+            sum_m[row, col] += z_m[i]
+            count[row, col] += 1
+
+
 # How far a robot moves while a scan lasts.
 _MOVED_M = 1.0
 
@@ -161,12 +172,8 @@ class GroundHeight:
         used = np.flatnonzero(label == PointClass.GROUND)
         used = used[dx_m[used] ** 2 + dy_m[used] ** 2 <= reach_m**2]
         place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)[:, used]
-        col, row = np.floor(place_m * np.float32(1 / self._cell_m)).astype(np.int64)
-        inside = (np.minimum(col, row) >= 0) & (np.maximum(col, row) < window.shape[0])
-        at = (row * window.shape[1] + col)[inside]
-        for name, weights in (("sum_m", z_m[used[inside]]), ("count", None)):
-            layer = self.lattice.view(name, window)
-            layer += np.bincount(at, weights, layer.size).reshape(layer.shape).astype(layer.dtype)
+        layers = (self.lattice.view(name, window) for name in ("sum_m", "count"))
+        _sum_heights(*layers, place_m * np.float32(1 / self._cell_m), z_m[used])
 
     def to_map(self) -> tuple[Float32, NDArray[np.int32], Window] | None:
         """The mean height of the ground in every cell (rows, cols), NaN where none was seen, how many points it is of,

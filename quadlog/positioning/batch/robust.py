@@ -50,7 +50,7 @@ def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, in
     prior_m, n_prior = prior
     if not early:
         return np.full(n_links, prior_m)
-    usual_m, n = 1.4826 * float(np.median(np.concatenate(early))), len(residual_m)
+    usual_m, n = max(1.4826 * float(np.median(np.concatenate(early))), 1e-6), len(residual_m)
     apart = np.log(np.nan_to_num(1.4826 * own_m / usual_m, nan=1.0).clip(1e-3))
     apart = np.sign(apart) * (np.abs(apart) - np.log(ALIKE)).clip(0.0) * count / (count + n_prior)
     usual_m = np.sqrt((n * usual_m**2 + n_prior * prior_m**2) / (n + n_prior))
