@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,3 +99,13 @@ def test_a_replay_finds_the_robot_with_ranges_that_fit(tmp_path, scenario):
     assert not [each for each in record["warnings"] if "check [[uwb.anchors]]" in each or "epochs" in each]
     # In the corridor half of the ranges come through walls, 0.4 m late on average.
     assert outcome.metrics["ate_rmse_m"]["value"] < (0.5 if scenario == "corridor" else 0.25)
+
+
+@pytest.mark.parametrize(("given_m", "warned"), [(0.3, True), (0.1, False)])
+def test_a_configured_noise_that_is_far_off_is_warned_of(tmp_path, given_m, warned):
+    """Ranges of the fixture scatter by 0.1 m."""
+    request = fixture_request(tmp_path / "run", until="position")
+    uwb = request.config.uwb.model_copy(update={"range_std_m": given_m})
+    request = replace(request, config=request.config.model_copy(update={"uwb": uwb}), plots=False)
+    record = json.loads((replay(request, Silent()).run / "run.json").read_text())
+    assert any("leave it out, and it is estimated" in each for each in record["warnings"]) == warned
