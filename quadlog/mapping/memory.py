@@ -166,10 +166,10 @@ class GroundHeight:
         """Count one scan's ground up to reach_m from the lidar; slot_pose_base_in_map: (K, 3) at its time slots."""
         half = math.ceil((reach_m + _MOVED_M + math.hypot(*scan.lidar_base_m[:2])) / self._cell_m)
         window = window_around(slot_pose_base_in_map[0, :2], self._cell_m, 2 * half + 1)
-        if scan.count(PointClass.GROUND) == 0 or not self.lattice.cover(window):
-            return
         dx_m, dy_m, z_m, _, label, _ = scan.returns
         used = np.flatnonzero(label == PointClass.GROUND)
+        if len(used) == 0 or not self.lattice.cover(window):
+            return
         used = used[dx_m[used] ** 2 + dy_m[used] ** 2 <= reach_m**2]
         place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)[:, used]
         layers = (self.lattice.view(name, window) for name in ("sum_m", "count"))

@@ -18,8 +18,7 @@ from quadlog.pipelines.stages.positions import uwb_tags
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, tell_roles, velocity_words
-from quadlog.positioning.batch.links import link_quality, weak_first_path_share
-from quadlog.positioning.batch.robust import USUAL, USUAL_STD_M, link_stds
+from quadlog.positioning.batch.links import link_quality, scatter_in_sight, weak_first_path_share
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.lidar_odometry import body_motion
@@ -113,18 +112,15 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
         }
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
         texts.append(f"tag {result.tag}: of {len(result.epochs.t_ns)} epochs, {words} give no fix")
-    residual_m, given_m = result.ranges.range_m - result.ranges.predicted_m, config.uwb.range_std_m
-    order = np.argsort(result.ranges.anchor, kind="stable")
-    _, link = np.unique(result.ranges.anchor[order], return_inverse=True)
-    known = np.isfinite(residual_m[order])
-    known_m, usual_m = residual_m[order][known], given_m or USUAL_STD_M
-    if len(known_m) and (median_m := np.median(np.abs(known_m))) >= MISFIT_STD * usual_m:  # they fit no position at all
+    residual_m, given_m = np.abs(result.ranges.range_m - result.ranges.predicted_m), config.uwb.range_std_m
+    known_m, usual_m = residual_m[np.isfinite(residual_m)], settings_of(config).usual_std_m
+    if len(known_m) and (median_m := np.median(known_m)) >= MISFIT_STD * usual_m:  # they fit no position at all
         texts.append(
             f"tag {result.tag}: half of its ranges miss its track by more than {median_m:.2f} m; "
             "check ids and places in [[uwb.anchors]]"
         )
     elif len(known_m) and given_m is not None:
-        found_m = np.median(link_stds(known_m, link[known], int(link.max()) + 1, (given_m, USUAL[1])))
+        found_m = scatter_in_sight(result.ranges, given_m)
         if not 1 / MOST_OFF < found_m / given_m < MOST_OFF:
             texts.append(
                 f"tag {result.tag}: its ranges in sight scatter by {found_m:.3f} m about its track, and "

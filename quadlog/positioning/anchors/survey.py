@@ -19,7 +19,7 @@ from quadlog.positioning.anchors.frame import misplaced, place_in_frame, relativ
 from quadlog.positioning.anchors.walk import Walk
 from quadlog.positioning.batch.factors import Axes, RangeModel, Steps
 from quadlog.positioning.batch.motion import Motion
-from quadlog.positioning.batch.robust import sight_probabilities
+from quadlog.positioning.batch.robust import USUAL_STD_M, sight_probabilities
 from quadlog.positioning.batch.solve import Estimate, Problem, assemble, solve
 from quadlog.positioning.ellipses import ellipse_95
 
@@ -47,8 +47,8 @@ DELAY_STD_S, ANYWHERE_M = 0.1, 300.0
 """How far the clocks of ranges and odometry may be apart; and an anchor from where the walk begins."""
 DRIFT_SPREAD, LEAST_LOOSENESS, LARGEST_DRIFT = 1.4, 0.0625, 0.2
 """Std of the logarithm of the random drift: how well it is known before a log is seen. What is tried."""
-USUAL_STD_M, LEAST_STD_M, MOST_STD_M = 0.1, 0.05, 1.0
-"""Of ranges in line of sight, before it is estimated, and its bounds."""
+LEAST_STD_M, MOST_STD_M = 0.05, 1.0
+"""Bounds of the std of ranges in line of sight."""
 LOOSE, LOOSE_YAW = 1.0, 10.0
 """Spectral density of the accelerations between knots. With 10 for x and y as well, the way between two knots is free
 by 0.08 m, ranges there say little, and the odometry's drift is taken for three times what it is. Robots turn on the

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Timeline, Track
-from quadlog.positioning.batch.robust import USUAL, lateness_weights, link_stds, link_windows
+from quadlog.positioning.batch.robust import USUAL_RANGES, USUAL_STD_M, lateness_weights, link_stds, link_windows
 from quadlog.positioning.batch.solve import Estimate, solve
 from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
@@ -115,7 +115,7 @@ def follow(body: Body, starts: Starts) -> Known:
     known = t_s >= starts.t_s[start][segment]
     number = np.floor(t_s[known] / STEP_S) + segment[known]
     steps, last, found = list[_Step](), None, [(cut_s, cut_s) for cut_s in body.cuts_s.tolist()]
-    std_m, seen = body.settings.range_std_m or USUAL[0], USUAL[1]
+    std_m, seen = body.settings.range_std_m or USUAL_STD_M, USUAL_RANGES
     for now_s in t_s[known][np.flatnonzero(np.diff(number, prepend=-1))].tolist():
         begun = bisect_right(steps, now_s - WINDOW_S, key=lambda step: step.t_s)
         own = replace(body, settings=replace(body.settings, range_std_m=std_m))

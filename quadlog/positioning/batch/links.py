@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float, Int, RangeSeries
+from quadlog.positioning.batch.robust import USUAL_RANGES, link_stds
 from quadlog.positioning.batch.solve import Estimate, posterior_of_globals
 
 NLOS_STD, NONE = 3.0, (np.nan,) * 3
@@ -99,6 +100,14 @@ def link_quality(
         "range_std_m": range_std_m,
         "nlos_share": nlos_share,
     }
+
+
+def scatter_in_sight(rows: RangeRows, prior_m: float) -> float:
+    """Std of a tag's ranges in sight about its track: the median over its links; prior_m counts as USUAL_RANGES do."""
+    residual_m, order = rows.range_m - rows.predicted_m, np.argsort(rows.anchor, kind="stable")
+    order = order[np.isfinite(residual_m[order])]
+    anchors, link = np.unique(rows.anchor[order], return_inverse=True)
+    return float(np.median(link_stds(residual_m[order], link, len(anchors), (prior_m, USUAL_RANGES))))
 
 
 def weak_first_path_share(ranges: RangeSeries, gap_db: Float | None, tag: int, anchor_ids: Int) -> Float:

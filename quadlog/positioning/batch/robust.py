@@ -24,15 +24,15 @@ DELAY_M, ODD_SHARE, ODD_SPAN_M = 0.4, 0.01, 20.0
 """Mean delay of a late range; a range may be anything with this probability, over so wide a span."""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
-USUAL_STD_M, STD_BOUNDS_M = 0.1, (0.02, 0.3)
-USUAL = USUAL_STD_M, 100
+USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
 """Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what the ranges of a log may say."""
-MODE_SHARE, FEWEST_FOR_MODE, ALIKE = 0.25, 20, 1.5
-"""So much of a link's residuals, as close together as any, shows where those in sight lie. Links whose stds differ by
-less than the last from the usual one have that: link by link tracks err by up to 10 % more."""
+FEWEST_RANGES, MODE_SHARE, MODE_RANGES = 6, 0.25, 20
+"""Of a link that shows a std; and so much of it, or so many if that is more, lie closest together about the mode."""
+ALIKE = 1.5
+"""Links whose stds differ by less from the usual one have that: link by link tracks err by up to 10 % more."""
 
 
-def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int] = USUAL) -> Float:
+def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int]) -> Float:
     """(L,) std of the ranges in sight of each link, from residuals (N,) by link.
 
     From the early half about the mode, because blocked paths lengthen the late one. prior: a std, and for how many
@@ -40,9 +40,9 @@ def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, in
     """
     count, early, own_m = np.bincount(link, minlength=n_links), list[Float](), np.full(n_links, np.nan)
     for k, part_m in enumerate(np.split(residual_m, np.cumsum(count)[:-1])):
-        if len(part_m) > FEWEST_BLOCKS:
+        if len(part_m) >= FEWEST_RANGES:
             part_m, n = np.sort(part_m), len(part_m)
-            some = min(max(int(MODE_SHARE * n), FEWEST_FOR_MODE), n // 2)
+            some = min(max(int(MODE_SHARE * n), MODE_RANGES), n // 2)
             first = int(np.argmin(part_m[some:] - part_m[:-some]))
             mode_m = np.median(part_m[first : first + some + 1])
             early.append(mode_m - part_m[part_m <= mode_m])
@@ -63,7 +63,7 @@ def link_windows(t_s: Float, link: Int) -> tuple[Int, Int]:
     return np.searchsorted(key, key - WINDOW_S / 2), np.searchsorted(key, key + WINDOW_S / 2, side="right")
 
 
-def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: float | Float) -> Float:
+def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: Float) -> Float:
     """(N,) weights in (0, 1]: low where the mean of a link's residuals over a window is late, or one residual is."""
     x = residual_m / std_m
     total = np.append(0.0, np.cumsum(x.clip(-CLIP_STD, CLIP_STD)))

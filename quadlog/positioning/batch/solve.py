@@ -269,16 +269,15 @@ def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Fl
     before, after = before.clip(0), after.clip(max=len(t_s) - 1)
     speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
     walked_s = np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
-    std_m, heard = weights.std_m[slots.range_link], len(np.unique(slots.link))
-    # Of ranges in sight alone errors seem to be white, of all with blocked sight to last for seconds.
-    information = np.sqrt(robust.symmetric_weights(residual_m, slots.range_link, std_m) * weights.globals) / std_m**2
-    if not problem.in_sight:  # What lasts for the whole log is the biases'.
-        total = np.bincount(slots.range_link, information * residual_m)
-        residual_m = (
-            residual_m - (total / np.maximum(np.bincount(slots.range_link, information), 1e-12))[slots.range_link]
-        )
+    link, weight, heard = slots.range_link, weights.globals, len(np.unique(slots.link))
+    std_m = weights.std_m[link]
+    if problem.in_sight:  # Of ranges in sight alone errors seem to be white, of all to last for seconds.
+        weight = np.sqrt(robust.symmetric_weights(residual_m, link, std_m) * weight)
+    else:  # What lasts for the whole log is the biases'.
+        mean_m = np.bincount(link, weight * residual_m) / np.maximum(np.bincount(link, weight), 1e-12)
+        residual_m = residual_m - mean_m[link]
     free, clock_s = 1 - TAKEN_SHARE * len(problem.model.axes) / heard, np.interp(slots.range_t_s, t_s, walked_s)
-    return robust.persistence(clock_s, slots.range_link, residual_m * information, max(free, LEAST_FREE))
+    return robust.persistence(clock_s, link, weight * residual_m / std_m**2, max(free, LEAST_FREE))
 
 
 def assemble(
@@ -289,16 +288,15 @@ def assemble(
     for_globals.add_motion(problem.motion, knots)
     for steps in problem.others:
         for_globals.add(*steps.linearise(knots, values))
-    for_knots = for_globals.copy()
+    for_knots = for_globals if problem.in_sight else for_globals.copy()
     if problem.past is not None:
         at, information, pull = problem.past
         for_globals.corner += information
         for_globals.pull += pull - information @ (values - at)
     of_knots, of_globals = weights.information(problem.slots)
     for_globals.add(*linear.weighted(problem.slots, of_globals))
-    if problem.in_sight:
-        return for_globals, for_globals
-    for_knots.add(*linear.weighted(problem.slots, of_knots))
+    if not problem.in_sight:
+        for_knots.add(*linear.weighted(problem.slots, of_knots))
     return for_globals, for_knots
 
 
@@ -345,7 +343,8 @@ def solve(
     for index in range(rounds):
         if warm or noise or index >= PLAIN_ROUNDS:
             if problem.range_std_m is None and not noise and not settled:
-                std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links)
+                prior = robust.USUAL_STD_M, robust.USUAL_RANGES
+                std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links, prior)
             weights = weigh(problem, linear.residual_m, std_m, lasts)
             if not noise and not settled and index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS):
                 settled, lasts = True, persistence(problem, linear.residual_m, weights, knots)
