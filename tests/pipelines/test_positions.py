@@ -101,7 +101,7 @@ def test_a_replay_finds_the_robot_with_ranges_that_fit(tmp_path, scenario):
     assert outcome.metrics["ate_rmse_m"]["value"] < (0.5 if scenario == "corridor" else 0.25)
 
 
-@pytest.mark.parametrize(("given_m", "warned"), [(0.3, True), (0.1, False)])
+@pytest.mark.parametrize(("given_m", "warned"), [(0.3, True), (0.1, False), (0.01, True)])
 def test_a_configured_noise_that_is_far_off_is_warned_of(tmp_path, given_m, warned):
     """Ranges of the fixture scatter by 0.1 m."""
     request = fixture_request(tmp_path / "run", until="position")

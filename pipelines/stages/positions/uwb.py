@@ -19,6 +19,7 @@ from quadlog.pipelines.stages.positions.check_anchors import check_located, faul
 from quadlog.pipelines.stages.positions.legs import legs_motion
 from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, tell_roles, velocity_words
 from quadlog.positioning.batch.links import link_quality, scatter_in_sight, weak_first_path_share
+from quadlog.positioning.batch.robust import USUAL_STD_M
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
 from quadlog.positioning.lidar_odometry import body_motion
@@ -113,7 +114,7 @@ def _tag_warnings(result: TagResult, config: Config, first_ns: int) -> list[str]
         words = " and ".join(f"{count} with {cause}" for cause, count in causes.items() if count)
         texts.append(f"tag {result.tag}: of {len(result.epochs.t_ns)} epochs, {words} give no fix")
     residual_m, given_m = np.abs(result.ranges.range_m - result.ranges.predicted_m), config.uwb.range_std_m
-    known_m, usual_m = residual_m[np.isfinite(residual_m)], settings_of(config).usual_std_m
+    known_m, usual_m = residual_m[np.isfinite(residual_m)], max(given_m or 0.0, USUAL_STD_M)
     if len(known_m) and (median_m := np.median(known_m)) >= MISFIT_STD * usual_m:  # they fit no position at all
         texts.append(
             f"tag {result.tag}: half of its ranges miss its track by more than {median_m:.2f} m; "
