@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import pandas  # noqa: F401  pyarrow loads it for the first table
 
 import quadlog.pipelines.batch.batch
@@ -10,6 +9,6 @@ import quadlog.pipelines.stages.control
 import quadlog.pipelines.stages.maps
 import quadlog.pipelines.stages.positions.position
 import quadlog.pipelines.stages.report  # noqa: F401
+from quadlog.pipelines.executor.compilation import load_compiler
 
-# The first call of any compiled function loads numba's compiler.
-numba.njit()(lambda: 0)()
+load_compiler()

@@ -57,9 +57,10 @@ def level_plane(xyz_m: Float, floor_m: float) -> Float:
 
     A slight pull towards level at floor_m keeps it defined when there are few points or all in a line.
     """
-    ones = np.column_stack([xyz_m[:, :2], np.ones(len(xyz_m))])
-    pull = np.diag([1.0, 1.0, 1e-3])
-    plane: Float = np.linalg.solve(ones.T @ ones + pull, ones.T @ xyz_m[:, 2] + pull[2] * floor_m)
+    sides, pull = xyz_m.copy(), np.array([1.0, 1.0, 1e-3])
+    sides[:, 2] = 1.0
+    height_m = sides.T @ xyz_m[:, 2] + pull * [0.0, 0.0, floor_m]
+    plane: Float = np.linalg.solve(sides.T @ sides + np.diag(pull), height_m)
     return plane
 
 
@@ -82,32 +83,34 @@ class Returns(NamedTuple):
 class ClassifiedScan:
     """The points of one scan as they were measured: nothing is deskewed.
 
-    columns: steps of a full turn in which its beams measure, 0 where none are known. ground: None where none was found.
-    lidar_base_m: (3,) where the lidar stands, z above the ground. slot_ns: (K,) middles of the time slots after the
-    stamp.
+    counts: (5,) points of each class. columns: steps of a full turn in which its beams measure, 0 where none are known.
+    ground: None where none was found. lidar_base_m: (3,) where the lidar stands, z above the ground. slot_ns: (K,)
+    middles of the time slots after the stamp.
     """
 
     returns: Returns
+    counts: Int
     columns: int
     ground: GroundPlane | None
     route: Route
     lidar_base_m: Float
     slot_ns: Int
 
-    def count(self, kind: PointClass) -> int:
-        """Points of a class."""
-        return int(np.count_nonzero(self.returns.label == kind))
-
     @property
     def shows_nothing(self) -> bool:
         """Whether the scan has too few returns to update a map: an empty scan does not show free space."""
-        return self.count(PointClass.GROUND) + self.count(PointClass.OBSTACLE) < FEWEST_RETURNS
+        return bool(self.counts[PointClass.GROUND] + self.counts[PointClass.OBSTACLE] < FEWEST_RETURNS)
 
     @property
     def xyz_base_m(self) -> Float32:
         """All points (N, 3) in base."""
         x_m, y_m = self.lidar_base_m[:2].astype(np.float32)
         return np.column_stack([self.returns.dx_m + x_m, self.returns.dy_m + y_m, self.returns.z_m])
+
+
+def class_counts(label: NDArray[np.uint8]) -> Int:
+    """(5,) points of each class."""
+    return np.array([np.count_nonzero(label == kind) for kind in range(len(PointClass))])
 
 
 def lidar_above(ground: GroundPlane | None, transform_lidar_to_base: Float) -> Float:

@@ -57,59 +57,62 @@ class _Beam(NamedTuple):
 def walk_columns(image: Image, good: Bool, descending: Bool, floor_m: float) -> tuple[Bool, Bool]:
     """Which cells (rows, columns) are ground, and which near the ground have a wall right above them.
 
-    good: (rows, columns) of supported cells. floor_m: height of the ground under the lidar, float32.
-    descending: (rows,) whether the beam points below the lidar's own horizon: a column's first ground is seen by one
-    that does, or not at all.
+    good: (rows, columns) of supported cells. floor_m: the ground's height below the lidar, float32. descending: (rows,)
+    whether the beam points below the lidar's own horizon: a column's first ground is seen by one that does, or not.
     """
-    distance_m, z_m, (rows, columns) = image.distance_m, image.z_m, good.shape
-    ground, wall = np.zeros((rows, columns), np.bool_), np.zeros((rows, columns), np.bool_)
+    (rows, columns), one = good.shape, np.float32(1)
+    ground, wall = np.zeros((rows, columns), np.bool_), np.empty((rows, columns), np.bool_)
     # Of every column: where its last ground is, how steep the ground was there, and whether an obstacle lies between.
     last_m, last_z_m = np.zeros(columns, np.float32), np.full(columns, floor_m)
     slope, hidden = np.zeros(columns, np.float32), np.zeros(columns, np.bool_)
     floats = np.empty((3, columns), np.float32)
-    beam = _Beam(np.empty(columns, np.int8), floats[0], floats[1], floats[2])
+    kind, gap_m, rise_m, off_m = beam = _Beam(np.empty(columns, np.int8), floats[0], floats[1], floats[2])
+    # Loops without branches become vector instructions.
     for row in range(rows):
-        any_possible = False
+        distance_m, z_m, seen = image.distance_m[row], image.z_m[row], good[row]
+        is_ground, at_wall = ground[row], wall[row]
+        _mark_rises(image, good, row, at_wall)
+        falls, any_possible = descending[row], False
         for c in range(columns):
-            beam.kind[c] = _NOTHING
-            if not good[row, c]:
-                continue
-            gap, rise = distance_m[row, c] - last_m[c], z_m[row, c] - last_z_m[c]
+            gap, rise = distance_m[c] - last_m[c], z_m[c] - last_z_m[c]
             off = rise - slope[c] * gap
-            beam.gap_m[c], beam.rise_m[c], beam.off_m[c] = gap, rise, off
+            gap_m[c], rise_m[c], off_m[c] = gap, rise, off
             near = abs(off) <= _NEAR_M + _NEAR_PER_M * gap
             gentle = abs(rise) <= STEEPEST * gap + _SLACK_M
             behind = abs(off) <= _NEAR_M + _BEHIND_PER_M * gap
-            walkable = near or (gentle and (behind or not hidden[c]))
-            walkable &= gap > _BACK_M and (descending[row] or last_m[c] > _NONE)
+            walkable = near | (gentle & (behind | (not hidden[c])))
+            walkable &= (gap > _BACK_M) & (falls | (last_m[c] > _NONE))
             above_foot = off > _WALL_FOOT_M
-            if abs(off) < _WALL_FOOT_REACH_M + _NEAR_PER_M * gap or (walkable and above_foot):
-                wall[row, c] = _rises_above(distance_m, z_m, good, row, c)
-            possible = walkable and not (wall[row, c] and above_foot)
-            any_possible |= possible
-            beam.kind[c] = _POSSIBLE if possible else _OBSTACLE
-        if any_possible:
-            _vote(beam, distance_m[row], wall[row], ground[row])
-            _drop_pieces(beam, image, good, row, ground[row])
+            at_foot = (abs(off) < _WALL_FOOT_REACH_M + _NEAR_PER_M * gap) | (walkable & above_foot)
+            at_wall[c] &= seen[c] & at_foot
+            possible = walkable & (not (at_wall[c] & above_foot))
+            kind[c] = (_POSSIBLE if possible else _OBSTACLE) if seen[c] else _NOTHING
         for c in range(columns):
-            if beam.kind[c] == _NOTHING:
-                continue
-            hidden[c] = not ground[row, c]
-            gap = beam.gap_m[c]
-            if ground[row, c] and gap > _STEP_M:
-                steep = min(max(beam.rise_m[c] / gap, -STEEPEST), STEEPEST)
-                slope[c] += (steep - slope[c]) * min(gap / _SLOW_M, np.float32(1))
-                last_m[c], last_z_m[c] = distance_m[row, c], z_m[row, c]
+            any_possible |= kind[c] == _POSSIBLE
+        if any_possible:
+            _vote(beam, distance_m, at_wall, is_ground)
+            _drop_pieces(beam, image, good, row, is_ground)
+        for c in range(columns):
+            hidden[c] = (seen[c] & (not is_ground[c])) | (hidden[c] & (not seen[c]))
+        for c in range(columns):
+            gap, here = gap_m[c], is_ground[c] & (gap_m[c] > _STEP_M)
+            steep = min(max(rise_m[c] / gap, -STEEPEST), STEEPEST)
+            slope[c] += (steep - slope[c]) * min(gap / _SLOW_M, one) if here else _NONE
+            last_m[c] = distance_m[c] if here else last_m[c]
+            last_z_m[c] = z_m[c] if here else last_z_m[c]
     return ground, wall
 
 
 @inner
-def _rises_above(distance_m: Float32, z_m: Float32, good: Bool, row: int, c: int) -> bool:
+def _mark_rises(image: Image, good: Bool, row: int, rises: Bool) -> None:
+    """Where one of the next beams' returns lies as much higher as those on a wall do."""
+    distance_m, z_m = image.distance_m[row], image.z_m[row]
+    rises[:] = False
     for above in range(row + 1, min(row + 1 + _WALL_BEAMS, len(good))):
-        rise, on = z_m[above, c] - z_m[row, c], distance_m[above, c] - distance_m[row, c]
-        if good[above, c] and rise > _WALL_RISE_M and rise > _WALL_SLOPE * on:
-            return True
-    return False
+        seen, on_m, up_m = good[above], image.distance_m[above], image.z_m[above]
+        for c in range(len(rises)):
+            rise = up_m[c] - z_m[c]
+            rises[c] |= seen[c] & (rise > _WALL_RISE_M) & (rise > _WALL_SLOPE * (on_m[c] - distance_m[c]))
 
 
 @inner
@@ -134,31 +137,37 @@ def _vote(beam: _Beam, distance_m: Float32, wall: Bool, ground: Bool) -> None:
 @inner
 def _drop_pieces(beam: _Beam, image: Image, good: Bool, row: int, ground: Bool) -> None:
     """No short piece of a beam is ground that stands out of it, with something farther, or nothing, at an end."""
-    columns = len(ground)
-    column, n, ranges_m = np.empty(columns, np.int32), 0, image.range_m[row]
+    columns, n, ranges_m = len(ground), 0, image.range_m[row]
+    column = np.empty(columns + 1, np.int32)
     for c in range(columns):
         column[n] = c
         n += beam.kind[c] != _NOTHING
+    column[n] = column[0] + columns
+    range_m, edge, edges = np.empty(n + 1, np.float32), np.empty(n + 1, np.int32), 0
+    for j in range(n):
+        range_m[j] = ranges_m[column[j]]
+    range_m[n] = range_m[0]
+    for j in range(n):
+        jumps = abs(range_m[j + 1] - range_m[j]) > _JUMP_M + _JUMP_PER_M * min(range_m[j], range_m[j + 1])
+        edge[edges] = j
+        edges += jumps | (column[j + 1] - column[j] > _PIECE_GAP)
     most_wide = _PIECE_WIDTH_M * np.float32(columns) / _TURN
-    # Pieces run from behind one edge to the next one, once round from the first edge.
-    first, begin, drops_before = -1, 0, False
-    off, gap, wide = _NONE, _NONE, _NONE
-    for j in range(2 * n):
-        here, there = column[j if j < n else j - n], column[j + 1 if j + 1 < n else (j + 1 - n) % n]
-        off, gap, wide = off + beam.off_m[here], gap + beam.gap_m[here], wide + ranges_m[here]
-        step_m = ranges_m[there] - ranges_m[here]
-        jumps = abs(step_m) > _JUMP_M + _JUMP_PER_M * min(ranges_m[here], ranges_m[there])
-        apart = wrapped(there - here - 1, columns) + 1 > _PIECE_GAP
-        if not (jumps or apart):
-            continue
-        rises, drops, size = apart or step_m > _NONE, apart or step_m < _NONE, j + 1 - begin
+    # Pieces run from behind one edge to the next one, the last one once round.
+    for e in range(edges):
+        before, after = edge[e], edge[e + 1] if e + 1 < edges else edge[0] + n
+        off, gap, wide, size = _NONE, _NONE, _NONE, after - before
+        for j in range(before + 1, after + 1):
+            k = j if j < n else j - n
+            wide += range_m[k]
+            if wide >= most_wide:
+                break
+            off, gap = off + beam.off_m[column[k]], gap + beam.gap_m[column[k]]
+        last = after if after < n else after - n
+        drops = column[before + 1] - column[before] > _PIECE_GAP or range_m[before + 1] < range_m[before]
+        rises = column[last + 1] - column[last] > _PIECE_GAP or range_m[last + 1] > range_m[last]
         stands_out = off > np.float32(size) * _PIECE_RISE_M + _PIECE_RISE_PER_M * gap
-        if first >= 0 and (drops_before or rises) and wide < most_wide and stands_out:
-            _drop(beam, image, good, row, ground, column[:n], begin, size)
-        if first >= 0 and j >= first + n:
-            break
-        first = j if first < 0 else first
-        begin, drops_before, off, gap, wide = j + 1, drops, _NONE, _NONE, _NONE
+        if wide < most_wide and (drops or rises) and stands_out:
+            _drop(beam, image, good, row, ground, column[:n], before + 1, size)
 
 
 @inner
@@ -188,7 +197,7 @@ STEP_M, REACH_M = 0.125, 32.0
 STEPS = int(REACH_M / STEP_M) + 1
 _SECTORS_BESIDE, _FEWEST = 3, 3
 # Every so many points the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
-_PLANE_POINTS = 15
+_PLANE_POINTS = 17
 _STEP, _PER_STEP, _HALF = np.float32(STEP_M), np.float32(1 / STEP_M), np.float32(0.5)
 
 
@@ -201,10 +210,11 @@ def label_ground(
     `walk_columns`.
     """
     ground, wall = walk_columns(image, good, descending, np.float32(floor_m))
-    used = np.flatnonzero((image.row >= 0) & (image.point_range_m > 0))[::_PLANE_POINTS]
-    used = used[ground[image.row[used], image.column[used]] & (returns.label[used] == PointClass.OBSTACLE)]
-    places = np.column_stack([returns.dx_m[used], returns.dy_m[used], returns.z_m[used]]).astype(np.float64)
-    plane = level_plane(places + np.array([*transform_lidar_to_level[:2, 3], 0.0]), 0.0)
+    cell, label = image.cell[::_PLANE_POINTS], returns.label[::_PLANE_POINTS]
+    used = (cell >= 0) & (label == int(PointClass.OBSTACLE)) & ground.ravel()[cell]
+    lidar_x, lidar_y = transform_lidar_to_level[:2, 3]
+    dx_m, dy_m, z_m = (each[::_PLANE_POINTS][used].astype(np.float64) for each in returns[:3])
+    plane = level_plane(np.column_stack([dx_m + lidar_x, dy_m + lidar_y, z_m]), 0.0)
     sectors = -(-image.range_m.shape[1] // SECTOR_COLUMNS)
     azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / image.range_m.shape[1] * 2 * np.pi)
     outward = np.column_stack([np.cos(azimuth_rad), np.sin(azimuth_rad)]) @ transform_lidar_to_level[:2, :2].T
@@ -215,20 +225,21 @@ def label_ground(
 
 @kernel
 def _profile(image: Image, ground: Bool, floor_m: float, rise: Float32) -> Float32:
-    """(sectors, STEPS) height of the ground in base, every STEP_M outwards; of every SECTOR_COLUMNS columns.
+    """(sectors + 2, STEPS) height of the ground in base, every STEP_M outwards; of every SECTOR_COLUMNS columns.
 
+    The first and the last row are those of the sectors beside them, once round.
     Straight lines from floor_m under the lidar through the mean of each beam's ground in the sector, borrowed from the
     sectors beside it where it has too little; beyond the last, it goes on as `rise` (sectors,) says, per metre.
     """
     sectors, (rows, columns) = len(rise), ground.shape
-    sums, height_m = np.zeros((sectors, rows, 3), np.float32), np.empty((sectors, STEPS), np.float32)
+    sums, height_m = np.zeros((sectors, rows, 3), np.float32), np.empty((sectors + 2, STEPS), np.float32)
     for row in range(rows):
         for c in range(columns):
             if ground[row, c]:
                 at = sums[c // SECTOR_COLUMNS, row]
                 at[0], at[1], at[2] = at[0] + 1, at[1] + image.distance_m[row, c], at[2] + image.z_m[row, c]
     for s in range(sectors):
-        at_m, step, z_m = _NONE, 0, floor_m
+        at_m, step, z_m, here_m = _NONE, 0, floor_m, height_m[s + 1]
         for row in range(rows):
             count, far, high = sums[s, row, 0], sums[s, row, 1], sums[s, row, 2]
             for k in range(1, _SECTORS_BESIDE + 1):
@@ -240,9 +251,10 @@ def _profile(image: Image, ground: Bool, floor_m: float, rise: Float32) -> Float
                 continue
             far, high = far / count, high / count
             end = min(int(far * _PER_STEP) + 1, STEPS)
-            _draw_line(height_m[s], step, end, (high - z_m) / (far - at_m), z_m, at_m)
+            _draw_line(here_m, step, end, (high - z_m) / (far - at_m), z_m, at_m)
             step, at_m, z_m = max(end, step), far, high
-        _draw_line(height_m[s], step, STEPS, rise[s], z_m, at_m)
+        _draw_line(here_m, step, STEPS, rise[s], z_m, at_m)
+    height_m[0], height_m[-1] = height_m[-2], height_m[1]
     return height_m
 
 
@@ -259,30 +271,42 @@ _INVALID, _, _, _GROUND, _RETURN = (np.uint8(each) for each in PointClass)
 
 @kernel
 def _label(image: Image, returns: Returns, ground: Bool, wall: Bool, profile_m: Float32) -> None:
-    sectors, last = len(profile_m), np.float32(STEPS - 2)
+    (rows, columns), flat_m, heights_m = ground.shape, profile_m.reshape(-1), np.empty(ground.shape, np.float32)
+    begin, across = np.empty(columns, np.int32), np.empty(columns, np.float32)
+    for c in range(columns):
+        sector, within = divmod(c + SECTOR_COLUMNS // 2, SECTOR_COLUMNS)
+        begin[c], across[c] = sector * STEPS, (np.float32(within) + _HALF) / np.float32(SECTOR_COLUMNS)
+    for row in range(rows):
+        distance_m, z_m, here_m = image.distance_m[row], image.z_m[row], heights_m[row]
+        for c in range(columns):
+            here_m[c] = z_m[c] - _floor(flat_m, begin[c], across[c], distance_m[c])
+    nearest_m, smoothed_m, above_m = image.range_m.reshape(-1), image.z_m.reshape(-1), heights_m.reshape(-1)
+    grounds, walls = ground.reshape(-1), wall.reshape(-1)
     for i in range(len(returns.label)):
-        if returns.label[i] == _INVALID:
+        cell, label, r = image.cell[i], returns.label[i], image.point_range_m[i]
+        if label == _INVALID:
             continue
-        row, c = image.row[i], np.int64(image.column[i])
-        x, y, z_m = returns.dx_m[i], returns.dy_m[i], returns.z_m[i]
-        distance_m = np.sqrt(x * x + y * y)
-        alike = row >= 0 and shares_cell(image.point_range_m[i], image.range_m[row, c])
-        if alike:  # smoothed
-            z_m = image.z_m[row, c]
-        # The height of the ground between the sectors on either side, and the steps before and behind.
-        away = min(distance_m * _PER_STEP, last)
-        k = np.int64(away)
-        along, column = away - np.float32(k), c + SECTOR_COLUMNS // 2
-        second = column // SECTOR_COLUMNS
-        across = (np.float32(column - second * SECTOR_COLUMNS) + _HALF) / np.float32(SECTOR_COLUMNS)
-        before, behind = profile_m[second - 1], profile_m[second if second < sectors else 0]
-        near = before[k] + along * (before[k + 1] - before[k])
-        far = behind[k] + along * (behind[k + 1] - behind[k])
-        above = z_m - (near + across * (far - near))
-        returns.height_m[i] = above
-        if returns.label[i] != _RETURN:
-            continue
-        is_ground, at_wall = alike and ground[row, c], alike and wall[row, c]
+        at = np.uint32(max(cell, 0))
+        alike = cell >= 0 and shares_cell(r, nearest_m[at])
+        if alike and r == nearest_m[at]:
+            height_m = above_m[at]
+        else:
+            c, x, y = cell % columns, returns.dx_m[i], returns.dy_m[i]
+            height_m = smoothed_m[at] if alike else returns.z_m[i]
+            height_m -= _floor(flat_m, begin[c], across[c], np.sqrt(x * x + y * y))
+        returns.height_m[i] = height_m
+        is_ground, at_wall = alike and grounds[at], alike and walls[at]
         most = _FOOT_M if at_wall else (_WALKED_M if is_ground else _LEVEL_M)
-        if abs(above) <= most or (is_ground and _SUNKEN_M < above < _NONE):
-            returns.label[i] = _GROUND
+        low = abs(height_m) <= most or (is_ground and _SUNKEN_M < height_m < _NONE)
+        returns.label[i] = _GROUND if low and label == _RETURN else label
+
+
+@inner
+def _floor(flat_m: Float32, begin: np.int32, across: np.float32, away_m: np.float32) -> np.float32:
+    """Height of the ground between the sector that begins there and the next, and the steps before and behind."""
+    away = min(np.float32(STEPS - 2), away_m * _PER_STEP)  # in this order the former for NaN
+    k = np.int32(away)
+    along, a, b = away - np.float32(k), np.uint32(begin + k), np.uint32(begin + k + np.int32(STEPS))
+    near_m = flat_m[a] + along * (flat_m[np.uint32(a + np.uint32(1))] - flat_m[a])
+    far_m = flat_m[b] + along * (flat_m[np.uint32(b + np.uint32(1))] - flat_m[b])
+    return near_m + across * (far_m - near_m)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.geometry import quat_from_euler, rotation_from_quat
+from quadlog.geometry import rotation_from_quat
 from quadlog.lidar.paper_method import PaperSettings, fit_ground
 from quadlog.messages import Float, Int
 
@@ -42,8 +42,7 @@ class UpSeries(NamedTuple):
 def up_in_base(t_ns: Int, quat_xyzw: Float, rotation_sensor_to_base: Float | None = None) -> UpSeries:
     """What orientations (N, 4) of a sensor, in a world whose z is up, say at t_ns (N,), strictly increasing.
 
-    rotation_sensor_to_base: (3, 3), None for one mounted as base is. Rows
-    that are no rotation (NaN, zero) are left out.
+    rotation_sensor_to_base: (3, 3), None if mounted as base is. Rows that are no rotation (NaN, zero) are left out.
     """
     real = np.isfinite(quat_xyzw).all(axis=1) & (np.abs(quat_xyzw).max(axis=1, initial=0.0) > 1e-6)
     up = rotation_from_quat(quat_xyzw[real])[:, 2]
@@ -59,8 +58,11 @@ def level_rotations(t_ns_wanted: Int, series: UpSeries) -> tuple[Float, NotLevel
     unknown = NotLevelled.STALE if is_stale.any() else NotLevelled.STEEP if np.isnan(up).any() else None
     if unknown is not None:
         return np.tile(np.eye(3), (len(t_ns_wanted), 1, 1)), unknown
-    roll_rad, pitch_rad = tilt_of(up).T
-    return rotation_from_quat(quat_from_euler(np.zeros(len(up)), pitch_rad, roll_rad)), None
+    x, y, z = up.T
+    cos_pitch = np.hypot(y, z)
+    sin_roll, cos_roll, none = y / cos_pitch, z / cos_pitch, np.zeros(len(up))
+    rows = [[cos_pitch, -x * sin_roll, -x * cos_roll], [none, cos_roll, -sin_roll], [x, y, z]]
+    return np.array(rows).transpose(2, 0, 1), None
 
 
 def tilt_at(t_ns_wanted: Int, series: UpSeries) -> Float:

@@ -19,6 +19,7 @@ from quadlog.lidar.classified_scan import (
     GroundPlane,
     PointClass,
     Returns,
+    class_counts,
     height_without_ground,
     lidar_above,
     outside_view,
@@ -87,7 +88,7 @@ def classify_as_paper(
     place_m = lidar_above(ground, transform_lidar_to_base)
     dx_m, dy_m = (base_m[:2] - place_m[:2, None]).astype(np.float32)
     returns = Returns(dx_m, dy_m, base_m[2].astype(np.float32), height_m, label, slot)
-    return ClassifiedScan(returns, 0, ground, "paper", place_m, slot_ns)
+    return ClassifiedScan(returns, class_counts(label), 0, ground, "paper", place_m, slot_ns)
 
 
 def statistical_outliers(xyz_m: Float, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ filter: a return without neighbours at a similar range is an outlier.
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import NamedTuple
 
@@ -14,8 +15,6 @@ from quadlog.compiled import inner, kernel
 from quadlog.lidar.classified_scan import PointClass, Returns
 from quadlog.messages import Float, Float32, Int
 
-XyzM = tuple[Float32, Float32, Float32]
-
 
 class Polar(NamedTuple):
     """range_m: (N,) from the lidar, 0 for no return. sine: (N,) of the elevation; turn: (N,) azimuth, [0, 1)."""
@@ -25,8 +24,8 @@ class Polar(NamedTuple):
     turn: Float32
 
 
-def to_polar(xyz_m: XyzM, ranges_m: tuple[float, float]) -> Polar:
-    """Points x, y, z (N,) by direction; only ranges from the least to the most of ranges_m are returns."""
+def to_polar(xyz_m: Float32, ranges_m: tuple[float, float]) -> Polar:
+    """Points x, y, z (3, N) by direction; only ranges from the least to the most of ranges_m are returns."""
     x_m, y_m, z_m = xyz_m
     with np.errstate(all="ignore"):
         squared = x_m * x_m + y_m * y_m + z_m * z_m
@@ -137,7 +136,7 @@ def beams_by_bins(range_m: Float32, sine: Float32) -> tuple[Beams, Keys]:
     return Beams(row, below, columns, np.zeros(len(row), np.float32), np.inf), key
 
 
-def phase_and_strangers(xyz_m: XyzM, key: Keys, beams: Beams, ranges_m: tuple[float, float]) -> tuple[float, float]:
+def phase_and_strangers(xyz_m: Float32, key: Keys, beams: Beams, ranges_m: tuple[float, float]) -> tuple[float, float]:
     """Where in a step the points lie, from some of them, and the share of these that do not lie on their beams.
 
     The phase is in [-0.5, 0.5]. Steps that lie on the edge between two columns would be rounded into either, two
@@ -145,14 +144,15 @@ def phase_and_strangers(xyz_m: XyzM, key: Keys, beams: Beams, ranges_m: tuple[fl
     """
     # An odd step meets every beam of a sweep that is sent column by column.
     step = max(len(key) // _POINTS_FOR_PHASE, 1) | 1
-    polar = to_polar((xyz_m[0][::step], xyz_m[1][::step], xyz_m[2][::step]), ranges_m)
-    real = polar.range_m > 0
-    n = int(np.count_nonzero(real))
-    number = np.minimum(key[::step][real], len(beams.row) - 1)
-    on_beam = np.abs(polar.sine[real] - beams.sine[number]) <= beams.tolerance
-    turn = np.exp(2j * np.pi * beams.columns * polar.turn[real].astype(np.float64)).sum()
-    phase = np.angle(turn) / (2 * np.pi) if abs(turn) > 0.5 * n else 0.0
-    return float(phase), 1 - np.count_nonzero(on_beam) / max(n, 1)
+    some_m = xyz_m[:, ::step]
+    with np.errstate(all="ignore"):
+        squared = (some_m * some_m).sum(axis=0)
+    real = (squared > 0) & (squared >= ranges_m[0] ** 2) & (squared <= ranges_m[1] ** 2)
+    (x_m, y_m, z_m), number = some_m[:, real], np.minimum(key[::step][real], len(beams.row) - 1)
+    off_beam = np.abs(z_m / np.sqrt(squared[real]) - beams.sine[number]) > beams.tolerance
+    turn = np.exp(1j * beams.columns * np.arctan2(y_m, x_m).astype(np.float64)).sum()
+    phase = cmath.phase(turn) / (2 * np.pi) if abs(turn) > 0.5 * len(z_m) else 0.0
+    return phase, np.count_nonzero(off_beam) / max(len(z_m), 1)
 
 
 def _columns(number: Int, turn: Float32) -> int:
@@ -173,35 +173,37 @@ def _columns(number: Int, turn: Float32) -> int:
 class Image(NamedTuple):
     """Cells of the nearest return of each beam and step, and in which of them each point lies.
 
-    range_m, distance_m, z_m: (rows, columns) of the nearest returns: range, 0 where there is none, horizontal distance
-    and height in base; farthest_m: range of the farthest. point_range_m, row, column: (N,) of the points; range 0 of
-    those that are no returns, row -1 of those on no beam.
+    range_m: (rows, columns) of the nearest returns, 0 where there is none; behind_m: range of the farthest return
+    behind it, or 0. distance_m, z_m: horizontal distance and height in base, as `isolate` smooths them. point_range_m:
+    (N,) of the points, 0 of those that are no returns; cell: theirs, counted row by row; those on no beam lie in row
+    -1.
     """
 
     range_m: Float32
+    behind_m: Float32
     distance_m: Float32
     z_m: Float32
-    farthest_m: Float32
     point_range_m: Float32
-    row: NDArray[np.int16]
-    column: NDArray[np.int16]
+    cell: NDArray[np.int32]
 
 
 def lay(
-    xyz_m: XyzM, key: Keys, slot: NDArray[np.uint8], beams: Beams, transforms: Float, ranges_m: tuple[float, float],
+    xyz_m: Float32, key: Keys, slot: NDArray[np.uint8], beams: Beams, transforms: Float, ranges_m: tuple[float, float],
     phase: float,
 ) -> tuple[Image, Returns]:  # fmt: skip
-    """The image of points x, y, z (N,) of the lidar's frame, and their places, without heights and labels.
+    """The image of points x, y, z (3, N) of the lidar's frame, and their places, without heights and labels.
 
     key: (N,) beam numbers. transforms: (2, 4, 4) from the lidar's frame to base made upright, of which base's x and y
     of the lidar are left out, and their change per time slot. ranges_m: the least and the most that count. phase: where
     within a step the points lie.
     """
     n, shape = len(key), (len(beams.descending), beams.columns)
+    first = beams.row.astype(np.int32) * beams.columns
     limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
     returns = Returns._make([*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot])
-    image = Image._make([*np.zeros((4, *shape), np.float32), np.empty(n, np.float32), *np.empty((2, n), np.int16)])
-    _lay(*xyz_m, key, beams.row, transforms[:, :3].astype(np.float32).reshape(-1), limits, image, returns)
+    cells = np.zeros((4, *shape), np.float32)
+    image = Image(cells[0], cells[1], cells[2], cells[3], np.empty(n, np.float32), np.empty(n, np.int32))
+    _lay(xyz_m, key, first, transforms[:, :3].astype(np.float32).ravel(), limits, image, returns)
     return image, returns
 
 
@@ -227,13 +229,15 @@ def turn_of(x: np.float32, y: np.float32) -> np.float32:
 
 @kernel
 def _lay(
-    x_m: Float32, y_m: Float32, z_m: Float32, key: Keys, row_of: NDArray[np.int16], t: Float32, limits: Float32,
-    image: Image, returns: Returns,
-) -> None:  # fmt: skip
-    """The first two loops have no branches and are in 32 bits, so that they become vector instructions."""
-    range_m, column, slot = image.point_range_m, image.column, returns.slot
+    xyz_m: Float32, key: Keys, first: NDArray[np.int32], t: Float32, limits: Float32, image: Image, returns: Returns
+) -> None:
+    """first: the first cell of each beam number.
+
+    The first two loops have no branches and are in 32 bits, so that they become vector instructions.
+    """
+    x_m, y_m, z_m, slot, cell, range_m = xyz_m[0], xyz_m[1], xyz_m[2], returns.slot, image.cell, image.point_range_m
     dx_m, dy_m, base_z_m, columns = returns.dx_m, returns.dy_m, returns.z_m, image.range_m.shape[1]
-    nothing, steps, last, last_key = np.float32(0), np.float32(columns), np.int32(columns), len(row_of) - 1
+    nothing, steps, last, last_key = np.float32(0), np.float32(columns), np.int32(columns), len(first) - 1
     least, most, shift = limits[0], limits[1], limits[2]
     for i in range(len(key)):
         x, y, z = x_m[i], y_m[i], z_m[i]
@@ -243,21 +247,24 @@ def _lay(
         turn = turn_of(x, y) if real else nothing
         c = np.int32(turn * steps + shift) - np.int32(1)
         c = c + last if c < 0 else c
-        column[i] = c - last if c >= last else c
+        cell[i] = c - last if c >= last else c
     for i in range(len(key)):
         x, y, z, s = x_m[i], y_m[i], z_m[i], np.float32(slot[i])
         dx_m[i] = (t[0] + s * t[12]) * x + (t[1] + s * t[13]) * y + (t[2] + s * t[14]) * z
         dy_m[i] = (t[4] + s * t[16]) * x + (t[5] + s * t[17]) * y + (t[6] + s * t[18]) * z
         base_z_m[i] = (t[8] + s * t[20]) * x + (t[9] + s * t[21]) * y + (t[10] + s * t[22]) * z + t[11]
+    nearest_m, behind_m, cell_z_m = image.range_m.reshape(-1), image.behind_m.reshape(-1), image.z_m.reshape(-1)
     for i in range(len(key)):
-        row, c, r = row_of[min(int(key[i]), last_key)], column[i], range_m[i]
-        image.row[i] = row
-        if row < 0 or r == nothing:
+        k, r = first[min(int(key[i]), last_key)] + cell[i], range_m[i]
+        cell[i] = k
+        if k < 0 or r == nothing:
             continue
-        image.farthest_m[row, c] = max(image.farthest_m[row, c], r)
-        if image.range_m[row, c] == nothing or r < image.range_m[row, c]:
-            image.range_m[row, c], image.z_m[row, c] = r, base_z_m[i]
-            image.distance_m[row, c] = np.sqrt(dx_m[i] * dx_m[i] + dy_m[i] * dy_m[i])
+        at = np.uint32(k)
+        before = nearest_m[at]
+        if before > nothing:
+            behind_m[at] = max(behind_m[at], max(before, r))
+        if before == nothing or r < before:
+            nearest_m[at], cell_z_m[at] = r, base_z_m[i]
 
 
 WINDOW, ROWS, SUPPORTERS = 4, 2, 2
@@ -280,13 +287,12 @@ def wrapped(column: int, columns: int) -> int:
 
 
 @inner
-def _supported(range_m: Float32, farthest_m: Float32, row: int, column: int, r: float) -> bool:
+def _supported(image: Image, row: int, column: int, r: float) -> bool:
     """Whether SUPPORTERS returns about a cell lie near range r, or two at its sides that a straight line joins.
 
-    The line is what ground looks like far away, where the range changes fast along the beam. The cell's own returns do
-    not count. range_m, farthest_m: (rows, columns).
+    The line is ground far away, where the range changes fast along the beam. The cell's own returns do not count.
     """
-    rows, columns = range_m.shape
+    range_m, (rows, columns) = image.range_m, image.range_m.shape
     near_m, half, found = NEAR_M + NEAR_PER_M * r, np.float32(0.5), 0
     for k in range(1, WINDOW + 1):
         left, right = range_m[row, wrapped(column - k, columns)], range_m[row, wrapped(column + k, columns)]
@@ -295,7 +301,7 @@ def _supported(range_m: Float32, farthest_m: Float32, row: int, column: int, r: 
     for i in range(max(row - ROWS, 0), min(row + ROWS + 1, rows)):
         for k in range(-WINDOW, WINDOW + 1):
             c = wrapped(column + k, columns)
-            near, far = range_m[i, c], farthest_m[i, c]
+            near, far = range_m[i, c], image.behind_m[i, c]
             if near > 0 and (k != 0 or i != row):
                 found += int(abs(near - r) <= near_m) + int(far > near and abs(far - r) <= near_m)
     return found >= SUPPORTERS
@@ -306,7 +312,7 @@ def isolate(image: Image, lidar_z: float, label: NDArray[np.uint8]) -> NDArray[n
     """The isolation filter: label every return an obstacle where neighbours support it, else an outlier.
 
     A return that lies behind another one in its cell, but near it, is as that one. Returns which cells are supported
-    (rows, columns), and smooths distance_m and z_m of all by the mean range of the same surface within the window: a
+    (rows, columns), and fills distance_m and z_m, smoothed by the mean range of the same surface within the window: a
     third of the noise, so that slopes between beams are significant. lidar_z: the lidar's own height in base, float32.
     """
     one, none, (rows, columns) = np.float32(1), np.float32(0), image.range_m.shape
@@ -328,21 +334,25 @@ def isolate(image: Image, lidar_z: float, label: NDArray[np.uint8]) -> NDArray[n
                 alike = abs(apart) <= _SAME_SURFACE_M
                 same += one if alike else none
                 total += apart if alike else none
-            scale = one + total / (same * r)
-            distance[c] = distance[c] * scale if r > none else none
-            z[c] = lidar_z + (z[c] - lidar_z) * scale if r > none else none
+            scale, up = one + total / (same * r), z[c] - lidar_z
+            distance[c] = np.sqrt(max(r * r - up * up, none)) * scale if r > none else none
+            z[c] = lidar_z + up * scale if r > none else none
             # The return itself is among those found.
             here[c] = (r > none) & (found > SUPPORTERS)
         for c in range(columns):
             if not here[c] and ranges[c] > none:
-                here[c] = _supported(image.range_m, image.farthest_m, row, c, ranges[c])
+                here[c] = _supported(image, row, c, ranges[c])
+    ranges, flat = image.range_m.reshape(-1), good.reshape(-1)
     for i in range(len(label)):
-        row, c, r = image.row[i], image.column[i], image.point_range_m[i]
-        nearest = image.range_m[row, c]
-        real = row < 0 or (
-            good[row, c] if shares_cell(r, nearest) else _supported(image.range_m, image.farthest_m, row, c, r)
-        )
-        label[i] = _INVALID if r == none else (_OBSTACLE if real else _OUTLIER)
+        cell, r = image.cell[i], image.point_range_m[i]
+        if r == none:
+            label[i] = _INVALID
+            continue
+        real = cell < 0
+        if not real:
+            at = np.uint32(cell)
+            real = flat[at] if shares_cell(r, ranges[at]) else _supported(image, cell // columns, cell % columns, r)
+        label[i] = _OBSTACLE if real else _OUTLIER
     return good
 
 

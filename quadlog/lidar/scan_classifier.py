@@ -16,6 +16,7 @@ from quadlog.lidar.classified_scan import (
     PointClass,
     Returns,
     Route,
+    class_counts,
     height_without_ground,
     lidar_above,
     outside_view,
@@ -28,7 +29,6 @@ from quadlog.lidar.range_image import (
     Beams,
     Image,
     Keys,
-    XyzM,
     beams_by_bins,
     beams_by_elevation,
     beams_by_number,
@@ -38,7 +38,7 @@ from quadlog.lidar.range_image import (
     phase_and_strangers,
     to_polar,
 )
-from quadlog.messages import Float, PointCloud
+from quadlog.messages import Float, Float32, PointCloud
 
 FEWEST_BEAMS = 3
 """With fewer beams, slopes between beams cannot separate ground from walls: everything is an obstacle."""
@@ -68,7 +68,7 @@ class _Scan(NamedTuple):
     transforms: (2, 4, 4) to base made upright, and its change per slot.
     """
 
-    xyz_m: XyzM
+    xyz_m: Float32
     ring: Keys | None
     slot: NDArray[np.uint8]
     transforms: Float
@@ -117,9 +117,9 @@ class ScanClassifier:
         # Heights are measured, and the plane lies, about where the lidar is on average.
         moving[0, :3, 3], moving[1, :3, 3] = (transforms[0, :3, 3] + transforms[-1, :3, 3]) / 2, 0.0
         with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no return
-            x_m, y_m, z_m = np.array(cloud.xyz_m.T, np.float32, order="C")
+            xyz_m = np.array(cloud.xyz_m.T, np.float32, order="C")
         rings = cloud.ring is not None and len(cloud.ring) == n
-        scan = _Scan((x_m, y_m, z_m), np.array(cloud.ring, np.uint16) if rings else None, slot, moving)
+        scan = _Scan(xyz_m, np.array(cloud.ring, np.uint16) if rings else None, slot, moving)
         laid = self._lay_beams(scan) if abs(moving[0, 2, 2]) >= MOST_TILT_COSINE else None
         if laid is not None:
             image, returns, known = laid
@@ -132,10 +132,9 @@ class ScanClassifier:
             x_m, y_m = returns.dx_m + np.float32(moving[0, 0, 3]), returns.dy_m + np.float32(moving[0, 1, 3])
             outside = outside_view(x_m, y_m, settings.field_of_view_deg)
             label[outside & (label != PointClass.INVALID)] = PointClass.CROPPED
-        enough = np.count_nonzero(label == PointClass.GROUND) >= settings.ground_min_points
-        ground = _as_ground(plane) if enough else None
-        columns = image.range_m.shape[1]
-        return ClassifiedScan(returns, columns, ground, route, lidar_above(ground, moving[0]), slot_ns)
+        counts, columns = class_counts(label), image.range_m.shape[1]
+        ground = _as_ground(plane) if counts[PointClass.GROUND] >= settings.ground_min_points else None
+        return ClassifiedScan(returns, counts, columns, ground, route, lidar_above(ground, moving[0]), slot_ns)
 
     def _lay_beams(self, scan: _Scan) -> tuple[Image, Returns, _Known] | None:
         """The scan in an image of its beams; None where it shows none."""
@@ -171,12 +170,12 @@ class ScanClassifier:
         """The scan in an image by directions along base's axes from the lidar's place."""
         turn = scan.transforms[0, :3, :3].astype(np.float32)
         with np.errstate(all="ignore"):
-            x_m, y_m, z_m = (row[0] * scan.xyz_m[0] + row[1] * scan.xyz_m[1] + row[2] * scan.xyz_m[2] for row in turn)
-        polar = to_polar((x_m, y_m, z_m), self._ranges_m)
+            xyz_m = np.stack([row[0] * scan.xyz_m[0] + row[1] * scan.xyz_m[1] + row[2] * scan.xyz_m[2] for row in turn])
+        polar = to_polar(xyz_m, self._ranges_m)
         beams, key = beams_by_bins(polar.range_m, polar.sine)
         unturned = np.stack([np.eye(4), np.zeros((4, 4))])
         unturned[0, 2, 3] = scan.transforms[0, 2, 3]
-        return lay((x_m, y_m, z_m), key, scan.slot, beams, unturned, self._ranges_m, 0.0)
+        return lay(xyz_m, key, scan.slot, beams, unturned, self._ranges_m, 0.0)
 
 
 def _label_beams(image: Image, returns: Returns, beams: Beams, transform: Float) -> Float:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from quadlog.compiled import kernel
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, Returns
 from quadlog.mapping.grid import MOST_CELLS, Grid, GrowingLattice, Window, window_around
-from quadlog.mapping.placing import NO_TOP, PlacedScan, places_of
+from quadlog.mapping.placing import NO_TOP, PlacedScan, place_at, slot_transforms
 from quadlog.messages import Float, Float32
 
 Int16 = NDArray[np.int16]
+Count = NDArray[np.int32]
 
 _HIT_MS = np.int16(200)
 """A cell that was hit once survives this much contradicting sight; a false point is gone after two scans at 10 Hz."""
@@ -75,6 +76,9 @@ def _remember(
             top, ray = tops[col], rays[col]
             lasting, lasting_top, upper, upper_top = low[col], low_top[col], high[col], high_top[col]
             hit = top > NO_TOP
+            if not hit and lasting == none:
+                here[col] = False
+                continue
             over = hit & (lasting >= settled) & (top > np.int16(lasting_top + _STACKED_MM))
             # What rays cross above the hit is not there any more.
             lower = lasting_top if lasting_top < ray else ray
@@ -123,10 +127,8 @@ class AccumulatedMap:
         """
         if not self.lattice.cover(window):
             return
-        hits, passes = (self.lattice.view(name, window) for name in ("hits", "passes"))
-        hit = placed.top_mm > NO_TOP
-        hits += hit
-        passes += (placed.lowest_ray_mm < below_mm) & ~hit
+        hits, row, col = self.lattice.whole("hits", window)
+        _count(*placed, hits, self.lattice.whole("passes", window)[0], row, col, below_mm)
 
     def to_cells(self) -> tuple[NDArray[np.int8], Window] | None:
         """Cells (rows, cols) int8, UNKNOWN, FREE or OCCUPIED, and the window they fill; None when no scan was added."""
@@ -141,13 +143,31 @@ class AccumulatedMap:
 
 
 @kernel
-def _sum_heights(sum_m: Float, count: NDArray[np.int32], place_cells: Float32, z_m: Float32) -> None:
+def _count(
+    top_mm: Int16, lowest_ray_mm: Int16, hits: Count, passes: Count, first_row: int, first_col: int, below_mm: int
+) -> None:
+    below, one, none = np.int32(below_mm), np.int32(1), np.int32(0)
+    for row in range(len(top_mm)):
+        tops, rays = top_mm[row], lowest_ray_mm[row]
+        hit, passed = hits[first_row + row, first_col:], passes[first_row + row, first_col:]
+        for col in range(len(tops)):
+            hit[col] += one if tops[col] > NO_TOP else none
+        for col in range(len(tops)):
+            passed[col] += one if (rays[col] < below) & (tops[col] == NO_TOP) else none
+
+
+@kernel
+def _sum_heights(returns: Returns, transforms: Float, reach_m: float, per_m: float, sum_m: Float, count: Count) -> None:
     rows, cols = count.shape
-    for i in range(len(z_m)):
-        x, y = np.floor(place_cells[0, i]), np.floor(place_cells[1, i])
+    for i in range(len(returns.label)):
+        dx_m, dy_m = returns.dx_m[i], returns.dy_m[i]
+        if returns.label[i] != np.uint8(PointClass.GROUND) or dx_m * dx_m + dy_m * dy_m > reach_m * reach_m:
+            continue
+        x_m, y_m = place_at(returns, i, transforms)
+        x, y = np.floor(x_m * per_m), np.floor(y_m * per_m)
         if 0 <= x < cols and 0 <= y < rows:
             row, col = np.int64(y), np.int64(x)
-            sum_m[row, col] += z_m[i]
+            sum_m[row, col] += returns.z_m[i]
             count[row, col] += 1
 
 
@@ -166,16 +186,13 @@ class GroundHeight:
         """Count one scan's ground up to reach_m from the lidar; slot_pose_base_in_map: (K, 3) at its time slots."""
         half = math.ceil((reach_m + _MOVED_M + math.hypot(*scan.lidar_base_m[:2])) / self._cell_m)
         window = window_around(slot_pose_base_in_map[0, :2], self._cell_m, 2 * half + 1)
-        dx_m, dy_m, z_m, _, label, _ = scan.returns
-        used = np.flatnonzero(label == PointClass.GROUND)
-        if len(used) == 0 or not self.lattice.cover(window):
+        if scan.counts[PointClass.GROUND] == 0 or not self.lattice.cover(window):
             return
-        used = used[dx_m[used] ** 2 + dy_m[used] ** 2 <= reach_m**2]
-        place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)[:, used]
+        transforms = slot_transforms(scan, slot_pose_base_in_map, window.origin_m)
         layers = (self.lattice.view(name, window) for name in ("sum_m", "count"))
-        _sum_heights(*layers, place_m * np.float32(1 / self._cell_m), z_m[used])
+        _sum_heights(scan.returns, transforms, float(reach_m), 1 / self._cell_m, *layers)
 
-    def to_map(self) -> tuple[Float32, NDArray[np.int32], Window] | None:
+    def to_map(self) -> tuple[Float32, Count, Window] | None:
         """The mean height of the ground in every cell (rows, cols), NaN where none was seen, how many points it is of,
         and the window they fill; None when no ground was seen.
         """

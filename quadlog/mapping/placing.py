@@ -75,22 +75,19 @@ def reach_of(scan: ClassifiedScan, window: Window) -> float:
     return window.cell_m * math.hypot(*window.shape) / 2 + _LIDAR_OFF_M + math.hypot(*scan.lidar_base_m[:2])
 
 
-def places_of(scan: ClassifiedScan, slot_pose_base_in_map: Float, origin_m: Float) -> Float32:
-    """Points (2, N) of a scan in map, from origin_m (2,); slot_pose_base_in_map: (K, 3) x, y, yaw at its time slots."""
-    place_m, yaw_rad = np.empty((2, len(scan.returns.label)), np.float32), slot_pose_base_in_map[:, 2]
-    start_m = slot_pose_base_in_map[:, :2] - origin_m
-    _place(scan.returns, scan.lidar_base_m, np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad), start_m]), place_m)
-    return place_m
+def slot_transforms(scan: ClassifiedScan, poses: Float, origin_m: Float) -> Float:
+    """(K, 4) cosine and sine of the yaw, and the lidar's x and y from origin_m (2,), at time slots; poses: (K, 3)."""
+    (x_m, y_m, yaw_rad), (lidar_x, lidar_y) = poses.T, scan.lidar_base_m[:2]
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    start_m = x_m - origin_m[0] + cos * lidar_x - sin * lidar_y, y_m - origin_m[1] + sin * lidar_x + cos * lidar_y
+    return np.column_stack([cos, sin, *start_m])
 
 
-@kernel
-def _place(returns: Returns, lidar_base_m: Float, poses: Float, place_m: Float32) -> None:
-    """poses: (K, 4) cosine and sine of the yaw, x and y at the time slots."""
-    for i in range(len(returns.label)):
-        pose = poses[returns.slot[i]]
-        x, y = returns.dx_m[i] + lidar_base_m[0], returns.dy_m[i] + lidar_base_m[1]
-        place_m[0, i] = pose[2] + pose[0] * x - pose[1] * y
-        place_m[1, i] = pose[3] + pose[1] * x + pose[0] * y
+@inner
+def place_at(returns: Returns, i: int, transforms: Float) -> tuple[float, float]:
+    """Return i in map, x and y, from the origin of `slot_transforms`."""
+    at, x, y = transforms[returns.slot[i]], returns.dx_m[i], returns.dy_m[i]
+    return at[2] + at[0] * x - at[1] * y, at[3] + at[1] * x + at[0] * y
 
 
 def place_scan(
@@ -100,27 +97,25 @@ def place_scan(
 
     target_xy_m: (2,) in map, NaN when nothing is followed. In a scan without ground, as a 2-D scanner's, one point is
     enough for a cell to be hit: a wall has no more. Rays end on the ground or on an obstacle, but not on the robot.
-    Those of one sector and one slope count as one, the shortest and flattest of them, so that a cell is called crossed
-    only where all agree.
+    Those of one sector and one slope count as one, the shortest and flattest: a cell is crossed where all agree.
     """
     placed, found = PlacedScan(*np.empty((2, *window.shape), np.int16)), scan.returns
-    place_m = places_of(scan, slot_pose_base_in_map, window.origin_m)
+    transforms = slot_transforms(scan, slot_pose_base_in_map, window.origin_m)
     half_body_m = np.array([settings.body_length_m, settings.body_width_m]) / 2 + settings.body_margin_m
-    n_ground, n_obstacle = scan.count(PointClass.GROUND), scan.count(PointClass.OBSTACLE)
+    n_ground, n_obstacle = scan.counts[[PointClass.GROUND, PointClass.OBSTACLE]].tolist()
     limits = np.array([*scan.lidar_base_m[:2], *half_body_m, settings.min_height_m, settings.max_height_m], np.float32)
     target = np.array([*(target_xy_m - window.origin_m), settings.target_radius_m**2], np.float32)
     fewest = settings.min_points if n_ground else 1
-    _raise_tops(found, place_m, limits, target, window.cell_m, fewest, placed.top_mm)
+    place_m = _raise_tops(found, transforms, limits, target, window.cell_m, fewest, placed.top_mm)
     if scan.route in ("rings", "elevations"):
         # One and a half columns in each sector at least: wherever they lie, none is empty.
         sectors = min(max(scan.columns * 2 // 3, 1), MOST_SECTORS)
     else:
         sectors = min(max((n_ground + n_obstacle) // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS)
-    yaw_rad, (x_m, y_m, z_m) = slot_pose_base_in_map[:, 2], scan.lidar_base_m
-    off_m = np.stack([x_m * np.cos(yaw_rad) - y_m * np.sin(yaw_rad), x_m * np.sin(yaw_rad) + y_m * np.cos(yaw_rad)])
-    start_m = (slot_pose_base_in_map[:, :2].T + off_m).mean(axis=1) - window.origin_m
-    rays = np.array([*start_m, z_m, reach_of(scan, window), settings.highest_m, window.cell_m], np.float32)
-    _lower_rays(found, place_m, limits, rays, np.empty((sectors, int(2 * rays[3] / rays[5]) + 2), np.int16), placed)
+    start_m, most_m = (*transforms[:, 2:].mean(axis=0), scan.lidar_base_m[2]), reach_of(scan, window)
+    rays = np.array([*start_m, most_m, settings.highest_m, window.cell_m], np.float32)
+    profile_mm = np.empty((sectors, int(2 * most_m / window.cell_m) + 2), np.int16)
+    _lower_rays(found, place_m, limits, rays, profile_mm, placed)
     return placed
 
 
@@ -131,17 +126,20 @@ def _on_robot(dx_m: np.float32, dy_m: np.float32, limits: Float32) -> bool:
 
 @kernel
 def _raise_tops(
-    returns: Returns, place_m: Float32, limits: Float32, target: Float32, cell_m: float, min_points: int,
+    returns: Returns, transforms: Float, limits: Float32, target: Float32, cell_m: float, min_points: int,
     top_mm: NDArray[np.int16],
-) -> None:  # fmt: skip
-    """limits: the lidar's x and y in base, half of the body, and the heights that block. target: place and squared
-    radius.
+) -> Float32:  # fmt: skip
+    """Returns the places (2, M) of all points in the window. transforms: of `slot_transforms`.
+
+    limits: the lidar's x and y in base, half of the body, and the heights that block. target: place and squared radius.
     """
     dx_m, dy_m, height_m, label = returns.dx_m, returns.dy_m, returns.height_m, returns.label
     (rows, cols), per_cell = top_mm.shape, np.float32(1.0 / cell_m)
-    count = np.zeros((rows, cols), np.int32)
+    count, place_m = np.zeros((rows, cols), np.int32), np.empty((2, len(label)), np.float32)
     top_mm[:] = NO_TOP
-    for i in range(len(returns.label)):
+    for i in range(len(label)):
+        place_m[0, i], place_m[1, i] = place_at(returns, i, transforms)
+    for i in range(len(label)):
         above = height_m[i]
         if label[i] != _OBSTACLE or not limits[4] <= above <= limits[5] or _on_robot(dx_m[i], dy_m[i], limits):
             continue
@@ -157,6 +155,7 @@ def _raise_tops(
         for c in range(cols):
             if count[r, c] < min_points:
                 top_mm[r, c] = NO_TOP
+    return place_m
 
 
 @kernel
@@ -189,8 +188,9 @@ def _lower_rays(
     for i in range(n):
         k = np.uint32(at[i])
         reach_m[k], slope[k] = min(reach_m[k], length_m[i]), max(slope[k], rise[i])
-    step_m = np.float32(0.5) * cell_m
+    step_m, highest = np.float32(0.5) * cell_m, np.float32(NO_RAY)
     for s in range(sectors):
+        heights_mm = profile_mm[s]
         # Each ray that counts reaches farther and passes higher than the one before.
         farthest, done = _NONE, 0
         for k in range(s * BINS, (s + 1) * BINS):
@@ -200,11 +200,12 @@ def _lower_rays(
                 break
             farthest = reach_m[k]
             until = max(min(np.int64((farthest - np.float32(_SHORT_CELLS) * cell_m) / step_m), steps - 1), done)
+            first_mm, rise_mm = _MM * start_z, _MM * slope[k] * step_m
             for step in range(done, until):
-                height_mm = _MM * (start_z + slope[k] * (np.float32(step) + np.float32(0.5)) * step_m)
-                profile_mm[s, step] = np.int16(max(min(height_mm, np.float32(NO_RAY)), -np.float32(NO_RAY)))
+                height_mm = first_mm + rise_mm * (np.float32(np.int32(step)) + np.float32(0.5))
+                heights_mm[step] = np.int16(np.int32(max(min(height_mm, highest), -highest)))
             done = until
-        profile_mm[s, done:] = NO_RAY
+        heights_mm[done:] = NO_RAY
     _look_up(start_x / cell_m, start_y / cell_m, profile_mm, placed.lowest_ray_mm)
 
 

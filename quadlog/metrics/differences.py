@@ -28,8 +28,7 @@ class PairedDifference(NamedTuple):
     """The value of run B less that of run A, both of the instants that both have.
 
     interval: 95 %, None for counts and extremes, and where `mean_interval_in_time` has none. clear: whether 0 lies
-    outside of the interval that allows for all the differences that are read together. same: both have the same samples
-    at the same instants.
+    outside the interval that allows for all differences read together. same: both have the same samples at one time.
     """
 
     difference: float
@@ -98,9 +97,8 @@ def clear_best(values: Float, *, lower: bool) -> int | None:
     when the interval of each mean difference leaves out 0, with 95 % confidence for all rivals together (Bonferroni,
     which also allows for the choice of the best among several, Hsu 1984).
 
-    Settings without any value are left out. None when there is no rival, when a value is missing otherwise (runs
-    that failed are not left out in silence), or when a difference is the same with every seed: it may be chance that
-    no seed shows.
+    Settings without any value are left out. None when there is no rival, when a value is missing otherwise (of a run
+    that failed), or when a difference is the same with every seed: it may be chance that no seed shows.
     """
     known = np.isfinite(values)
     among = np.flatnonzero(known.any(axis=1))

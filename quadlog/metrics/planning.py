@@ -68,9 +68,8 @@ class Comparison:
 def ratio_of(parts: NDArray[Any], wholes: NDArray[Any], episode: Int, confidence: float = 0.95) -> Ratio | None:
     """Of what was spent on R replans, (R,) or K times (R, K) each, over what another planner spent.
 
-    episode (R,): sorted; those in which `wholes` are 0 are left out, None if all are. The interval is of episodes that
-    are independent, of the repeats of a single question, or within one episode of replans that follow one another; None
-    where there are too few.
+    episode (R,): sorted; those in which `wholes` are 0 are left out, None if all are. The interval is of independent
+    episodes, of a question's repeats, or within one episode of consecutive replans; None where there are too few.
     """
     if parts.ndim == 2:
         parts, wholes = (each[0] if len(parts) == 1 else np.median(each, axis=1) for each in (parts, wholes))
@@ -158,8 +157,7 @@ def search_samples(replans: Table) -> dict[str, Samples]:
     """Of node counts, success, and sub-optimality as a fraction of the optimal cost.
 
     replans: of one planner, columns (N,) of plans.parquet, t_ns rising; costs are NaN where there is none.
-    fallback_share is of incremental planners only: the share of replans that had to start from scratch, without the
-    first one, which always does.
+    fallback_share is of incremental planners only: the share of replans after the first that had to start from scratch.
     """
     t_ns, excess = replans["t_ns"], _excess(replans["cost"], replans["optimal_cost"])
     excess = np.where(replans["found"], excess, np.nan)

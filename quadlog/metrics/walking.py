@@ -22,8 +22,7 @@ def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, pe
     """forward_m, lateral_drift_m (left positive), yaw_rate_degps, the ranges of roll, pitch and yaw, and fallen.
 
     Of a walk along x, evenly spaced samples: position_m, rpy_rad (T, 3), fallen (T,). rest: how many samples the robot
-    rests before it trots; period: samples of one gait cycle of period_s, two or more of which make the trot, and one
-    sample.
+    rests before it trots; period: samples of one gait cycle of period_s. The trot is two of these or more and a sample.
     From the trot's first sample to its last, which are at the same instant of a cycle, so that swaying does not count.
     The yaw rate is the slope of the line that fits best the mean yaw of each cycle: fitted to single samples, what
     swings within a cycle would tilt it. A walk with a fall has its metrics like any other.
@@ -97,10 +96,9 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
 def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
     """The samples of eta_m, sigma_m and their kin; those that do not apply are absent.
 
-    eta_m and sigma_m are the mean and the sample standard deviation of error_m over
-    all N ticks [Tracking] eqs 46, 47, whose two names for the same number, N and N_e,
-    are one here. walk: t_ns and columns of control.parquet (T,), NaN where there was nothing to measure; `fallen` only
-    of a robot that can fall.
+    eta_m and sigma_m are the mean and the sample standard deviation of error_m over all N ticks [Tracking] eqs 46, 47,
+    whose two names for the same number, N and N_e, are one here. walk: t_ns and columns of control.parquet (T,), NaN
+    where there was nothing to measure; `fallen` only of a robot that can fall.
     """
     return {
         name: finite_samples(walk["t_ns"], walk[column], statistic)

@@ -82,8 +82,7 @@ def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float 
 
     Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
     an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
-    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges must be in time
-    order.
+    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges: in time order.
 
     The second value is epoch_s, or what it is derived to be where it is None: USUAL_EPOCH_S unless less than half of
     those epochs would give a fix. Then single ranges come slower: long enough for a round, which is the median over the

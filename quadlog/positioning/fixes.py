@@ -76,9 +76,8 @@ def solve_fixes(
     linear, weighted, paper: of squared ranges, see `_linear`.
 
     tag_height_m: the tag's height in map; None solves for it, from four ranges to anchors that differ in height. A
-    residual rms above outlier_m marks an outlier. Whatever cannot be solved is marked in the result: too few ranges by
-    n_ranges, anchors on a line (on a plane, where the height is solved for) or a mirror image that fits as well by
-    degenerate.
+    residual rms above outlier_m marks an outlier. The result marks what cannot be solved: too few ranges by n_ranges,
+    anchors on a line (on a plane, where the height is solved for) or a mirror image that fits as well by degenerate.
 
     Raises UnknownName for another method.
     """

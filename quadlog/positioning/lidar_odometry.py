@@ -86,8 +86,7 @@ class LidarOdometry:
     def take(self, t_ns: int, xyz_m: Float32, offset_ns: Int | None) -> None:
         """The next scan: points (N, 3) in upright axes about the robot, measured offset_ns (N,) after t_ns.
 
-        A scan without times, None, is taken to have been measured at once. One that is no later than the last is left
-        out.
+        A scan without times, None, counts as measured at once. One that is no later than the last is left out.
         """
         middle_ns = t_ns
         if offset_ns is not None and len(offset_ns):

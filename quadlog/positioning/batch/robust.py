@@ -35,8 +35,7 @@ ALIKE = 1.5
 def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int]) -> Float:
     """(L,) std of the ranges in sight of each link, from residuals (N,) by link.
 
-    From the early half about the mode, because blocked paths lengthen the late one. prior: a std, and for how many
-    ranges it counts.
+    From the early half about the mode: blocked paths lengthen the late one. prior: a std, and how many ranges it is.
     """
     count, early, own_m = np.bincount(link, minlength=n_links), list[Float](), np.full(n_links, np.nan)
     for k, part_m in enumerate(np.split(residual_m, np.cumsum(count)[:-1])):

@@ -145,7 +145,7 @@ def cloud_from_block(
         frame_id,
         _coordinates(block, fields),
         _rings(block.column(fields[ring_name])) if ring_name else None,
-        times=point_times(block.column(fields[time_name]), stamp_ns) if time_name else None,
+        times=point_times(np.ascontiguousarray(block.column(fields[time_name])), stamp_ns) if time_name else None,
     )
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass, Returns
+from quadlog.lidar.classified_scan import ClassifiedScan, GroundPlane, PointClass, Returns, class_counts
 from quadlog.mapping.grid import Window
 from quadlog.mapping.placing import PlacedScan, PlacingSettings, place_scan
 
@@ -28,7 +28,7 @@ def scanned():
         place_m = np.array(lidar_m)
         x_m, y_m, z_m = np.float32(xyz_m - [*place_m[:2], 0]).T.copy()
         returns = Returns(x_m, y_m, z_m, np.float32(height_m), labels, slot)
-        return ClassifiedScan(returns, 0, ground, "paper", place_m, np.zeros(1, np.int64))
+        return ClassifiedScan(returns, class_counts(labels), 0, ground, "paper", place_m, np.zeros(1, np.int64))
 
     return make
 
