@@ -196,8 +196,8 @@ SECTOR_COLUMNS = 16
 STEP_M, REACH_M = 0.125, 32.0
 STEPS = int(REACH_M / STEP_M) + 1
 _SECTORS_BESIDE, _FEWEST = 3, 3
-# Every so many points the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
-_PLANE_POINTS = 17
+# Every so many returns the plane is fitted to; odd, so that all beams of a sweep that is sent column by column count.
+_PLANE_POINTS = 15
 _STEP, _PER_STEP, _HALF = np.float32(STEP_M), np.float32(1 / STEP_M), np.float32(0.5)
 
 
@@ -210,10 +210,10 @@ def label_ground(
     `walk_columns`.
     """
     ground, wall = walk_columns(image, good, descending, np.float32(floor_m))
-    cell, label = image.cell[::_PLANE_POINTS], returns.label[::_PLANE_POINTS]
-    used = (cell >= 0) & (label == int(PointClass.OBSTACLE)) & ground.ravel()[cell]
+    used = np.flatnonzero(returns.label == int(PointClass.OBSTACLE))[::_PLANE_POINTS]
+    used = used[(image.cell[used] >= 0) & ground.ravel()[image.cell[used]]]
     lidar_x, lidar_y = transform_lidar_to_level[:2, 3]
-    dx_m, dy_m, z_m = (each[::_PLANE_POINTS][used].astype(np.float64) for each in returns[:3])
+    dx_m, dy_m, z_m = (each[used].astype(np.float64) for each in returns[:3])
     plane = level_plane(np.column_stack([dx_m + lidar_x, dy_m + lidar_y, z_m]), 0.0)
     sectors = -(-image.range_m.shape[1] // SECTOR_COLUMNS)
     azimuth_rad = (np.arange(sectors) + 0.5) * (SECTOR_COLUMNS / image.range_m.shape[1] * 2 * np.pi)
