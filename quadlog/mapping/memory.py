@@ -164,7 +164,7 @@ def _sum_heights(returns: Returns, transforms: Float, reach_m: float, per_m: flo
         if returns.label[i] != np.uint8(PointClass.GROUND) or dx_m * dx_m + dy_m * dy_m > reach_m * reach_m:
             continue
         x_m, y_m = place_at(returns, i, transforms)
-        x, y = np.floor(x_m * per_m), np.floor(y_m * per_m)
+        x, y = x_m * per_m, y_m * per_m
         if 0 <= x < cols and 0 <= y < rows:
             row, col = np.int64(y), np.int64(x)
             sum_m[row, col] += returns.z_m[i]

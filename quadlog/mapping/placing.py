@@ -112,7 +112,7 @@ def place_scan(
         sectors = min(max(scan.columns * 2 // 3, 1), MOST_SECTORS)
     else:
         sectors = min(max((n_ground + n_obstacle) // RAYS_IN_SECTOR, FEWEST_SECTORS), MOST_SECTORS)
-    start_m, most_m = (*transforms[:, 2:].mean(axis=0), scan.lidar_base_m[2]), reach_of(scan, window)
+    start_m, most_m = (*transforms[:, 2:].sum(axis=0) / len(transforms), scan.lidar_base_m[2]), reach_of(scan, window)
     rays = np.array([*start_m, most_m, settings.highest_m, window.cell_m], np.float32)
     profile_mm = np.empty((sectors, int(2 * most_m / window.cell_m) + 2), np.int16)
     _lower_rays(found, place_m, limits, rays, profile_mm, placed)
@@ -144,7 +144,7 @@ def _raise_tops(
         if label[i] != _OBSTACLE or not limits[4] <= above <= limits[5] or _on_robot(dx_m[i], dy_m[i], limits):
             continue
         dx, dy = place_m[0, i] - target[0], place_m[1, i] - target[1]
-        col, row = np.floor(place_m[0, i] * per_cell), np.floor(place_m[1, i] * per_cell)
+        col, row = place_m[0, i] * per_cell, place_m[1, i] * per_cell
         # Compared as floats: a huge or NaN coordinate must not reach the cast to an index.
         inside = col >= _NONE and col < cols and row >= _NONE and row < rows
         if inside and not dx * dx + dy * dy <= target[2]:
