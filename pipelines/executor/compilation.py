@@ -22,6 +22,7 @@ from numba.core.registry import cpu_target
 
 from quadlog.config.controllers import CONTROLLERS
 from quadlog.config.schema import Config
+from quadlog.open3d import import_open3d
 from quadlog.pipelines.executor.machine import cores
 
 SAID = "compiling for the first time on this machine, 3 to 20 s depending on the log; later starts use the cache"
@@ -55,17 +56,15 @@ event.register("numba:compile", _clock)  # type: ignore[no-untyped-call]
 
 
 def compiling_s() -> float:
-    """Seconds that this process has compiled so far, loaded the compiler, or waited for the second process."""
+    """Seconds that this process has compiled so far, loaded libraries for it, or waited for the second process."""
     return _clock.seconds
 
 
 @cache
 def load_compiler() -> None:
     """What numba would load at the first call of any compiled function, cached or not: a third of a second."""
-    began_s = time.perf_counter()
     cpu_target.typing_context.refresh()  # type: ignore[no-untyped-call]
     cpu_target.target_context.refresh()  # type: ignore[no-untyped-call]
-    _clock.seconds += time.perf_counter() - began_s
 
 
 @contextmanager
@@ -96,15 +95,18 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
 
     def before(name: str) -> None:
         nonlocal is_shared
+        began_s = time.perf_counter()
         gc.freeze()  # what is loaded by now lives on; searching it for garbage takes a tenth of a second each time
         if name not in ("ingest", "position"):
             load_compiler()
+        if name == "filter" and config.lidar.method == "paper":
+            import_open3d()
         if name == "control":
-            is_shared, began_s = False, time.perf_counter()
+            is_shared = False
             with suppress(subprocess.TimeoutExpired):
                 for process in second:
                     process.wait(LONGEST_S)
-            _clock.seconds += time.perf_counter() - began_s
+        _clock.seconds += time.perf_counter() - began_s
 
     with on_first_compilation(start):
         try:

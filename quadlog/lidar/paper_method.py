@@ -28,7 +28,7 @@ from quadlog.messages import Float, Float32, Int
 
 MOST_ITERATIONS = 100_000
 """Of RANSAC, for very small inlier shares."""
-_PLANES_AT_ONCE = 16
+_PLANES_AT_ONCE = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,25 +59,24 @@ def classify_as_paper(
     slot: (N,) of the time slots with middles slot_ns (K,). The seed alone decides which planes are tried, so that a
     result does not depend on the scans before.
     """
-    n, (x_m, y_m, z_m) = len(xyz_lidar_m), np.ascontiguousarray(xyz_lidar_m.T, np.float64)
+    lidar_m = np.ascontiguousarray(xyz_lidar_m.T, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):
-        squared = x_m * x_m + y_m * y_m + z_m * z_m
+        squared = (lidar_m * lidar_m).sum(axis=0)
     # Drivers write "no return" as NaN, infinity, (0, 0, 0) or a huge number: one left in would spoil both filters.
     valid = (squared > 0) & (squared >= settings.min_range_m**2) & (squared <= settings.max_range_m**2)
-    base_m = np.full((3, n), np.nan)
-    seen = np.stack([x_m[valid], y_m[valid], z_m[valid]])
-    base_m[:, valid] = transform_lidar_to_base[:3, :3] @ seen + transform_lidar_to_base[:3, 3:]
+    seen_m = np.where(valid, lidar_m, np.nan)
+    base_m = transform_lidar_to_base[:3, :3] @ seen_m + transform_lidar_to_base[:3, 3:]
     # Whatever no filter explains must end in the map.
-    label = np.full(n, PointClass.OBSTACLE, np.uint8)
+    label = np.full(len(valid), PointClass.OBSTACLE, np.uint8)
     label[outside_view(base_m[0], base_m[1], settings.field_of_view_deg)] = PointClass.CROPPED
     label[~valid] = PointClass.INVALID
-    inside = np.flatnonzero(label == PointClass.OBSTACLE)
+    inside = np.flatnonzero(label == int(PointClass.OBSTACLE))
     outlier = statistical_outliers(base_m.T[inside], settings.outlier_neighbours, settings.outlier_std_ratio)
     label[inside[outlier]] = PointClass.OUTLIER
     inside = inside[~outlier]
     ground: GroundPlane | None = None
     height_m: Float32 = base_m[2].astype(np.float32)
-    sine = z_m[inside] / np.sqrt(squared[inside])
+    sine = lidar_m[2, inside] / np.sqrt(squared[inside])
     if len(sine) == 0 or np.ptp(sine) < FLATTEST_CLOUD:
         height_m = height_without_ground(height_m, float(transform_lidar_to_base[2, 3]))
     elif (found := fit_ground(base_m.T[inside], settings, seed)) is not None:
