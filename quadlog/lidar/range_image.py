@@ -190,21 +190,21 @@ class Image(NamedTuple):
 def lay(
     xyz_m: Float32, key: Keys, slot: NDArray[np.uint8], beams: Beams, transforms: Float, ranges_m: tuple[float, float],
     phase: float,
-) -> tuple[Image, Returns]:  # fmt: skip
-    """The image of points x, y, z (3, N) of the lidar's frame, and their places, without heights and labels.
+) -> tuple[Image, Returns, int]:  # fmt: skip
+    """The image of points x, y, z (3, N) of the lidar's frame, their places, and how many have no cell of their own.
 
     key: (N,) beam numbers. transforms: (2, 4, 4) from the lidar's frame to base made upright, of which base's x and y
     of the lidar are left out, and their change per time slot. ranges_m: the least and the most that count. phase: where
-    within a step the points lie.
+    within a step the points lie. Heights and labels are left open.
     """
     n, shape = len(key), (len(beams.descending), beams.columns)
     first = beams.row.astype(np.int32) * beams.columns
     limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
     returns = Returns._make([*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot])
-    cells = np.zeros((4, *shape), np.float32)
-    image = Image(cells[0], cells[1], cells[2], cells[3], np.empty(n, np.float32), np.empty(n, np.int32))
-    _lay(xyz_m, key, first, transforms[:, :3].astype(np.float32).ravel(), limits, image, returns)
-    return image, returns
+    (near_m, far_m), (distance_m, z_m) = np.zeros((2, *shape), np.float32), np.empty((2, *shape), np.float32)
+    image = Image(near_m, far_m, distance_m, z_m, np.empty(n, np.float32), np.empty(n, np.int32))
+    turning = transforms[:, :3].astype(np.float32).ravel()
+    return image, returns, _lay(xyz_m, key, first, turning, limits, image, returns)
 
 
 @inner
@@ -230,8 +230,8 @@ def turn_of(x: np.float32, y: np.float32) -> np.float32:
 @kernel
 def _lay(
     xyz_m: Float32, key: Keys, first: NDArray[np.int32], t: Float32, limits: Float32, image: Image, returns: Returns
-) -> None:
-    """first: the first cell of each beam number.
+) -> int:
+    """How many returns have no cell of their own. first: the first cell of each beam number.
 
     The first two loops have no branches and are in 32 bits, so that they become vector instructions.
     """
@@ -254,17 +254,21 @@ def _lay(
         dy_m[i] = (t[4] + s * t[16]) * x + (t[5] + s * t[17]) * y + (t[6] + s * t[18]) * z
         base_z_m[i] = (t[8] + s * t[20]) * x + (t[9] + s * t[21]) * y + (t[10] + s * t[22]) * z + t[11]
     nearest_m, behind_m, cell_z_m = image.range_m.reshape(-1), image.behind_m.reshape(-1), image.z_m.reshape(-1)
+    hidden = 0
     for i in range(len(key)):
         k, r = first[min(int(key[i]), last_key)] + cell[i], range_m[i]
         cell[i] = k
         if k < 0 or r == nothing:
+            hidden += r > nothing
             continue
         at = np.uint32(k)
         before = nearest_m[at]
         if before > nothing:
+            hidden += 1
             behind_m[at] = max(behind_m[at], max(before, r))
         if before == nothing or r < before:
             nearest_m[at], cell_z_m[at] = r, base_z_m[i]
+    return hidden
 
 
 WINDOW, ROWS, SUPPORTERS = 4, 2, 2

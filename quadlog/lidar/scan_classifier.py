@@ -63,7 +63,7 @@ class RangeImageSettings:
 
 
 class _Scan(NamedTuple):
-    """A message as it is laid into an image: places in the lidar's frame, ring or None, time slot of each point (N,).
+    """A message as it is laid into an image: places (3, N) in the lidar's frame, rings or None, and time slots (N,).
 
     transforms: (2, 4, 4) to base made upright, and its change per slot.
     """
@@ -162,8 +162,7 @@ class ScanClassifier:
         if key is None:
             key = elevation_keys(to_polar(scan.xyz_m, self._ranges_m).sine)
         phase, strangers = phase_and_strangers(scan.xyz_m, key, beams, self._ranges_m)
-        image, returns = lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
-        hidden = np.count_nonzero(image.point_range_m) - np.count_nonzero(image.range_m)
+        image, returns, hidden = lay(scan.xyz_m, key, scan.slot, beams, scan.transforms, self._ranges_m, phase)
         return image, returns, strangers + hidden / max(len(key), 1)
 
     def _lay_bins(self, scan: _Scan) -> tuple[Image, Returns]:
@@ -175,7 +174,7 @@ class ScanClassifier:
         beams, key = beams_by_bins(polar.range_m, polar.sine)
         unturned = np.stack([np.eye(4), np.zeros((4, 4))])
         unturned[0, 2, 3] = scan.transforms[0, 2, 3]
-        return lay(xyz_m, key, scan.slot, beams, unturned, self._ranges_m, 0.0)
+        return lay(xyz_m, key, scan.slot, beams, unturned, self._ranges_m, 0.0)[:2]
 
 
 def _label_beams(image: Image, returns: Returns, beams: Beams, transform: Float) -> Float:

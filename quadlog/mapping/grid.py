@@ -56,7 +56,7 @@ class Window:
 
 def window_around(xy_m: Float, cell_m: float, size_cells: int) -> Window:
     """The square window of size_cells whose middle cell holds the point (2,): it moves in whole cells. [Following]"""
-    col, row = (int(index) for index in _lattice_cell_of(xy_m, cell_m))
+    col, row = _lattice_cell_of(xy_m, cell_m).tolist()
     return Window(col - size_cells // 2, row - size_cells // 2, cell_m, (size_cells, size_cells))
 
 
