@@ -69,9 +69,8 @@ def test_held_out_scans(classified, scans, name: str, precision: float, recall: 
         assert off_m[ground & truth].max() < 0.31
         assert np.quantile(off_m[ground & truth], 0.99) < 0.1
         wrong, real = scan.truth == PointClass.OUTLIER, scan.truth == PointClass.OBSTACLE
-        outliers_of.append(
-            [np.count_nonzero(each) for each in (wrong & looked_at, wrong & outlier, looked_at, outlier)]
-        )
+        parts = wrong & looked_at, wrong & outlier, looked_at, outlier
+        outliers_of.append([np.count_nonzero(each) for each in parts])
         seen = found.label == PointClass.OBSTACLE
         if name in ("flat", "ramp_20", "undulating"):
             assert np.quantile(off_m[(np.hypot(*found.xyz_base_m[:, :2].T) < 6) & real & seen], 0.9) < 0.1
@@ -127,6 +126,12 @@ def test_wrong_ring_numbers_are_ignored_and_a_sensor_that_changes_is_noticed(cla
     assert alone.route == after.route == ("elevations" if change in WRONG_RINGS else "rings")
     assert after.label.tobytes() == alone.label.tobytes()
     assert change not in WRONG_RINGS + RIGHT_RINGS or alone.label.tobytes() == classified(scan).label.tobytes()
+
+
+def test_a_scan_without_returns_does_not_contradict_the_beams(scans) -> None:
+    used, scan = ScanClassifier(ALL_ROUND), scans["corridor"][0]
+    clouds = [PointCloud(None, "", scan.xyz_lidar_m * np.float32(each), scan.ring) for each in (1, np.nan)]
+    assert [used.classify(cloud, scan.transform_lidar_to_base).route for cloud in clouds] == ["rings", "rings"]
 
 
 @pytest.mark.parametrize("change", [(180, 0), (0, 90), (0, 200), (180, -40), "shuffled", np.nan, np.inf, 0.0, 1e30])
