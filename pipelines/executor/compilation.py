@@ -82,7 +82,8 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
     """Say so when the body first compiles, and compile `control`, half of all, in a second process meanwhile.
 
     That process ends with the body. There is none on one core, in a batch's workers, which share the cores already, and
-    where `control` is not among the stages. Yields a function to be called before each stage: it waits for the process.
+    where `control` is not among the stages. Yields a function to be called before each stage: it loads what the stage's
+    compiled code needs, keeps what lives by then out of the search for garbage, and waits for the process.
     """
     is_shared = "control" in stages and config.simulation.has_body and parent_process() is None and cores() > 1
     second: list[subprocess.Popen[bytes]] = []
@@ -112,6 +113,7 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
         try:
             yield before
         finally:
+            gc.unfreeze()
             for process in second:
                 process.kill()
                 process.wait()

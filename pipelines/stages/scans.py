@@ -77,7 +77,7 @@ class Scanner:
         transforms = np.tile(self._mount, (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifier.classify(cloud, transforms)
-        row = _row(t_ns, len(cloud.xyz_m), found) | {"ms": (time.perf_counter() - started) * 1e3}
+        row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         skewed = (span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES) if len(found.slot_ns) == 1 else None
         level = None if found.ground is None else found.ground.is_level
         return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
@@ -184,10 +184,10 @@ def _classifier_settings(config: Config) -> RangeImageSettings | PaperSettings:
     )
 
 
-def _row(t_ns: int, n_points: int, scan: ClassifiedScan) -> dict[str, float]:
+def _row(t_ns: int, scan: ClassifiedScan) -> dict[str, float]:
     """The columns of scans.parquet, but for its time."""
     of_class = scan.counts.tolist()
-    counts = {"n_raw": n_points, "n_valid": sum(of_class[PointClass.CROPPED :])}
+    counts = {"n_raw": sum(of_class), "n_valid": sum(of_class[PointClass.CROPPED :])}
     counts |= {f"n_{kind.name.lower()}": of_class[kind] for kind in PointClass if kind > PointClass.CROPPED}
     normal = [np.nan] * 3 if scan.ground is None else scan.ground.normal.tolist()
     plane = dict(zip(("ground_nx", "ground_ny", "ground_nz"), normal, strict=True))

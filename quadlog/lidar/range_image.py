@@ -4,7 +4,6 @@ filter: a return without neighbours at a similar range is an outlier.
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import NamedTuple
 
@@ -144,15 +143,13 @@ def phase_and_strangers(xyz_m: Float32, key: Keys, beams: Beams, ranges_m: tuple
     """
     # An odd step meets every beam of a sweep that is sent column by column.
     step = max(len(key) // _POINTS_FOR_PHASE, 1) | 1
-    some_m = xyz_m[:, ::step]
-    with np.errstate(all="ignore"):
-        squared = (some_m * some_m).sum(axis=0)
-    real = (squared > 0) & (squared >= ranges_m[0] ** 2) & (squared <= ranges_m[1] ** 2)
-    (x_m, y_m, z_m), number = some_m[:, real], np.minimum(key[::step][real], len(beams.row) - 1)
-    off_beam = np.abs(z_m / np.sqrt(squared[real]) - beams.sine[number]) > beams.tolerance
-    turn = np.exp(1j * beams.columns * np.arctan2(y_m, x_m).astype(np.float64)).sum()
-    phase = cmath.phase(turn) / (2 * np.pi) if abs(turn) > 0.5 * len(z_m) else 0.0
-    return phase, np.count_nonzero(off_beam) / max(len(z_m), 1)
+    polar = to_polar(xyz_m[:, ::step], ranges_m)
+    real = np.flatnonzero(polar.range_m)
+    number = np.minimum(key[::step][real], len(beams.row) - 1)
+    off_beam = np.abs(polar.sine[real] - beams.sine[number]) > beams.tolerance
+    turn = np.exp(2j * np.pi * beams.columns * polar.turn[real].astype(np.float64)).sum()
+    phase = float(np.angle(turn)) / (2 * np.pi) if abs(turn) > 0.5 * len(real) else 0.0
+    return phase, np.count_nonzero(off_beam) / max(len(real), 1)
 
 
 def _columns(number: Int, turn: Float32) -> int:
@@ -201,8 +198,8 @@ def lay(
     first = beams.row.astype(np.int32) * beams.columns
     limits = np.array([ranges_m[0] ** 2, min(ranges_m[1] ** 2, 3e38), 1.5 - phase], np.float32)
     returns = Returns._make([*np.empty((4, n), np.float32), np.empty(n, np.uint8), slot])
-    (near_m, far_m), (distance_m, z_m) = np.zeros((2, *shape), np.float32), np.empty((2, *shape), np.float32)
-    image = Image(near_m, far_m, distance_m, z_m, np.empty(n, np.float32), np.empty(n, np.int32))
+    (near_m, behind_m), (distance_m, z_m) = np.zeros((2, *shape), np.float32), np.empty((2, *shape), np.float32)
+    image = Image(near_m, behind_m, distance_m, z_m, np.empty(n, np.float32), np.empty(n, np.int32))
     turning = transforms[:, :3].astype(np.float32).ravel()
     return image, returns, _lay(xyz_m, key, first, turning, limits, image, returns)
 

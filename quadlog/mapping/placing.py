@@ -129,7 +129,7 @@ def _raise_tops(
     returns: Returns, transforms: Float, limits: Float32, target: Float32, cell_m: float, min_points: int,
     top_mm: NDArray[np.int16],
 ) -> Float32:  # fmt: skip
-    """Returns the places (2, M) of all points in the window. transforms: of `slot_transforms`.
+    """Returns the places (2, N) of all points in the window. transforms: of `slot_transforms`.
 
     limits: the lidar's x and y in base, half of the body, and the heights that block. target: place and squared radius.
     """
