@@ -130,8 +130,6 @@ def bounds_of(run: Run) -> dict[str, Bound]:
 
 _STYLES = {"table": "plain", "plain": "plain", "markdown": "pipe", "latex": "latex_booktabs"}
 FORMATS = (*_STYLES, "csv", "json")
-REST, ALL_OF_FORMATS = "--json", "--format csv"
-"""The options that have all columns: of most commands, and of those that print in several formats."""
 _AMOUNT = r"[-+\u2212]?\d[\d.\u2009 ]*(e[-+]?\d+)?"
 _NUMBER = re.compile(rf"{_AMOUNT}\*?(| s|[ \u202f]?%| to {_AMOUNT}[\u202f%°]*)")
 _FLAG = re.compile(r"""--[a-z]+ ('[^']*'|"[^"]*"|[^\s'";])+""")
@@ -142,12 +140,12 @@ _LIST_ITEM = re.compile(r"^(\d*)([-+.)])(?=[\s-]|$)")  # what a paragraph must n
 
 
 def print_table(
-    header: Sequence[str], rows: Sequence[Sequence[Any]], to: str = "plain", width: int | None = None, rest: str = REST
+    header: Sequence[str], rows: Sequence[Sequence[Any]], to: str = "plain", width: float = math.inf
 ) -> str:
     """The table as text in one of FORMATS, with a line end; csv and json are for scripts, all else is for readers.
 
     Readers see four significant digits; scripts get numbers in full, an empty field (csv) or no entry (json) where
-    there is none. Cells may hold anything: they are escaped, and control characters replaced. width, rest: of a plain
+    there is none. Cells may hold anything: they are escaped, and control characters replaced. width: of a plain
     table, as of table_rows.
     """
     if to == "json":
@@ -157,7 +155,7 @@ def print_table(
         text = csv_table([header, *([cell if _exists(cell) else "" for cell in row] for row in rows)])
         return text.encode("utf-8", "replace").decode()  # a file name may hold what is no text
     if _STYLES[to] == "plain":
-        return "".join(f"{line}\n" for lines in table_rows(header, rows, width, rest) for line in lines)
+        return "".join(f"{line}\n" for lines in table_rows(header, rows, width) for line in lines)
     from tabulate import tabulate
 
     columns, right = _columns(header, rows, escape_markdown if to == "markdown" else printable)
@@ -170,27 +168,21 @@ def print_table(
     return "".join(f"{line.rstrip()}\n" for line in text.split("\n"))
 
 
-def table_rows(
-    header: Sequence[str], rows: Sequence[Sequence[Any]], width: int | None = None, rest: str = REST
-) -> list[list[str]]:
+def table_rows(header: Sequence[str], rows: Sequence[Sequence[Any]], width: float = math.inf) -> list[list[str]]:
     """A plain table that fits `width` columns of a terminal: lines of the header, of each row, on what is left out.
 
     Names stay whole. Texts are folded at spaces; then long names of the first column get a line of their own; then
-    columns of numbers are left out, the last ones first (rest: the option that has all); then a cell has a line.
+    columns of numbers are left out, the last ones first; then a row is broken between its cells.
     """
     columns, right = _columns(header, rows, printable)
-    table, left_out = list(zip(*columns, strict=True)), list[str]()
-    while (widths := _widths(columns, right, width)) is None and any(right[1:]):
+    left_out = list[str]()
+    while _excess(widths := _widths(columns, right, width), width) and any(right[1:]):
         at = max(at for at, number in enumerate(right) if number)
         left_out.insert(0, columns.pop(at)[0])
-        right.pop(at)
-    if widths is None:
-        indents = ["", *["  "] * (len(header) - 1)]
-        cells = [list(zip(indents, table[0], row, strict=True)) for row in table[1:]]
-        lines = [[f"{indent}{title}  {cell}" for indent, title, cell in row if cell] for row in cells]
-        return [[], *([part for line in row for part in wrapped(line, width or 0, "    ")] for row in lines), []]
-    said = f"left out in {width} columns: {', '.join(left_out)}; {rest} has all"
-    return [*(_lines(row, widths, right) for row in zip(*columns, strict=True)), [said] if left_out else []]
+        del right[at]
+    said = f"left out in {width} columns, but not in --json or --format csv: {', '.join(left_out)}"
+    lines = [*(_lines(row, widths, right) for row in zip(*columns, strict=True)), [said] if left_out else []]
+    return [[part for line in each for part in wrapped(line, width, "    ")] for each in lines]
 
 
 def _columns(
@@ -202,18 +194,19 @@ def _columns(
     return columns, [any(of) and all(_NUMBER.fullmatch(cell) or not cell for cell in of) for _, *of in columns]
 
 
-def _widths(columns: Sequence[Sequence[str]], right: Sequence[bool], width: int | None) -> list[int] | None:
-    """The width of each column in a table that fits; None where no folding makes it fit."""
+def _widths(columns: Sequence[Sequence[str]], right: Sequence[bool], width: float) -> list[int]:
+    """The width of each column where texts are folded, and then the first one narrowed, until the table fits."""
     widths = [max(map(cell_len, column)) for column in columns]
     words = [max(cell_len(word) for cell in column for word in wrapped(cell, 0)) for column in columns]
     texts = [at for at, number in enumerate(right) if at and not number]
-    over = 0 if width is None else sum(widths) + 2 * (len(widths) - 1) - width
-    while over > 0 and (wide := [at for at in texts if widths[at] > max(words[at], _NARROWEST)]):
+    while _excess(widths, width) and (wide := [at for at in texts if widths[at] > max(words[at], _NARROWEST)]):
         widths[max(wide, key=widths.__getitem__)] -= 1
-        over -= 1
-    if over > 0 and not right[0]:
-        over, widths[0] = over - widths[0], max(widths[0] - over, 0)
-    return None if over > 0 else widths
+    widths[0] -= 0 if right[0] else min(_excess(widths, width), widths[0])
+    return widths
+
+
+def _excess(widths: Sequence[int], width: float) -> int:
+    return int(max(sum(widths) + 2 * (len(widths) - 1) - width, 0))
 
 
 def _lines(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
@@ -270,13 +263,11 @@ class TitledTable(NamedTuple):
     rows: Sequence[Sequence[Any]]
 
 
-def print_tables(
-    tables: Sequence[TitledTable], to: str, notes: Sequence[str] = (), width: int | None = None, rest: str = REST
-) -> str:
+def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = (), width: float = math.inf) -> str:
     """Tables for readers below their titles, then notes; in latex titles and notes are comments."""
     escape, gap = (escape_markdown, "\n") if to == "markdown" else (printable, "")
     mark, needs = ("% ", "% needs \\usepackage{booktabs}\n") if to == "latex" else ("", "")
-    blocks = [f"{mark}{escape(of.title)}\n{gap}{print_table(of.header, of.rows, to, width, rest)}" for of in tables]
+    blocks = [f"{mark}{escape(of.title)}\n{gap}{print_table(of.header, of.rows, to, width)}" for of in tables]
     below = gap.join(f"{mark}{escape(note)}\n" for note in notes)
     return needs + "\n".join([*blocks, *filter(None, [below])])
 
@@ -311,17 +302,13 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         (run,) = runs
         found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
-        return print_tables(tables, to, [_ONE_RUN], terminal_width(), ALL_OF_FORMATS)
+        return print_tables(tables, to, [_ONE_RUN], terminal_width())
     notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
-    return values_text(values, to, notes, not differing, ALL_OF_FORMATS)
+    return values_text(values, to, notes, averaged=not differing)
 
 
 def values_text(
-    runs: Mapping[str, Mapping[str, float]],
-    to: str = "plain",
-    notes: Sequence[str] = (),
-    averaged: bool = True,
-    rest: str = REST,
+    runs: Mapping[str, Mapping[str, float]], to: str = "plain", notes: Sequence[str] = (), averaged: bool = True
 ) -> str:
     """Metrics of runs by label: side by side where they are few or not averaged, and how they spread over the runs."""
     known = {name for values in runs.values() for name in values}
@@ -339,7 +326,7 @@ def values_text(
     if averaged and len(labels) > 1:
         header = ("metric", "mean", "95 %", "lowest", "highest", "n")
         tables.append(TitledTable(f"Over {len(labels)} runs", header, [_spread(name, runs) for name in units]))
-    return print_tables(tables, to, [*legend, *notes], terminal_width(), rest)
+    return print_tables(tables, to, [*legend, *notes], terminal_width())
 
 
 def _spread(name: str, runs: Mapping[str, Mapping[str, float]]) -> tuple[Any, ...]:

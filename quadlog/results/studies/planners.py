@@ -19,7 +19,6 @@ from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.tables import table_schema, write_table
 from quadlog.results.text import (
-    ALL_OF_FORMATS,
     State,
     TitledTable,
     count,
@@ -79,7 +78,7 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
         title = f"{row['source']}: {', '.join(counts)}"
         tables.setdefault(title, []).append([*cells, row["us_median"], row["us_p95"]])
     titled = [TitledTable(title, _HEADER, lines) for title, lines in tables.items()]
-    return print_tables(titled, to, [_KEY, *notes], terminal_width(), ALL_OF_FORMATS)
+    return print_tables(titled, to, [_KEY, *notes], terminal_width())
 
 
 MOST_DRAWN = 8
