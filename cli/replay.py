@@ -92,7 +92,7 @@ def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:
 
     for path in runs:
         run = load_run(path)
-        click.echo(f"{path}: {status(run)[0]}")
+        show(f"{path}: {status(run)[0]}")
         for sentence in verdict(run) if in_full else ():
             show(f"  {sentence.subject}: {sentence.text}")
     for folder in dict.fromkeys(path if in_full else path.parent for path in runs):

@@ -61,8 +61,8 @@ def command(
         return
     for name in dict.fromkeys(each.controller for each in runs):
         mine = [each for each in runs if each.controller == name]
-        click.echo(f"{mine[0].run.parent}: {mine[0].course}, {name}")
+        show(f"{mine[0].run.parent}: {mine[0].course}, {name}")
         by_seed = {f"seed {each.seed}": {name: of["value"] for name, of in each.metrics.items()} for each in mine}
         show(values_text(by_seed))
         for each in mine:
-            click.echo(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")
+            show(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")

@@ -35,5 +35,5 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
         tables = make_tables(names, output, fast=fast, seed=seed, force=force, progress=progress)
     for table in tables:
         show(f"{table.name}: {table.title}: {table.reproduced if table.rows else table.sizes}")
-    click.echo(f"{output / 'report.html'}: every quantity, with pictures and notes")
+    show(f"{output / 'report.html'}: every quantity, with pictures and notes")
     return 0

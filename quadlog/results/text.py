@@ -226,14 +226,14 @@ def _padded(text: str, size: int, right: bool) -> str:
 
 def wrapped(text: str, width: float, indent: str = "") -> list[str]:
     """The text in lines of so many columns of a terminal, broken at spaces: longer words, and flags to paste, whole."""
-    first, *words = _FLAG.sub(lambda flag: flag[0].replace(" ", "\0"), text).split(" ")
+    first, *words = _FLAG.sub(lambda flag: flag[0].replace(" ", "\xa0"), text).split(" ")
     lines = [first]
     for word in words:
         if cell_len(lines[-1]) + 1 + cell_len(word) <= width or not lines[-1].strip():
             lines[-1] += f" {word}"
         elif word:
             lines.append(indent + word)
-    return [line.replace("\0", " ").rstrip() for line in lines]
+    return [line.replace("\xa0", " ").rstrip() for line in lines]
 
 
 def _exists(value: Any) -> bool:
