@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import print_json, report_skipped, say
+from quadlog.cli.progress import print_json, report_skipped, say, show
 
 
 @options.command("check", "runs/yesterday --expect bounds.toml --write", "runs --expect bounds.toml --junit checks.xml")
@@ -56,7 +56,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
     if as_json:
         print_json([check.to_dict() for check in checks])
     else:
-        click.echo(check_text(checks), nl=False)
+        show(check_text(checks))
     errors = [check.error for check in checks if check.error is not None]
     for error in errors:
         say(f"quadlog: {error}")

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import open_progress, say
+from quadlog.cli.progress import open_progress, say, show
 
 
 def cell(text: str) -> tuple[int, int]:
@@ -62,7 +62,7 @@ def command(sources: tuple[str, ...], to: str, output: Path | None, force: bool,
     with open_progress() as progress:
         outcome = compare(sources, problems, output, force, progress)
     words = [*outcome.findings, *outcome.about]
-    click.echo(format_rows(outcome.rows, to, words), nl=False)
+    show(format_rows(outcome.rows, to, words), to)
     for line in words if to in ("json", "csv") else ():
         say(line)
     return outcome.exit_code

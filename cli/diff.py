@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli import options
+from quadlog.cli.progress import show
 from quadlog.errors import ExitCode, UsageError, printable
 
 _AMOUNT = click.FloatRange(min=0)
@@ -43,5 +44,5 @@ def command(run_a: Path, run_b: Path, tolerance: float, relative: float, as_json
     if as_json:
         click.echo(print_table(COLUMNS, differences.to_numpy().tolist(), "json"), nl=False)
     else:
-        click.echo(f"A  {printable(run_a)}\nB  {printable(run_b)}\n{diff_text(differences, start_ns)}", nl=False)
+        show(f"A  {printable(run_a)}\nB  {printable(run_b)}\n{diff_text(differences, start_ns)}")
     return ExitCode.CHECK_FAILED if len(of_results(differences)) else ExitCode.DONE

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import folded, left_out, open_progress, print_json, say, table_lines
+from quadlog.cli.progress import laid_out, left_out, open_progress, print_json, say, show, table_lines
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 from quadlog.recordings.formatting import instant, listed
 
@@ -40,7 +40,7 @@ def command(recording: Path, as_json: bool, **given: Any) -> int:
         print_json(info)
     else:
         for line in info_lines(info):
-            click.echo(printable(line))
+            show(line)
     return ExitCode.WITH_LOSS if info["losses"] else ExitCode.DONE
 
 
@@ -86,13 +86,14 @@ def _topics(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
         rate = None if row["hz_min"] is None else f"{row['hz_min']:.4g}..{row['hz_max']:.4g}"
         offset = None if row["clock_offset_s"] is None else f"{row['clock_offset_s']:+.3f} s"
         rows.append(row | {"rate": rate, "offset": offset, "gaps": row["gaps"] or None, "role": row["role"] or ""})
-    head, *lines = table_lines(rows, TOPIC, most=len(rows)) or [""]
-    yield from [head] if rows else []
-    for row, line in zip(topics, lines, strict=True):
-        yield line
+    head, *laid, rest = laid_out(rows, TOPIC) or ([], ["no topics: nothing was recorded"])
+    yield from head
+    for row, lines in zip(topics, laid, strict=True):
+        yield from lines
         parts = [printable(part) for part in (row["type"], row["why"]) if part]
         fits = len(": ".join(parts)) <= 76
         yield from (f"    {part}" for part in ([": ".join(parts)] if fits else parts))
+    yield from rest
 
 
 def _chain(chain: dict[str, Any]) -> str:
@@ -122,7 +123,7 @@ def _uwb(info: dict[str, Any]) -> Iterator[str]:
     yield from table_lines(tags, TAG)
     if any(row["nis"] is not None for row in tags):
         yield "HDOP and 95 % semi-axes are medians; NIS per range: 1 where its std is right"
-    yield from (folded(f"biases of tag {row['tag']}: {row['calibration']}") for row in tags[:MOST_TAGS])
+    yield from (f"biases of tag {row['tag']}: {row['calibration']}" for row in tags[:MOST_TAGS])
     if info["uwb_body"]:
         yield f"tags {listed(info['uwb_body'])} are one body: replay takes its position and yaw from all"
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import report_skipped, say
+from quadlog.cli.progress import report_skipped, say, show
 from quadlog.errors import UsageError
 
 
@@ -56,7 +56,7 @@ def command(
     from quadlog.storage.remote_path import to_path
 
     if not runs:
-        click.echo(explain_runs(str(explain), [], None), nl=False)
+        show(explain_runs(str(explain), [], None))
         return 0
     on_time = OnTime(how["t_max_diff"], how["t_offset"], how["align"], how["project_to_plane"] is not None)
     truth = None if reference is None else Reference.read(reference, on_time)
@@ -68,9 +68,9 @@ def command(
             say(line)
         if explain is None:
             shown = [replace(run, path=to_path(as_given(run.path))) for run in outcome.runs]
-            click.echo(metrics_text(shown, to, outcome.differing), nl=False)
+            show(metrics_text(shown, to, outcome.differing), to)
         else:
-            click.echo(explain_runs(explain, outcome.runs, truth), nl=False)
+            show(explain_runs(explain, outcome.runs, truth))
     for line in outcome.failing:
         say(f"--fail-if {line}")
     return outcome.exit_code

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import shutil
+import math
 import sys
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -36,14 +35,19 @@ def print_json(value: object) -> None:
 
 
 def table_lines(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str], most: int = 40) -> Iterator[str]:
-    """The first rows as a table that fits the terminal: values by key, below their titles; no column without values."""
-    from quadlog.results.text import print_table, terminal_width
-
-    if rows:
-        names = [name for name in columns if any(row[name] is not None for row in rows)]
-        cells = [[row[name] for name in names] for row in rows[:most]]
-        yield from print_table([columns[name] for name in names], cells, width=terminal_width()).splitlines()
+    """The first rows as a table that fits the terminal."""
+    for lines in laid_out(rows[:most], columns):
+        yield from lines
     yield from left_out(len(rows) - most)
+
+
+def laid_out(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> list[list[str]]:
+    """As table_rows: values by key, below their titles; no column without values, and nothing without rows."""
+    from quadlog.results.text import table_rows, terminal_width
+
+    names = [name for name in columns if any(row[name] is not None for row in rows)]
+    cells = [[row[name] for name in names] for row in rows]
+    return table_rows([columns[name] for name in names], cells, terminal_width()) if rows else []
 
 
 def left_out(count: int) -> list[str]:
@@ -51,14 +55,16 @@ def left_out(count: int) -> list[str]:
     return [f"  and {count} more, all of them in --json"] if count > 0 else []
 
 
-def folded(line: str) -> str:
-    """The line without control characters, in a terminal broken at spaces to its width."""
-    if not sys.stdout.isatty():
-        return printable(line)
-    width = shutil.get_terminal_size().columns  # a topic's name may hold hyphens, and is not broken
-    return textwrap.fill(
-        printable(line), width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-    )
+def show(text: str, to: str = "table") -> None:
+    """Lines on stdout without control characters, in a terminal broken at spaces to its width; a format as it is."""
+    from quadlog.results.text import terminal_width, wrapped
+
+    if to != "table":
+        click.echo(text, nl=False)
+        return
+    lines = map(printable, text.removesuffix("\n").split("\n"))
+    width = terminal_width() if sys.stdout.isatty() else math.inf
+    click.echo("\n".join(part for line in lines for part in wrapped(line, width, "    ")))
 
 
 def report_skipped(runs: Sequence[Path]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import folded, open_progress, print_json, say
+from quadlog.cli.progress import open_progress, print_json, say, show
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 
 if TYPE_CHECKING:
@@ -92,8 +92,8 @@ def _print_verdicts(runs: Sequence[Path], in_full: bool) -> None:
 
     for path in runs:
         run = load_run(path)
-        click.echo(f"{path}: {status(run)[0]}")
+        show(f"{path}: {status(run)[0]}")
         for sentence in verdict(run) if in_full else ():
-            click.echo(folded(f"  {sentence.subject}: {sentence.text}"))
+            show(f"  {sentence.subject}: {sentence.text}")
     for folder in dict.fromkeys(path if in_full else path.parent for path in runs):
         click.echo(f"{folder / 'report.html'}")

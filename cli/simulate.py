@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import open_progress, print_json
+from quadlog.cli.progress import open_progress, print_json, show
 from quadlog.config.controllers import CONTROLLERS
 from quadlog.errors import UsageError
 
@@ -61,8 +61,8 @@ def command(
         return
     for name in dict.fromkeys(each.controller for each in runs):
         mine = [each for each in runs if each.controller == name]
-        click.echo(f"{mine[0].run.parent}: {mine[0].course}, {name}")
+        show(f"{mine[0].run.parent}: {mine[0].course}, {name}")
         by_seed = {f"seed {each.seed}": {name: of["value"] for name, of in each.metrics.items()} for each in mine}
-        click.echo(values_text(by_seed), nl=False)
+        show(values_text(by_seed))
         for each in mine:
-            click.echo(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")
+            show(f"{each.run / 'report.html'}{': ' + each.ended if each.ended else ''}")

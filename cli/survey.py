@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import open_progress, print_json, table_lines
+from quadlog.cli.progress import open_progress, print_json, show, table_lines
 from quadlog.errors import ExitCode
 
 COLUMNS = {"id": "anchor", "x_m": "x m", "x_bound_m": "+-", "y_m": "y m", "y_bound_m": "+-", "z_m": "z m"}
@@ -76,7 +76,7 @@ def command(
         print_json(found)
     else:
         rows = [row | {"nlos": percent(row["nlos_share"]), "note": _note(row)} for row in found["anchors"]]
-        click.echo("\n".join(table_lines(rows, COLUMNS)))
+        show("\n".join(table_lines(rows, COLUMNS)))
     return ExitCode.WITH_LOSS if outcome.losses else ExitCode.DONE
 
 

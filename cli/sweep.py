@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import open_progress, print_json, say
+from quadlog.cli.progress import open_progress, print_json, say, show
 
 
 @options.command(
@@ -56,7 +56,7 @@ def command(recording: Path, output: Path, seeds: int, seed: int, as_json: bool,
     if as_json:
         print_json([row.to_dict() for row in rows])
     else:
-        click.echo(f"{sweep_text(rows)}\nreport: {output / 'report.html'}")
+        show(f"{sweep_text(rows)}\nreport: {output / 'report.html'}")
     for line in ended.failure_lines("runs", "sweep.parquet"):
         say(line)
     return ended.exit_code

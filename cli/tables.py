@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from quadlog.cli import options
-from quadlog.cli.progress import open_progress
+from quadlog.cli.progress import open_progress, show
 from quadlog.pipelines.tables import TABLES
 
 NAMES = textwrap.fill(f"TABLE is any of {', '.join(TABLES)}. Default: all.", 76, break_on_hyphens=False)
@@ -34,6 +34,6 @@ def command(names: tuple[str, ...], output: Path, fast: bool, seed: int, force: 
     with open_progress() as progress:
         tables = make_tables(names, output, fast=fast, seed=seed, force=force, progress=progress)
     for table in tables:
-        click.echo(f"{table.name}: {table.title}: {table.reproduced if table.rows else table.sizes}")
-    click.echo(f"{output / 'report.html'}: every quantity, with pictures and notes")
+        show(f"{table.name}: {table.title}: {table.reproduced if table.rows else table.sizes}")
+    show(f"{output / 'report.html'}: every quantity, with pictures and notes")
     return 0

@@ -16,7 +16,8 @@ from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.stages.mount import find_mount, lidar_in_base
+from quadlog.pipelines.stages.mount import lidar_in_base
+from quadlog.pipelines.stages.outlook import Look
 from quadlog.recordings.clock import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
@@ -160,43 +161,13 @@ def _tf_rows(roles: Roles, seen: Survey, base: str | None) -> list[dict[str, Any
 
 def _outlook(recording: Recording, roles: Roles, config: Config, tags: Collection[int]) -> dict[str, Any]:
     """How far a replay will go, with what, and what is missing; tags: those that ranged."""
-    position, missing = _position_source(recording, roles, config), []
-    target = config.topics.target
-    if target == "auto":
-        target = "uwb" if position == "uwb" and len(tags) > 1 else "none" if position == "fixed" else "ahead"
-    if position == "fixed":
-        missing.append("a position; the robot is taken to stand still")
-    until = "map" if target == "none" else "control"
-    if "lidar" not in roles.found:
-        until = "position"
-        missing.append(roles.choices("lidar") or "a lidar")
-    else:
-        odometry = roles.found["odometry"].topics[0] if "odometry" in roles.found else None
-        lidar = roles.found["lidar"].topics[0]
-        if not find_mount(recording, roles, config, lidar, odometry).known:
-            missing.append("lidar.mount")
-    return {"until": until, "position": position, "target": target, "missing": missing}
-
-
-def _position_source(recording: Recording, roles: Roles, config: Config) -> str:
-    """What will give the robot's position, as `position` chooses it."""
-    wanted, placed = config.topics.position, roles.base_in_map(config.topics)
-    by_tf = "tf" if placed is None else f"tf {placed[1]} → {placed[0]}"
-    if wanted != "auto":
-        return by_tf if wanted == "tf" else wanted
+    by_uwb = False
     if "uwb" in roles.found or "uwb" in roles.ambiguous:
         # What locates takes half a second to load.
         from quadlog.pipelines.stages.positions.uwb import locates_by_uwb
 
-        if locates_by_uwb(recording, roles, config):
-            return "uwb"
-    if placed is not None:
-        return by_tf
-    if "odometry" in roles.found:
-        return "odometry"
-    if len(roles.topics("pose")) == 1:
-        return f"pose {roles.topics('pose')[0]}"
-    return next((source for role, source in (("joints", "legs"), ("lidar", "lidar")) if role in roles.found), "fixed")
+        by_uwb = locates_by_uwb(recording, roles, config)
+    return Look(recording, roles, config, by_uwb).outlook(tags)
 
 
 def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:

@@ -99,7 +99,7 @@ def survey_recording(
         data = read_log(log, progress)
         data = replace(data, config=with_carried_anchors(config, data.streams.anchor_places))
         tell_recording(data, journal)
-        if wants_lidar_track(config, log.roles, by_uwb=False):
+        if wants_lidar_track(replace(log, by_uwb=False), config):
             data = replace(data, tracker=LidarTracker(data, config))
         return _survey_walk(data, journal, given_heights)
 

@@ -159,7 +159,7 @@ class NothingReadable(FileError):
 class NothingToReplay(NothingReadable):
     """An intact recording without a message that quadlog uses."""
 
-    template = "{path}: nothing to replay: {reason}"
+    template = "{path}: nothing to replay (see  quadlog info): {reason}"
 
 
 class StorageUnknown(FileError):

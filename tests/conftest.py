@@ -37,6 +37,9 @@ settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=Tr
 settings.register_profile("nightly", max_examples=500, **ANY_FIXTURE)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
+# Whatever the terminal of the tests, commands print for one of 80 columns.
+os.environ["COLUMNS"] = "80"
+
 # nohup, and a shell that runs the tests in the background, have signals ignored, and what a test starts inherits that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 for number in (signal.SIGHUP, signal.SIGTERM):

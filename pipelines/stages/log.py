@@ -13,17 +13,18 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import MAX_LISTED, AmbiguousTopic, EmptyWindow, MissingInput, NothingToReplay, set_flag
+from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.outlook import Look, unless_ambiguous
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.store import only, stage
-from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.recording import open_configured
+from quadlog.recordings.roles import detect_roles
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_file, describe_input_aside
@@ -42,18 +43,11 @@ READING = (
 
 
 @dataclass(frozen=True)
-class Log:
-    """An open recording, which topic plays which role, and whether there are ranges and anchors to locate by.
-
-    path: as it was given. config: without what reading does not depend on.
-    """
+class Log(Look):
+    """What a replay knows of its recording before it reads it; path: as it was given."""
 
     path: Path
-    recording: Recording
-    roles: Roles
     options: ReplayOptions
-    config: Config
-    by_uwb: bool
 
     @property
     def lidar(self) -> str | None:
@@ -84,9 +78,7 @@ class Log:
     def _first_ns(self) -> int:
         first = next(iter(self.recording.messages(self.roles.played)), None)
         if first is None:
-            unknown = "".join(f"; {topic} {why}" for topic, why in self.recording.joints.refused.items())
-            words = f"no message of a type that quadlog uses; see  quadlog info{unknown}"
-            raise NothingToReplay(self.recording.path, words)
+            raise NothingToReplay(self.recording.path, self.why_nothing())
         return first.t_ns
 
     def span_ns(self, streams: Streams) -> tuple[int, int]:
@@ -117,7 +109,7 @@ def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log
     config = only(config, READING)
     with open_configured(path, config, options.msg_path, options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
-        yield Log(path, recording, roles, options, config, locates_by_uwb(recording, roles, config))
+        yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options)
 
 
 @dataclass(frozen=True)
@@ -163,7 +155,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     file = getattr(recording.container, "file", None)  # whose bytes are hashed while they are read, where possible
     digest = SharedDigest(file) if isinstance(file, LocalBytes) else None
     aside = None if digest else describe_input_aside(log.path)
-    topics = _topics_to_read(log)
+    topics = log.topics_to_read()
     wanted = Gatherer(**topics)
     wanted.take_static(recording)
     counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
@@ -263,34 +255,3 @@ def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | No
     ):
         fixed.append((streams.imu.frame_id, base))
     return mounts.moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())
-
-
-def _topics_to_read(log: Log) -> dict[str, Any]:
-    """The topics by role, as the gatherer takes them. Raises AmbiguousTopic for a role that is needed."""
-    roles, position = log.roles, log.config.topics.position
-    chosen = position if position in {channel.topic for channel in log.recording.channels} else None
-    # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.
-    needs_odometry = position in ("auto", "uwb", "odometry")
-    by_tf = position == "auto" and not log.by_uwb and "tf" in roles.found
-    odometry = unless_ambiguous(roles, "odometry") if by_tf else roles.topic("odometry") if needs_odometry else None
-    # Otherwise the IMU is only used to level scans and to turn the body of legs.
-    upright = unless_ambiguous(roles, "imu") if log.config.lidar.level or "joints" in roles.found else None
-    return {
-        "uwb": roles.topics("uwb") if log.by_uwb else (),
-        "odometry": chosen or odometry,
-        "imu": roles.topic("imu") if log.by_uwb and position in ("auto", "uwb") else upright,
-        "joints": unless_ambiguous(roles, "joints"),
-        "reference": unless_ambiguous(roles, "reference"),
-        "target": roles.topic("target"),
-        "tf": roles.topics("tf"),
-        "estimates": roles.topics("pose"),
-        "lidar": log.lidar,
-    }
-
-
-def unless_ambiguous(roles: Roles, role: str) -> str | None:
-    """The topic of an optional role; None if there is a choice."""
-    try:
-        return roles.topic(role)
-    except AmbiguousTopic:
-        return None

@@ -15,13 +15,13 @@ from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.messages import Float, Int, PointCloud
+from quadlog.pipelines.stages.outlook import Look
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
     LidarOdometry,
     LidarTrack,
     ScanMatch,
 )
-from quadlog.recordings.roles import Roles
 
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.log import LogData
@@ -88,21 +88,13 @@ def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]
     return (np.tile(np.eye(3), (len(t_ns), 1, 1)), None) if up is None else level_rotations(t_ns, up)
 
 
-def wants_lidar_track(config: Config, roles: Roles, by_uwb: bool) -> bool:
-    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position.
-
-    by_uwb: whether there are ranges and anchors.
-    """
+def wants_lidar_track(log: Look, config: Config) -> bool:
+    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position."""
     position = config.topics.position
-    if "lidar" not in roles.found:
+    if "lidar" not in log.roles.found:
         return False
-    if position == "lidar" or (by_uwb and config.lidar.odometry):
-        return True
-    if position != "auto":
-        return False
-    lone_pose = len(roles.topics("pose")) == 1
-    others = roles.base_in_map(config.topics) or roles.topic("odometry") or "joints" in roles.found
-    return not (by_uwb or lone_pose or others)
+    by_both = log.by_uwb and config.lidar.odometry
+    return position == "lidar" or by_both or (position == "auto" and log.position() == "lidar")
 
 
 class LidarTracker:

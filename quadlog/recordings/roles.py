@@ -221,7 +221,7 @@ def uwb_candidates(recording: Recording, free: Mapping[str, str], unused: dict[s
     kinds: dict[str, list[str]] = {}
     for topic, name in free.items():
         if name == RANGE_TYPE and recording.ends_of(topic) is None:
-            unused[topic] = "a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
+            unused[topic] = "is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
         elif UwbRanges in kinds_of(name):
             kinds.setdefault(last_part(name), []).append(topic)
     return [
@@ -241,7 +241,7 @@ def look_at_clouds(
     """
     samples = {topic: recording.sample(topic, SAMPLED_SCANS) for topic in topics}
     frame_of = {topic: each.frame_id for topic in topics for each in samples[topic] if isinstance(each, PointCloud)}
-    candidates = [_judge(topic, recording.types_of(topic), samples[topic]) for topic in topics]
+    candidates = [_judge(recording, topic, samples[topic]) for topic in topics]
     for at, (topic, each) in enumerate(zip(topics, candidates, strict=True)):
         if each.rank and frames.is_world(frame_of[topic], base):
             placed = frame_of[topic] in pose_frames or (base and frames.connects(frame_of[topic], base))
@@ -261,14 +261,15 @@ def look_at_clouds(
     ]
 
 
-def _judge(topic: str, types: Collection[str], samples: Sequence[object]) -> Candidate:
+def _judge(recording: Recording, topic: str, samples: Sequence[object]) -> Candidate:
     """Rank 5 a 3-D scan, 4 a flat cloud, 3 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
     clouds = _clouds(samples)
     if not clouds:
-        return Candidate((topic,), 0, "its first messages cannot be decoded")
+        why = recording.why_unsampled(topic, SAMPLED_SCANS) or "it holds no cloud"
+        return Candidate((topic,), 0, f"cannot be decoded: {why}")
     points = max(clouds, key=len)
     described = f"{len(points)} points per scan"
-    planar = PLANAR_SCANS.issuperset(types)
+    planar = PLANAR_SCANS.issuperset(recording.types_of(topic))
     if len(points) == 0:
         return Candidate((topic,), 0, "its first scans are empty")
     if "radar" in topic.lower() or (len(points) < FEW_POINTS and not planar):
@@ -453,11 +454,16 @@ class Roles:
             choices = tuple((topic,) for topic in self.targets)
         return str(AmbiguousTopic(role, choices)) if choices else ""
 
+    def why_unfit(self, role: str) -> str:
+        """The choice for a role, or why topics that look fit for it are not; empty where there is none."""
+        unfit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
+        more = [f"and {len(unfit) - MAX_LISTED} more"] if len(unfit) > MAX_LISTED else []
+        return self.choices(role) or "; ".join([*unfit[:MAX_LISTED], *more])
+
     def why_none(self, role: str) -> str:
         """The message for a role that no topic has."""
-        looked_fit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
-        more = [f"and {len(looked_fit) - MAX_LISTED} more"] if len(looked_fit) > MAX_LISTED else []
-        return "; ".join([f"no topic is fit to be the {role}", *looked_fit[:MAX_LISTED], *more])
+        words = "" if role in self.ambiguous else f"no topic is fit to be the {role}"
+        return "; ".join(filter(None, [words, self.why_unfit(role)]))
 
 
 def detect_roles(recording: Recording, topics: Topics) -> Roles:

@@ -9,11 +9,13 @@ import json
 import math
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import zip_longest
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from rich.cells import cell_len
 
 from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
@@ -128,7 +130,9 @@ def bounds_of(run: Run) -> dict[str, Bound]:
 
 _STYLES = {"table": "plain", "plain": "plain", "markdown": "pipe", "latex": "latex_booktabs"}
 FORMATS = (*_STYLES, "csv", "json")
-_NUMBER = re.compile(r"[-+\u2212]?\d[\d.\u2009 ]*(e[-+]?\d+)?\*?( ?%)?")
+_AMOUNT = r"[-+\u2212]?\d[\d.\u2009 ]*(e[-+]?\d+)?"
+_NUMBER = re.compile(rf"{_AMOUNT}\*?(| s|[ \u202f]?%| to {_AMOUNT}[\u202f%°]*)")
+_FLAG = re.compile(r"""--[a-z]+ ('[^']*'|"[^"]*"|[^\s'";])+""")
 _NARROWEST = 12
 _LATEX = {0x2212: "$-$", 0x2009: r"\,", 0x202F: r"\,", 0xFFFD: "?"}  # what pdflatex has no glyph for
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_\[\]<>|~$&#])")
@@ -136,13 +140,13 @@ _LIST_ITEM = re.compile(r"^(\d*)([-+.)])(?=[\s-]|$)")  # what a paragraph must n
 
 
 def print_table(
-    header: Sequence[str], rows: Sequence[Sequence[Any]], to: str = "plain", width: int | None = None
+    header: Sequence[str], rows: Sequence[Sequence[Any]], to: str = "plain", width: float = math.inf
 ) -> str:
     """The table as text in one of FORMATS, with a line end; csv and json are for scripts, all else is for readers.
 
     Readers see four significant digits; scripts get numbers in full, an empty field (csv) or no entry (json) where
-    there is none. Cells may hold anything: they are escaped, and control characters replaced. width: texts of a plain
-    table are folded so that it fits.
+    there is none. Cells may hold anything: they are escaped, and control characters replaced. width: of a plain
+    table, as of table_rows.
     """
     if to == "json":
         objects = [{name: cell for name, cell in zip(header, row, strict=True) if _exists(cell)} for row in rows]
@@ -150,22 +154,86 @@ def print_table(
     if to == "csv":
         text = csv_table([header, *([cell if _exists(cell) else "" for cell in row] for row in rows)])
         return text.encode("utf-8", "replace").decode()  # a file name may hold what is no text
+    if _STYLES[to] == "plain":
+        return "".join(f"{line}\n" for lines in table_rows(header, rows, width) for line in lines)
     from tabulate import tabulate
 
-    escape = escape_markdown if to == "markdown" else printable
-    cells = [[escape(cell) if isinstance(cell, str) else shown(cell) for cell in row] for row in rows]
-    lines = [list(map(escape, header)), *(cells or [[""] * len(header)])]
-    columns = list(zip(*lines[1:], strict=True))
-    right = [any(column) and all(_NUMBER.fullmatch(cell) or not cell for cell in column) for column in columns]
-    how: dict[str, Any] = {"colalign": ["right" if each else "left" for each in right], "disable_numparse": True}
-    if _STYLES[to] == "plain":  # tabulate would widen columns below a header
-        text = tabulate(lines, (), "plain", maxcolwidths=width and _folded(lines, right, width), **how)
-    else:
-        text = tabulate(lines[1:], lines[0], _STYLES[to], **how)
+    columns, right = _columns(header, rows, escape_markdown if to == "markdown" else printable)
+    head, *cells = zip(*columns, strict=True)
+    sides = ["right" if each else "left" for each in right]
+    text = tabulate(cells or [[""] * len(head)], head, _STYLES[to], colalign=sides, disable_numparse=True)
     if to == "latex":
         # A bracket or star would be an option of the line end before it.
         text = re.sub(r"^ *(?=[\[*])", "{}", text.translate(_LATEX), flags=re.MULTILINE)
     return "".join(f"{line.rstrip()}\n" for line in text.split("\n"))
+
+
+def table_rows(header: Sequence[str], rows: Sequence[Sequence[Any]], width: float = math.inf) -> list[list[str]]:
+    """A plain table that fits `width` columns of a terminal: lines of the header, of each row, on what is left out.
+
+    Names stay whole. Texts are folded at spaces; then long names of the first column get a line of their own; then
+    columns of numbers are left out, the last ones first; then a row is broken between its cells.
+    """
+    columns, right = _columns(header, rows, printable)
+    left_out = list[str]()
+    while _excess(widths := _widths(columns, right, width), width) and any(right[1:]):
+        at = max(at for at, number in enumerate(right) if number)
+        left_out.insert(0, columns.pop(at)[0])
+        del right[at]
+    said = f"left out in {width} columns, but not in --json or --format csv: {', '.join(left_out)}"
+    lines = [*(_lines(row, widths, right) for row in zip(*columns, strict=True)), [said] if left_out else []]
+    return [[part for line in each for part in wrapped(line, width, "    ")] for each in lines]
+
+
+def _columns(
+    header: Sequence[str], rows: Sequence[Sequence[Any]], escape: Callable[[str], str]
+) -> tuple[list[tuple[str, ...]], list[bool]]:
+    """The texts of each column, its title first, and whether they are numbers."""
+    cells = [[escape(cell) if isinstance(cell, str) else shown(cell) for cell in row] for row in rows]
+    columns = list(zip(map(escape, header), *cells, strict=True))
+    return columns, [any(of) and all(_NUMBER.fullmatch(cell) or not cell for cell in of) for _, *of in columns]
+
+
+def _widths(columns: Sequence[Sequence[str]], right: Sequence[bool], width: float) -> list[int]:
+    """The width of each column where texts are folded, and then the first one narrowed, until the table fits."""
+    widths = [max(map(cell_len, column)) for column in columns]
+    words = [max(cell_len(word) for cell in column for word in wrapped(cell, 0)) for column in columns]
+    texts = [at for at, number in enumerate(right) if at and not number]
+    while _excess(widths, width) and (wide := [at for at in texts if widths[at] > max(words[at], _NARROWEST)]):
+        widths[max(wide, key=widths.__getitem__)] -= 1
+    widths[0] -= 0 if right[0] else min(_excess(widths, width), widths[0])
+    return widths
+
+
+def _excess(widths: Sequence[int], width: float) -> int:
+    return int(max(sum(widths) + 2 * (len(widths) - 1) - width, 0))
+
+
+def _lines(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> list[str]:
+    """A row of a table; a first cell that is wider than its column has a line of its own."""
+    name, *others = cells
+    alone = [name] if cell_len(name) > widths[0] else []
+    parts = [wrapped(cell, size) for cell, size in zip(["" if alone else name, *others], widths, strict=True)]
+    for texts in zip_longest(*parts, fillvalue=""):
+        alone.append("  ".join(map(_padded, texts, widths, right)).rstrip())
+    return alone
+
+
+def _padded(text: str, size: int, right: bool) -> str:
+    blank = " " * (size - cell_len(text))
+    return blank + text if right else text + blank
+
+
+def wrapped(text: str, width: float, indent: str = "") -> list[str]:
+    """The text in lines of so many columns of a terminal, broken at spaces: longer words, and flags to paste, whole."""
+    first, *words = _FLAG.sub(lambda flag: flag[0].replace(" ", "\xa0"), text).split(" ")
+    lines = [first]
+    for word in words:
+        if cell_len(lines[-1]) + 1 + cell_len(word) <= width or not lines[-1].strip():
+            lines[-1] += f" {word}"
+        elif word:
+            lines.append(indent + word)
+    return [line.replace("\xa0", " ").rstrip() for line in lines]
 
 
 def _exists(value: Any) -> bool:
@@ -175,19 +243,6 @@ def _exists(value: Any) -> bool:
 def shown(cell: Any) -> str:
     """A cell as readers see it."""
     return "" if not _exists(cell) else sig(cell, 4) if isinstance(cell, float) else minus(str(cell))
-
-
-def _folded(lines: Sequence[Sequence[str]], keep: Sequence[bool], width: int) -> list[int]:
-    """The width of each column: numbers keep theirs, and words are broken only where nothing else helps."""
-    columns = list(zip(*lines, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    words = [max(len(word) for cell in column for word in cell.split() or [""]) for column in columns]
-    for _ in range(sum(widths) + 2 * (len(widths) - 1) - width):
-        texts = [at for at, kept in enumerate(keep) if not kept and widths[at] > _NARROWEST]
-        at = max(texts, key=lambda at: (widths[at] > words[at], widths[at]), default=None)
-        if at is not None:
-            widths[at] -= 1
-    return widths
 
 
 def terminal_width() -> int:
@@ -208,7 +263,7 @@ class TitledTable(NamedTuple):
     rows: Sequence[Sequence[Any]]
 
 
-def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = (), width: int | None = None) -> str:
+def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = (), width: float = math.inf) -> str:
     """Tables for readers below their titles, then notes; in latex titles and notes are comments."""
     escape, gap = (escape_markdown, "\n") if to == "markdown" else (printable, "")
     mark, needs = ("% ", "% needs \\usepackage{booktabs}\n") if to == "latex" else ("", "")
@@ -263,7 +318,7 @@ def values_text(
     labels, tables, legend = list(runs), [], list[str]()
     for first in range(0, len(labels), MOST_BESIDE) if len(labels) <= MOST_BESIDE or not averaged else ():
         heads = mine = labels[first : first + MOST_BESIDE]
-        if max(map(len, mine)) > _LONGEST_LABEL and len(mine) > 1:
+        if max(map(cell_len, mine)) > _LONGEST_LABEL and len(mine) > 1:
             heads = list(ascii_uppercase[: len(mine)])
             legend += map(": ".join, zip(heads, mine, strict=True))
         rows = [(name, *(runs[label].get(name) for label in mine), unit) for name, unit in units.items()]

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sqlite3
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from quadlog.cli.main import run as run_cli
 from quadlog.results.tables import read_table
@@ -39,16 +44,123 @@ def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(
     assert lines[-1] == expected
 
 
-def test_info_names_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = Log()
-    for t_s in instants_s(2.0, 20):
-        log.odometry(ns(t_s), Room(6.0).at(t_s))
+def scanners(log: Log) -> None:
     for name in ("front", "rear"):
         add_scans(log, Room(6.0), 2.0, topic=f"/{name}/scan", frame=f"{name}_laser")
-    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith("a replay will go to: position; position: odometry; target: ahead; missing: 2 topics could")
-    assert "--set topics.lidar=/front/scan" in last
+
+
+def each(*kinds: Callable[[Log, float], None]) -> Callable[[Log], None]:
+    """Two seconds of what every kind adds at an instant."""
+
+    def make(log: Log) -> None:
+        for t_s in instants_s(2.0, 20):
+            for add in kinds:
+                add(log, t_s)
+
+    return make
+
+
+def odometry(topic: str = "/odom") -> Callable[[Log, float], None]:
+    return lambda log, t_s: log.odometry(ns(t_s), Room(6.0).at(t_s), topic)
+
+
+def pose(topic: str) -> Callable[[Log, float], None]:
+    return lambda log, t_s: log.pose(ns(t_s), Room(6.0).at(t_s), topic)
+
+
+def ranges(topic: str) -> Callable[[Log, float], None]:
+    return lambda log, t_s: log.range(ns(t_s), topic, 2.0)
+
+
+def joints(*names: str) -> Callable[[Log, float], None]:
+    return lambda log, t_s: log.joints(ns(t_s), list(names))
+
+
+def imu_of_another_clock(log: Log, t_s: float) -> None:
+    log.imu(ns(t_s), 9.81)
+    log.messages[-1][2].header.stamp.sec -= 86400
+
+
+FORETOLD: dict[str, tuple[Callable[[Log], None], str, str, str]] = {
+    "two-lidars": (
+        scanners,
+        "",
+        "nothing",
+        "choose with  --set topics.lidar=/front/scan  or  --set topics.lidar=/rear",
+    ),
+    "two-lidars-and-odometry": (
+        lambda log: (scanners(log), each(odometry())(log))[-1],
+        "",
+        "odometry",
+        "choose with  --set topics.lidar=/front/scan",
+    ),
+    "two-odometries": (each(odometry("/a"), odometry("/b")), "", "nothing", "--set topics.odometry=/b"),
+    "wheels": (each(joints("left", "right")), "", "nothing", "/joint_states names no joint of four legs, but left"),
+    "a-message-a-leg": (
+        each(joints(*LEGS[:3]), joints(*LEGS[3:6])),
+        "",
+        "nothing",
+        "no joint of four legs, but FL_hip",
+    ),
+    "ranges-without-ends": (
+        each(ranges("/range_a"), ranges("/range_b")),
+        "",
+        "nothing",
+        "/range_b is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]",
+    ),
+    "ranges-without-anchors": (
+        each(ranges("/uwb/tag0/anchor1"), pose("/vicon/robot")),
+        "",
+        "fixed",
+        "--set topics.position=/vicon/robot; UWB ranges need [[uwb.anchors]], see  quadlog survey",
+    ),
+    "two-poses": (
+        each(pose("/a"), pose("/b")),
+        "",
+        "fixed",
+        "what could give it:  --set topics.position=/a  or  --set topics.position=/b",
+    ),
+    "another-payload": (
+        each(odometry()),
+        "",
+        "nothing",
+        "/odom cannot be decoded: not a nav_msgs/msg/Odometry",
+    ),
+    "another-payload-beside-joints": (
+        each(odometry(), joints(*LEGS)),
+        "",
+        "legs",
+        "not a nav_msgs/msg/Odometry: Invalid",
+    ),
+    "two-clocks": (each(odometry(), imu_of_another_clock), "", "nothing", "cannot be compared; use  --stamp log"),
+    "a-source-that-is-not-there": (
+        each(odometry()),
+        '[topics]\nposition = "tf"',
+        "nothing",
+        "topics.position = 'tf', but no moving transforms lead from 'map' to the robot's frame; what could give it",
+    ),
+    "no-topics": (lambda log: None, "", "nothing", "no message of a type that quadlog uses"),
+}
+"""A log, a configuration, what will give the position or that there is nothing to replay, and what is missing."""
+
+
+@pytest.mark.parametrize("name", FORETOLD)
+def test_info_foretells_what_a_replay_does_and_says(name: str, tmp_path: Path, described: Any, replayed: Any) -> None:
+    make, config, position, missing = FORETOLD[name]
+    log = Log()
+    make(log)
+    path = log.write(tmp_path / "log", StoragePlugin.SQLITE3)
+    if name.startswith("another-payload"):
+        with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as store, store:
+            odometry_alone = "topic_id = (SELECT id FROM topics WHERE name = '/odom')"
+            store.execute(f"UPDATE messages SET data = CAST(x'0007' || substr(data, 3) AS BLOB) WHERE {odometry_alone}")
+    outlook, done = described(path, config)["replay"], replayed(path, config=config)
+    assert missing in "; ".join(outlook["missing"])
+    assert missing in done.err
+    if position == "nothing":
+        assert (outlook["until"], done.code) == ("nothing", 1)
+    else:
+        assert (outlook["until"], outlook["position"], done.sources()) == ("position", position, {position})
 
 
 @pytest.mark.parametrize("kind", ["tf", "joints"])

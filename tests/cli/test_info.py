@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
 
 from quadlog.cli.info import info_lines
+from quadlog.cli.progress import show
 from quadlog.config.file import load_config
 from quadlog.recordings.containers.container import EXCERPT
 from tests.cli.conftest import FOLLOW
@@ -105,9 +107,13 @@ def info():
     return describe_recording(Path(FOLLOW[0]), load_config(Path(FOLLOW[2])))
 
 
-def test_the_health_of_ranges_fits_a_terminal(info):
-    lines = list(info_lines(info))
-    assert max(len(line) for line in lines if not line.startswith("biases")) <= 80
+def test_the_health_of_ranges_fits_a_terminal(info, monkeypatch, capsys):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    for width in (40, 60, 80):
+        monkeypatch.setenv("COLUMNS", str(width))
+        show("\n".join(info_lines(info | {"path": "follow.mcap"})))
+        lines = capsys.readouterr().out.replace("--set ", "--set=").splitlines()
+        assert [line for line in lines if len(line) > width and " " in line.strip()] == []
     at = next(at for at, line in enumerate(lines) if line.split()[:4] == ["tag", "anchor", "ranges", "residual"])
     link = lines[at + 1].split()
     row = info["uwb"][0]

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog import geometry
 from quadlog.config.schema import Config
-from quadlog.errors import MAX_LISTED, MissingInput, set_flag
+from quadlog.errors import MissingInput
 from quadlog.geometry import roll_pitch_from_quat, seconds_since, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
@@ -18,6 +18,7 @@ from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
+from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
@@ -28,12 +29,11 @@ from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import several
-from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
+from quadlog.recordings.roles import kinds_of, names_estimator, names_truth
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 
-AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
 LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
@@ -58,7 +58,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
     """
     journal.progress.begin("position", None)
     with journal.clock.stage("position"):
-        tracker = LidarTracker(data, config) if wants_lidar_track(config, data.log.roles, data.log.by_uwb) else None
+        tracker = LidarTracker(data, config) if wants_lidar_track(data.log, config) else None
         config = with_carried_anchors(config, data.streams.anchor_places)
         data = replace(data, config=config, tracker=tracker)
         data = replace(data, legs=track_legs(data))
@@ -134,7 +134,8 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
     if wanted == "auto":
         track = next(found for name in AUTO_ORDER if (found := sources[name]()) is not None)
         if track.source == "fixed":
-            others = ways_out(data, journal)
+            log, used = data.log, journal.topics.get("position", ())
+            others = log.ways_out(data.streams.tf, used, failures(data)) or SEE_INFO
             journal.warn(f"no position was found: the robot is taken to stand at the origin all the time; {others}")
         return track
     if wanted in sources:
@@ -146,9 +147,7 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
     else:
         chosen = _from_poses(read_tum(Path(wanted)), "file", journal)
     if chosen is None:
-        raise MissingInput(
-            "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
-        )
+        raise data.log.without(wanted, data.streams.tf, failures(data))
     return chosen
 
 
@@ -348,36 +347,11 @@ def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:
     return bool(known.any() and np.median(apart_m[known]) < SAME_M)
 
 
-def ways_out(data: LogData, journal: Journal) -> str:
-    """The chains of tf and the topics that could give a position, and why lidar and ranges do not, in one line."""
-    chains = [(chain[0].parent, chain[-1].child) for chain in data.streams.tf.chains(None)]
-    flags = [f"{set_flag('topics.map_frame', [root])} {set_flag('topics.base_frame', [end])}" for root, end in chains]
-    taken = (data.config.topics.position, *journal.topics.get("position", ()))
-    flags += [set_flag("topics.position", [each]) for each in position_topics(data.log.recording) if each not in taken]
-    unknown = "uwb" in data.log.roles.found and not data.config.uwb.anchors
-    words = {
-        "what could give it:  ": "  or  ".join(flags[:MAX_LISTED]),
-        "legs: ": why_failed(data, "legs"),
-        "UWB ranges need ": "[[uwb.anchors]], see  quadlog survey" if unknown else "",
-        "lidar: ": "" if data.config.topics.position == "lidar" else _why_no_lidar(data),
-    }
-    return "; ".join(name + text for name, text in words.items() if text) or "see  quadlog info"
-
-
-def why_none(data: LogData, source: str) -> str:
-    """Why a source that was chosen gives no position."""
-    topics, roles = data.config.topics, data.log.roles
-    base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
-    ranges = "no position could be solved from the ranges" if data.streams.ranges else "there are no UWB ranges"
-    reasons = {
-        "uwb": lambda: ranges if data.config.uwb.anchors else "no [[uwb.anchors]] are configured",
-        "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
-        "pose": lambda: f"{len(roles.topics('pose')) or 'no'} topics could be the pose",
-        "legs": lambda: why_failed(data, source) or "no angles of twelve leg joints are known",
-        "lidar": lambda: _why_no_lidar(data),
-        "odometry": lambda: roles.why_none(source),
-    }
-    return reasons.get(source, lambda: "it holds no poses")()
+def failures(data: LogData) -> dict[str, str]:
+    """Why the sources that were tried give no position."""
+    ranges = {"uwb": "no position could be solved from the ranges"} if data.streams.ranges else {}
+    tried = {source: why for source in ("legs", "lidar") if (why := why_failed(data, source))}
+    return ranges | ({} if data.tracker is None else {"lidar": "it took no scan"}) | tried
 
 
 def why_failed(data: LogData, source: str) -> str:
@@ -385,11 +359,3 @@ def why_failed(data: LogData, source: str) -> str:
     if source == "legs" and data.legs is not None:
         return "no foot stands"
     return data.tracker.why_lost() if source == "lidar" and data.tracker is not None else ""
-
-
-def _why_no_lidar(data: LogData) -> str:
-    if data.tracker is not None:
-        return why_failed(data, "lidar") or "it took no scan"
-    if "lidar" in data.log.roles.found:
-        return f"its scans were not matched; they are with  {set_flag('topics.position', ['lidar'])}"
-    return data.log.roles.choices("lidar") or data.log.roles.why_none("lidar")
