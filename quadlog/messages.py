@@ -7,7 +7,9 @@ chose. Whole topics of small messages are gathered into column series.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -48,7 +50,7 @@ class PointTimes:
     @property
     def offset_ns(self) -> Int:
         """(N,) int64 relative to the stamp."""
-        if self.value.dtype.kind != "f":
+        if self.value.dtype.kind != "f" and (self.zero, self.scale) == (0.0, 1.0):
             return self.value.astype(np.int64) - round(self.shift_ns)
         offsets: Int = np.rint((self.value.astype(np.float64) - self.zero) * self.scale - self.shift_ns)
         return offsets.astype(np.int64)
@@ -61,6 +63,7 @@ class PointCloud:
     xyz_m: (N, 3) float32 in frame_id, non-finite points included; often a view of the message's payload.
     ring: (N,) uint16 beam index, or None where the sensor gives none; may be a view as well.
     times: of each point, or None. They can also be given as offset_ns, (N,) int64 relative to stamp_ns.
+    time_fields: name -> (N,) values that may be times, in a unit and from a zero that are still to be found.
     """
 
     stamp_ns: int | None
@@ -68,6 +71,7 @@ class PointCloud:
     xyz_m: NDArray[np.float32]
     ring: NDArray[np.uint16] | None
     times: PointTimes | None
+    time_fields: Mapping[str, NDArray[Any]]
 
     def __init__(
         self,
@@ -77,10 +81,11 @@ class PointCloud:
         ring: NDArray[np.uint16] | None = None,
         offset_ns: Int | None = None,
         times: PointTimes | None = None,
+        time_fields: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     ) -> None:
         given = times if offset_ns is None else PointTimes.of_offsets(offset_ns)
-        values = {"stamp_ns": stamp_ns, "frame_id": frame_id, "xyz_m": xyz_m, "ring": ring, "times": given}
-        for name, value in values.items():
+        values = (stamp_ns, frame_id, xyz_m, ring, given, time_fields)
+        for name, value in zip(self.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
 
     @property

@@ -15,6 +15,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
+from quadlog.lidar.point_times import AS_THEY_COME, TimeReading, find_reading
 from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
@@ -132,6 +133,7 @@ class LogData:
     last_ns: int
     legs: LegTrack | None = None
     tracker: LidarTracker | None = None
+    point_times: TimeReading = AS_THEY_COME
 
     @property
     def anchors_carried(self) -> bool:
@@ -143,7 +145,7 @@ class LogData:
         repeated = iter(self.streams.repeated_clouds.tolist())
         for t_ns, _, cloud in self.log.recording.messages(self.log.lidar or (), *self.log.window):
             if isinstance(cloud, PointCloud) and not next(repeated, False):
-                yield t_ns, cloud if self.mover is None else self.mover.moved(t_ns, cloud)
+                yield t_ns, self.point_times.timed(cloud) if self.mover is None else self.mover.moved(t_ns, cloud)
 
 
 def read_log(log: Log, progress: Progress) -> LogData:
@@ -185,8 +187,11 @@ def read_log(log: Log, progress: Progress) -> LogData:
         first_ns=first_ns,
         last_ns=last_ns,
     )
-    first_clouds = islice(data.clouds() if mover is None else (), mounts.LOOKED_AT)
-    return replace(data, mount=mounts.with_tilt(mount, first_clouds, data.up))
+    if mover is not None:
+        return data
+    point_times = find_reading((cloud for _, cloud in data.clouds()), streams.clouds_ns)
+    mount = mounts.with_tilt(mount, islice(data.clouds(), mounts.LOOKED_AT), data.up)
+    return replace(data, mount=mount, point_times=point_times)
 
 
 @dataclass(frozen=True, slots=True)

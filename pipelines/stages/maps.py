@@ -122,6 +122,8 @@ def _filtered(
         journal.warn(text)
     if (doubt := data.mount.warning()) is not None:
         journal.warn(doubt)
+    for text in data.point_times.warnings(journal.counts.get("scans", 0)) if config.lidar.deskew else ():
+        journal.warn(text)
     topic = str(data.log.lidar)
     tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})")
 

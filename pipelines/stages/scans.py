@@ -106,7 +106,7 @@ class LidarTracker:
         self._odometry, self._deskew = LidarOdometry(config.lidar.min_range_m), config.lidar.deskew
         self._mount, self._up = data.mount.transform_lidar_to_base, data.up
         self._levelled: list[Float] = []
-        self._scans = 0
+        self._scans, self._times = 0, data.point_times
         for t_ns, cloud in data.clouds():
             self._take(t_ns, cloud)
 
@@ -145,7 +145,8 @@ class LidarTracker:
         """How many scans do not determine the whole pose, and why."""
         match = self._odometry.track().match
         sliding = (match == ScanMatch.DEGENERATE).sum()
-        lines = [f"{why}: no pose is given there"] if (why := self.why_lost()) else []
+        lines = self._times.warnings(self._scans) if self._deskew else []
+        lines += [f"{why}: no pose is given there"] if (why := self.why_lost()) else []
         if sliding:
             lines.append(
                 f"{sliding} of {len(match)} scans show surfaces that face one way, as a corridor does: along them "

@@ -14,9 +14,9 @@ from quadlog.recordings.decoders import foxglove, joints, laser_scan, pose, unit
 from quadlog.recordings.decoders.columns import Ways
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.payload import Payload
-from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, checked_cloud, livox_decoder
+from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, Warn, checked_cloud, livox_decoder
 from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
-from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoders.ros_messages import Definitions, is_defined_as
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
 
 Result = TypeVar("Result")
@@ -24,12 +24,9 @@ Result = TypeVar("Result")
 # One payload can hold the ranges of several tags, so a decoder gives a tuple.
 Decoder = Callable[[Payload], tuple[Message, ...]]
 
-# Bodies too large for a generic decoder: read by hand.
-BY_HAND: dict[str, Callable[..., Callable[[Payload], Message]]] = {
-    "sensor_msgs/msg/PointCloud2": PointCloud2Decoder,
-    "livox_ros_driver/msg/CustomMsg": livox_decoder,
-    "livox_ros_driver2/msg/CustomMsg": livox_decoder,
-}
+# Bodies too large for a generic decoder: read by hand. Each Livox driver has its package, and others copy its message:
+# matched by the last part of the type, outside of Livox's packages by the definition, too.
+POINT_CLOUD, LIVOX, LIVOX_PACKAGES = "sensor_msgs/msg/PointCloud2", "CustomMsg", "livox_"
 
 # Deserialised by definition, then turned into quadlog's own: (message, topic) -> Message.
 ROS: dict[str, Callable[[Any, str], Message]] = {
@@ -105,7 +102,7 @@ FOXGLOVE_JSON: dict[str, Callable[..., Callable[[Payload], Message]]] = {
 }
 
 # Whose decoders take make_cloud, one of those in decoders/point_cloud.py.
-CLOUDS = {*BY_HAND, "foxglove.PointCloud"}
+CLOUDS = {POINT_CLOUD, "foxglove.PointCloud"}
 
 LINKTRACK_IN_COLUMNS: dict[str, Ways] = {
     "LinktrackTagframe0": [
@@ -129,10 +126,16 @@ def last_part(type_name: str) -> str:
     return type_name.rpartition("/")[2]
 
 
+def is_cloud(type_name: str) -> bool:
+    """Whether decoders of a type take make_cloud."""
+    return type_name in CLOUDS or last_part(type_name) == LIVOX
+
+
 def decoder_plugin(type_name: str) -> Plugin | None:
     """The plug-in that decodes a type, None where there is none. Raises PluginNameTaken."""
-    own = (BY_HAND, ROS, SEVERAL, BODY, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
+    own = (CLOUDS, ROS, SEVERAL, BODY, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
     taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
+    taken = taken or (is_cloud(type_name) and type_name.startswith(LIVOX_PACKAGES))
     return find_plugin(DECODERS, type_name, taken=taken)
 
 
@@ -155,12 +158,15 @@ def is_decodable(channel: Channel) -> bool:
         return name in FOXGLOVE_PROTOBUF
     if encoding == "json":
         return name in FOXGLOVE_JSON
+    if last_part(name) == LIVOX:
+        known = name.startswith(LIVOX_PACKAGES)
+        return known or is_defined_as("livox_ros_driver2", name, channel.schema_encoding, channel.schema)
     return _has_own(name) or isinstance(found_pose(channel), PoseField)
 
 
 def _has_own(name: str) -> bool:
     """Whether there is a decoder for ROS messages of this type."""
-    return any(name in table for table in (BY_HAND, ROS, SEVERAL, BODY)) or last_part(name) in LINKTRACK
+    return any(name in table for table in (CLOUDS, ROS, SEVERAL, BODY)) or last_part(name) in LINKTRACK
 
 
 def found_pose(channel: Channel) -> PoseField | str:
@@ -177,11 +183,12 @@ def decoder_for(
     order: JointOrder | None = None,
     *,
     points: bool = True,
+    warn: Warn = lambda _: None,
 ) -> Decoder | None:
     """The channel's decoder, or None for a type that quadlog has no use for.
 
     order: of joints; None: detected. points: False for clouds that are checked but come without points, except those
-    of plug-ins.
+    of plug-ins. warn: gets what is put right in clouds.
     Raises DecodeError where the type is known but its encoding or its
     definition is not; the decoder raises it for single payloads.
     """
@@ -194,14 +201,16 @@ def decoder_for(
     plugged = plugged_decoder(name)
     if plugged is not None:
         return _plugged(channel, plugged, definitions or Definitions())
-    of_clouds = {} if points or name not in CLOUDS else {"make_cloud": checked_cloud}
+    of_clouds = {} if points or not is_cloud(name) else {"make_cloud": checked_cloud}
     if encoding == "json":
         return _single(FOXGLOVE_JSON[name](topic, **of_clouds))
     if encoding == "protobuf":
         interpret = partial(FOXGLOVE_PROTOBUF[name], **of_clouds)
         return _single(_chain(foxglove.protobuf_deserialiser(channel), interpret, topic))
-    if name in BY_HAND:
-        return _single(BY_HAND[name](topic, encoding, **of_clouds))
+    if name == POINT_CLOUD:
+        return _single(PointCloud2Decoder(topic, encoding, warn=warn, **of_clouds))
+    if last_part(name) == LIVOX:
+        return _single(livox_decoder(topic, encoding, **of_clouds))
     definitions = definitions or Definitions()
     if name in ROS:
         return _single(definitions.decoder(channel, ROS[name]))

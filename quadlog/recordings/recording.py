@@ -20,7 +20,7 @@ from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
-from quadlog.recordings.decoding import CLOUDS, Decoder, decoder_for, found_pose, is_decodable, ways_in_columns
+from quadlog.recordings.decoding import Decoder, decoder_for, found_pose, is_cloud, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
@@ -89,6 +89,7 @@ class Recording(ClosedOnExit):
         self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
+        self._mended: dict[str, None] = {}
 
     @property
     def path(self) -> Path:
@@ -120,7 +121,7 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless]))
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless, *self._mended]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -390,12 +391,13 @@ class Recording(ClosedOnExit):
         return decoded
 
     def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
-        points = points or channel.type_name not in CLOUDS
+        points = points or not is_cloud(channel.type_name)
         known = self._decoders.get((id(channel), points))
         if known is None:
             decoder = None
             try:
-                decoder = decoder_for(channel, self._definitions, self.joints, points=points)
+                warn = self._mended.setdefault
+                decoder = decoder_for(channel, self._definitions, self.joints, points=points, warn=warn)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
             # The channel is kept, so its id stays its own.

@@ -16,7 +16,7 @@ from quadlog.messages import Imu, Int, JointStates, Message, Odometry, PointClou
 from quadlog.recordings.clock import FAR_APART_NS
 from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
-from quadlog.recordings.decoding import LINKTRACK, REFUSED, last_part, plugged_decoder
+from quadlog.recordings.decoding import LINKTRACK, LIVOX, REFUSED, last_part, plugged_decoder
 from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import look_at_frames
@@ -27,8 +27,7 @@ OWN_KINDS: dict[str, type[Message]] = {
     "sensor_msgs/msg/PointCloud2": PointCloud,
     "sensor_msgs/msg/LaserScan": PointCloud,
     "sensor_msgs/msg/MultiEchoLaserScan": PointCloud,
-    "livox_ros_driver/msg/CustomMsg": PointCloud,
-    "livox_ros_driver2/msg/CustomMsg": PointCloud,
+    LIVOX: PointCloud,
     "foxglove.PointCloud": PointCloud,
     "nav_msgs/msg/Odometry": Odometry,
     "sensor_msgs/msg/Imu": Imu,
@@ -137,7 +136,8 @@ def kinds_of(type_name: str) -> tuple[type[Message], ...]:
         return (plugged.gives,)
     if type_name in BODY_KINDS:
         return BODY_KINDS[type_name]
-    own = UwbRanges if last_part(type_name) in LINKTRACK else OWN_KINDS.get(type_name)
+    last = last_part(type_name)
+    own = UwbRanges if last in LINKTRACK else OWN_KINDS.get(last if last == LIVOX else type_name)
     return () if own is None else (own,)
 
 

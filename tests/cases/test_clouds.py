@@ -126,6 +126,25 @@ def thinned(points: Points) -> Points:
     return points[np.sort(rng.permutation(len(points))[: int(len(points) * rng.uniform(0.3, 1))])]
 
 
+def timed(scale: float) -> PointChange:
+    """Times that are given in another unit."""
+
+    def change(points: Points) -> Points:
+        points["time"] *= scale
+        return points
+
+    return change
+
+
+def without_times(points: Points) -> Points:
+    return recfunctions.drop_fields(points, "time", usemask=False)
+
+
+def big_endian(points: Points) -> Points:
+    """Against the flag that the message has."""
+    return points.astype(points.dtype.newbyteorder(">"))
+
+
 def no_rings(points: Points) -> Points:
     return recfunctions.drop_fields(points, "ring", usemask=False)
 
@@ -181,6 +200,12 @@ CASES = {
     "bad points and no rings, paper": Case(
         lambda points: no_rings(spoilt(points)), flags=("lidar.method=paper",), as_if=SOUND
     ),
+    "times in microseconds": Case(timed(1e6), as_if=SOUND),
+    "times as shares of a scan": Case(timed(10), as_if=SOUND),
+    "times in no unit": Case(
+        timed(30), warning="16 of 16 scans are not deskewed: time of points spans", as_if=(without_times, {})
+    ),
+    "big-endian without a word": Case(big_endian, warning=f"{LIDAR_TOPIC}: is_bigendian is wrong", as_if=SOUND),
     "no rings": Case(no_rings, note="by beams, from the points' elevations", honest=True),
     "of many sizes": Case(thinned, honest=True),
     "of many sizes, paper": Case(thinned, flags=("lidar.method=paper",), honest=True),
@@ -214,7 +239,7 @@ def test_what_clouds_draw(name, mapped, sound_maps):
     if done.code == 1:
         assert case.warning in done.err
         return
-    of_scans = [text for text in done.warned if "scans" in text]
+    of_scans = [text for text in done.warned if "scans" in text or LIDAR_TOPIC in text]
     assert [case.warning in text for text in of_scans] == ([True] if case.warning else [])
     assert case.counts.items() <= done.record["counts"].items()
     assert any(case.note in note for note in done.record["notes"])

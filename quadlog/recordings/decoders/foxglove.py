@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def _cloud(
     if pose is None or (not pose[0].any() and abs(pose[1][3]) == 1):
         return cloud
     xyz_m = apply_transform(transform_from_quat(*pose), cloud.xyz_m).astype(np.float32)
-    return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, cloud.ring, times=cloud.times)
+    return replace(cloud, xyz_m=xyz_m)
 
 
 def _proto_stamp(timestamp: Any) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import Float, PointCloud, PointTimes
+from quadlog.messages import Float, PointCloud
 from quadlog.recordings.decoders.payload import frame_id, stamp_ns
 
 
@@ -43,11 +43,6 @@ def _cloud(message: Any, topic: str, range_m: Float) -> PointCloud:
     xyz_m[:, 0], xyz_m[:, 1] = there_m * np.cos(angle_rad), there_m * np.sin(angle_rad)
     xyz_m[np.isnan(there_m), 2] = np.nan
     ring = np.zeros(count, np.uint16)
-    return PointCloud(stamp_ns(message), frame_id(message), xyz_m, ring, times=_times(message.time_increment, count))
-
-
-def _times(step_s: float, count: int) -> PointTimes | None:
-    """When each ray was measured after the stamp, which is the first one's; None where the scanner does not tell."""
-    if not np.isfinite(step_s) or not 0 < step_s * count <= 1:
-        return None
-    return PointTimes.of_offsets(np.rint(np.arange(count) * (step_s * 1e9)).astype(np.int64))
+    step = float(message.time_increment)  # 0 where the scanner does not tell; the stamp is the first ray's
+    times = {"time_increment": np.arange(count) * step} if step != 0 and np.isfinite(step) else {}
+    return PointCloud(stamp_ns(message), frame_id(message), xyz_m, ring, time_fields=times)

@@ -1,11 +1,8 @@
-"""Point clouds, of PointCloud2 and Livox messages, with the instant at which each point was measured.
-
-Drivers disagree: seconds or nanoseconds, since the scan's stamp or since 1970.
-A reading counts only if it puts every point within a second of the stamp.
-"""
+"""Point clouds, of PointCloud2 and Livox messages, with the fields that may tell when each point was measured."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,66 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import DecodeError
-from quadlog.messages import NS_PER_S, PointCloud, PointTimes
+from quadlog.messages import PointCloud
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 
-TIME_FIELDS = (
-    "t",
-    "time",
-    "timestamp",
-    "time_stamp",
-    "time_offset",
-    "offset_time",
-    "point_time",
-    "point_time_offset",
-    "timeoffset",
-)
-
-PLAUSIBLE_NS = 1_000_000_000
-
-
-def point_times(values: NDArray, stamp_ns: int | None) -> PointTimes | None:
-    """When points with these values (N,) were measured, or None where no unit makes the values plausible.
-
-    Integers, of at most 32 bits in every format, are nanoseconds after the
-    stamp (Ouster ``t``, Hesai, Livox). Floats are seconds (Velodyne ``time``,
-    RoboSense ``timestamp``) or, as Livox has it, float nanoseconds, relative or
-    of 1970.
-    """
-    values = np.ascontiguousarray(values)  # numpy searches and converts numbers side by side several times as fast
-    low, high = float(values.min()), float(values.max())
-    if values.dtype.kind != "f":
-        plausible = values.dtype.itemsize >= 4 and _plausible(low, high)
-        return PointTimes(values, int(values.min()), int(values.max())) if plausible else None
-    if not (np.isfinite(low) and np.isfinite(high)):
-        return _without_gaps(values, stamp_ns)
-    for zero, scale, shift_ns in _readings(stamp_ns):
-        first_ns, last_ns = (low - zero) * scale - shift_ns, (high - zero) * scale - shift_ns
-        if _plausible(first_ns, last_ns):
-            return PointTimes(values, round(first_ns), round(last_ns), zero, scale, shift_ns)
-    return None
-
-
-def _readings(stamp_ns: int | None) -> list[tuple[float, float, float]]:
-    """(zero, scale, shift) of each way to read a float: offset_ns = (value - zero) * scale - shift."""
-    readings = [(0.0, 1e9, 0.0)]
-    if stamp_ns is not None:
-        # Whole seconds are subtracted first, so that 1970-based doubles lose no more digits.
-        seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
-        readings += [(float(seconds), 1e9, float(nanoseconds)), (float(stamp_ns), 1.0, 0.0)]
-    return readings
-
-
-def _without_gaps(values: NDArray, stamp_ns: int | None) -> PointTimes | None:
-    """Points without an echo often carry no time either; they get that of the first point that has one."""
-    finite = np.isfinite(values)
-    if not finite.any():
-        return None
-    return point_times(np.where(finite, values, values[finite][0]), stamp_ns)
-
-
-def _plausible(low_ns: float, high_ns: float) -> bool:
-    return low_ns >= -PLAUSIBLE_NS and high_ns <= PLAUSIBLE_NS
+TIME_NAME = re.compile(r".*(time|stamp).*|d?ts?|(t_?)?offset(_?t)?|(t|offset)_?[mun]?s(ec)?", re.IGNORECASE)
+LARGEST_SHIFT_NS = 1_000_000_000
 
 
 # Names that drivers give the beam index.
@@ -126,7 +68,7 @@ def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column
             f"{block.rows} x {block.columns} points of {block.point_step} bytes need {needed} bytes, data has {size}",
         )
     for name, column in fields.items():
-        read = name in ("x", "y", "z", *RING_FIELDS, *TIME_FIELDS)
+        read = name in ("x", "y", "z", *RING_FIELDS) or TIME_NAME.fullmatch(name)
         if read and column.offset + column.dtype.itemsize > block.point_step:
             raise DecodeError(topic, f"field {name} lies outside the point ({block.point_step} bytes)")
 
@@ -134,18 +76,17 @@ def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column
 def cloud_from_block(
     topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
 ) -> PointCloud:
-    """The PointCloud of a checked block; ring and offset_ns only where a field gives plausible ones."""
+    """The PointCloud of a checked block; ring only where a field gives plausible ones."""
     cloud = checked_cloud(topic, block, fields, stamp_ns, frame_id)
     if block.rows * block.columns == 0:
         return cloud
     ring_name = next((name for name in fields if name in RING_FIELDS), None)
-    time_name = next((name for name in fields if name in TIME_FIELDS), None)
     return PointCloud(
         stamp_ns,
         frame_id,
         _coordinates(block, fields),
         _rings(block.column(fields[ring_name])) if ring_name else None,
-        times=point_times(np.ascontiguousarray(block.column(fields[time_name])), stamp_ns) if time_name else None,
+        time_fields={name: block.column(fields[name]) for name in fields if TIME_NAME.fullmatch(name)},
     )
 
 
@@ -161,6 +102,7 @@ def checked_cloud(
 
 
 MakeCloud = Callable[[str, Block, Mapping[str, Column], int | None, str], PointCloud]
+Warn = Callable[[str], object]
 
 
 def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
@@ -193,7 +135,7 @@ CDR_STRIDE = 20  # each point starts on a multiple of its first field's four byt
 def livox_decoder(
     topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
 ) -> Callable[[Payload], PointCloud]:
-    """A decoder of CustomMsg payloads; ``line`` becomes ring, ``offset_time`` offset_ns."""
+    """A decoder of CustomMsg payloads; ``line`` becomes ring."""
     return partial(_decode_livox, encoding, topic, make_cloud)
 
 
@@ -226,19 +168,19 @@ def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Pay
 
 
 def _relative_to_stamp(cloud: PointCloud, timebase_ns: int) -> PointCloud:
-    times = cloud.times
-    if times is None or cloud.stamp_ns is None:
+    zero_ns = timebase_ns - (cloud.stamp_ns or 0)
+    if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
-    shift_ns = timebase_ns - cloud.stamp_ns
-    if shift_ns == 0 or abs(shift_ns) > PLAUSIBLE_NS:
-        return cloud
-    first_ns, last_ns = times.first_ns + shift_ns, times.last_ns + shift_ns
-    return replace(cloud, times=replace(times, first_ns=first_ns, last_ns=last_ns, shift_ns=-shift_ns))
+    return replace(cloud, time_fields={name: each + np.int64(zero_ns) for name, each in cloud.time_fields.items()})
 
 
 # sensor_msgs/PointField datatypes 1 to 8.
 DATATYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 MOST_FIELDS = 256
+LEAST_M, MOST_M = 1e-30, 1e6
+LEAST_ABSURD, MOST_ABSURD = 0.3, 0.05
+"""Shares of unusual coordinates in the wrong byte order, in which it is half or more, and in the right one."""
+LOOKED_AT_POINTS = 256
 
 
 Layout = dict[str, tuple[int, int]]  # name -> (offset, datatype)
@@ -248,10 +190,13 @@ class PointCloud2Decoder:
     """A decoder of payloads encoded as ``ros1`` or ``cdr``; it raises DecodeError for one that is not whole.
 
     The last field list is remembered, byte for byte: the next message nearly always has the same one.
+    warn: gets what was put right, in the same words for each cloud.
     """
 
-    def __init__(self, topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block) -> None:
-        self.topic, self.encoding, self.make_cloud = topic, encoding, make_cloud
+    def __init__(
+        self, topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block, warn: Warn = lambda _: None
+    ) -> None:
+        self.topic, self.encoding, self.make_cloud, self.warn = topic, encoding, make_cloud, warn
         self.known: tuple[int, int, bytes, Layout] | None = None
 
     def __call__(self, payload: Payload) -> PointCloud:
@@ -260,18 +205,26 @@ class PointCloud2Decoder:
         header = reader.header()
         rows, columns = reader.uint32(), reader.uint32()
         fields = self._fields(reader)
-        order = ">" if reader.uint8() else "<"
+        order, other = "><" if reader.uint8() else "<>"
         point_step, row_step = reader.uint32(), reader.uint32()
         size = reader.uint32()
         begin = reader.skip(size)
         if rows <= 1 and row_step < columns * point_step:
             row_step = columns * point_step  # a single row needs none, and some drivers leave it at zero
+        fits = row_step >= columns * point_step and (rows - 1) * row_step + columns * point_step <= size
+        if rows > 1 and not fits and size % rows == 0 and size // rows >= columns * point_step:
+            self.warn(f"{self.topic}: row_step does not fit the rows of the clouds; the length of their data gives it")
+            row_step = size // rows
         block = Block(payload, begin, rows, columns, row_step, point_step)
-        layout = {
-            name: Column(offset, np.dtype(order + DATATYPES[kind - 1])) for name, (offset, kind) in fields.items()
-        }
+        layout = _columns(fields, order)
         check_block(self.topic, block, size, layout)
-        return self.make_cloud(self.topic, block, layout, header.stamp_ns, header.frame_id)
+        cloud = self.make_cloud(self.topic, block, layout, header.stamp_ns, header.frame_id)
+        if _absurd_share(cloud.xyz_m) >= LEAST_ABSURD:
+            swapped = self.make_cloud(self.topic, block, _columns(fields, other), header.stamp_ns, header.frame_id)
+            if _absurd_share(swapped.xyz_m) <= MOST_ABSURD:
+                self.warn(f"{self.topic}: is_bigendian is wrong; coordinates make sense in the other byte order alone")
+                return swapped
+        return cloud
 
     def _fields(self, reader: PayloadReader) -> Layout:
         begin = reader.at
@@ -283,6 +236,18 @@ class PointCloud2Decoder:
         fields = _read_fields(reader)
         self.known = (begin, reader.at, bytes(reader.payload[begin : reader.at]), fields)
         return fields
+
+
+def _columns(fields: Layout, order: str) -> dict[str, Column]:
+    return {name: Column(offset, np.dtype(order + DATATYPES[kind - 1])) for name, (offset, kind) in fields.items()}
+
+
+def _absurd_share(xyz_m: NDArray) -> float:
+    """Share of numbers that no lidar measures among the different coordinates (N, 3), 0 apart; NaN without any."""
+    some_m = xyz_m[:: max(len(xyz_m) // LOOKED_AT_POINTS, 1)].astype(np.float64)
+    size_m = np.unique(np.abs(some_m))  # drivers write one number for all that is no return
+    size_m = size_m[np.isfinite(size_m) & (size_m > 0)]
+    return float(np.mean((size_m < LEAST_M) | (size_m > MOST_M))) if len(size_m) else np.nan
 
 
 def _read_fields(reader: PayloadReader) -> Layout:

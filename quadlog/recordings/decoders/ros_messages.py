@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -236,3 +236,15 @@ def _from_folder(folder: Path, standard: Callable[[str], Types], name: str) -> T
 
 def _read_msg(path: Path, name: str) -> Types:
     return parse_definition(path.read_text(encoding="utf-8", errors="replace"), name, "ros2msg")
+
+
+@lru_cache(maxsize=64)
+def is_defined_as(bundled: str, type_name: str, schema_encoding: str, schema: bytes) -> bool:
+    """Whether a definition is one of those of a bundled package, whatever it calls its own."""
+    package, own = BUNDLED / bundled / "msg", type_name.rpartition("/")[0]
+    known = [_read_msg(path, f"{own}/{path.stem}") for path in package.glob("*.msg")]
+    try:
+        types = parse_definition(schema, type_name, schema_encoding or "ros2msg")
+    except BadDefinition:
+        return False
+    return all(types.get(name, ([],))[1:] == fields[1:] for each in known for name, fields in each.items())

@@ -33,8 +33,6 @@ def test_every_point_lies_in_the_slot_about_its_time(n, first_ns, lasts_ns, rand
         ([0, 5, 9, 1_000_000_001], Skewed.ABSURD_TIMES),
         ([-1_000_000_001, 0, 0, 0], Skewed.ABSURD_TIMES),
         ([-600_000_000, 600_000_000, 0, 0], Skewed.ABSURD_TIMES),
-        ([300_000_000, 350_000_000, 400_000_000, 400_000_000], Skewed.ABSURD_TIMES),
-        ([-400_000_000, -350_000_000, -300_000_000, -300_000_000], Skewed.ABSURD_TIMES),
         ([-(2**63), 2**63 - 1, 0, 0], Skewed.ABSURD_TIMES),
         ([], Skewed.NO_TIMES),
     ],

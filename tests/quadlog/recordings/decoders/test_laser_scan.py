@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quadlog.errors import DecodeError
+from quadlog.lidar.point_times import find_reading
 from quadlog.messages import PointCloud
 from quadlog.recordings.decoding import decoder_for
 
@@ -32,8 +33,16 @@ def test_each_ray_is_a_point_of_one_ring_measured_in_its_turn(ros: Any) -> None:
     assert cloud.ring is not None
     assert cloud.ring.tolist() == [0, 0, 0]
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, "laser")
-    assert cloud.offset_ns is not None
-    assert cloud.offset_ns.tolist() == [0, 10_000_000, 20_000_000]
+
+
+@pytest.mark.parametrize(
+    ("step", "apart_s"), [(0.01, 0.1), (10.0, 0.1), (1e4, 0.1), (1e7, 0.1), (-0.01, 0.1), (1e4, 5.0)]
+)
+def test_rays_are_measured_in_turn_in_the_unit_in_which_they_take_a_scan(ros: Any, step: float, apart_s: float) -> None:
+    """Even of scans that come rarely."""
+    clouds = [decode(ros, scan(ros, [1.0, 2.0, 3.0], step_s=step))]
+    reading = find_reading(clouds, T_NS + np.arange(5) * round(apart_s * 1e9))
+    assert reading.timed(clouds[0]).offset_ns.tolist() == [0, *np.multiply([1e7, 2e7], np.sign(step)).tolist()]
 
 
 @pytest.mark.parametrize("nothing_m", [np.inf, -np.inf, np.nan, 0.0, 0.05, 31.0, -1.0])
@@ -44,7 +53,8 @@ def test_what_lies_outside_the_limits_is_no_return(ros: Any, nothing_m: float) -
 
 
 def test_rays_without_times_were_measured_at_once(ros: Any) -> None:
-    assert decode(ros, scan(ros, [1.0, 2.0], step_s=0.0)).times is None
+    for step_s in (0.0, np.nan):
+        assert decode(ros, scan(ros, [1.0, 2.0], step_s=step_s)).time_fields == {}
 
 
 @pytest.mark.parametrize("step_rad", [0.0, np.nan])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,8 +16,10 @@ from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
+from quadlog.lidar.point_times import find_reading, usual_step_ns
 from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, livox_decoder
 from quadlog.recordings.decoders.ros_messages import BUNDLED
+from quadlog.recordings.decoding import decoder_for
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -96,12 +100,53 @@ def test_any_layout_is_read_like_a_structured_array(
         np.testing.assert_array_equal(cloud.ring, points["ring"].astype(np.uint16))
 
 
+@pytest.mark.parametrize("padding", [0, 3])
+@pytest.mark.parametrize("row_step", [0, 14, 3 * 14, 3 * 3 * 14 + 1])
+def test_rows_lie_as_the_length_of_the_data_says(ros: Any, row_step: int, padding: int) -> None:
+    points = np.zeros(9, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2")])
+    points["x"], points["ring"] = np.arange(9), np.arange(9)
+    message, said = cloud_message(ros, points, rows=3, padding=padding), []
+    right, message.row_step = message.row_step, row_step
+    if padding and row_step == 3 * 14:
+        return  # sound by itself
+    cloud = PointCloud2Decoder("/points", ros.encoding, warn=said.append)(ros.serialise(message))
+    assert (cloud.xyz_m[:, 0].tolist(), cloud.ring.tolist()) == (list(range(9)), list(range(9)))
+    assert ["row_step" in each for each in said] == [True] * (row_step != right)
+
+
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("flag", [False, True])
+def test_the_byte_order_is_that_of_sound_coordinates(ros: Any, order: str, flag: bool, kind: str) -> None:
+    """Whatever the flag says; NaN and zeros, which have no order, and a few absurd ones do not decide."""
+    points = np.zeros(400, [*((axis, order + kind) for axis in "xyz"), ("ring", order + "u2")])
+    xyz = np.random.default_rng(1).uniform(-20, 20, (400, 3))
+    xyz[:90], xyz[90:140], xyz[140:190] = np.nan, 0.0, 1e30
+    for axis, values in zip("xyz", xyz.T, strict=True):
+        points[axis] = values
+    points["ring"], said = 3, []
+    message = cloud_message(ros, points, big=flag)
+    cloud = PointCloud2Decoder("/points", ros.encoding, warn=said.append)(ros.serialise(message))
+    if kind == "f4" or flag == (order == ">"):
+        np.testing.assert_array_equal(cloud.xyz_m, xyz.astype(np.float32))
+    assert cloud.ring.tolist() == [3] * 400
+    assert ["is_bigendian" in each for each in said] == [True] * (flag != (order == ">"))
+
+
+def test_of_two_fields_of_one_name_the_first_counts(ros: Any) -> None:
+    message = cloud_message(ros, np.array([(1, 2, 3, 9)], [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("other", "<f4")]))
+    message.fields[3].name = "x"
+    cloud = decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
+    assert cloud.xyz_m.tolist() == [[1, 2, 3]]
+
+
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
         ({"width": 0xFFFFFFFF, "height": 0xFFFFFFFF}, "do not fit"),  # before anything is allocated
         ({"data": np.zeros(47, np.uint8)}, "need 48 bytes, data has 47"),
-        ({"row_step": 0}, "row_step 0"),  # rows would overlap
+        ({"row_step": 0, "data": np.zeros(49, np.uint8)}, "row_step 0"),  # rows would overlap
+        ({"row_step": 0, "data": np.zeros(46, np.uint8)}, "row_step 0"),
         ({"fields": [("x", 0), ("y", 4), ("z", 10)]}, "field z lies outside"),
         ({"fields": [("x", 0), ("range", 4)]}, "without y, z; its fields: x, range"),
     ],
@@ -116,28 +161,110 @@ def test_points_that_do_not_fit_their_data_are_refused(ros: Any, changed: dict[s
         decode_point_cloud2(ros.serialise(message), ros.encoding, "/points")
 
 
+AFTER_S = np.arange(250) * 0.0004
+"""Of the points of a scan after its first one; a scan comes every 0.1 s."""
+Given = Callable[[np.ndarray, int], np.ndarray]
+
+
+def after(scale: float, begin: float = 0.0) -> Given:
+    return lambda after_s, stamp_ns: begin + after_s * scale
+
+
+def since(epoch_ns: int, scale: float) -> Given:
+    return lambda after_s, stamp_ns: (stamp_ns - epoch_ns) * 1e-9 * scale + after_s * scale
+
+
+def once(stray: float) -> Given:
+    return lambda after_s, stamp_ns: np.where(np.arange(len(after_s)) == 7, stray, after_s)
+
+
+NO_BITS: Given = lambda after_s, stamp_ns: np.full(len(after_s), stamp_ns * 1e-9)  # noqa: E731
+COUNTER: Given = lambda after_s, stamp_ns: (np.rint(after_s * 1e9) + stamp_ns % 10**9 - 573_456_789) % 2**32  # noqa: E731
+GOOD = ("t", "<u4", after(1e9))
+
+
+class Timed(NamedTuple):
+    """Fields of points, when the first one was measured after the stamp, None: unknown, and the only warning."""
+
+    fields: tuple[tuple[str, str, Given], ...]
+    first_s: float | None = 0.0
+    warning: str = ""
+    scans: int = 5
+    apart_ns: int = 300
+    """What a 1970-based double can tell."""
+
+
+OWN_START = "counts neither from the stamp nor from 1970"
+TIMES = {
+    "seconds": Timed((("time", "<f4", after(1)),)),
+    "milliseconds": Timed((("time", "<f4", after(1e3)),)),
+    "milliseconds in 16 bits": Timed((("time", "<u2", after(1e3)),), apart_ns=500_000),
+    "microseconds": Timed((("timestamp", "<u4", after(1e6)),)),
+    "nanoseconds": Timed((("t", "<u4", after(1e9)),)),
+    "nanoseconds, by its name": Timed((("time_offset_ns", "<f8", after(1e9)),)),
+    "shares of a scan": Timed((("time", "<f4", after(10)),)),
+    "stamped at the end": Timed((("time", "<f4", after(1, -0.1)),), -0.1),
+    "stamped at the end, microseconds": Timed((("time", "<i4", after(1e6, -1e5)),), -0.1),
+    "a part of a turn": Timed((("time", "<f4", after(1e6 / 5, 6e4)),), 0.06),
+    "seconds of 1970": Timed((("timestamp", "<f8", since(0, 1)),)),
+    "milliseconds of 1970": Timed((("timestamp", "<f8", since(0, 1e3)),)),
+    "nanoseconds of 1970": Timed((("timestamp", "<f8", since(0, 1e9)),)),
+    "since its start": Timed((("time", "<f8", since(T_NS - 10**12, 1e3)),), 0.0, OWN_START),
+    "since its start, in an overflowing counter": Timed((("time", "<u4", COUNTER),), 0.0, OWN_START),
+    "a single scan": Timed((("time", "<f4", after(1e6)),), scans=1),
+    "one stray": Timed((("time", "<f4", once(1e30)),), apart_ns=1_100_000),
+    "one missing": Timed((("time", "<f4", once(np.nan)),)),
+    "behind a constant": Timed((("timestamp", "<f8", after(0, 7)), GOOD)),
+    "behind one that is too coarse": Timed((("timestamp", "<f4", NO_BITS), GOOD)),
+    "behind one without a unit": Timed((("timestamp", "<f8", after(3e7)), GOOD)),
+    "behind one that fits less well": Timed((("timestamp", "<f8", after(1e8)), GOOD)),
+    "behind one of another clock": Timed((("time", "<f8", since(T_NS - 10**12, 1)), GOOD)),
+    "of many names, the first of two": Timed((("time", "<f4", after(1)), ("t", "<u4", after(1e9)))),
+    "without a unit": Timed((("time", "<f4", after(30)),), None, "scans are not deskewed: time of points spans"),
+    "too coarse": Timed((("timestamp", "<f4", NO_BITS),), None, "is a float32, too coarse"),
+    "never set": Timed((("time", "<f4", after(0)),), None),
+    "no numbers": Timed((("time", "<f8", after(np.nan)),), None),
+}
+
+
+@pytest.mark.parametrize("case", TIMES.values(), ids=TIMES)
+def test_point_times(ros: Any, case: Timed) -> None:
+    clouds = []
+    for stamp_ns in range(T_NS, T_NS + case.scans * 10**8, 10**8):
+        points = np.ones(len(AFTER_S), [*((axis, "<f4") for axis in "xyz"), *(each[:2] for each in case.fields)])
+        for name, _, given_as in case.fields:
+            values = given_as(AFTER_S, stamp_ns)
+            points[name] = values if points[name].dtype.kind == "f" else np.rint(values)
+        message = cloud_message(ros, points)
+        message.header = ros.header(stamp_ns)
+        clouds.append(decode_point_cloud2(ros.serialise(message), ros.encoding, "/points"))
+    reading = find_reading(clouds, np.array([each.stamp_ns for each in clouds]))
+    times = reading.timed(clouds[-1]).times
+    warnings = reading.warnings(case.scans)
+    assert [case.warning in each for each in warnings] == ([True] if case.warning else [])
+    if case.first_s is None:
+        assert times is None
+        return
+    assert times is not None
+    lasts_s = AFTER_S / 5 if case.first_s > 0 else AFTER_S
+    apart_ns = np.abs(times.offset_ns - (case.first_s + lasts_s) * 1e9)
+    # A stray point gets any time of the scan.
+    assert (np.delete(apart_ns, 7) <= case.apart_ns).all()
+    assert (np.abs(times.offset_ns - case.first_s * 1e9) <= 101_000_000).all()
+    ends_ns = [times.offset_ns.min(), times.offset_ns.max()]
+    np.testing.assert_allclose([times.first_ns, times.last_ns], ends_ns, atol=case.apart_ns)
+
+
 @pytest.mark.parametrize(
-    ("name", "dtype", "values", "expected_ns"),
+    ("steps_ms", "usual_ms"),
     [
-        ("time", "<f4", [0.0, 0.05], [0, 50_000_000]),  # Velodyne: seconds after the stamp
-        ("time", "<f4", [-0.1, 0.0], [-100_000_000, 0]),
-        ("t", "<u4", [0, 99_000_000], [0, 99_000_000]),  # Ouster: nanoseconds after the stamp
-        ("timestamp", "<f8", [T_NS * 1e-9, T_NS * 1e-9 + 0.1], [0, 100_000_000]),  # RoboSense, Hesai: seconds of 1970
-        ("timestamp", "<f8", [float(T_NS), float(T_NS) + 1e8], [0, 100_000_000]),  # Livox: nanoseconds of 1970
-        ("time", "<f4", [40.0, 90.0], None),  # no unit makes it plausible
-        ("t", "<u4", [1_483_724_884, 1_483_724_884], None),
-        ("timestamp", "<f8", [np.nan, np.nan], None),
+        ([100, 100, 100], 100), ([], 100), ([100, 200, 100, 100, 300, 100], 100), ([100] * 9 + [60_000] * 2, 100),
+        ([1, 99, 1, 99, 1], 99), ([0, 50, 0, 50], 50),
     ],
-)
-def test_point_times(ros: Any, name: str, dtype: str, values: list[float], expected_ns: list[int] | None) -> None:
-    points = np.zeros(2, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, dtype)])
-    points[name] = values
-    offset_ns = decode_point_cloud2(ros.serialise(cloud_message(ros, points)), ros.encoding, "/points").offset_ns
-    if expected_ns is None:
-        assert offset_ns is None
-    else:
-        assert offset_ns is not None
-        np.testing.assert_allclose(offset_ns, expected_ns, atol=300)  # what a 1970-based double can tell
+)  # fmt: skip
+def test_the_usual_time_between_scans(steps_ms: list[int], usual_ms: int) -> None:
+    """With scans that are missing, a pause, or those of two lidars in turns."""
+    assert usual_step_ns(np.cumsum([T_NS, *(each * 10**6 for each in steps_ms)])) == usual_ms * 10**6
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
@@ -163,19 +290,43 @@ def test_real_scans_agree_with_another_reader(both_ros: SimpleNamespace, file: s
     assert len(decode_point_cloud2(payloads[0], "cdr", "/points").xyz_m) == first_count
 
 
-def custom_message(ros: Any, count: int, timebase_ns: int = T_NS, frame: str = "livox") -> Any:
-    """A CustomMsg made and serialised by rosbags from the bundled definition."""
-    if "livox_ros_driver/msg/CustomMsg" not in ros.store.types:
+LIVOX = "livox_ros_driver2"
+
+
+def custom_message(
+    ros: Any, count: int, timebase_ns: int = T_NS, frame: str = "livox", package: str = LIVOX, as_bundled: bool = True
+) -> Any:
+    """A CustomMsg made and serialised by rosbags from the bundled definition, or from one with another field."""
+    if f"{package}/msg/CustomMsg" not in ros.store.types:
         types: dict = {}
         for name in ("CustomMsg", "CustomPoint"):
-            text = (BUNDLED / "livox_ros_driver" / "msg" / f"{name}.msg").read_text()
-            types.update(get_types_from_msg(text, f"livox_ros_driver/msg/{name}"))
+            text = (BUNDLED / LIVOX / "msg" / f"{name}.msg").read_text()
+            text = text if as_bundled else text.replace("uint8 lidar_id", "uint8 device")
+            types.update(get_types_from_msg(text, f"{package}/msg/{name}"))
         ros.store.register(types)
-    point = ros.type("livox_ros_driver/msg/CustomPoint")
+    point = ros.type(f"{package}/msg/CustomPoint")
     points = [point(1000 * i, i + 0.25, -i, 2.0 * i, 7, 1, i % 4) for i in range(count)]
-    return ros.type("livox_ros_driver/msg/CustomMsg")(
+    return ros.type(f"{package}/msg/CustomMsg")(
         ros.header(T_NS, frame), timebase_ns, count, 3, np.zeros(3, np.uint8), points
     )
+
+
+@pytest.mark.parametrize(
+    ("package", "as_bundled", "schema", "is_read"),
+    [
+        (LIVOX, True, True, True), ("livox_interfaces", True, False, True), ("any_lidar", True, True, True),
+        ("any_lidar", True, False, False), ("any_other", False, True, False),
+    ],
+)  # fmt: skip
+def test_livox_messages_of_any_package(ros: Any, package: str, as_bundled: bool, schema: bool, is_read: bool) -> None:
+    """Where the recording's definition is the same; Livox's own packages need none."""
+    message = custom_message(ros, 4, package=package, as_bundled=as_bundled)
+    channel = ros.channel("/livox/lidar", message.__msgtype__)
+    decode = decoder_for(channel if schema else replace(channel, schema=b"", schema_encoding=""))
+    assert (decode is not None) == is_read
+    if decode is not None:
+        (cloud,) = decode(ros.serialise(message))
+        assert len(cloud.xyz_m) == 4
 
 
 @given(count=st.integers(0, 5), big_endian=st.booleans(), frame=st.text("abc", max_size=9))
@@ -190,7 +341,7 @@ def test_livox_points_lines_and_offsets(both_ros: Any, encoding: str, count: int
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
     if count:
         np.testing.assert_array_equal(cloud.ring, i % 4)
-        np.testing.assert_array_equal(cloud.offset_ns, 1000 * i + 500)
+        np.testing.assert_array_equal(cloud.time_fields["offset_time"], 1000 * i + 500)
 
 
 def test_cut_or_longer_payloads_are_refused(ros: Any) -> None:
