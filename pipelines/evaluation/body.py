@@ -13,11 +13,13 @@ from quadlog.config.schema import Config
 from quadlog.messages import Float, Int
 from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import (
+    MOST_UNEVEN,
     BodySeries,
     gait,
     ground_speed,
     stance_where,
     torque_rows,
+    uneven_share,
 )
 from quadlog.results.tables import (
     CONTACTS,
@@ -71,11 +73,14 @@ def logged_body(run: Path) -> BodySeries:
 def _logged_stance(run: Path, t_ns: Int, torque_nm: NDArray[np.floating]) -> Float:
     """(N, 4) of the forces of feet, as in a simulation; of contacts by torques where a foot has no sensor.
 
-    These are 0 also for feet that carry and slip, or are about to leave the ground. NaN without either.
+    These are 0 also for feet that carry and slip, or are about to leave the ground. NaN without either, and where rows
+    come in bursts.
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 
-    stance = np.empty((len(t_ns), len(CONTACTS)))
+    stance = np.full((len(t_ns), len(CONTACTS)), np.nan)
+    if uneven_share(t_ns) > MOST_UNEVEN:
+        return stance
     for leg, (force, contact) in enumerate(zip(FOOT_FORCES, CONTACTS, strict=True)):
         carried, least = share_of_usual(read_table(run, "joints", [force])[force][:, None]), CARRIES_SHARE
         if np.isnan(carried).all() and np.isfinite(torque_nm[:, 3 * leg : 3 * leg + 3]).any():

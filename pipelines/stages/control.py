@@ -12,16 +12,17 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.mapping.grid import crop, window_at
 from quadlog.mapping.memory import OCCUPIED
-from quadlog.messages import NS_PER_S, Float
+from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.stages.tracks import Tracks
+from quadlog.pipelines.stages.tracks import RobotTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.replan import Replanner
+from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.contacts import Contact
@@ -60,14 +61,13 @@ def resimulate(
         return None
     journal.progress.begin("control", len(maps_ns))
     with journal.clock.stage("control"):
-        start = tracks.robot.pose_at(int(maps_ns.min()), config.lidar.pose_gap_s)
-        assert start is not None, "a map is only made where there is a pose"
+        starts = _starts(np.sort(maps_ns), tracks.robot, config.lidar.pose_gap_s)
         replanner = Replanner(planning.configured_planner(config), planning.replan_settings(config, target))
-        instants = _counted(_with_what_stands(maps), journal.progress)
-        robot = _robot(journal, config, maps, start, seed)
+        instants = _counted(_with_what_stands(maps, starts), journal.progress)
+        robot = _robot(journal, config, maps, starts.pop(int(maps_ns.min())), seed)
         resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))
         _write_walk(folder, resim)
-    if robot.fallen:
+    if np.any(resim.control["fallen"]):
         journal.warn("the re-simulated robot fell, and lay from there on")
     journal.count("ticks", len(np.atleast_1d(resim.control["t_ns"])))
     if resim.outside_replans:
@@ -95,8 +95,17 @@ def _write_walk(folder: Path, resim: Resimulation) -> None:
             add(record, paths.get(record.t_ns))
 
 
-def _with_what_stands(run: Path) -> Iterator[MapInstant]:
-    """The recorded maps, each with what the map of the whole run has in its window.
+def _starts(maps_ns: Int, robot: RobotTrack, gap_s: float) -> dict[int, Float]:
+    """Instants of maps (N,) at which a walk begins, after gaps too, and the poses (3,) there."""
+    parts = segment_of(maps_ns, robot.t_ns, gap_s) * (robot.source != "fixed")
+    first_ns = maps_ns[np.unique(parts, return_index=True)[1]]
+    poses = robot.poses_at(first_ns, gap_s)
+    assert np.isfinite(poses).all(), "a map is only made where there is a pose"
+    return dict(zip(first_ns.tolist(), poses, strict=True))
+
+
+def _with_what_stands(run: Path, starts: dict[int, Float]) -> Iterator[MapInstant]:
+    """The recorded maps, each with what the map of the whole run has in its window; starts: where a walk begins.
 
     A scan sees half the surroundings, and may lose a wall; a walk through it
     must not pass for one without a collision.
@@ -104,7 +113,8 @@ def _with_what_stands(run: Path) -> Iterator[MapInstant]:
     whole = read_rosmap(run / "map.yaml")
     everywhere = window_at(whole.origin_m, whole.cell_m, whole.cells.shape)
     for instant in planning.recorded_maps(run):
-        yield replace(instant, standing=crop(whole.cells == OCCUPIED, everywhere, instant.window))
+        standing = crop(whole.cells == OCCUPIED, everywhere, instant.window)
+        yield replace(instant, standing=standing, start_pose=starts.pop(instant.t_ns, None))
 
 
 def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[MapInstant]:

@@ -135,7 +135,7 @@ class Look:
         chosen = position if position in {channel.topic for channel in self.recording.channels} else None
         # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.
         needs_odometry = position in ("auto", "uwb", "odometry")
-        by_tf = position == "auto" and not self.by_uwb and "tf" in roles.found
+        by_tf = position == "tf" or (position == "auto" and not self.by_uwb and "tf" in roles.found)
         odometry = unless_ambiguous(roles, "odometry") if by_tf else roles.topic("odometry") if needs_odometry else None
         # Otherwise the IMU is only used to level scans and to turn the body of legs.
         upright = unless_ambiguous(roles, "imu") if config.lidar.level or "joints" in roles.found else None

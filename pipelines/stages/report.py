@@ -59,9 +59,10 @@ class Finished:
 
     @property
     def realtime_factor(self) -> float | None:
-        """Recorded seconds over seconds in the stages asked for; None when there is nothing to divide."""
+        """Recorded seconds without pauses over seconds in the stages asked for; None where there are none of either."""
         seconds = sum(self.journal.clock.seconds.get(name, 0.0) for name in stages_until(self.request.options.until))
-        return self.recorded_s / seconds if self.recorded_s > 0 and seconds > 0 else None
+        logged_s = self.recorded_s - self.journal.counts.get("paused_ms", 0) * 1e-3
+        return logged_s / seconds if logged_s > 0 and seconds > 0 else None
 
 
 def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:

@@ -85,6 +85,12 @@ class RobotConfig(Section):
     height_m: float = Field(
         0.37, gt=0, le=100, description="how tall it stands; a cell of map.pgm is free where a ray passed below that"
     )
+    max_speed_mps: float = Field(
+        8.0,
+        ge=0.1,
+        le=1000,
+        description="a track that is faster in more than 1 % of its steps is none of the robot's; ours",
+    )
     model: str = Field(
         "tracking",
         min_length=1,

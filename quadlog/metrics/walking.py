@@ -176,6 +176,22 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
     return np.where(known, np.hypot(*(after_m - before_m).T) / np.maximum(over_s, LEAST_OVER_S), np.nan)
 
 
+def uneven_share(t_ns: Int) -> float:
+    """Share of the rows at t_ns (N,) after which SHORTEST_PHASE_S's usual number of rows takes another time by half."""
+    step_s = np.diff(t_ns) / NS_PER_S
+    usual_s = float(step_s[step_s <= MAX_GAP_S].mean()) if (step_s <= MAX_GAP_S).any() else np.inf
+    rows = max(round(SHORTEST_PHASE_S / usual_s), 1)
+    return (
+        float((np.abs((t_ns[rows:] - t_ns[:-rows]) / NS_PER_S / (rows * usual_s) - 1) > 0.5).mean())
+        if len(t_ns) > rows
+        else 0.0
+    )
+
+
+MOST_UNEVEN = 0.1
+"""Of rows; with more, as in bursts, rows say nothing of when a foot stands."""
+
+
 def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
     """(N, F) 1 where what each foot carries (N, F) is `least` or more, else 0; NaN where it is not known.
 

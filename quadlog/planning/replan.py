@@ -209,6 +209,11 @@ class Replanner:
         self._last_window: Window | None = None
         compile_planner(planner)
 
+    def restart(self) -> None:
+        """What comes next has nothing to do with what was before."""
+        self._planner.reset()
+        self._last_window = None
+
     def replan(self, t_ns: int, window: Window, occupied: Bool, start_xy_m: Float, goal_xy_m: Float) -> Replan:
         """From the robot at start_xy_m (2,) towards goal_xy_m (2,), on occupied (rows, cols) of the window, in map.
 

@@ -19,6 +19,15 @@ def located_rows(t_ns: Int, measured: np.ndarray) -> np.ndarray:
     return located
 
 
+def segment_of(at_ns: Int, t_ns: Int, most_s: float = 0.0) -> Int:
+    """(M,) which part of a track at t_ns (N,) instants (M,) lie in, from 0: a gap of more than a limit ends a part.
+
+    The limit is MAX_UNMEASURED_NS, or most_s if poses are used so far from their instants.
+    """
+    ends = np.diff(t_ns) > max(MAX_UNMEASURED_NS, most_s * 1e9)
+    return np.searchsorted(t_ns[1:][ends], at_ns, side="right")
+
+
 def unlocated_ns(t_ns: Int, first_ns: int, last_ns: int) -> int:
     """Time of a log from first_ns to last_ns in gaps of more than MAX_UNMEASURED_NS between positions (N,)."""
     gaps_ns = np.diff(np.concatenate([[first_ns], np.clip(t_ns, first_ns, last_ns), [last_ns]]))

@@ -35,7 +35,7 @@ def sig(value: float | None, digits: int = 3) -> str:
     """Significant digits without trailing zeros; whole numbers and large ones in full; a true minus sign."""
     if value is None or not math.isfinite(value):
         return NONE
-    if (value == int(value) or abs(value) >= 10**digits) and abs(value) < 1e15:
+    if (value == int(value) or round(abs(value)) >= 10**digits) and abs(value) < 1e15:
         return count(round(value))
     return minus(f"{value:.{digits}g}")
 

@@ -262,10 +262,14 @@ def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> lis
     A gap is longer than longest_s and than five median steps.
     """
     steps = np.diff(seconds)
-    longest_s = max(longest_s, 5 * float(np.median(steps))) if len(steps) else longest_s
-    before = np.flatnonzero(steps > longest_s)
+    before = np.flatnonzero(in_gaps(steps, longest_s))
     times = np.insert(seconds, before + 1, seconds[before] + longest_s)
     return [times, *(np.insert(np.asarray(column, float), before + 1, np.nan) for column in columns)]
+
+
+def in_gaps(steps_s: Array, longest_s: float = GAP_S) -> Array:
+    """Which steps (N,) between rows are gaps: longer than longest_s and than five median ones."""
+    return steps_s > (max(longest_s, 5 * float(np.median(steps_s))) if len(steps_s) else longest_s)
 
 
 def thin_evenly(length: int, most: int) -> Array:

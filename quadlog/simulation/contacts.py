@@ -62,7 +62,7 @@ class TouchableCells:
     """
 
     def __init__(self, body: Footprint) -> None:
-        self._body = body
+        self.body = body
         self._before: tuple[Window, Bool] | None = None
         self._inside: frozenset[tuple[int, int]] = frozenset()
 
@@ -72,7 +72,7 @@ class TouchableCells:
         pose: (3,) x_m, y_m, yaw_rad of the body at the map's instant.
         """
         centres_m = occupied_centres(solid, window)
-        body = self._body.length_m, self._body.width_m, centres_m, window.cell_m
+        body = self.body.length_m, self.body.width_m, centres_m, window.cell_m
         before, self._before = self._before, (window, solid)
         if body_clearance(*pose.tolist(), *body) > 0:
             self._inside = frozenset()

@@ -65,13 +65,14 @@ class MapInstant:
     """One recorded map: occupied (rows, cols) bool of a window, undilated, at t_ns.
 
     standing: cells that the map of the whole run holds occupied. The robot plans on `occupied`; clearance is to
-    both.
+    both. start_pose: (3,) where the walk starts again with this map, after a gap that nothing walks in.
     """
 
     t_ns: int
     window: Window
     occupied: Bool
     standing: Bool | None = None
+    start_pose: Float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +148,14 @@ class _State:
     outside_ticks: int = 0
     outside_replans: int = 0
 
+    def restart(self, pose: Float, ended_ns: int) -> None:
+        """The robot stands at a pose (3,), without a plan or a contact; it walked until ended_ns."""
+        self.contacts.end(ended_ns)
+        self.robot.start_at(pose)
+        self.lookahead.reset()
+        self.cells = TouchableCells(self.cells.body)
+        self.held, self.command, self.plan = None, None, None
+
 
 def resimulate(
     instants: Iterable[MapInstant],
@@ -156,7 +165,7 @@ def resimulate(
     replanner: Replanner,
     settings: PursuitSettings,
 ) -> Resimulation:
-    """Walks from where the robot is, at the first map's instant, until the last one's.
+    """Walks from where the robot is, at the first map's instant, until the last one's, without the gaps.
 
     instants: in time order; only two are held at a time.
     target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
@@ -167,14 +176,18 @@ def resimulate(
     walk = _State(robot, lookahead, TouchableCells(body))
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
-    first_ns, tick = None, 0
+    first_ns, tick, ticks = None, 0, 0
     for instant, next_ns in _with_next(instants):
+        if instant.start_pose is not None:
+            walk.restart(instant.start_pose, int(ticks_ns[-1][-1]) if ticks_ns[-1].size else instant.t_ns)
+            replanner.restart()
+            first_ns, tick, ticks = None, 0, ticks + tick
         first_ns = instant.t_ns if first_ns is None else first_ns
         _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], settings)
         # Ticks up to the next map's instant, which itself belongs to that map's plan.
         until = max(math.ceil((next_ns - first_ns) * settings.rate_hz / NS_PER_S), 0)
-        if until > MAX_TICKS:
-            raise TooLarge("ticks of the re-simulated walk", until, MAX_TICKS)
+        if ticks + until > MAX_TICKS:
+            raise TooLarge("ticks of the re-simulated walk", ticks + until, MAX_TICKS)
         t_ns = first_ns + np.rint(np.arange(tick, until) * (NS_PER_S / settings.rate_hz)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
@@ -183,7 +196,7 @@ def resimulate(
 
 
 def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int]]:
-    """Every instant with the time of the one after it; the last lasts for the tick at its own time."""
+    """Every instant with the time of the one after it; the last before a gap lasts for the tick at its own time."""
     last = None
     for instant, following in pairwise(chain(instants, [None])):
         if instant is None:
@@ -191,7 +204,8 @@ def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int
         if last is not None and instant.t_ns < last:
             raise ValueError(f"maps are not in time order: {instant.t_ns} after {last}")
         last = instant.t_ns
-        yield instant, instant.t_ns + 1 if following is None else following.t_ns
+        is_last = following is None or following.start_pose is not None
+        yield instant, instant.t_ns + 1 if is_last else following.t_ns
 
 
 def _replan(

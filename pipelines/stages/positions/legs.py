@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.metrics.walking import MOST_UNEVEN, uneven_share
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.positioning.leg_odometry import LegGeometry, leg_track
 from quadlog.positioning.odometry import BodyMotion, motion_between
@@ -120,6 +121,10 @@ def write_joints(folder: Path, data: LogData, journal: Journal) -> None:
         return
     journal.use("joints")
     journal.count("joint_states", len(joints))
+    if (share := uneven_share(joints.t_ns)) > MOST_UNEVEN:
+        journal.warn(
+            f"joints come in bursts, {share:.0%} of them unevenly: no stride frequency or duty factor is given"
+        )
     series = joints.position_rad, joints.velocity_radps, joints.torque_nm, joints.foot_force_n
     with TableWriter(folder / "joints.parquet", TABLES["joints"]) as table:
         for begin in range(0, len(joints), BATCH_ROWS):

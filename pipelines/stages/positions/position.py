@@ -20,24 +20,22 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO
 from quadlog.pipelines.stages.positions.heading import find_heading
+from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, unlocated_ns
+from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
 from quadlog.recordings.containers.container import Loss
-from quadlog.recordings.formatting import several
-from quadlog.recordings.roles import kinds_of, names_estimator, names_truth
+from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
-LEAST_JUMP_M, FASTEST_MPS = 0.3, 8.0
-"""Positions that lie farther apart than both allow are no walk."""
 LEAST_TURN_RAD = 1.0
 """A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
 LIDAR_FRAME = "lidar_start"
@@ -45,8 +43,8 @@ LIDAR_FRAME = "lidar_start"
 
 
 LOCATING = (
-    *("topics", "uwb", "robot.preset", "robot.model", "robot.joints", "robot.feet"),
-    *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m")),
+    *("topics", "uwb", "robot.preset", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
+    *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m", "pose_gap_s")),
 )
 
 
@@ -66,7 +64,9 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         robot = _robot(data, journal, uwb)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
-        _warn_of_jumps(data, journal, robot)
+        used = {*journal.topics.get("position", ()), *data.log.roles.topics(robot.source)}
+        others = [topic for topic in position_topics(data.log.recording) if topic not in used]
+        tell_implausible(data, journal, robot, others)
         others = {"uwb": lambda: _from_lidar(data, journal), "lidar": lambda: _from_uwb(data, journal, uwb)}
         other = others.get(robot.source, lambda: None)()  # for a comparison of UWB and lidar
         reference = settled_reference(data, journal, robot)
@@ -100,22 +100,14 @@ def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
         lost_ns = max(lost_ns, round(data.tracker.lost_share() * spanned_ns))
     if lost_ns:
         journal.count("unlocated_ms", lost_ns // 1_000_000)
+        series = [data.streams.ranges, data.streams.odometry, data.streams.imu, data.streams.joints]
+        heard = [each.t_ns for each in (*series, robot, *data.streams.estimates.values()) if each is not None]
+        heard_ns = np.sort(np.concatenate([*heard, data.streams.clouds_ns]))
+        journal.count("paused_ms", unlocated_ns(heard_ns, data.first_ns, data.last_ns) // 1_000_000)
     if lost_ns > MOST_UNLOCATED * spanned_ns:
         why = why_failed(data, robot.source)
         detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
         journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
-
-
-def _warn_of_jumps(data: LogData, journal: Journal, robot: RobotTrack) -> None:
-    step_m = np.linalg.norm(np.diff(robot.xy_m, axis=0), axis=1)
-    jumps = step_m > np.maximum(LEAST_JUMP_M, FASTEST_MPS * np.diff(seconds_since(robot.t_ns, data.first_ns)))
-    if jumps.any():
-        worst = np.argmax(np.where(jumps, step_m, 0.0))
-        t_s = (robot.t_ns[worst + 1] - data.first_ns) * 1e-9
-        journal.warn(
-            f"positions jump {several(int(jumps.sum()), 'time')}, by up to {step_m[worst]:.2f} m, at {t_s:.1f} s, "
-            "as where odometry is reset: maps before and after do not fit together"
-        )
 
 
 def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack:
@@ -291,8 +283,10 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
             if robot.source != "fixed":
                 journal.note("the robot stood still: there is no way ahead of it")
             return None
-        # Where the robot itself is so much later; at the end of the recording, where it stops.
-        later_ns = np.minimum(robot.t_ns + round(topics.ahead_s * 1e9), robot.t_ns[-1])
+        # Where the robot itself is so much later; at the end of the recording, or before a gap, where it stops.
+        parts = segment_of(robot.t_ns, robot.t_ns, data.config.lidar.pose_gap_s)
+        last_ns = robot.t_ns[np.searchsorted(parts, parts, side="right") - 1]
+        later_ns = np.minimum(robot.t_ns + round(topics.ahead_s * 1e9), last_ns)
         return TargetTrack(robot.t_ns, robot.poses_at(later_ns, np.inf)[:, :2], "ahead")
     if data.streams.target is None:
         raise MissingInput("position", f"topics.target = {topics.target!r} gives no poses", "see  quadlog info")

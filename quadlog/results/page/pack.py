@@ -182,9 +182,11 @@ class Pack:
         Its yaw is unwrapped, so that a straight line between two poses is the shorter turn.
         """
         seconds, gap = track.seconds, np.isnan(track.x)
-        step_s = max(POSE_S, float(seconds[-1] - seconds[0]) / MOST_POSES)
-        slot = np.floor((seconds - seconds[0]) / step_s + 1e-6)
-        kept = np.append(True, np.diff(slot) > 0) | gap | np.append(gap[1:], True) | np.append(False, gap[:-1])
+        in_gap = gap | np.append(False, gap[:-1])
+        logged_s = np.cumsum(np.where(in_gap, 0.0, np.diff(seconds, prepend=seconds[:1])))
+        step_s = max(POSE_S, float(logged_s[-1]) / MOST_POSES)
+        slot = np.floor(logged_s / step_s + 1e-6)
+        kept = np.append(True, np.diff(slot) > 0) | in_gap | np.append(gap[1:], True)
         if step_s > POSE_S and not kept.all():
             self._notes[f"{track.label}: a position every {step_s:.2g} s"] = None
         yaw = track.yaw

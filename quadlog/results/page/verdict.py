@@ -14,13 +14,15 @@ from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
 from quadlog.results.scenes import SCALE_95, STANDS_M, columns_of
 from quadlog.results.text import STATES, State, bounds_of, count, is_alarming, label_of, percent, sig
-from quadlog.results.view import GAP_S
+from quadlog.results.view import GAP_S, in_gaps
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-STEP_M = 0.1
-"""The length of a walk is that of steps of at least this size, so that noise of positions does not add to it."""
+STEP_M, STEP_NOISES = 0.1, 8.0
+"""The length of a walk is that of steps of at least this size, and of so many times the track's noise."""
+NOISE_OVER_S = 0.35
+"""Noise is what third differences over this time hold; those of a walk are small."""
 _SOURCES = {
     "uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
     "file": "a trajectory file",
@@ -36,21 +38,34 @@ def verdict(run: Run) -> list[Sentence]:
 
 def status(run: Run) -> tuple[str, State]:
     """The run in a word: the worst of its sentences, and how many need a look."""
-    states = [sentence.state for sentence in verdict(run)]
-    bad, warn = states.count("bad"), states.count("warn")
+    found = verdict(run)
+    bad = sum(sentence.state == "bad" for sentence in found)
+    warn = sum(sentence.state == "warn" and sentence.subject != "Recording" for sentence in found)
+    warn += len(run.record.warnings)  # of which that sentence has the first
+    warnings = f", {warn} warning{'s' * (warn > 1)}" if warn else ""
     if bad:
-        return f"{bad} thing{'s' * (bad > 1)} to look at", "bad"
-    return (f"usable, {warn} warning{'s' * (warn > 1)}", "warn") if warn else ("done", "good")
+        return f"{bad} thing{'s' * (bad > 1)} to look at{warnings}", "bad"
+    return (f"usable{warnings}", "warn") if warn else ("done", "good")
 
 
 def walked_m(track: DataFrame) -> float:
-    """Length of a track with x_m and y_m, in steps of at least STEP_M."""
-    points = track[["x_m", "y_m"]].dropna().to_numpy().tolist()
-    length_m, last = 0.0, points[0] if points else (0.0, 0.0)
-    for point in points:
-        step_m = float(np.hypot(point[0] - last[0], point[1] - last[1]))
-        if step_m >= STEP_M:
-            length_m, last = length_m + step_m, point
+    """Length of a track with seconds, x_m and y_m, without its gaps and without what noise adds."""
+    rows = track.dropna(subset=["x_m", "y_m"])
+    seconds, places = rows["seconds"].to_numpy(), rows["x_m"].to_numpy() + 1j * rows["y_m"].to_numpy()
+    if len(rows) < 2:
+        return 0.0
+    steps_s = np.diff(seconds)
+    lag = max(round(NOISE_OVER_S / max(float(np.median(steps_s)), 1e-9)), 1)
+    third_m = np.abs(places[3 * lag :] - 3 * places[2 * lag : -lag] + 3 * places[lag : -2 * lag] - places[: -3 * lag])
+    # Of white noise of each axis their variance is 20 times its; the median of a Rayleigh variable is √(2 ln 2) stds.
+    noise_m = float(np.median(third_m)) / math.sqrt(40 * math.log(2)) if len(third_m) else 0.0
+    least_m, length_m = max(STEP_M, STEP_NOISES * noise_m), 0.0
+    for part in np.split(places, np.flatnonzero(in_gaps(steps_s)) + 1):
+        last, walked = part[0], 0.0
+        for place in part.tolist():
+            if (step_m := abs(place - last)) >= least_m:
+                walked, last = walked + step_m, place
+        length_m += walked + abs(part[-1] - last) * (walked > 0)
     return length_m
 
 
@@ -61,18 +76,20 @@ def _recorded(run: Run) -> Iterator[Sentence]:
     if poses is None and not any(stage.name == "position" for stage in run.record.stages):
         yield Sentence("Recorded walk", "Positions were not computed (--until ingest).")
         return
+    walk = "By its positions, which are not to be trusted, the robot" if _implausible(run) else "The robot"
     if poses is None or set(poses["source"].unique()) == {"fixed"}:
         fixed = "" if poses is None else ": the robot is fixed at the origin"
         yield Sentence("Recorded walk", f"No source gave positions of the robot{fixed}.", "bad")
     elif max(float(np.ptp(poses[name].dropna())) for name in ("x_m", "y_m")) < STANDS_M:
-        moved = f"The robot moved less than {STANDS_M:g} m in {sig(float(np.ptp(poses['seconds'])))} s."
-        yield Sentence("Recorded walk", moved, "good")
+        stayed = f"{walk} stayed within {STANDS_M:g} m for {sig(_lasted_s(poses))} s."
+        yield Sentence("Recorded walk", stayed, "bad" if _implausible(run) else "good")
     else:
         follows = target is not None and bool(set(target["source"].unique()) - {"ahead", "fixed"})
         did = "followed its target for" if follows else "walked"
-        length_m, lasted_s = walked_m(poses), float(np.ptp(poses["seconds"]))
+        length_m, lasted_s = walked_m(poses), _lasted_s(poses)
         speed = f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else ""
-        yield Sentence("Recorded walk", f"The robot {did} {sig(length_m)} m in {sig(lasted_s)} s{speed}.", "good")
+        text = f"{walk} {did} {sig(length_m)} m in {sig(lasted_s)} s{speed}."
+        yield Sentence("Recorded walk", text, "bad" if _implausible(run) else "good")
     if poses is not None:
         yield from _missing(run, poses)
     if plans is not None:
@@ -80,6 +97,17 @@ def _recorded(run: Run) -> Iterator[Sentence]:
         every = f"All {count(len(plans))} replans" if len(plans) > 1 else "The only replan"
         words = f"{count(failed)} of {count(len(plans))} replans found no path." if failed else f"{every} found a path."
         yield Sentence("Planning", words, "bad" if failed > 0.1 * len(plans) else "warn" if failed else "good")
+
+
+def _implausible(run: Run) -> list[str]:
+    """Why no robot can have walked the track; nothing of one that a robot can."""
+    return [loss.detail for loss in run.record.losses if loss.cause == "implausible positions"]
+
+
+def _lasted_s(poses: DataFrame) -> float:
+    """How long there are positions, without the gaps."""
+    steps_s = np.diff(poses["seconds"].to_numpy())
+    return float(steps_s[~in_gaps(steps_s)].sum())
 
 
 def _missing(run: Run, poses: DataFrame) -> Iterator[Sentence]:
@@ -109,10 +137,16 @@ def _simulated(run: Run) -> Iterator[Sentence]:
     how = f" and fell at {control['seconds'][control['fallen']].min():.1f} s" if fell else how
     states += ["bad"] * bool(fell or short)
     text = f"The simulated robot walked {sig(walked_m(control))} m {where}{how}"
+    if contacts is not None and (~contacts["collision"] & (contacts["seconds"] <= control["seconds"].min())).any():
+        text += "; it starts inside an obstacle of the map"
+        states.append("warn")
     hits = [] if contacts is None else contacts["seconds"][contacts["collision"]].tolist()
     clearance_m = run.metric("clearance_min_m")
     if hits:
         text += f"; it touched obstacles {len(hits)} ×, first at {min(hits):.1f} s"
+        states.append("bad")
+    elif clearance_m is not None and clearance_m < 0:
+        text += f"; inside an obstacle by up to {sig(-clearance_m, 2)} m"
         states.append("bad")
     elif clearance_m is not None:
         text += f"; nearest obstacle {sig(clearance_m, 2)} m away"
@@ -149,6 +183,8 @@ def _positions(run: Run) -> Iterator[Sentence]:
         state = "warn" if wide else "bad"
     if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
+    if doubts := _implausible(run):
+        text, state = "; ".join([text, *doubts]), "bad"
     yield Sentence("Positions", f"{text}.", state)  # type: ignore[arg-type]
 
 

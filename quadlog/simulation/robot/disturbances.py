@@ -47,7 +47,7 @@ class Disturbances:
         )
         self._next_push_s = settings.push_every_s
         self._side = self._left_or_right()
-        self._poses: deque[tuple[float, Float]] = deque()
+        self.poses: deque[tuple[float, Float]] = deque()
 
     def push_at(self, t_s: float, yaw_rad: float) -> Float | None:
         """The force (3,) in map on the trunk at an instant, None for none."""
@@ -71,8 +71,8 @@ class Disturbances:
             return pose
         noise = self._rng.normal(0.0, 1.0, 3) * settings.pose_noise_m
         noise[2] /= HEADING_ARM_M
-        self._poses.append((t_s, pose + noise))
+        self.poses.append((t_s, pose + noise))
         # What was measured a lag ago is known now; half a microsecond for the rounding of times.
-        while len(self._poses) > 1 and self._poses[1][0] <= t_s - settings.pose_lag_s + 5e-7:
-            self._poses.popleft()
-        return self._poses[0][1]
+        while len(self.poses) > 1 and self.poses[1][0] <= t_s - settings.pose_lag_s + 5e-7:
+            self.poses.popleft()
+        return self.poses[0][1]

@@ -43,10 +43,15 @@ class UnicycleRobot:
     ) -> None:
         self.tick_s, self.ticks = tick_s, 0
         self.disturbances = Disturbances(disturbances, rng)
-        self.pose: Float = np.array(start_pose, dtype=np.float64)
-        self.velocity = (0.0, 0.0, 0.0)
+        self.start_at(start_pose)
         self.torques_nm: Float = np.full(12, np.nan)
         self.foot_loads_n: Float = np.full(4, np.nan)
+
+    def start_at(self, pose: Float) -> None:
+        """Stand at a pose (3,); the clock goes on."""
+        self.pose: Float = np.array(pose, dtype=np.float64)
+        self.velocity = (0.0, 0.0, 0.0)
+        self.disturbances.poses.clear()
 
     @property
     def t_s(self) -> float:

@@ -37,21 +37,28 @@ class WalkingRobot:
     ) -> None:
         self.model = model
         self.tick_s = float(model.model.opt.timestep)
-        self.ticks, self.fallen = 0, False
+        self.ticks, self._walked = 0, 0
         self._sums: Float = np.zeros(6)
         self.disturbances = Disturbances(disturbances, rng)
-        x_m, y_m, yaw_rad = start_pose.tolist()
-        self._quadruped = Quadruped(model, x_m, y_m, yaw_rad)
+        self._settings = replace(settings, mass_error=disturbances.mass_error)
+        self.start_at(start_pose)
+
+    def start_at(self, pose: Float) -> None:
+        """Stand at a pose (3,), upright and without a step begun; the clock, the effort and the counts go on."""
+        self.fallen, self._began = False, self.ticks
+        self._quadruped = Quadruped(self.model, *pose.tolist())
         self._state = self._quadruped.read()
         # The state that the controller is given.
-        self._estimated = WholeBodyState() if disturbances.velocity_bias_mps else self._state
-        settings = replace(settings, mass_error=disturbances.mass_error)
-        self.walker = Walker(model.robot, settings, self._state)
+        self._estimated = WholeBodyState() if self.disturbances.settings.velocity_bias_mps else self._state
+        before, self.walker = getattr(self, "walker", None), Walker(self.model.robot, self._settings, self._state)
+        if before is not None:
+            self.walker.mpc.counts, self.walker.wbc.counts = before.mpc.counts, before.wbc.counts
+            self.walker.wbc.damped = before.wbc.damped
+        self.disturbances.poses.clear()
         # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet.
         self.torques_nm: Float = np.zeros(12)
         self.foot_loads_n: Float = np.zeros(4)
         self._speed_mps, self._yaw_rate_radps = 0.0, 0.0
-        self._walked = 0
 
     @property
     def mass_kg(self) -> float:
@@ -127,7 +134,8 @@ class WalkingRobot:
             np.copyto(self._estimated.record, state.record)
             self._estimated.qvel[:3] += self.disturbances.velocity_bias_mps
         t_s = self.t_s
-        self.torques_nm, cut = walker.step(t_s, self.tick_s, self._estimated, wanted)
+        walked_s = (self.ticks - self._began) * self.tick_s
+        self.torques_nm, cut = walker.step(walked_s, self.tick_s, self._estimated, wanted)
         _sum_up(self._sums, self.torques_nm, cut, state.record, walker.reference.record, self.tick_s)
         quadruped.act(self.torques_nm, self.disturbances.push_at(t_s, float(state.rpy[2])))
         if weigh:

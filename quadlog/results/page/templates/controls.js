@@ -122,6 +122,12 @@ const addTransport = (place, scene, clock) => {
   const [from, until] = scene.span;
   let [playing, before, owed, shown, turn] = [false, null, 0, 0, 0];
   const seek = (instant, turn) => clock.set(Math.min(Math.max(instant, from), until), turn);
+  // Where nothing was recorded, nothing is played.
+  const spans = scene.activity.flatMap((row) => row.spans);
+  const skipGap = (instant) => {
+    const begins = spans.filter(([, end]) => end >= instant).map(([begin]) => begin);
+    return begins.length ? Math.max(instant, Math.min(...begins)) : instant;
+  };
   const setPlaying = (wanted) => {
     if (wanted && clock.now >= until) seek(from);
     [playing, before] = [wanted, null];
@@ -136,7 +142,7 @@ const addTransport = (place, scene, clock) => {
     before = now;
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (!calm || now - shown > 500) {
-      seek(clock.now + owed, turn++);
+      seek(skipGap(clock.now + owed), turn++);
       [owed, shown] = [0, now];
     }
     if (clock.now >= until) setPlaying(false);
