@@ -98,7 +98,7 @@ ROWS = {
     ),
     # names and files
     "long-and-wide-names": Odd((good, odd.beside(LONG), odd.beside("/" + "x" * 60)), says_of_info=("/" + "x" * 60,)),
-    "nothing": Odd((good, odd.only()), source=None, code=1, says=("nothing",)),
+    "nothing": Odd((good, odd.only()), source=None, code=1, says_of_info=("no topics",)),
     "nothing-of-use": Odd((odd.beside("/chatter"),), source=None, code=1, says_of_info=("chatter",)),
     "cut": Odd((good,), damage=odd.cut, code=3, info_code=3, says=("lost:",)),
     "flipped": Odd((good,), damage=odd.flipped, code=3, info_code=3, says=("lost:",)),
