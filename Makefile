@@ -80,7 +80,7 @@ package: $(VENV)/.pip  ## sdist and wheel into dist/; the wheel runs the demo fr
 	$(PYTHON) -m venv build/empty
 	build/empty/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
 	cd build/empty && bin/python -m pip check && bin/quadlog --version
-	cd build/empty && bin/quadlog replay $(CURDIR)/fixtures/follow.mcap -c $(CURDIR)/fixtures/follow.toml -o runs
+	cd build/empty && bin/quadlog replay ../../fixtures/follow.mcap -c ../../fixtures/follow.toml -o runs
 
 lock: $(VENV)/.pip  ## requirements.lock again: the newest versions that pyproject.toml allows, for every platform
 	$(PIP) install --quiet --upgrade uv

@@ -94,7 +94,7 @@ class Look:
             "odometry": lambda: roles.why_none(source),
         }
         why = reasons.get(source, lambda: "it holds no poses")()
-        ways = self.ways_out(tree, failed=failed | {source: ""}) or SEE_INFO
+        ways = self.ways_out(tree, failed={**failed, source: ""}) or SEE_INFO
         return MissingInput("position", f"topics.position = {source!r}, but {why}", ways)
 
     def ways_out(self, tree: TransformTree, used: Collection[str] = (), failed: Mapping[str, str] = {}) -> str:

@@ -161,7 +161,7 @@ def print_table(
     columns, right = _columns(header, rows, escape_markdown if to == "markdown" else printable)
     head, *cells = zip(*columns, strict=True)
     sides = ["right" if each else "left" for each in right]
-    text = tabulate(cells or [[""] * len(head)], head, _STYLES[to], colalign=sides, disable_numparse=True)
+    text = tabulate(cells or [("",) * len(head)], head, _STYLES[to], colalign=sides, disable_numparse=True)
     if to == "latex":
         # A bracket or star would be an option of the line end before it.
         text = re.sub(r"^ *(?=[\[*])", "{}", text.translate(_LATEX), flags=re.MULTILINE)
@@ -215,7 +215,7 @@ def _lines(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -
     alone = [name] if cell_len(name) > widths[0] else []
     parts = [wrapped(cell, size) for cell, size in zip(["" if alone else name, *others], widths, strict=True)]
     for texts in zip_longest(*parts, fillvalue=""):
-        alone.append("  ".join(map(_padded, texts, widths, right)).rstrip())
+        alone += filter(None, ["  ".join(map(_padded, texts, widths, right)).rstrip()])
     return alone
 
 

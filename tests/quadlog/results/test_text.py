@@ -100,6 +100,46 @@ def test_readers_see_four_digits_one_minus_nothing_for_no_value_and_folded_words
     assert (max(map(len, lines)) <= 60, row[0] in lines[1], "12\u2009346" in lines[1]) == (True, True, True)
 
 
+NARROW = {
+    53: """\
+name                      metres  count  why
+測測測測測測測測測測測測    12.5      3  as many
+                                         words as it
+                                         takes
+b                              1      2
+""",
+    44: """\
+name             metres  count  why
+測測測測測測測測測測測測
+                   12.5      3  as many
+                                words as it
+                                takes
+b                     1      2
+""",
+    22: """\
+name
+  metres  why
+測測測測測測測測測測測測
+    12.5  as many
+          words as it
+          takes
+b
+       1
+left out in 22
+    columns, but not
+    in --json or
+    --format csv:
+    count
+""",
+}
+
+
+@pytest.mark.parametrize("width", NARROW)
+def test_a_narrow_table_folds_texts_then_gives_names_a_line_then_leaves_out_numbers(width: int) -> None:
+    rows = [("測" * 12, 12.5, 3, "as many words as it takes"), ("b", 1.0, 2, "")]
+    assert print_table(("name", "metres", "count", "why"), rows, width=width) == NARROW[width]
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.text('abc&%$#_{}~^\\<>|`"[]* \n', max_size=30))
 def test_latex_keeps_no_meaning_that_was_not_meant(text: str) -> None:
