@@ -23,6 +23,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
+from quadlog.recordings.roles import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -125,7 +126,8 @@ def _filtered(
     for text in data.point_times.warnings(journal.counts.get("scans", 0)) if config.lidar.deskew else ():
         journal.warn(text)
     topic = str(data.log.lidar)
-    tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})")
+    planar = PLANAR_SCANS.issuperset(data.log.recording.types_of(topic))
+    tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})", planar=planar)
 
 
 UNUSUAL = {
@@ -158,12 +160,16 @@ class _Tally:
         if not scan.level:
             journal.count("scans_without_ground" if scan.level is None else "scans_with_steep_ground")
 
-    def tell(self, journal: Journal, config: Config, why: str) -> None:
-        """Notes on the classification, and warnings of unusual scans; why: the lidar's topic and why it was chosen."""
+    def tell(self, journal: Journal, config: Config, why: str, *, planar: bool) -> None:
+        """Notes on the classification, and warnings of unusual scans; why: the lidar's topic and why it was chosen.
+
+        planar: whether its messages have no beams to number.
+        """
         journal.use("lidar")
         n = journal.counts.get("scans", 0)
         for route, count in self._routes.most_common():
-            journal.note(f"{count} of {self._routes.total()} scans classified {ROUTE_WORDS[route]}")
+            words = ROUTE_WORDS["planar" if planar and route == "rings" else route]
+            journal.note(f"{count} of {self._routes.total()} scans classified {words}")
         for reason, count in self._skewed.items():
             journal.count("scans_not_deskewed", count)
             if reason is not Skewed.NO_TIMES and config.lidar.deskew:

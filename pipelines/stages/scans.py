@@ -39,6 +39,7 @@ def even_sample(count: int, wanted: int) -> set[int]:
 
 ROUTE_WORDS = {
     "rings": "by beams, from the points' ring numbers",
+    "planar": "by the one beam of a 2-D scanner",
     "elevations": "by beams, from the points' elevations",
     "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",

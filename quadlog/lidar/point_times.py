@@ -66,8 +66,8 @@ class TimeReading(NamedTuple):
         if self.why_not:
             return [f"{scans} of {scans} scans are not deskewed: {self.why_not}"]
         own = (
-            f"{self.field} of points counts neither from the stamp nor from 1970: the first point of a scan is taken to "
-            "be measured at its stamp; if that is wrong,  --set lidar.deskew=false"
+            f"{self.field} of points counts neither from the stamp nor from 1970: a scan's first point is taken to be "
+            "measured at its stamp; if that is wrong,  --set lidar.deskew=false"
         )
         return [own] if self.since == OWN else []
 

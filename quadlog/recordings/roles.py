@@ -253,12 +253,20 @@ def look_at_clouds(
         )
         return [_unless_copy(each, copies) for each in candidates]
     return [
-        Candidate(each.topics, _POOR, "starts with empty scans")
+        _by_later_scans(recording, each)
         if each.rank == 0 == max(map(len, _clouds(samples[each.topics[0]])), default=0)
-        and any(len(points) for points in _clouds(recording.sample(each.topics[0], LATE_SCANS)))
         else each
         for each in candidates
     ]
+
+
+def _by_later_scans(recording: Recording, candidate: Candidate) -> Candidate:
+    """A candidate whose first scans show nothing, by more of them."""
+    later = [len(points) for points in _clouds(recording.sample(candidate.topics[0], LATE_SCANS))]
+    if any(later):
+        return Candidate(candidate.topics, _POOR, "starts with empty scans")
+    which = "all its" if len(later) < LATE_SCANS else "its first"
+    return Candidate(candidate.topics, 0, f"{which} {len(later)} scans are empty") if later else candidate
 
 
 def _judge(recording: Recording, topic: str, samples: Sequence[object]) -> Candidate:

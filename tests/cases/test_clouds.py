@@ -209,7 +209,7 @@ CASES = {
     "no rings": Case(no_rings, note="by beams, from the points' elevations", honest=True),
     "of many sizes": Case(thinned, honest=True),
     "of many sizes, paper": Case(thinned, flags=("lidar.method=paper",), honest=True),
-    "all empty": Case(high_up(0), code=1, warning="its first scans are empty"),
+    "all empty": Case(high_up(0), code=1, warning="all its 16 scans are empty"),
     "all empty but wanted": Case(
         filled(0.0), flags=(f"topics.lidar={LIDAR_TOPIC}",), warning="16 of 16 scans: fewer than 20 points"
     ),

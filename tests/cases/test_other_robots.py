@@ -242,7 +242,11 @@ CASES = {
     "scans-20m": Case(scans_only(720), 0, "lidar", 0.05, size_m=20.0),
     "scans-covered": Case(covered, 3, "lidar", np.inf, says=("have no measured position",), nowhere_s=(3.0, 6.0)),
     "scans-and-odometry": Case(
-        lone_scanner, 0, "odometry", says=("the re-simulated robot walks on a plane",), walls=True
+        lone_scanner,
+        0,
+        "odometry",
+        walls=True,
+        says=("the re-simulated robot walks on a plane", "classified by the one beam of a 2-D scanner"),
     ),
     "scans-of-50-beams-and-odometry": Case(
         together(odometry, lambda log, room: add_scans(log, room, 8.0, 50, frame="base_link")),
