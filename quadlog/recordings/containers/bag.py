@@ -180,8 +180,9 @@ def chunk_of(frame: Frame) -> Frame:
 
 def read_chunk(file: ByteSource, frame: Frame) -> Body:
     """A chunk's decompressed records. Raises Damaged."""
-    data = memoryview(read_at(file, frame.data_offset, frame.data_length))
-    return Body(decompress(text(frame.fields, b"compression"), data, number(frame.fields, b"size")), len(data))
+    data, offset = memoryview(read_at(file, frame.data_offset, frame.data_length)), frame.data_offset
+    size = number(frame.fields, b"size")
+    return Body(decompress(text(frame.fields, b"compression"), data, size, file, offset), len(data), file, offset)
 
 
 def list_messages(indexes: memoryview) -> Listed:
@@ -201,17 +202,41 @@ def list_messages(indexes: memoryview) -> Listed:
     return Listed(counts, t_ns, rows["offset"].astype(np.int64))
 
 
-def message_entries(body: Body) -> Entries:
-    """Every message among a body of whole records, in file order. Raises Damaged."""
-    found = EntryList(body)
-    for fields, begin, end in records(body.data):
+def read_messages(body: Body) -> tuple[Entries, list[Connection]]:
+    """The messages and the connections of a body of whole records, in file order. Raises Damaged.
+
+    Messages of a connection differ in their time alone: a header that does is not taken apart again.
+    """
+    found, connections, data, size, position = EntryList(body), list[Connection](), body.data, len(body.data), 0
+    known: dict[tuple[bytes, bytes], int] = {}
+    at = 0
+    while position < size:
         found.count_record()
-        op = number(fields, b"op")
-        if op == MESSAGE:
-            found.add(time_ns(fields, b"time"), begin, end, number(fields, b"conn"))
-        elif op != CONNECTION:
-            raise Damaged(f"it holds a record of kind {op}, which may have been a message")
-    return found.entries()
+        cursor = position + 4
+        if cursor > size or (begin := cursor + _U32.unpack_from(data, position)[0] + 4) > size:
+            raise Damaged("a record is cut short")
+        header = data[cursor : begin - 4].tobytes()
+        position = begin + _U32.unpack_from(data, begin - 4)[0]
+        if position > size:
+            raise Damaged("a record reaches beyond its chunk")
+        connection = known.get((header[:at], header[at + 8 :]))
+        if connection is None:
+            fields = read_fields(memoryview(header))
+            op = number(fields, b"op")
+            if op == CONNECTION:
+                connections.append(read_connection(fields, data[begin:position]))
+                continue
+            if op != MESSAGE:
+                raise Damaged(f"it holds a record of kind {op}, which may have been a message")
+            connection, t_ns = number(fields, b"conn"), time_ns(fields, b"time")
+            if header.count(b"time=") == 1:
+                at = header.index(b"time=") + 5
+                known[header[:at], header[at + 8 :]] = connection
+        else:
+            seconds, nanoseconds = _TIME.unpack_from(header, at)
+            t_ns = seconds * 10**9 + nanoseconds
+        found.add(t_ns, begin, position, connection)
+    return found.entries(), connections
 
 
 def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:
@@ -302,11 +327,9 @@ class BagScan(Scan):
 
     def _take_chunk(self, position: int, frame: Frame) -> None:
         try:
-            body = read_chunk(self._file, frame)
-            entries = message_entries(body)
-            for fields, begin, stop in records(body.data):
-                if number(fields, b"op") == CONNECTION:
-                    self._connect(read_connection(fields, body.data[begin:stop]))
+            entries, connections = read_messages(read_chunk(self._file, frame))
+            for connection in connections:
+                self._connect(connection)
         except Damaged as damage:
             # It lies between the last message before it and an end that nothing says.
             last_ns = max((piece.end_ns for piece in self.pieces), default=0)
@@ -349,10 +372,11 @@ class BagFormat(PieceFormat):
             return None
         if text(frame.fields, b"compression") != "bz2":
             return read_chunk(self.file, frame)
-        return Body(self._unpacked.data(piece.offset, lambda: read_chunk(self.file, frame).data), frame.data_length)
+        data = self._unpacked.data(piece.offset, lambda: read_chunk(self.file, frame).data)
+        return Body(data, frame.data_length, self.file, frame.data_offset)
 
     def entries(self, body: Body) -> Entries:
-        return message_entries(body)
+        return read_messages(body)[0]
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
         """See PieceFormat. Chunk headers are read as well: only they say where a chunk ends and its index begins."""
@@ -418,7 +442,7 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     for piece in pieces:
         if piece.is_empty:
             body = read_chunk(file, chunk_of(read_frame(file, piece.offset, size)))
-            if len(message_entries(body)):
+            if len(read_messages(body)[0]):
                 raise Damaged("the bag's index calls a chunk empty that has messages")
     behind = [*(piece.offset for piece in pieces[1:]), index_offset]
     return connections, [replace(piece, index_end=end) for piece, end in zip(pieces, behind, strict=False)]
