@@ -259,7 +259,9 @@ def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Itera
             limit = min(largest_size(len(message.payload)), worth + spare.left(number))
             payload = memoryview(inflate_zstd(message.payload, limit))
             spare.take(number, len(payload) - worth)
-        except (zstandard.ZstdError, Incomplete, ValueError):
+        except (zstandard.ZstdError, Incomplete, ValueError) as error:
+            if isinstance(error, ValueError):  # it grew to the limit in vain
+                spare.take(number, limit - worth)
             unreadable[message.channel.topic] += 1
             continue
         yield RawMessage(message.channel, message.log_time_ns, payload)
