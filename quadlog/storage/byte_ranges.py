@@ -20,13 +20,14 @@ from quadlog.storage.urls import redacted
 Span = tuple[int, int]
 """Offset and length."""
 SPARE_BYTES, _SPARE_RECORDS = 1 << 32, 1 << 16
+"""What all chunks of a file may hold beyond what their size is worth."""
 
 
 class Allowance:
-    """So much for all places of a file together; a place that is read again counts once. For several threads."""
+    """So much for all places of a file together; a place that is read again counts once."""
 
     def __init__(self, most: int) -> None:
-        self._left, self._taken, self._lock = most, dict[int, int](), Lock()
+        self._left, self._taken = most, dict[int, int]()
 
     def left(self, place: int) -> int:
         """What the place may take, with what it took before."""
@@ -34,28 +35,19 @@ class Allowance:
 
     def take(self, place: int, amount: int) -> bool:
         """Whether there is so much for the place."""
-        with self._lock:
-            if (enough := amount <= self.left(place)) and (more := amount - self._taken.get(place, 0)) > 0:
-                self._left -= more
-                self._taken[place] = amount
-        return enough
+        if self._taken.get(place, 0) < amount <= self.left(place):
+            self._left, self._taken[place] = self.left(place) - amount, amount
+        return amount <= self.left(place)
 
 
-class _Source:
-    """Bytes of a file that nobody vouches for: what its chunks may hold beyond what their size is worth."""
-
-    def __init__(self) -> None:
-        self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
-
-
-class LocalBytes(_Source):
+class LocalBytes:
     """An open file of this machine, of known size; safe to use from several threads."""
 
     watcher: Callable[[int, bytes], None] | None = None
     """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__()
+        self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
         self._path = path
         self._lock = Lock()
         self._reading = 0
@@ -126,11 +118,11 @@ BLOCK_BYTES = 1 << 16
 _AT_A_TIME = 16
 
 
-class RemoteBytes(_Source):
+class RemoteBytes:
     """An object behind a URL that is read by range, as LocalBytes; safe to use from several threads."""
 
     def __init__(self, remote: RemoteObject, size: int) -> None:
-        super().__init__()
+        self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
         self.size = size
         self._remote = remote
         self._kept = tempfile.TemporaryFile(prefix="quadlog-")  # noqa: SIM115 - closed by close()

@@ -102,15 +102,15 @@ def parse_frame(head: bytes, position: int, size: int) -> Frame:
     return Frame(number(fields, b"op"), fields, data_offset, data_length)
 
 
-def records(data: memoryview) -> Iterator[tuple[Fields, int, int]]:
-    """Header fields and the range of the data of each record in a buffer of whole records. Raises Damaged."""
+def records(data: memoryview) -> Iterator[tuple[memoryview, int, int]]:
+    """Header and the range of the data of each record in a buffer of whole records. Raises Damaged."""
     cursor = Cursor(data)
     while cursor:
-        fields = read_fields(cursor.take(cursor.u32()))
+        header = cursor.take(cursor.u32())
         length = cursor.u32()
         begin = cursor.position
         cursor.take(length)
-        yield fields, begin, begin + length
+        yield header, begin, begin + length
 
 
 def read_fields(header: memoryview) -> Fields:
@@ -188,7 +188,8 @@ def read_chunk(file: ByteSource, frame: Frame) -> Body:
 def list_messages(indexes: memoryview) -> Listed:
     """The messages of a chunk by the index records behind it. Raises Damaged."""
     runs: dict[int, memoryview] = {}
-    for fields, begin, end in records(indexes):
+    for header, begin, end in records(indexes):
+        fields = read_fields(header)
         if number(fields, b"op") == INDEX:
             connection = number(fields, b"conn")
             if number(fields, b"ver") != 1 or end - begin != number(fields, b"count") * _INDEX_ENTRY.itemsize:
@@ -205,37 +206,29 @@ def list_messages(indexes: memoryview) -> Listed:
 def read_messages(body: Body) -> tuple[Entries, list[Connection]]:
     """The messages and the connections of a body of whole records, in file order. Raises Damaged.
 
-    Messages of a connection differ in their time alone: a header that does is not taken apart again.
+    A header that differs from an earlier message's in its time alone is not taken apart again.
     """
-    found, connections, data, size, position = EntryList(body), list[Connection](), body.data, len(body.data), 0
+    found, connections, at = EntryList(body), list[Connection](), 0
     known: dict[tuple[bytes, bytes], int] = {}
-    at = 0
-    while position < size:
+    for header, begin, end in records(body.data):
         found.count_record()
-        cursor = position + 4
-        if cursor > size or (begin := cursor + _U32.unpack_from(data, position)[0] + 4) > size:
-            raise Damaged("a record is cut short")
-        header = data[cursor : begin - 4].tobytes()
-        position = begin + _U32.unpack_from(data, begin - 4)[0]
-        if position > size:
-            raise Damaged("a record reaches beyond its chunk")
-        connection = known.get((header[:at], header[at + 8 :]))
+        head = header.tobytes()
+        connection = known.get((head[:at], head[at + 8 :]))
         if connection is None:
-            fields = read_fields(memoryview(header))
+            fields = read_fields(header)
             op = number(fields, b"op")
             if op == CONNECTION:
-                connections.append(read_connection(fields, data[begin:position]))
+                connections.append(read_connection(fields, body.data[begin:end]))
                 continue
             if op != MESSAGE:
                 raise Damaged(f"it holds a record of kind {op}, which may have been a message")
             connection, t_ns = number(fields, b"conn"), time_ns(fields, b"time")
-            if header.count(b"time=") == 1:
-                at = header.index(b"time=") + 5
-                known[header[:at], header[at + 8 :]] = connection
+            if head.count(b"time=") == 1:
+                at = head.index(b"time=") + 5
+                known[head[:at], head[at + 8 :]] = connection
         else:
-            seconds, nanoseconds = _TIME.unpack_from(header, at)
-            t_ns = seconds * 10**9 + nanoseconds
-        found.add(t_ns, begin, position, connection)
+            t_ns = time_ns({b"time": header[at : at + 8]}, b"time")
+        found.add(t_ns, begin, end, connection)
     return found.entries(), connections
 
 
@@ -424,7 +417,8 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
         raise Damaged("the bag is cut off before its index")
     connections, pieces = [], []
     section = memoryview(read_at(file, index_offset, size - index_offset, MAX_INDEX_BYTES))
-    for fields, begin, end in records(section):
+    for head, begin, end in records(section):
+        fields = read_fields(head)
         op = number(fields, b"op")
         if op == CONNECTION:
             connections.append(read_connection(fields, section[begin:end]))
