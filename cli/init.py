@@ -25,7 +25,7 @@ def command(recording: Path, output: Path, everything: bool, msg_path: tuple[Pat
     from quadlog.pipelines.info import propose_config, write_new
     from quadlog.results.find_runs import refuse_existing
 
-    refuse_existing(output, force)  # before the recording is read, which may take a while
+    refuse_existing(output, force, [recording])  # before the recording is read, which may take a while
     proposal = propose_config(recording, msg_path, everything=everything)
     report_health(proposal.warnings, [(loss.topic, loss.detail) for loss in proposal.losses])
     write_new(output, proposal.text, force=force)

@@ -64,9 +64,10 @@ def command(
     from quadlog.results.find_runs import refuse_existing
     from quadlog.results.text import percent
 
-    if output is not None:
-        refuse_existing(output, force)  # before the recording is read, which may take a while
+    read = [recording, given["config_path"]]
     config = options.configured(given).config
+    if output is not None:  # before the recording is read, which may take a while
+        refuse_existing(output, force, [*read, Path(config.topics.position)])
     with open_progress() as progress:
         outcome = survey_recording(recording, config, ReplayOptions(**given), dict(heights), progress)
     if output is not None:

@@ -7,19 +7,19 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import takewhile
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.request import GOES_ON, Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
 from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
-from quadlog.results.record import describe_input, read_metrics, read_record, write_record
+from quadlog.results.record import InputRecord, describe_input, read_metrics, read_record, write_record
 from quadlog.results.run import check_place, new_run, settle
 from quadlog.storage.atomic_write import is_full, is_part, new_folder
 from quadlog.storage.remote_path import RemotePath
@@ -67,17 +67,18 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     What the store has is not done again, but with FORCE. A run that is replaced stands until the new one is complete.
     A run at a URL that is not finished is made from the start.
     """
-    do = _replay_there if isinstance(request.run, RemotePath) else _replay_here
-    outcome = do(request, progress)
+    outcome = finished_outcome(request) if request.existing is Existing.RESUME else None
+    if outcome is None:
+        do = _replay_there if isinstance(request.run, RemotePath) else _replay_here
+        outcome = do(request, progress)
+    else:
+        progress.say(DONE_BEFORE.format(request.run))
     (request.run / FAILED).unlink(missing_ok=True)  # of an earlier try
     return outcome
 
 
 def _replay_here(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
     if request.existing is Existing.RESUME:
-        if (finished := finished_outcome(request)) is not None:
-            progress.say(DONE_BEFORE.format(request.run))
-            return finished
         refuse_another(request)
         if reusable := reusable_stages(request):
             progress.say(reused_words(reusable, request.options.until))
@@ -97,6 +98,9 @@ def _replay_here(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             # Drawing is not loaded before there is something to draw.
             from quadlog.pipelines.stages.report import Finished, finish
         metrics = finish(run, Finished(request, log, do, made, startup_s))
+        if request.existing is Existing.RESUME:
+            refuse_another(request)  # which another process may have finished meanwhile
+    Store(request.run.parent).settle(do.keys.values())
     reason = "; ".join(loss.detail for loss in journal.losses)
     code = ExitCode.WITH_LOSS if reason else ExitCode.DONE
     return ReplayOutcome(request.recording, request.run, code, reason, metrics, do.reused)
@@ -111,9 +115,8 @@ def _replay_there(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
             raise CannotWrite(str(run), "the folder holds other files and is no run of quadlog")
         if request.existing is Existing.REFUSE:
             raise RunExists(str(run))
-    if request.existing is Existing.RESUME and (finished := finished_outcome(request)) is not None:
-        progress.say(DONE_BEFORE.format(run))
-        return finished
+        if request.existing is Existing.RESUME:
+            refuse_another(request)
     with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
         local = Path(scratch) / run_name(run.name)
         outcome = _replay_here(replace(request, run=local, existing=Existing.REFUSE), progress)
@@ -196,16 +199,24 @@ def finished_outcome(request: ReplayRequest) -> ReplayOutcome | None:
 
 
 def refuse_another(request: ReplayRequest) -> None:
-    """Raises RunOfAnother for a finished run of another recording, which cannot be resumed for this one."""
+    """Raises RunOfAnother for a finished run of another recording, by their digests.
+
+    What has none, behind a URL, is known by its place.
+    """
     try:
         recorded = read_record(request.run).input
     except (NotARun, UnknownRunFormat):
         return
-    one, other = (PurePosixPath(path.replace("\\", "/")).parts for path in (recorded.path, str(request.recording)))
-    shorter = min(len(one), len(other))
-    may_be_one = bool(shorter) and one[-shorter:] == other[-shorter:]
-    if not may_be_one and recorded.identity != describe_input(request.recording).identity:
+    found = _described(request.recording, log_key(request.recording, ReplayOptions()))
+    without = found.fingerprint is recorded.fingerprint is None and found.path == recorded.path
+    if not without and found.identity != recorded.identity:
         raise RunOfAnother(request.run, recorded.path)
+
+
+@lru_cache(64)
+def _described(recording: Path, _: str) -> InputRecord:
+    """A recording that is read once as long as its log_key stays."""
+    return describe_input(recording)
 
 
 @contextmanager

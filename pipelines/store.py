@@ -1,4 +1,4 @@
-"""Results by key: a folder for each in `.stages`, filled once, whole or not at all, and linked into the runs.
+"""Results by key: a folder for each in `.stages`, filled once, whole or not at all, and copied into the runs.
 
 A key is a digest of all that a result depends on. `--resume`, sweeps, `--dry-run` and the second try of a killed worker
 are one thing here: they ask for results by their keys, and what is there is not made again. Deleting it is safe.
@@ -12,7 +12,8 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial, reduce
@@ -29,7 +30,7 @@ from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.results.record import RUN_FORMAT, own_files, read_object
 from quadlog.results.run import STORE
-from quadlog.storage.atomic_write import is_part, part_folder, remove_stale_parts, write_whole
+from quadlog.storage.atomic_write import is_part, part_folder, remove_stale_parts, whole_file, write_whole
 from quadlog.storage.remote_path import RemotePath
 from quadlog.version import __version__
 
@@ -38,8 +39,11 @@ ENDS_BYTES = 1 << 16
 MSG_PATTERNS = ("*.msg", "*/*.msg", "*/msg/*.msg")
 """Where definitions are looked for below a folder of --msg-path."""
 STATE = "_state.json"
-"""Of a result: its journal, and what its stage returned. It is not linked into runs."""
+"""Of a result: its journal, what its stage returned, and size and SHA-256 of its files. It is not copied into runs."""
 LOCK = ".lock-"
+FRESH_S = 24 * 3600.0
+"""For so long results of a replay that did not finish stay."""
+_CLONE = 0x40049409  # FICLONE of ioctl_ficlonerange(2): two files share their blocks until one is written to
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ class Keys:
 
 
 class Doing:
-    """Does stages, or takes them from the store, and links their files into the folder of a run.
+    """Does stages, or takes them from the store, and copies their files into the folder of a run.
 
     last: the last stage that is wanted. journal, keys: of all stages so far. reused: the names of those that were in
     the store, but for `ingest`.
@@ -116,9 +120,9 @@ class Doing:
         key = key_of(stage, self._dumped, inputs)
         if self._last in self.keys:
             return Keyed(key, partial(not_done, stage.names))
-        if self._store.has(key):
+        kept, reused = self._store.get(key, partial(self._fill, stage, inputs), self._run)
+        if reused:
             self.reused += tuple(name for name in stage.names if name != "ingest")
-        kept = self._store.get(key, partial(self._fill, stage, inputs), self._run)
         self.keys |= dict.fromkeys(stage.names, key)
         self.journal.add(kept["journal"])
         # From the run: another process may remove results that no finished run has.
@@ -144,30 +148,34 @@ class Store:
         self.folder = output / STORE
 
     def has(self, key: str) -> bool:
-        """Whether the result of this key is there."""
-        return (self.folder / key / STATE).is_file()
+        """Whether the result of this key is there, as far as the sizes of its files tell."""
+        folder = self.folder / key
+        with suppress(OSError, *_DAMAGE):
+            files = json.loads((folder / STATE).read_bytes())["files"]
+            return all((folder / name).stat().st_size == size for name, (size, _) in files.items())
+        return False
 
-    def get(self, key: str, fill: Callable[[Path], None], run: Path) -> Any:
-        """The state of a result, whose files are linked into a run; `fill` makes all of it where there is none yet.
+    def get(self, key: str, fill: Callable[[Path], None], run: Path) -> tuple[Any, bool]:
+        """The state of a result, whose files are copied into a run, and whether it was there.
 
-        Raises OSError, and what fill raises.
+        `fill` makes all of it where there is none yet, or a damaged one. Raises OSError, and what fill raises.
         """
         folder = self.folder / key
-        with suppress(FileNotFoundError):  # there is none, or another process removes it
-            return _taken(folder, run)
+        if (kept := _taken(folder, run)) is not None:
+            return kept, True
         with self._alone(key), part_folder(self.folder) as part:
-            with suppress(FileNotFoundError):  # the process that was waited for has not left it
-                return _taken(folder, run)
+            if (kept := _taken(folder, run)) is not None:  # the process that was waited for has left it
+                return kept, True
+            shutil.rmtree(folder, ignore_errors=True)
             fill(part)
-            for file in part.iterdir():
-                file.chmod(0o444)
+            _seal(part)
             kept = _taken(part, run)
             try:
                 part.rename(folder)
             except OSError:
                 if not self.has(key):  # another process was not faster
                     raise
-        return kept
+        return kept, False
 
     @contextmanager
     def _alone(self, key: str) -> Iterator[None]:
@@ -186,14 +194,22 @@ class Store:
         for key in keys:
             shutil.rmtree(self.folder / key, ignore_errors=True)
 
-    def trim(self, kept: Collection[str] = ()) -> None:
-        """Remove the results that no run has, and what killed processes have begun; kept: keys of results that stay."""
+    def settle(self, keys: Iterable[str]) -> None:
+        """Let results of a run that is finished go as soon as no run has them."""
+        for key in keys:
+            with suppress(OSError):
+                os.utime(self.folder / key, (0, 0))
+
+    def trim(self) -> None:
+        """Remove what killed processes have begun, and results that no run has, of unfinished ones after FRESH_S."""
         if not self.folder.is_dir():
             return
-        kept = {*kept, *self._keys_of_runs()}
-        for state in self.folder.glob(f"*/{STATE}"):
-            if state.parent.name not in kept and not is_part(state.parent.name):
-                shutil.rmtree(state.parent, ignore_errors=True)
+        kept = set(self._keys_of_runs())
+        for folder in (state.parent for state in self.folder.glob(f"*/{STATE}")):
+            with suppress(FileNotFoundError):  # another process removes it
+                fresh = time.time() - folder.stat().st_mtime < FRESH_S
+                if not (fresh or folder.name in kept or is_part(folder.name)):
+                    shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):
             remove_stale_parts(self.folder)
             for lock in self.folder.glob(f"{LOCK}*"):  # of killed processes
@@ -208,24 +224,46 @@ class Store:
 
 
 def stored_bytes(output: Path) -> int:
-    """Size of the results beside the runs of a folder, of which runs have most too."""
+    """Size of the results beside the runs of a folder."""
     folder = output / STORE
     return sum(file.stat().st_size for file in folder.glob("*/*")) if folder.is_dir() else 0
 
 
+_DAMAGE = (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError)
+
+
+def _seal(folder: Path) -> None:
+    """Note sizes and digests of a result's files, and make all read-only where the file system can."""
+    state = json.loads((folder / STATE).read_bytes())
+    files = {file.name: [file.stat().st_size, file_digest(file)] for file in folder.iterdir() if file.name != STATE}
+    write_whole(folder / STATE, json.dumps(state | {"files": files}).encode())
+    for file in folder.iterdir():
+        with suppress(OSError):
+            file.chmod(0o444)
+
+
 def _taken(source: Path, run: Path) -> Any:
-    """The state of a result, and its files put into a run: hard links where the file system has them, else copies."""
-    kept = json.loads((source / STATE).read_text())
-    for file in source.iterdir():
-        if file.name != STATE:
-            (run / file.name).unlink(missing_ok=True)
-            try:
-                os.link(file, run / file.name)
-            except FileNotFoundError:
-                raise
-            except OSError:
-                shutil.copyfile(file, run / file.name)
-    return kept
+    """The state of a result, and copies of its files in a run, so that no run shares a file; None if it is damaged."""
+    with suppress(*_DAMAGE):
+        kept = json.loads((source / STATE).read_bytes())
+        for name, (size, sha256) in kept["files"].items():
+            with whole_file(run / name) as part:
+                _copy(source / name, part)
+                if (part.stat().st_size, file_digest(part)) != (size, sha256):
+                    raise ValueError
+        with suppress(OSError):
+            os.utime(source)  # of somebody else's
+        return kept
+    return None
+
+
+def _copy(source: Path, path: Path) -> None:
+    """Copy a file; where the file system can, its blocks are shared, which takes neither time nor room."""
+    with source.open("rb") as one, path.open("wb") as other:
+        try:
+            fcntl.ioctl(other, _CLONE, one.fileno())
+        except OSError:
+            shutil.copyfileobj(one, other, 1 << 20)
 
 
 def digest(*parts: Any) -> str:

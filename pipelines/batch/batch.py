@@ -29,7 +29,7 @@ from quadlog.pipelines.executor.progress import (
     peak_memory_mb,
     worker_name,
 )
-from quadlog.pipelines.replay import finished_outcome, planned_keys, replay
+from quadlog.pipelines.replay import finished_outcome, replay
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.store import Store
 from quadlog.results import reused_words
@@ -75,7 +75,7 @@ def replay_alone(request: ReplayRequest, progress: Progress) -> BatchOutcome:
     """Replay a single recording in this process. Raises its error."""
     outcome = replay(request, progress)
     summarise(request.run.parent, progress)
-    trim_stores([request], [outcome])
+    trim_stores([request])
     return BatchOutcome((outcome,))
 
 
@@ -96,20 +96,15 @@ def replay_batch(
             summarise(folder, progress)
         except errors.QuadlogError as error:  # a full disk, or a run that is damaged
             progress.say(f"warning: no summary: {error}")
-    trim_stores(batch, outcomes)
+    trim_stores(batch)
     return BatchOutcome(outcomes)
 
 
-def trim_stores(batch: Sequence[ReplayRequest], outcomes: Sequence[ReplayOutcome]) -> None:
-    """Remove results that no run has, but for those of replays that failed, with which `--resume` goes on."""
-    kept: set[str] = set()
-    for request, outcome in zip(batch, outcomes, strict=True):
-        if outcome.failed:
-            with suppress(errors.QuadlogError, OSError):  # the recording cannot be read: there are no results of it
-                kept |= {*planned_keys(request).values()}
+def trim_stores(batch: Sequence[ReplayRequest]) -> None:
+    """Remove results that no run has, but for those of replays that did not finish, with which `--resume` goes on."""
     for folder in {each.run.parent for each in batch}:
         if isinstance(folder, Path):
-            Store(folder).trim(kept)
+            Store(folder).trim()
 
 
 def replay_all(

@@ -15,7 +15,7 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
 from quadlog.results.find_runs import is_absent, run_name, run_names
-from quadlog.results.record import input_bytes, is_finished, own_files, read_object
+from quadlog.results.record import input_bytes, is_finished, own_files, place_of, read_object
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
@@ -26,7 +26,7 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     begins = tuple(run_name(path.resolve().name if path.is_dir() else stem(path)).casefold() for path in recordings)
     there = {entry.name for entry in output.iterdir()} if output.is_dir() else set()
     runs = {_recording_of(output / name): name for name in sorted(there) if name.casefold().startswith(begins)}
-    kept = [runs.get(_place(recording)) for recording in recordings]
+    kept = [runs.get(place_of(recording)) for recording in recordings]
     taken, names = {name.casefold() for name in kept if name is not None}, []
     others = {name.casefold() for name in there}
     for fresh, own in zip(run_names(recordings), kept, strict=True):
@@ -39,18 +39,11 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
 
 
 def _recording_of(run: Path) -> str | None:
-    """The place of the recording whose finished run this is."""
+    """The place of the recording whose finished run this is, as its record has it."""
     with suppress(NotARun):
         recorded = read_object(run, "run.json", "").get("input")
-        if isinstance(recorded, dict) and isinstance(recorded.get("path"), str):
-            return _place(recorded["path"])
+        return str(recorded.get("path")) if isinstance(recorded, dict) else None
     return None
-
-
-def _place(recording: Path | str) -> str:
-    """The recording's absolute path, or its URL."""
-    text = str(recording)
-    return text if "://" in text else str(Path(text).absolute())
 
 
 def plan_batch(

@@ -11,7 +11,7 @@ from typing import Any, cast
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.find_runs import FAILED, fetch, run_name
+from quadlog.results.find_runs import FAILED, fetch, is_run, run_name
 from quadlog.results.page.runs_page import MOST_DRAWN, write_folder_page
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
 from quadlog.results.run import check_place
@@ -106,7 +106,7 @@ def _is_ours(folder: Path) -> bool:
     try:
         return bool(read_table(folder, "summary", ["recording"]))
     except NotARun:
-        return not has_table(folder, "summary") and not (folder / _PAGE).exists()
+        return not (has_table(folder, "summary") or (folder / _PAGE).exists() or is_run(folder))
 
 
 def _fetched(folder: RemotePath, scratch: Path) -> Path:

@@ -21,7 +21,7 @@ from quadlog.pipelines.executor.progress import BatchLines
 from quadlog.pipelines.replay import planned_keys, refuse_another
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.store import Store, log_key
-from quadlog.results.find_runs import run_name
+from quadlog.results.find_runs import refuse_existing, run_name
 from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.studies.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
@@ -159,7 +159,7 @@ def sweep(
         metrics = {name: float(metric["value"]) for name, metric in outcome.metrics.items()}
         exit_code, reason = int(outcome.exit_code), outcome.reason
         rows.append(SweepRow(each.values, each.seed, each.name, exit_code, reason, metrics))
-    trim_stores(batch, outcomes)
+    trim_stores(batch)
     with new_folder(request.output):  # not there where every run failed before its folder
         write_sweep_table(request.output, rows)
         write_sweep_page(request.output)
@@ -186,6 +186,8 @@ def _check_output(request: SweepRequest, batch: Sequence[ReplayRequest]) -> None
             raise AlreadyExists(output / TABLE, _FLAGS)
         if there:
             raise RunExists(min(there))
+    for name in (TABLE, PAGE):
+        refuse_existing(output / name, True, [request.recording], own=[TABLE])
     if request.existing is Existing.RESUME:
         for each in batch:
             if each.run in there:

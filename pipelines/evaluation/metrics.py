@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from quadlog.config.file import read_bounds
-from quadlog.errors import ExitCode, NotARun, QuadlogError, UsageError, printable
+from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
 from quadlog.metrics.catalogue import CATALOGUE, Condition
 from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, detail_of, metrics_of, worst_of
 from quadlog.pipelines.evaluation import reference as references
@@ -170,10 +170,8 @@ def check_runs(
     A run that cannot be read has an error, and so has a recording that could not be replayed. Raises NotARun for a path
     without runs, AlreadyExists, CannotWrite, UsageError, and what reading the file of bounds raises.
     """
-    if junit is not None and junit.resolve() == expect.resolve():
-        raise UsageError(f"--junit {junit} would replace the bounds of --expect")
     if junit is not None:
-        refuse_existing(junit, force)
+        refuse_existing(junit, force, [expect, *paths])
     bounds, checks, given = read_bounds(expect), list[check.RunCheck](), set[str]()
     for path in find_runs(paths):
         try:
@@ -199,7 +197,7 @@ def propose_bounds(paths: Sequence[Path], expect: Path, force: bool, say: Callab
     Bounds that accept a contact or a fall are listed; metrics that the catalogue lacks are listed, not bounded.
     Raises NotARun, AlreadyExists for an existing file unless `force`, CannotWrite.
     """
-    refuse_existing(expect, force)
+    refuse_existing(expect, force, paths)
     runs = [Run(path) for path in find_runs(paths)]
     bounds = check.propose(runs)
     with new_folder(expect.parent):

@@ -44,7 +44,7 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
     """
     if len({path.resolve() for path in runs}) < max(len(runs), 2):
         raise UsageError("--side-by-side takes two runs or more, and none twice")
-    refuse_existing(output, force)
+    refuse_existing(output, force, runs)
     compared, notes = _compare(runs)
     page = side_by_side_page(" and ".join(dict.fromkeys(run.title for run in compared.runs.values())), compared, notes)
     with new_folder(output.parent):

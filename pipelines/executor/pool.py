@@ -21,7 +21,7 @@ from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, TypeVar
 
-from quadlog.errors import WorkerDied
+from quadlog.errors import UsageError, WorkerDied
 from quadlog.pipelines.executor.progress import send_to
 from quadlog.storage.atomic_write import remove_unfinished
 
@@ -57,7 +57,11 @@ class LocalPool(Executor):
     """
 
     def __init__(self, workers: int) -> None:
-        """The number of processes; `messages` receives what tasks `tell`."""
+        """The number of processes; `messages` receives what tasks `tell`. Raises UsageError without a working folder."""
+        try:
+            os.getcwd()  # noqa: PTH109
+        except FileNotFoundError:
+            raise UsageError("the working folder was removed; start quadlog from one that is there") from None
         self._threads = ThreadPoolExecutor(workers, "quadlog-worker")
         self.messages: SimpleQueue[Any] = SimpleQueue()
         self._own = threading.local()

@@ -49,8 +49,8 @@ def synthesize(
 
     Raises UsageError, AlreadyExists and CannotWrite.
     """
-    for path in (output, *([config_output] if config_output else [])):
-        refuse_existing(path, force)
+    for path, others in ((output, []), *([(config_output, [output])] if config_output else [])):
+        refuse_existing(path, force, others, recording=not others)
         if not path.parent.is_dir():
             raise CannotWrite(path, "its folder does not exist")
     if output.suffix.lower() != ".mcap":

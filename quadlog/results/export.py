@@ -34,7 +34,7 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
     (find, suffix), loaded = EXPORTERS[to], load_run(run)
     files = find(loaded, output or Path(f"{loaded.path.resolve().name}-{suffix}"), **options)
     for path in files:
-        refuse_existing(path, force)
+        refuse_existing(path, force, [run], recording=to == "mcap")
     for path, write in files.items():
         with new_folder(path.parent):
             write(path)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quadlog.errors import CannotWrite
+from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, scan_scene, walk_scene
 from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps
@@ -136,7 +137,7 @@ def uwb_error(run: Run) -> list[Panel] | None:
 
 FIGURES = (
     Figure("trajectory", "Trajectory over the map",
-           "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene, saved=True),
+           "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene),
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].",
            curves("control", {
                "forward (m)": "x_m, forward, resim", "to the left (m)": "y_m, to the left, resim",
@@ -145,13 +146,13 @@ FIGURES = (
            }, metric="lateral_drift_m")),
     Figure("tracking_error", "Tracking error",
            "Of the simulated robot to its reference path [Tracking, eqs 45–47]. Vertical lines: the path is replaced.",
-           tracking_error, saved=True),
+           tracking_error),
     Figure("cross_track", "Errors to the side and in heading", "To the left is positive [Tracking, eq. 47].",
            curves("control", {"cross-track error (m)": "cross_track_m, cross-track, resim",
                               "heading error (°)": "heading_error_rad, heading, resim"})),
     Figure("uwb_error", "Position error",
            "To the reference. The track lies below its bound 95 % of the time if its covariance is right.",
-           uwb_error, saved=True),
+           uwb_error),
     Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
            curves("control", {
                "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
@@ -175,7 +176,7 @@ FIGURES = (
            }), compared=False),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
-           search, saved=True),
+           search),
     Figure("ranges", "Range residuals over time",
            "Measured minus predicted range. A late range most likely had no line of sight (NLOS).",
            ranges, compared=False),
@@ -197,13 +198,13 @@ def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:
 
     Raises CannotWrite, also where plots/ is a link.
     """
-    folder = run / "plots"
+    folder = run / PLOTS
     if folder.is_symlink():
         raise CannotWrite(folder, "is a link; pictures are not written through it")
-    wanted = {of.name: drawings[of.name] for of in FIGURES if of.saved and of.name in drawings}
+    wanted = {name: drawings[name] for name in PICTURES if name in drawings}
     try:
-        for old in folder.glob("*.png"):
-            old.unlink(missing_ok=True)
+        for name in PICTURES:
+            (folder / f"{name}.png").unlink(missing_ok=True)
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise CannotWrite(folder, error.strerror or str(error)) from error

@@ -7,7 +7,7 @@ import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
 from typing import cast
@@ -29,8 +29,13 @@ OWN_FILES = frozenset(
         *("run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json", FAILED),
     }
 )
+PLOTS, PICTURES = "plots", ("trajectory", "tracking_error", "uwb_error", "expanded")
+"""The folder of a run's pictures, and the figures of which quadlog writes NAME.png there; others are the user's."""
+OWN_PICTURES = frozenset(f"{PLOTS}/{name}.png" for name in PICTURES)
 
-_TAKEN = {"summary.parquet", "report.html"}  # files in a folder of runs
+_SUMMARY = "summary.parquet"
+_FOLDER_TABLES = frozenset({_SUMMARY, "sweep.parquet", "planners.parquet", "replans.parquet", "scenarios.parquet"})
+_TAKEN = {_SUMMARY, "report.html"}  # files in a folder of runs
 _MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
 
 
@@ -141,8 +146,6 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
     return failed
 
 
-PLOTS = "plots"
-_SUMMARY = "summary.parquet"
 # Small files that describe a run.
 RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
 # Files that metrics are computed from.
@@ -200,8 +203,8 @@ def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
         if each.name in OWN_FILES and each.is_file():
             found[each.name] = each
         elif each.name == PLOTS and each.is_dir():
-            plots = (of for of in each.iterdir() if of.suffix == ".png" and of.name == run_name(of.name))
-            found |= {f"{PLOTS}/{plot.name}": plot for plot in plots if plot.is_file()}
+            plots = {f"{PLOTS}/{plot.name}": plot for plot in each.iterdir() if plot.is_file()}
+            found |= {name: plot for name, plot in plots.items() if name in OWN_PICTURES}
     return found
 
 
@@ -217,16 +220,39 @@ def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
         copy_object(each, target)
 
 
-def refuse_existing(path: Path, force: bool) -> None:
+def refuse_existing(
+    path: Path, force: bool, inputs: Iterable[object] = (), *, own: Collection[str] = (), recording: bool = False
+) -> None:
     """Raises AlreadyExists for a file that is there, unless `force`; it replaces regular files alone.
 
-    Raises CannotWrite for a link, a folder, a FIFO or a device, UsageError for a file of a run, there or not.
+    inputs: what the command reads, of which paths count. own: tables of a folder that this command replaces.
+    recording: whether the file will be a recording, and may replace one that quadlog wrote.
+    Raises CannotWrite for a link, a folder, a FIFO or a device; UsageError, whatever `force`, for an input, a recording
+    and a file of a run, there or not, or of a folder of results.
     """
-    folder = path.resolve().parent
-    if (path.name in OWN_FILES and is_run(folder)) or (folder.name == PLOTS and is_run(folder.parent)):
-        raise UsageError(f"{path} is a file of the run {folder}; choose another place by -o")
+    if why := _never_replaced(path, inputs, own, recording):
+        raise UsageError(f"{path} is {why}; choose another place by -o")
     if path.is_symlink() or (path.exists() and not path.is_file()):
         kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
         raise CannotWrite(path, f"it is {kind}")
     if path.exists() and not force:
         raise AlreadyExists(path)
+
+
+def _never_replaced(path: Path, inputs: Iterable[object], own: Collection[str], recording: bool) -> str:
+    from quadlog.results.record import own_files
+
+    folder = path.parent.resolve()
+    if (path.name in OWN_FILES and is_run(folder)) or (folder.name == PLOTS and is_run(folder.parent)):
+        return f"a file of the run {folder}"
+    others = {name for name in _FOLDER_TABLES.difference(own) if (folder / name).exists()}
+    if path.name in others or (path.name == "report.html" and others):
+        return f"a file of the folder of results {folder}"
+    if path.resolve() in {file.resolve() for each in inputs if isinstance(each, Path) for file in own_files(each)}:
+        return "an input of this command"
+    if path.is_file():
+        from quadlog.recordings.containers.open import is_recording  # slow to import
+
+        with suppress(OSError):  # nobody may read it
+            return "a recording" if is_recording(path, but_ours=recording) else ""
+    return ""

@@ -54,7 +54,7 @@ class Record(BaseModel):
 
 
 class InputRecord(Record):
-    """The recording: path as given, size, and the SHA-256 of its content; of a URL the ETag, or else Last-Modified."""
+    """The recording: place_of it, size, and the SHA-256 of its content; of a URL the ETag, or else Last-Modified."""
 
     path: str
     size_bytes: int
@@ -249,6 +249,11 @@ def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     return content
 
 
+def place_of(recording: Path) -> str:
+    """The absolute path of a recording, or its URL."""
+    return str(recording if isinstance(recording, RemotePath) else recording.absolute())
+
+
 def own_files(path: Path) -> list[Path]:
     """The files of a recording: itself, or the files of a bag folder with its metadata."""
     if not path.is_dir():
@@ -289,7 +294,7 @@ def describe_input(path: Path) -> InputRecord:
             size += length
     except OSError as error:
         raise RecordingNotFound(path, error.strerror or str(error)) from error
-    return InputRecord(path=str(path), size_bytes=size, sha256=digest.hexdigest())
+    return InputRecord(path=place_of(path), size_bytes=size, sha256=digest.hexdigest())
 
 
 def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
@@ -299,17 +304,19 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
         raise RecordingNotFound(str(path), "no such file on the server") from None
     size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]
     if None in marks or any(each.size_bytes is None for each in found):  # files of one date may differ in size
-        return InputRecord(path=str(path), size_bytes=size)
+        return InputRecord(path=place_of(path), size_bytes=size)
     if len(found) == 1 and not path.is_dir():
-        return InputRecord(path=str(path), size_bytes=size, etag=found[0].etag, last_modified=found[0].last_modified)
+        return InputRecord(
+            path=place_of(path), size_bytes=size, etag=found[0].etag, last_modified=found[0].last_modified
+        )
     lines = [f"{file.name}\0{each.size_bytes}\0{mark}\0" for file, each, mark in zip(files, found, marks, strict=True)]
     digest = hashlib.sha256("".join(lines).encode()).hexdigest()
-    return InputRecord(path=str(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
+    return InputRecord(path=place_of(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
 
 
 def describe_file(path: Path, sha256: str) -> InputRecord:
     """A recording that is one file of this machine, whose hash is known."""
-    return InputRecord(path=str(path), size_bytes=path.stat().st_size, sha256=sha256)
+    return InputRecord(path=place_of(path), size_bytes=path.stat().st_size, sha256=sha256)
 
 
 def describe_input_aside(path: Path) -> Future[InputRecord]:

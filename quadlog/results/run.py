@@ -25,10 +25,18 @@ from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
-from quadlog.results.find_runs import OWN_FILES, fetch, fetch_runs, is_absent
-from quadlog.results.record import RunRecord, SavedMetric, read_metrics, read_record, to_json, write_record
+from quadlog.results.find_runs import OWN_FILES, OWN_PICTURES, PLOTS, fetch, fetch_runs, is_absent
+from quadlog.results.record import RunRecord, SavedMetric, is_finished, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
+from quadlog.storage.atomic_write import (
+    check_name,
+    is_part,
+    new_folder,
+    part_folder,
+    remove,
+    uninterrupted,
+    write_whole,
+)
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -205,7 +213,7 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
     """A folder below `.stages` to fill, which becomes the run `path` when the block ends, and vanishes if it fails.
 
     A run that is replaced, with `force`, stands until then; files in it that are not quadlog's stay. Raises as
-    `check_place`, and CannotWrite.
+    `check_place`, also at the end for a run that came meanwhile, and CannotWrite.
     """
     check_place(path, force)
     try:
@@ -213,10 +221,14 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
             yield part
             try:
                 with uninterrupted():
-                    new = path.parent / STORE / f"{_NEW}{path.name}"
-                    shutil.rmtree(new, ignore_errors=True)
-                    part.rename(new)
-                    settle(path)
+                    check_place(path, force)
+                    if says_run(path):
+                        part.rename(path.parent / STORE / f"{_NEW}{path.name}")
+                        settle(path)
+                    else:  # in one step, which fails where another process was faster
+                        for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
+                            remove(left)
+                        part.rename(path)
             except OSError as error:
                 raise CannotWrite(path, error.strerror or str(error)) from error
     finally:
@@ -227,7 +239,8 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
 def check_place(path: Path, replace: bool = False) -> None:
     """Whether a run may be made here.
 
-    Raises RunExists for a run without the flag; CannotWrite if the folder is no run but has files, or is a link.
+    Raises RunExists for a run without the flag; CannotWrite if the folder is no run but has files, or is a link, and if
+    somebody else's folder is in the way of the new one.
     """
     check_name(path)
     settle(path)
@@ -235,14 +248,16 @@ def check_place(path: Path, replace: bool = False) -> None:
         names = {entry.name for entry in path.iterdir()} if path.exists() or path.is_symlink() else set()
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
-    if path.is_symlink() and replace:
-        raise CannotWrite(path, "it is a symbolic link, and --force removes nothing behind one")
+    if path.is_symlink() and (replace or not says_run(path)):
+        raise CannotWrite(path, "it is a symbolic link, and nothing is made or removed behind one")
     if all(is_absent(name) for name in names):
         return
     if not says_run(path):
         raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
     if not replace:
         raise RunExists(path)
+    if (new := path.parent / STORE / f"{_NEW}{path.name}").exists():
+        raise CannotWrite(new, "it is no finished run of quadlog; move it away")
 
 
 def settle(path: Path) -> None:
@@ -252,20 +267,26 @@ def settle(path: Path) -> None:
     """
     new, old = (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD))
     try:
-        if new.is_dir():
-            if path.is_dir() and not old.exists():
+        _leave_others(old, path)
+        if is_finished(new):
+            if path.is_dir():
                 path.rename(old)
             new.rename(path)
-        if old.is_dir() and path.is_dir():
-            for entry in [*old.glob("plots/*"), *old.iterdir()]:
-                name = entry.relative_to(old)
-                picture = name.parent.name == "plots" and name.suffix == ".png"
-                own = picture or is_part(name.name) or str(name) in OWN_FILES | {"plots"}
-                if not own and not (path / name).exists():
-                    (path / name).parent.mkdir(exist_ok=True)
-                    entry.rename(path / name)
-            shutil.rmtree(old, ignore_errors=True)
-        elif old.is_dir():
+            _leave_others(old, path)
+        elif says_run(old) and not path.exists():
             old.rename(path)
     except OSError as error:
         raise CannotWrite(path, error.strerror or str(error)) from error
+
+
+def _leave_others(old: Path, path: Path) -> None:
+    """Move what is not quadlog's from a run that was replaced into the new one, and remove the rest."""
+    if not (says_run(old) and path.is_dir()):
+        return
+    for entry in [*old.glob(f"{PLOTS}/*"), *old.iterdir()]:
+        name = entry.relative_to(old)
+        own = is_part(name.name) or str(name) in OWN_FILES | OWN_PICTURES | {PLOTS}
+        if not own and not (path / name).exists():
+            (path / name).parent.mkdir(exist_ok=True)
+            entry.rename(path / name)
+    shutil.rmtree(old, ignore_errors=True)

@@ -211,14 +211,13 @@ Drawing = Sequence[Panel] | Scene
 class Figure:
     """A figure of a run. name: stem of its file. caption: how to read it. make: returns None without the data.
 
-    saved: drawn into plots/ by a replay; `export --to figures` draws all. compared: also shown for several runs.
+    compared: also shown for several runs.
     """
 
     name: str
     title: str
     caption: str
     make: Callable[[Run], Drawing | None]
-    saved: bool = False
     compared: bool = True
 
 

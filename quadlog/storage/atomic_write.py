@@ -81,11 +81,12 @@ def part_folder(parent: Path) -> Iterator[Path]:
             raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
         raise
     finally:
-        _remove(part)
+        remove(part)
         _unfinished.discard(part)
 
 
-def _remove(part: Path) -> None:
+def remove(part: Path) -> None:
+    """Remove a file, a link, or a folder with all that it holds."""
     if part.is_dir() and not part.is_symlink():
         shutil.rmtree(part, ignore_errors=True)
     else:
@@ -118,7 +119,7 @@ def remove_unfinished() -> None:
     """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
     for part in tuple(_unfinished):
         with suppress(OSError):
-            _remove(part)
+            remove(part)
     for folder in tuple(_new_folders):
         _remove_empty(folder)
 
@@ -161,7 +162,7 @@ def remove_stale_parts(folder: Path) -> None:
     """Remove what killed runs left in `folder`, as far as that is sure: others may be writing there at this moment."""
     for part in folder.iterdir():
         if is_part(part.name) and _is_left(part):
-            _remove(part)
+            remove(part)
 
 
 def is_part(name: str) -> bool:
@@ -203,10 +204,10 @@ def _begin(part: Path, path: Path) -> None:
 
 
 def _is_left(part: Path) -> bool:
-    """Whether who began the file is gone: a dead process of this host, or anyone for a day."""
+    """Whether who began the file is gone: a dead process of this host, whatever a clock says; others after a day."""
     found = _PART.fullmatch(part.name)
-    if found is not None and part.name.startswith(part_prefix(int(found["pid"]))) and not _runs(int(found["pid"])):
-        return True
+    if found is not None and part.name.startswith(part_prefix(int(found["pid"]))):
+        return not _runs(int(found["pid"]))
     try:
         return time.time() - part.lstat().st_mtime > _SURELY_LEFT_S
     except OSError:

@@ -19,6 +19,25 @@ from quadlog.storage.urls import redacted
 
 Span = tuple[int, int]
 """Offset and length."""
+SPARE_BYTES, _SPARE_RECORDS = 1 << 32, 1 << 16
+"""What all chunks of a file may hold beyond what their size is worth."""
+
+
+class Allowance:
+    """So much for all places of a file together; a place that is read again counts once."""
+
+    def __init__(self, most: int) -> None:
+        self._left, self._taken = most, dict[int, int]()
+
+    def left(self, place: int) -> int:
+        """What the place may take, with what it took before."""
+        return self._left + self._taken.get(place, 0)
+
+    def take(self, place: int, amount: int) -> bool:
+        """Whether there is so much for the place."""
+        if self._taken.get(place, 0) < amount <= self.left(place):
+            self._left, self._taken[place] = self.left(place) - amount, amount
+        return amount <= self.left(place)
 
 
 class LocalBytes:
@@ -28,6 +47,7 @@ class LocalBytes:
     """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
 
     def __init__(self, path: Path) -> None:
+        self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
         self._path = path
         self._lock = Lock()
         self._reading = 0
@@ -102,6 +122,7 @@ class RemoteBytes:
     """An object behind a URL that is read by range, as LocalBytes; safe to use from several threads."""
 
     def __init__(self, remote: RemoteObject, size: int) -> None:
+        self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
         self.size = size
         self._remote = remote
         self._kept = tempfile.TemporaryFile(prefix="quadlog-")  # noqa: SIM115 - closed by close()

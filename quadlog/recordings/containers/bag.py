@@ -102,15 +102,15 @@ def parse_frame(head: bytes, position: int, size: int) -> Frame:
     return Frame(number(fields, b"op"), fields, data_offset, data_length)
 
 
-def records(data: memoryview) -> Iterator[tuple[Fields, int, int]]:
-    """Header fields and the range of the data of each record in a buffer of whole records. Raises Damaged."""
+def records(data: memoryview) -> Iterator[tuple[memoryview, int, int]]:
+    """Header and the range of the data of each record in a buffer of whole records. Raises Damaged."""
     cursor = Cursor(data)
     while cursor:
-        fields = read_fields(cursor.take(cursor.u32()))
+        header = cursor.take(cursor.u32())
         length = cursor.u32()
         begin = cursor.position
         cursor.take(length)
-        yield fields, begin, begin + length
+        yield header, begin, begin + length
 
 
 def read_fields(header: memoryview) -> Fields:
@@ -180,14 +180,16 @@ def chunk_of(frame: Frame) -> Frame:
 
 def read_chunk(file: ByteSource, frame: Frame) -> Body:
     """A chunk's decompressed records. Raises Damaged."""
-    data = memoryview(read_at(file, frame.data_offset, frame.data_length))
-    return Body(decompress(text(frame.fields, b"compression"), data, number(frame.fields, b"size")), len(data))
+    data, offset = memoryview(read_at(file, frame.data_offset, frame.data_length)), frame.data_offset
+    size = number(frame.fields, b"size")
+    return Body(decompress(text(frame.fields, b"compression"), data, size, file, offset), len(data), file, offset)
 
 
 def list_messages(indexes: memoryview) -> Listed:
     """The messages of a chunk by the index records behind it. Raises Damaged."""
     runs: dict[int, memoryview] = {}
-    for fields, begin, end in records(indexes):
+    for header, begin, end in records(indexes):
+        fields = read_fields(header)
         if number(fields, b"op") == INDEX:
             connection = number(fields, b"conn")
             if number(fields, b"ver") != 1 or end - begin != number(fields, b"count") * _INDEX_ENTRY.itemsize:
@@ -201,17 +203,33 @@ def list_messages(indexes: memoryview) -> Listed:
     return Listed(counts, t_ns, rows["offset"].astype(np.int64))
 
 
-def message_entries(body: Body) -> Entries:
-    """Every message among a body of whole records, in file order. Raises Damaged."""
-    found = EntryList(body)
-    for fields, begin, end in records(body.data):
+def read_messages(body: Body) -> tuple[Entries, list[Connection]]:
+    """The messages and the connections of a body of whole records, in file order. Raises Damaged.
+
+    A header that differs from an earlier message's in its time alone is not taken apart again.
+    """
+    found, connections, at = EntryList(body), list[Connection](), 0
+    known: dict[tuple[bytes, bytes], int] = {}
+    for header, begin, end in records(body.data):
         found.count_record()
-        op = number(fields, b"op")
-        if op == MESSAGE:
-            found.add(time_ns(fields, b"time"), begin, end, number(fields, b"conn"))
-        elif op != CONNECTION:
-            raise Damaged(f"it holds a record of kind {op}, which may have been a message")
-    return found.entries()
+        head = header.tobytes()
+        connection = known.get((head[:at], head[at + 8 :]))
+        if connection is None:
+            fields = read_fields(header)
+            op = number(fields, b"op")
+            if op == CONNECTION:
+                connections.append(read_connection(fields, body.data[begin:end]))
+                continue
+            if op != MESSAGE:
+                raise Damaged(f"it holds a record of kind {op}, which may have been a message")
+            connection, t_ns = number(fields, b"conn"), time_ns(fields, b"time")
+            if head.count(b"time=") == 1:
+                at = head.index(b"time=") + 5
+                known[head[:at], head[at + 8 :]] = connection
+        else:
+            t_ns = time_ns({b"time": header[at : at + 8]}, b"time")
+        found.add(t_ns, begin, end, connection)
+    return found.entries(), connections
 
 
 def _value(fields: Fields, name: bytes, length: int | None = None) -> memoryview:
@@ -302,11 +320,9 @@ class BagScan(Scan):
 
     def _take_chunk(self, position: int, frame: Frame) -> None:
         try:
-            body = read_chunk(self._file, frame)
-            entries = message_entries(body)
-            for fields, begin, stop in records(body.data):
-                if number(fields, b"op") == CONNECTION:
-                    self._connect(read_connection(fields, body.data[begin:stop]))
+            entries, connections = read_messages(read_chunk(self._file, frame))
+            for connection in connections:
+                self._connect(connection)
         except Damaged as damage:
             # It lies between the last message before it and an end that nothing says.
             last_ns = max((piece.end_ns for piece in self.pieces), default=0)
@@ -349,10 +365,11 @@ class BagFormat(PieceFormat):
             return None
         if text(frame.fields, b"compression") != "bz2":
             return read_chunk(self.file, frame)
-        return Body(self._unpacked.data(piece.offset, lambda: read_chunk(self.file, frame).data), frame.data_length)
+        data = self._unpacked.data(piece.offset, lambda: read_chunk(self.file, frame).data)
+        return Body(data, frame.data_length, self.file, frame.data_offset)
 
     def entries(self, body: Body) -> Entries:
-        return message_entries(body)
+        return read_messages(body)[0]
 
     def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
         """See PieceFormat. Chunk headers are read as well: only they say where a chunk ends and its index begins."""
@@ -400,7 +417,8 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
         raise Damaged("the bag is cut off before its index")
     connections, pieces = [], []
     section = memoryview(read_at(file, index_offset, size - index_offset, MAX_INDEX_BYTES))
-    for fields, begin, end in records(section):
+    for head, begin, end in records(section):
+        fields = read_fields(head)
         op = number(fields, b"op")
         if op == CONNECTION:
             connections.append(read_connection(fields, section[begin:end]))
@@ -418,7 +436,7 @@ def _read_index(path: Path, file: ByteSource, size: int) -> tuple[list[Connectio
     for piece in pieces:
         if piece.is_empty:
             body = read_chunk(file, chunk_of(read_frame(file, piece.offset, size)))
-            if len(message_entries(body)):
+            if len(read_messages(body)[0]):
                 raise Damaged("the bag's index calls a chunk empty that has messages")
     behind = [*(piece.offset for piece in pieces[1:]), index_offset]
     return connections, [replace(piece, index_end=end) for piece, end in zip(pieces, behind, strict=False)]

@@ -21,7 +21,7 @@ from quadlog.recordings.containers.container import Channel, Loss
 from quadlog.recordings.formatting import instant, several
 from quadlog.storage.byte_ranges import ByteSource
 
-_ALWAYS_RECORDS = 256
+_LEAST_BYTES = 8
 _LOOSE_BYTES = 1 << 22
 _BLOCK_BYTES, _MARK_BYTES = 1 << 20, 64
 
@@ -69,25 +69,30 @@ start_of = attrgetter("start_ns")
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A piece's records, decompressed, and how many bytes of the file they took."""
+    """A piece's records, decompressed, and how many bytes of the file they took, from an offset on."""
 
     data: memoryview
     stored_bytes: int
+    file: ByteSource
+    offset: int
 
     @property
-    def max_records(self) -> int:
-        """How many records it may hold: time and memory are spent in proportion to what was read.
+    def worth_records(self) -> int:
+        """How many records its size is worth: time and memory are spent in proportion to what was read.
 
-        A message takes a byte of the file at least, because its time and its sequence number change.
+        A message takes some bytes of the file, because its time and its sequence number change; those that take fewer
+        count against the file's allowance.
         """
-        return _ALWAYS_RECORDS + self.stored_bytes
+        return self.stored_bytes // _LEAST_BYTES
 
 
 class EntryList:
-    """Where the payloads of a body's messages lie, collected record by record. Raises Damaged beyond max_records."""
+    """Where the payloads of a body's messages lie, collected record by record. Raises Damaged if they are too many."""
 
     def __init__(self, body: Body) -> None:
-        self._max_records = body.max_records
+        self._body = body
+        self._spare = body.file.spare_records.left(body.offset)
+        self._max_records = body.worth_records + self._spare
         self._records = 0
         # 28 bytes a message, where tuples would take 200.
         self._log_times_ns, self._begins, self._ends = array("q"), array("q"), array("q")
@@ -97,6 +102,7 @@ class EntryList:
         """One more record of any kind."""
         self._records += 1
         if self._records > self._max_records:
+            self._body.file.spare_records.take(self._body.offset, self._spare)
             raise Damaged(f"it holds more than {self._max_records} records", "too-large")
 
     def add(self, log_time_ns: int, begin: int, end: int, channel_id: int) -> None:
@@ -108,6 +114,7 @@ class EntryList:
 
     def entries(self) -> Entries:
         """What was collected."""
+        self._body.file.spare_records.take(self._body.offset, self._records - self._body.worth_records)
         times_ns, begins, ends = (np.array(each, np.int64) for each in (self._log_times_ns, self._begins, self._ends))
         return Entries(times_ns, begins, ends, np.array(self._channel_ids, np.uint32))
 
@@ -273,7 +280,7 @@ class PieceFormat:
 
     def load_loose(self, piece: Piece) -> Body:
         """The same of records outside chunks."""
-        return Body(memoryview(read_at(self.file, piece.offset, piece.length)), piece.length)
+        return Body(memoryview(read_at(self.file, piece.offset, piece.length)), piece.length, self.file, piece.offset)
 
     def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
         """The same of a chunk."""

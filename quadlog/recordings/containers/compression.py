@@ -25,12 +25,15 @@ from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
 from quadlog.recordings.containers.container import ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.formatting import several
+from quadlog.storage.byte_ranges import SPARE_BYTES, Allowance, ByteSource
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
 # What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
 _ALWAYS_BYTES = 1 << 25
 _MAX_RATIO = 256
+# What a byte beyond that ratio costs of a file's allowance, as the time that it takes.
+_COST = {"bz2": 32}
 _MAX_STREAMS = 1000
 # Two kilobytes of zstd hold at most 512 blocks of 128 KB, which bounds what one call allocates.
 _ZSTD_SLICE_BYTES = 1 << 11
@@ -42,12 +45,18 @@ class Incomplete(Exception):
     """Compressed data ends in the middle of a frame."""
 
 
-def decompress(compression: str, data: memoryview, size: int) -> memoryview:
-    """The size bytes that data holds. Raises Damaged when it holds something else or the scheme is unknown."""
+def decompress(compression: str, data: memoryview, size: int, file: ByteSource, offset: int) -> memoryview:
+    """The size bytes that data holds, a chunk of the file at this offset.
+
+    Raises Damaged when it holds something else, the scheme is unknown, or the file has no allowance left for it.
+    """
     if compression not in SUPPORTED:
         raise Damaged(f"compressed with {compression!r}, which quadlog does not read", "compression")
     if size > (limit := largest_size(len(data))):
         raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
+    beyond = size - _MAX_RATIO * len(data)
+    if beyond > 0 and not file.spare_bytes.take(offset, beyond * _COST.get(compression, 1)):
+        raise Damaged(f"the chunks before it hold too much for their size; {size} bytes more are too many", "too-large")
     if compression in ("", "none"):
         body: bytes | bytearray | memoryview = data
     else:
@@ -77,23 +86,22 @@ def inflate_zstd(data: bytes | memoryview, limit: int) -> bytes | bytearray:
     """
     # The library allocates what the frame declares, whatever limit it is given.
     declared = zstandard.get_frame_parameters(data).content_size
-    if declared <= limit or declared == zstandard.CONTENTSIZE_UNKNOWN:
-        try:
-            return _per_thread.zstd.decompress(data, max_output_size=max(limit, 1), allow_extra_data=False)
-        except zstandard.ZstdError:
-            pass  # another frame follows, or it is damaged
+    if limit < declared != zstandard.CONTENTSIZE_UNKNOWN:
+        raise ValueError(f"it holds more than {limit} bytes")
+    with suppress(zstandard.ZstdError):  # another frame follows, or it is damaged
+        return _per_thread.zstd.decompress(data, max_output_size=max(limit, 1), allow_extra_data=False)
     body = bytearray()
-    for block in zstd_blocks(io.BytesIO(data)):
+    for block in zstd_blocks(io.BytesIO(data), min(_ZSTD_SLICE_BYTES, max(limit >> 12, 1))):
         body += block
         if len(body) > limit:
             raise ValueError(f"it holds more than {limit} bytes")
     return body
 
 
-def zstd_blocks(packed: BinaryIO) -> Iterator[bytes]:
+def zstd_blocks(packed: BinaryIO, slice_bytes: int = _ZSTD_SLICE_BYTES) -> Iterator[bytes]:
     """What all frames of a zstd file hold, in blocks of at most 64 MB. Raises zstandard.ZstdError and Incomplete."""
     frame = None
-    while rest := packed.read(_ZSTD_SLICE_BYTES):
+    while rest := packed.read(slice_bytes):
         while rest:
             frame = frame or zstandard.ZstdDecompressor().decompressobj()
             yield frame.decompress(rest)
@@ -244,11 +252,16 @@ class UnpackedFile(ClosedOnExit):
 
 def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:
     """Messages whose payload is zstd data, decompressed; one that is not is counted as a loss."""
-    unreadable: Counter[str] = Counter()
-    for message in messages:
+    unreadable, spare = Counter[str](), Allowance(SPARE_BYTES >> 2)
+    for number, message in enumerate(messages):
         try:
-            payload = memoryview(inflate_zstd(message.payload, largest_size(len(message.payload))))
-        except (zstandard.ZstdError, Incomplete, ValueError):
+            worth = _MAX_RATIO * len(message.payload)
+            limit = min(largest_size(len(message.payload)), worth + spare.left(number))
+            payload = memoryview(inflate_zstd(message.payload, limit))
+            spare.take(number, len(payload) - worth)
+        except (zstandard.ZstdError, Incomplete, ValueError) as error:
+            if isinstance(error, ValueError):  # it grew to the limit in vain
+                spare.take(number, limit - worth)
             unreadable[message.channel.topic] += 1
             continue
         yield RawMessage(message.channel, message.log_time_ns, payload)

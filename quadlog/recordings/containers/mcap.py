@@ -119,7 +119,7 @@ class McapFormat(PieceFormat):
         content = record[mcap.FRAME.size :]
         if at_most is not None and mcap.chunk_size(content) > at_most:
             return None
-        return mcap.read_chunk(content)
+        return mcap.read_chunk(content, self.file, piece.offset)
 
     def entries(self, body: Body) -> Entries:
         return mcap.message_entries(body)

@@ -12,6 +12,7 @@ from isal.isal_zlib import crc32
 from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Cursor, Damaged
 from quadlog.recordings.containers.chunks import Body, Entries, EntryList, Listed
 from quadlog.recordings.containers.compression import decompress
+from quadlog.storage.byte_ranges import ByteSource
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
@@ -135,8 +136,8 @@ def chunk_length(head: bytes) -> int:
     return cursor.position + length
 
 
-def read_chunk(content: memoryview) -> Body:
-    """The decompressed records of a chunk. Raises Damaged, cause `crc` for a wrong checksum.
+def read_chunk(content: memoryview, file: ByteSource, offset: int) -> Body:
+    """The decompressed records of a chunk of a file. Raises Damaged, cause `crc` for a wrong checksum.
 
     Its data end where they say, or where the content does, if one of the two lengths is damaged.
     """
@@ -147,11 +148,12 @@ def read_chunk(content: memoryview) -> Body:
     length = cursor.u64()
     stored = content[cursor.position :]
     try:
-        return Body(_checked(decompress(compression, stored[:length], size), crc), len(content))
+        data = _checked(decompress(compression, stored[:length], size, file, offset), crc)
     except Damaged:
         if length == len(stored):
             raise
-    return Body(_checked(decompress(compression, stored, size), crc), len(content))
+        data = _checked(decompress(compression, stored, size, file, offset), crc)
+    return Body(data, len(content), file, offset)
 
 
 def _checked(data: memoryview, crc: int) -> memoryview:

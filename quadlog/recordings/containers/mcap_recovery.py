@@ -187,7 +187,7 @@ class McapScan(Scan):
             # Before the body is tried: a loss says from when to when.
             head = Cursor(content)
             start_ns, end_ns = min(head.u64(), MAX_TIME_NS), min(head.u64(), MAX_TIME_NS)
-            body = mcap.read_chunk(content)
+            body = mcap.read_chunk(content, self._file, position)
             entries = mcap.message_entries(body)
             for opcode, record in mcap.records(body.data):
                 self._define(opcode, record)

@@ -82,6 +82,22 @@ def open_file(path: Path) -> Container:
         return _open_chunked(path, file, head)
 
 
+def is_recording(path: Path, but_ours: bool = False) -> bool:
+    """Whether a file that is not empty has the name, the first or the last bytes of a recording; it is not opened.
+
+    but_ours: False for an MCAP file that quadlog wrote, by the library in its header.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        file.seek(max(path.stat().st_size - 8, 0))
+        end = file.read(8)
+    if but_ours and head.startswith(mcap_records.MAGIC) and b"quadlog" in head:
+        return False
+    magics = (mcap_records.MAGIC, bag_records.MAGIC, sqlite_open.MAGIC)
+    named = bool(head and recording_suffix(path))
+    return named or is_zstd(head) or head.startswith(magics) or end == mcap_records.MAGIC
+
+
 def _open_remote(remote_path: RemotePath) -> Container:
     """What lies behind a URL: by range where server and format allow it, else copied first."""
     from quadlog.storage.byte_ranges import RemoteBytes

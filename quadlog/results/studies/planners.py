@@ -100,9 +100,9 @@ class ComparedSource(NamedTuple):
 def earlier_files(folder: Path, force: bool) -> list[Path]:
     """The files of an earlier comparison, report.html first. Raises AlreadyExists unless `force`, CannotWrite."""
     named = (folder / name for name in (PAGE, *TEXTS, *TABLES))
-    found = [*(path for path in named if path.exists()), *sorted((folder / "plots").glob("source-[0-9]*-*.png"))]
+    found = [*(path for path in named if path.exists()), *sorted((folder / "plots").glob("source-[0-9]*-ratios.png"))]
     for path in found:
-        refuse_existing(path, force)
+        refuse_existing(path, force, own=TABLES)
     return found
 
 

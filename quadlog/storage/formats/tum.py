@@ -90,6 +90,8 @@ def bounded_lines(path: Path, longest: int, thing: str) -> Iterator[tuple[int, s
     Raises UnreadableFile for one of more than `longest` characters.
     """
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise UnreadableFile(path, "is no regular file")
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             number = 0
             while line := file.readline(longest + 1):

@@ -27,7 +27,7 @@ from quadlog.pipelines.stages.log import ingest
 from quadlog.pipelines.stages.maps import filter_and_map
 from quadlog.pipelines.stages.plan import replan
 from quadlog.pipelines.stages.positions.position import locate
-from quadlog.pipelines.store import STATE, Store
+from quadlog.pipelines.store import FRESH_S, STATE, Store
 from tests.pipelines.conftest import FIXTURES
 
 
@@ -37,6 +37,11 @@ def fill(text: str) -> Callable[[Path], None]:
         (folder / STATE).write_text(json.dumps({"state": text}))
 
     return write
+
+
+def taken(store: Store, run: Path, fill: Callable[[Path], None]) -> tuple[str, bool]:
+    kept, was_there = store.get("k", fill, run)
+    return kept["state"], was_there
 
 
 @pytest.fixture
@@ -50,17 +55,32 @@ def run(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-@pytest.mark.parametrize("number", [None, errno.EPERM, errno.EXDEV, errno.EMLINK, errno.ENOTSUP])
-def test_a_result_is_made_once_and_linked_into_runs_read_only_or_copied(number, store, run, monkeypatch):
+@pytest.mark.parametrize("number", [None, errno.EPERM, errno.EOPNOTSUPP])
+def test_a_result_is_made_once_and_copied_into_runs_which_share_nothing(number, store, run, monkeypatch):
+    """Also where a file system refuses modes, times, locks and shared blocks."""
     if number is not None:
-        monkeypatch.setattr(os, "link", Mock(side_effect=OSError(number, os.strerror(number))))
-    assert store.get("k", fill("one"), run) == {"state": "one"}
+        refused = Mock(side_effect=OSError(number, os.strerror(number)))
+        for name in ("os.utime", "pathlib.Path.chmod", "fcntl.flock", "fcntl.ioctl"):
+            monkeypatch.setattr(name, refused)
+    assert taken(store, run, fill("one")) == ("one", False)
     assert [path.name for path in run.iterdir()] == ["a.csv"]
+    assert (store.folder / "k" / "a.csv").stat().st_mode & 0o777 == (0o444 if number is None else 0o644)
+    (run / "a.csv").write_text("mine")
+    assert taken(store, run, Mock(side_effect=AssertionError)) == ("one", True)
     assert (run / "a.csv").read_text() == "one"
-    assert (run / "a.csv").stat().st_nlink == (2 if number is None else 1)
-    assert (store.folder / "k" / "a.csv").stat().st_mode & 0o777 == 0o444
-    (run / "a.csv").unlink()
-    assert store.get("k", Mock(side_effect=AssertionError), run) == {"state": "one"}
+
+
+@pytest.mark.parametrize("name", ["a.csv", STATE])
+@pytest.mark.parametrize("damaged", [b"", b"on", b"two", b"[]", b"{}", None])
+def test_a_damaged_result_is_made_again(name, damaged, store, run):
+    taken(store, run, fill("one"))
+    path = store.folder / "k" / name
+    path.unlink()
+    if damaged is not None:
+        path.write_bytes(damaged)
+    assert store.has("k") == (name == "a.csv" and damaged == b"two")  # of the same size
+    assert taken(store, run, fill("one")) == ("one", False)
+    assert taken(store, run, Mock(side_effect=AssertionError)) == ("one", True)
 
 
 def test_of_two_that_need_a_result_at_a_time_one_makes_it(store, run):
@@ -73,18 +93,23 @@ def test_of_two_that_need_a_result_at_a_time_one_makes_it(store, run):
         fill("one")(folder)
 
     with ThreadPoolExecutor(2) as pool:
-        results = list(pool.map(lambda each: store.get("k", slowly, each), [run, other]))
-    assert (len(made), results) == (1, [{"state": "one"}] * 2)
-    assert (run / "a.csv").samefile(other / "a.csv")
+        results = list(pool.map(lambda each: taken(store, each, slowly), [run, other]))
+    assert (len(made), sorted(results)) == (1, [("one", False), ("one", True)])
 
 
-def test_what_no_run_has_is_removed_but_for_what_is_to_stay(store, run):
-    for key in ("of-a-run", "of-a-failed-one", "of-nobody"):
+def test_what_no_run_has_is_removed_but_for_what_was_not_finished_within_a_day(store, run):
+    for key in ("of-a-run", "of-a-replaced-one", "of-an-interrupted-one", "of-an-older-one"):
         store.get(key, fill(key), run)
+    os.utime(store.folder / "of-an-older-one", (time.time() - FRESH_S - 9,) * 2)
     (run / "run.json").write_text(json.dumps({"results": {"plan": "of-a-run"}}))
-    store.trim({"of-a-failed-one"})
-    assert sorted(path.name for path in store.folder.iterdir()) == ["of-a-failed-one", "of-a-run"]
+    store.settle(["of-a-run", "of-a-replaced-one"])
+    store.trim()
+    assert sorted(path.name for path in store.folder.iterdir()) == ["of-a-run", "of-an-interrupted-one"]
+    store.get("of-a-run", fill(""), run)  # by a replay that does not finish
     (run / "run.json").write_text('{"results": 3}')
+    store.trim()
+    assert sorted(path.name for path in store.folder.iterdir()) == ["of-a-run", "of-an-interrupted-one"]
+    store.settle(["of-a-run", "of-an-interrupted-one"])
     store.trim()
     assert not store.folder.exists()
 

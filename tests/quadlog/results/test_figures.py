@@ -14,6 +14,7 @@ from PIL import Image
 from quadlog.errors import CannotWrite
 from quadlog.results import mpl
 from quadlog.results.figures import FIGURES, drawings_of, write_plots
+from quadlog.results.find_runs import PICTURES
 from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
@@ -51,13 +52,13 @@ def test_every_figure_is_drawn_in_every_format_the_same_way_each_time(tiny_origi
 
 def test_figures_without_data_are_absent_and_their_old_pictures_vanish(tiny_run: Path) -> None:
     write_plots(tiny_run, drawings_of(Run(tiny_run)))
-    saved = {figure.name for figure in FIGURES if figure.saved}
-    assert {path.stem for path in (tiny_run / "plots").iterdir()} == saved
-    (tiny_run / "plots" / "notes.txt").write_text("the user's own")
+    assert {path.stem for path in (tiny_run / "plots").iterdir()} == set(PICTURES) <= {each.name for each in FIGURES}
+    for name in ("notes.txt", "photo.png", "ranges.png"):
+        (tiny_run / "plots" / name).write_text("the user's own")
     until_ingest(tiny_run)
     assert drawings_of(Run(tiny_run)) == {}
     write_plots(tiny_run, {})
-    assert [path.name for path in (tiny_run / "plots").iterdir()] == ["notes.txt"]
+    assert {path.name for path in (tiny_run / "plots").iterdir()} == {"notes.txt", "photo.png", "ranges.png"}
     (tiny_run / "plots").rename(tiny_run / "elsewhere")
     (tiny_run / "plots").symlink_to(tiny_run / "elsewhere")
     with pytest.raises(CannotWrite, match="link"):

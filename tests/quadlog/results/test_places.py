@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun
-from quadlog.results.find_runs import OWN_FILES, find_runs
+from quadlog.results.find_runs import FAILED, OWN_FILES, find_runs
 from quadlog.results.record import RunRecord, is_finished
 from quadlog.results.run import Run, check_place, load_run, new_run, settle
 from tests.lab.runs import begin_run
@@ -59,8 +60,9 @@ def replaced(run: Path, record: RunRecord) -> None:
 def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     tiny_run: Path, tmp_path: Path, tiny_record: RunRecord, left_part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ours = ("failed.json", "plots/ranges.png", f"plots/{left_part}")
-    for name in (*ours, "plots/mine.svg", "notes.md", "mine/run.json"):
+    ours = ("failed.json", "plots/trajectory.png", f"plots/{left_part}")
+    theirs = {"plots/mine.svg", "plots/photo.png", "notes.md", "mine/run.json"}
+    for name in (*ours, *theirs):
         (tiny_run / name).parent.mkdir(exist_ok=True)
         (tiny_run / name).write_bytes(b"x")
     precious = tmp_path / "precious"
@@ -75,7 +77,7 @@ def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     assert content(tiny_run) == before
     replaced(tiny_run, tiny_record)
     left = {path.relative_to(tiny_run).as_posix() for path in tiny_run.rglob("*") if path.is_file()}
-    assert left == {"plots/mine.svg", "notes.md", "mine/run.json", "run.json", "config.toml"}
+    assert left == theirs | {"run.json", "config.toml"}
     assert precious.exists()
     assert not (tiny_run.parent / ".stages").exists()
     (tmp_path / "link").symlink_to(tiny_run)
@@ -103,3 +105,41 @@ def test_a_kill_between_the_renames_is_put_right_at_the_next_start(
     settle(tiny_run)
     whole = sorted(before) if renames == 0 else ["config.toml", "notes.md", "run.json"]
     assert (sorted(content(tiny_run)), is_finished(tiny_run)) == (whole, True)
+
+
+def test_of_two_new_runs_of_one_place_the_first_stays_and_the_second_is_refused(
+    tmp_path: Path, tiny_record: RunRecord
+) -> None:
+    """But for what a failure left there, which counts as absent."""
+    (tmp_path / "walk").mkdir()
+    (tmp_path / "walk" / FAILED).write_bytes(b"{}")
+    first = tiny_record.model_copy(update={"seed": 1})
+
+    def made(record: RunRecord, meanwhile: Callable[[], None] = lambda: None) -> None:
+        with new_run(tmp_path / "walk") as place:
+            Run.create(place, record).finish(record)
+            meanwhile()
+
+    with pytest.raises(AlreadyExists, match="--force"):
+        made(tiny_record, lambda: made(first))
+    assert load_run(tmp_path / "walk").record.seed == 1
+    assert [*content(tmp_path / "walk")] == ["config.toml", "run.json"]
+    assert [each.name for each in tmp_path.iterdir()] == ["walk"]
+
+
+def test_only_a_finished_run_of_quadlog_is_put_in_place(tiny_run: Path, tiny_record: RunRecord) -> None:
+    """Somebody's folder of that name stays where it is; without a new run the old one comes back."""
+    new, old = (tiny_run.parent / ".stages" / f"{prefix}-{tiny_run.name}" for prefix in ("new", "old"))
+    for folder in (new, old):
+        folder.mkdir(parents=True)
+        (folder / "thesis.tex").write_text("mine")
+    before = content(tiny_run)
+    settle(tiny_run)
+    with pytest.raises(CannotWrite, match="no finished run of quadlog; move it away"):
+        replaced(tiny_run, tiny_record)
+    assert (content(tiny_run), [*content(new)], [*content(old)]) == (before, ["thesis.tex"], ["thesis.tex"])
+    shutil.rmtree(new)
+    shutil.rmtree(old)
+    tiny_run.rename(old)  # and what was to replace it is gone
+    settle(tiny_run)
+    assert (content(tiny_run), old.exists()) == (before, False)

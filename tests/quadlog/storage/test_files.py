@@ -15,6 +15,7 @@ from quadlog.storage.atomic_write import (
     is_part,
     part_prefix,
     remove_stale_parts,
+    uninterrupted,
     whole_file,
     write_whole,
 )
@@ -104,7 +105,10 @@ def test_a_link_of_the_final_name_is_replaced_not_followed(tmp_path: Path) -> No
 
 
 def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: str) -> None:
-    """Own files, those of another process that runs, of another host, and of an older quadlog; a day later nobody's."""
+    """Own files, those of another process that runs, of another host, and of an older quadlog.
+
+    A day later also the last two: what a living process writes is never left, whatever a clock says.
+    """
     elsewhere = ".quadlog-" + "0" * 8 + left_part[len(".quadlog-") + 8 :]
     names = [f"{part_prefix(pid)}00000001.part" for pid in (os.getpid(), os.getppid())]
     names += [elsewhere, ".quadlog-1-2.part"]
@@ -114,10 +118,25 @@ def test_cleaning_keeps_what_others_may_be_writing(tmp_path: Path, left_part: st
     remove_stale_parts(tmp_path)
     kept = {".quadlog-folder.part", "notes.part"}
     assert {path.name for path in tmp_path.iterdir()} == {*names, *kept}
-    for name in names[1:]:
+    for name in names:
         os.utime(tmp_path / name, (time.time() - 25 * 3600,) * 2)
     remove_stale_parts(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {names[0], *kept}
+    assert {path.name for path in tmp_path.iterdir()} == {*names[:2], *kept}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_waits_for_files_that_belong_together_and_comes_then(number: signal.Signals) -> None:
+    came: list[int] = []
+    before = signal.signal(number, lambda number, _: came.append(number))
+    try:
+        with uninterrupted():
+            signal.raise_signal(number)
+            assert came == []
+        assert came == [number]
+        signal.raise_signal(number)
+        assert came == [number] * 2
+    finally:
+        signal.signal(number, before)
 
 
 def test_writers_and_cleaners_at_once_lose_nothing(tmp_path: Path) -> None:
