@@ -20,7 +20,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
-from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
+from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, wants_uwb, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
@@ -64,6 +64,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         data = replace(data, legs=track_legs(data))
         uwb = locate_tags(data, journal)
         robot = _robot(data, journal, uwb)
+        _tell_instead_of_uwb(data, journal, robot)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
         _warn_of_jumps(data, journal, robot)
@@ -144,12 +145,22 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted)), "file", journal)
+        chosen = _from_poses(read_tum(Path(wanted), journal.warn), "file", journal)
     if chosen is None:
         raise MissingInput(
             "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
         )
     return chosen
+
+
+def _tell_instead_of_uwb(data: LogData, journal: Journal, robot: RobotTrack) -> None:
+    """Where there are ranges and anchors, and the position is from something else that nobody chose."""
+    wanted = data.config.topics.position == "auto" and wants_uwb(data.config) and "uwb" in data.log.roles.found
+    if wanted and robot.source not in ("uwb", "fixed"):
+        journal.warn(
+            f"UWB gives no position ({why_none(data, 'uwb')}): the robot's position is from {robot.source} instead; "
+            f"if that is meant, {set_flag('topics.position', [robot.source])}"
+        )
 
 
 def _from_uwb(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack | None:
@@ -368,7 +379,7 @@ def why_none(data: LogData, source: str) -> str:
     """Why a source that was chosen gives no position."""
     topics, roles = data.config.topics, data.log.roles
     base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
-    ranges = "no position could be solved from the ranges" if data.streams.ranges else "there are no UWB ranges"
+    ranges = "no position could be solved from the ranges" if data.streams.ranges else "there are no UWB ranges to use"
     reasons = {
         "uwb": lambda: ranges if data.config.uwb.anchors else "no [[uwb.anchors]] are configured",
         "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
