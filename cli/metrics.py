@@ -64,7 +64,8 @@ def command(
     report_skipped(runs)
     with runs_here(runs, MEASURED if has_samples or truth or explain else RECORDS) as (found, as_given):
         outcome = measure_runs(found, truth, conditions, has_samples)
-        for line in (*outcome.said, *outcome.problems):
+        said = () if truth is None else (f"warning: {words}" for words in truth.warnings)
+        for line in (*said, *outcome.said, *outcome.problems):
             say(line)
         if explain is None:
             shown = [replace(run, path=to_path(as_given(run.path))) for run in outcome.runs]

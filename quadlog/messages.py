@@ -102,6 +102,7 @@ class UwbRanges:
     anchor: (K,) int64 ids; range_m: (K,) float64; absent ranges are left out.
     first_path_gap_db: (K,) receiver power minus first-path power, or None; large means NLOS.
     anchor_position_m: (K, 3) where the anchors are in map, NaN or zero where unknown, or None.
+    unmeasured: why the one range of the message, which is left out, was not measured by what the message itself says.
     """
 
     stamp_ns: int | None
@@ -110,6 +111,7 @@ class UwbRanges:
     range_m: Float
     first_path_gap_db: Float | None = None
     anchor_position_m: Float | None = None
+    unmeasured: str = ""
 
 
 @dataclass(frozen=True, slots=True)

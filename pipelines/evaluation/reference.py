@@ -72,16 +72,18 @@ class OnTime:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """A trajectory that counts as true, and how runs are compared with it."""
+    """A trajectory that counts as true, how runs are compared with it, and what its file does not have as it should."""
 
     path: Path
     poses: PoseSeries
     how: OnTime
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, path: Path, how: OnTime) -> Self:
         """From a TUM file. Raises UnreadableFile, TooLarge."""
-        return cls(path, read_tum(path), how)
+        warnings = list[str]()
+        return cls(path, read_tum(path, warnings.append), how, tuple(warnings))
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,9 @@ def uwb_diagnostics(
         odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         if streams.ranges is None:
-            return {}, ["anchors are configured, but the recording has no UWB ranges"]
+            return {}, [*streams.warnings, uwb.NO_RANGES]
+        if text := uwb.wrong_unit(config, streams.ranges, roles.topics("uwb")):
+            return {}, [*streams.warnings, text]
         # With odometry as in a replay, so that both have the same residuals.
         located, body = uwb.locate_each(config, streams.ranges, uwb.odometry_motion(streams) if odometry else None)
     except QuadlogError as error:

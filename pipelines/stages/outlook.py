@@ -84,7 +84,7 @@ class Look:
         """The error where a source that was chosen gives no position; failed: as of ways_out."""
         topics, roles = self.config.topics, self.roles
         base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
-        anchors, ranges = self.config.uwb.anchors, failed.get("uwb", "there are no UWB ranges")
+        anchors, ranges = self.config.uwb.anchors, failed.get("uwb", "there are no UWB ranges to use")
         reasons: dict[str, Callable[[], str]] = {
             "uwb": lambda: ranges if anchors else "no [[uwb.anchors]] are configured",
             "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",

@@ -86,11 +86,18 @@ class Tag(Section):
 
 
 class RangeTopic(Section):
-    """Maps a topic that carries one range each to the two ends it measures between."""
+    """What the messages of a topic with ranges do not say: the two ends of a single range, and the unit."""
 
     topic: str = Field(description="the topic")
-    tag: int = Field(ge=0, description="id of the tag that it measures from")
-    anchor: int = Field(ge=0, description="id of the anchor that it measures to")
+    tag: int | None = Field(None, ge=0, description="id of the tag that it measures from, where messages have no ids")
+    anchor: int | None = Field(None, ge=0, description="id of the anchor that it measures to; set with tag")
+    unit: Literal["m", "cm", "mm"] | None = Field(None, description="of its ranges; unset: metres, mm of gtec_msgs")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> RangeTopic:
+        if (self.tag is None) != (self.anchor is None) or (self.tag is None and self.unit is None):
+            raise ValueError(f"{self.topic}: set tag and anchor, or unit, or all three")
+        return self
 
 
 class UwbConfig(Section):
@@ -147,7 +154,9 @@ class UwbConfig(Section):
     )
     anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
     tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
-    range_topics: list[RangeTopic] = Field([], description="for topics that carry one range each and do not name it")
+    range_topics: list[RangeTopic] = Field(
+        [], description="for topics that do not name a range's ends or have another unit"
+    )
 
     @model_validator(mode="after")
     def _ranges_are_in_order(self) -> UwbConfig:

@@ -105,10 +105,7 @@ FOXGLOVE_JSON: dict[str, Callable[..., Callable[[Payload], Message]]] = {
 CLOUDS = {POINT_CLOUD, "foxglove.PointCloud"}
 
 LINKTRACK_IN_COLUMNS: dict[str, Ways] = {
-    "LinktrackTagframe0": [
-        (uwb.STAMPED_TAGFRAME0, uwb.stamped_tagframe0_in_columns),
-        (uwb.TAGFRAME0, uwb.tagframe0_in_columns),
-    ],
+    "LinktrackTagframe0": [(wanted, uwb.tagframe0_in_columns) for wanted in (uwb.STAMPED_TAGFRAME0, uwb.TAGFRAME0)],
 }
 
 # Types that look as if they held what quadlog wants, and why they do not.

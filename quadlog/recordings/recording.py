@@ -19,7 +19,7 @@ from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, Cl
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, names_anchors, with_ends
+from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, in_metres, names_anchors, with_ends
 from quadlog.recordings.decoding import Decoder, decoder_for, found_pose, is_cloud, is_decodable, ways_in_columns
 from quadlog.recordings.gathering import Gathered, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
@@ -54,18 +54,24 @@ def open_recording(
 
 def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
     """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
-    return open_recording(
+    rows = config.uwb.range_topics
+    recording = open_recording(
         path,
         stamp=stamp,
         msg_path=msg_path,
-        range_topics={each.topic: (each.tag, each.anchor) for each in config.uwb.range_topics},
+        range_topics={r.topic: (r.tag, r.anchor) for r in rows if r.tag is not None and r.anchor is not None},
         anchor_ids=[anchor.id for anchor in config.uwb.anchors],
         joints=JointOrder(config.robot.joints, config.robot.feet),
     )
+    recording.range_units = {r.topic: r.unit for r in rows if r.unit is not None}
+    return recording
 
 
 class Recording(ClosedOnExit):
-    """Decoded messages of one recording; `losses` and `warnings` grow while it is read."""
+    """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
+
+    range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type.
+    """
 
     def __init__(
         self,
@@ -80,6 +86,7 @@ class Recording(ClosedOnExit):
         self.container, self.stamp = container, stamp
         self._definitions = definitions or Definitions()
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
+        self.range_units: dict[str, str] = {}
         self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
         self._learned: set[str] = set()
@@ -185,7 +192,7 @@ class Recording(ClosedOnExit):
             try:
                 own = waiting[id(raw.channel)]
             except KeyError:
-                ways = ways_in_columns(raw.channel, self.joints)
+                ways = () if raw.channel.topic in self.range_units else ways_in_columns(raw.channel, self.joints)
                 own = waiting[id(raw.channel)] = Waiting(raw.channel, ways) if ways else None
             if own is None or not own.take(order, raw):
                 yield from self._singly(order, raw, reading, points=False)
@@ -387,7 +394,7 @@ class Recording(ClosedOnExit):
             raise DecodeError(raw.channel.topic, reason)
         decoded = decoder(raw.payload)
         if decoded and isinstance(decoded[0], UwbRanges):
-            return tuple(self._named(raw.channel.topic, each) for each in decoded if isinstance(each, UwbRanges))
+            return tuple(self._named(raw.channel, each) for each in decoded if isinstance(each, UwbRanges))
         return decoded
 
     def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
@@ -404,8 +411,11 @@ class Recording(ClosedOnExit):
             known = self._decoders[id(channel), points] = (channel, decoder)
         return known[1]
 
-    def _named(self, topic: str, ranges: UwbRanges) -> UwbRanges:
-        """Ranges with the ids of their ends, where only the topic gives these."""
+    def _named(self, channel: Channel, ranges: UwbRanges) -> UwbRanges:
+        """Ranges in metres with the ids of their ends, where only the topic gives these."""
+        topic = channel.topic
+        if topic in self.range_units:
+            ranges = in_metres(ranges, self.range_units[topic], channel.type_name)
         if ranges.tag is not None:
             return ranges
         if names_anchors(ranges):

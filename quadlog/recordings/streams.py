@@ -196,6 +196,7 @@ class Gatherer:
         self._ranges = _Columns(5)  # tag, anchor, range, gap, and the topic by its number in _range_topics
         self._range_topics: dict[str, int] = {}
         self._nameless: dict[str, int] = {}
+        self._unmeasured: dict[str, int] = {}  # why -> how many ranges
         self._poses = {role: _Columns(13) for role in self._pose_topics}
         self._columns_of_topic: dict[str, list[_Columns]] = {}
         for role, topic in self._pose_topics.items():
@@ -271,6 +272,8 @@ class Gatherer:
 
     def _take_ranges(self, order: int, t_ns: int, topic: str, message: UwbRanges) -> None:
         self._places.take(message)
+        if message.unmeasured:
+            self._unmeasured[message.unmeasured] = self._unmeasured.get(message.unmeasured, 0) + 1
         if message.tag is None:
             self._nameless[topic] = self._nameless.get(topic, 0) + len(message.range_m)
             return
@@ -317,6 +320,9 @@ class Gatherer:
 
     def _range_series(self) -> tuple[RangeSeries | None, Float | None]:
         t_ns, values = self._ranges.arrays()
+        total = len(t_ns) + sum(self._unmeasured.values())
+        for why, count in sorted(self._unmeasured.items()):
+            self._warnings.append(f"{count} of {total} ranges were not measured and are left out: {why}")
         if len(t_ns) == 0:
             return None, None
         t_ns, values = self._on_one_clock(t_ns, values)

@@ -10,7 +10,7 @@ import numpy as np
 
 from quadlog import geometry
 from quadlog.config.schema import Config
-from quadlog.errors import MissingInput
+from quadlog.errors import MissingInput, set_flag
 from quadlog.geometry import roll_pitch_from_quat, seconds_since, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
@@ -22,7 +22,7 @@ from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
-from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
+from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, wants_uwb, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
@@ -62,6 +62,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         data = replace(data, legs=track_legs(data))
         uwb = locate_tags(data, journal)
         robot = _robot(data, journal, uwb)
+        _tell_instead_of_uwb(data, journal, robot)
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
         used = {*journal.topics.get("position", ()), *data.log.roles.topics(robot.source)}
@@ -137,10 +138,20 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted)), "file", journal)
+        chosen = _from_poses(read_tum(Path(wanted), journal.warn), "file", journal)
     if chosen is None:
         raise data.log.without(wanted, data.streams.tf, failures(data))
     return chosen
+
+
+def _tell_instead_of_uwb(data: LogData, journal: Journal, robot: RobotTrack) -> None:
+    """Where there are ranges and anchors, and the position is from something else that nobody chose."""
+    wanted = data.config.topics.position == "auto" and wants_uwb(data.config) and "uwb" in data.log.roles.found
+    if wanted and robot.source not in ("uwb", "fixed"):
+        journal.warn(
+            f"UWB gives no position ({why_none(data, 'uwb')}): the robot's position is from {robot.source} instead; "
+            f"if that is meant, {set_flag('topics.position', [robot.source])}"
+        )
 
 
 def _from_uwb(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTrack | None:

@@ -21,7 +21,7 @@ from quadlog.pipelines.stages.positions.uwb_tags import solve_body, tell_body, t
 from quadlog.positioning.batch.links import link_quality, scatter_in_sight, weak_first_path_share
 from quadlog.positioning.batch.robust import USUAL_STD_M
 from quadlog.positioning.body import LocatedBody
-from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts
+from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts, likely_unit
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.positioning.odometry import BodyMotion
@@ -35,6 +35,7 @@ from quadlog.results.tables import TABLES, TableWriter
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.log import LogData
 
+NO_RANGES = "anchors are configured, but the recording has no UWB ranges to use"
 MOST_DESCRIBED = 10
 MOST_OFF = 2.0
 """A given std of ranges that is off by more is warned of."""
@@ -150,6 +151,7 @@ def _range_warnings(counts: RangeCounts) -> list[str]:
         "of zero or below": counts.not_positive,
         "below uwb.min_range_m": counts.too_short,
         "above uwb.max_range_m": counts.too_long,
+        f"of {counts.total} that are repeats (equal to one of the same tag and anchor right before)": counts.repeated,
     }
     texts = [f"{count} ranges {cause} are left out" for cause, count in causes.items() if count]
     if counts.unknown_anchors:
@@ -187,9 +189,12 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
     if not wants_uwb(config):
         return None
     if ranges is None:
-        journal.warn("anchors are configured, but the recording has no UWB ranges")
+        journal.warn(NO_RANGES)
         return None
     _tell_places(data, journal)
+    if text := wrong_unit(config, ranges, data.log.roles.topics("uwb")):
+        journal.warn(text)
+        return None
     motion = _body_motion(data) if config.uwb.odometry else None
     (located, robot), body = locate_each(config, ranges, motion), None
     if robot and motion is not None and motion.source == "odometry":
@@ -221,6 +226,22 @@ def locate_each(config: Config, ranges: RangeSeries, motion: BodyMotion | None) 
         x_m, y_m = uwb_tags.lever_of(config, robot[0])
         tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
     return locate(ranges, anchors_of(config), list(tags.values()), settings_of(config)), robot
+
+
+def wrong_unit(config: Config, ranges: RangeSeries, topics: Sequence[str]) -> str:
+    """A line with the key to set where ranges fit the anchors in cm or mm, and not in metres; empty elsewhere."""
+    anchors, usable = anchors_of(config), ranges.range_m <= config.uwb.max_range_m
+    for tag in tags_of(config, ranges):
+        mine = ranges.tag == tag
+        units = [likely_unit(ranges.rows(rows), anchors.ids, anchors.position_m) for rows in (mine & usable, mine)]
+        if units[1] and "m" not in units:
+            low, high = np.nanquantile(ranges.range_m[mine], [0.05, 0.95])
+            rows = ", ".join(f'{{topic = "{topic}", unit = "{units[1]}"}}' for topic in topics)
+            return (
+                f"tag {tag}: its ranges, most from {low:.0f} to {high:.0f}, fit the anchors in {units[1]} and not in "
+                f"metres: UWB is not used; give their unit below [uwb]: range_topics = [{rows}]"
+            )
+    return ""
 
 
 def place_faults(config: Config, located: Located, robot: list[int], odometry: PoseSeries | None) -> list[str]:

@@ -17,12 +17,7 @@ from quadlog.recordings.decoders.payload import stamp_ns
 def decode_ranging(message: Any, topic: str) -> UwbRanges:
     """One range, from millimetres to metres; failures, which the radio reports as zero or less, are passed on."""
     del topic
-    return UwbRanges(
-        stamp_ns(message),
-        int(message.tagId),
-        np.array([message.anchorId], np.int64),
-        np.array([message.range / 1000], np.float64),
-    )
+    return _single(message, int(message.tagId), message.anchorId, message.range / 1000)
 
 
 ROLE_ANCHOR, ROLE_TAG = 1, 2
@@ -37,15 +32,10 @@ def decode_tagframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
 
 
 def tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
-    """The same of the numbers (N, 9) of TAGFRAME0."""
+    """The same of the numbers (N, 9) of TAGFRAME0, or (N, 11) of STAMPED_TAGFRAME0."""
     del texts
-    return [Columns(UwbRanges, None, numbers)], np.ones(len(numbers), dtype=bool)
-
-
-def stamped_tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
-    """The same of the numbers (N, 11) of STAMPED_TAGFRAME0."""
-    del texts
-    return [Columns(UwbRanges, stamps_ns(numbers[:, :2]), numbers[:, 2:])], np.ones(len(numbers), dtype=bool)
+    stamp_ns = stamps_ns(numbers[:, :2]) if numbers.shape[1] > 9 else None
+    return [Columns(UwbRanges, stamp_ns, numbers[:, -9:])], np.ones(len(numbers), dtype=bool)
 
 
 def decode_anchorframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
@@ -104,37 +94,56 @@ UNKNOWN_ANCHOR = -1
 
 
 def decode_range(message: Any, topic: str) -> UwbRanges:
-    """One range with tag None and anchor -1.
+    """One range with tag None and anchor -1; what else is no distance, as NaN or zero, is passed on to be counted.
 
-    min_range and max_range are not applied: UWB drivers leave both at zero. An
-    infinite range means "nothing measured" in this message and is left out;
-    whatever else is no distance is passed on, so that it is counted.
+    Infinite ranges [REP 117], and those beyond min_range or max_range where the latter is larger (drivers may leave
+    both at zero), were not measured.
     """
     del topic
-    range_m = float(message.range)
-    present = range_m != np.inf
-    return UwbRanges(
-        stamp_ns(message),
-        None,
-        np.array([UNKNOWN_ANCHOR] if present else [], np.int64),
-        np.array([range_m] if present else [], np.float64),
-    )
+    range_m, low_m, high_m = float(message.range), float(message.min_range), float(message.max_range)
+    unmeasured = ""
+    if np.isinf(range_m):
+        unmeasured = "they are infinite: too near or too far [REP 117]"
+    elif 0 <= low_m < high_m and (range_m < low_m or range_m > high_m):
+        unmeasured = "they are outside min_range to max_range of their own messages"
+    return _single(message, None, UNKNOWN_ANCHOR, range_m, unmeasured)
+
+
+def _single(message: Any, tag: int | None, anchor: int, range_m: float, unmeasured: str = "") -> UwbRanges:
+    measured = slice(0 if unmeasured else 1)
+    ids, ranges_m = np.array([anchor], np.int64), np.array([range_m], np.float64)
+    return UwbRanges(stamp_ns(message), tag, ids[measured], ranges_m[measured], unmeasured=unmeasured)
+
+
+NO_ANSWER, NO_EDGE = (1, 3), 0b100110
+"""Values of range_status of failed rangings, and bits of the even ones; other values are remarks on a range."""
 
 
 def decode_uwb_range(message: Any, topic: str) -> UwbRanges:
     """One range in metres, a distance or not, with the anchor's position where the message has that field.
 
-    Older versions of the message have no requester: tag None then.
+    Older versions of the message have no requester: tag None then. A ranging whose range_status says that it failed
+    measured nothing.
     """
     del topic
     requester, place = getattr(message, "requester_id", None), getattr(message, "responder_location", None)
-    return UwbRanges(
-        stamp_ns(message),
-        None if requester is None else int(requester),
-        np.array([message.responder_id], np.int64),
-        np.array([message.distance], np.float64),
-        anchor_position_m=None if place is None else np.array([[place.x, place.y, place.z]], np.float64),
-    )
+    status = int(getattr(message, "range_status", 0))
+    failed = status in NO_ANSWER or (status % 2 == 0 and status & NO_EDGE)
+    unmeasured = "their range_status says that the ranging failed" if failed else ""
+    tag = None if requester is None else int(requester)
+    ranges = _single(message, tag, message.responder_id, message.distance, unmeasured)
+    if place is None or failed:
+        return ranges
+    return replace(ranges, anchor_position_m=np.array([[place.x, place.y, place.z]], np.float64))
+
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+
+def in_metres(ranges: UwbRanges, unit: str, type_name: str) -> UwbRanges:
+    """Ranges of a driver that sends another unit than its type has."""
+    own = "mm" if type_name == "gtec_msgs/msg/Ranging" else "m"
+    return replace(ranges, range_m=ranges.range_m * (METRES[unit] / METRES[own]))
 
 
 UWB_WORDS = ("uwb", "anchor", "dwm", "decawave", "linktrack", "tof")

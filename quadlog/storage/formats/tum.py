@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from array import array
-from collections.abc import Iterator
-from decimal import Decimal, InvalidOperation
+from collections.abc import Callable, Iterator
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ from quadlog.storage.atomic_write import write_whole
 _MAX_POSES = 20_000_000
 _MAX_LINE = 1000
 _NS = 1_000_000_000
+_W_FIRST = re.compile(r"\bq\w*w\b.*\bq\w*x\b", re.IGNORECASE)
+_UNITS = {1_000_000: "ms", 1_000: "us", 1: "ns"}
+_LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
 
 
 def write_tum(
@@ -51,25 +55,39 @@ def write_tum_poses(path: Path, t_ns: Int, position_m: Float, quat_xyzw: Float) 
     write_whole(path, "".join(lines).encode())
 
 
-def read_tum(path: Path) -> PoseSeries:
+def read_tum(path: Path, warn: Callable[[str], None] | None = None) -> PoseSeries:
     """The poses of a TUM file; lines that start with # and empty ones are skipped, quaternions are normalised.
+
+    Numbers may be separated by commas, and a comment may name qw before qx. Times may be Unix times in ms, us or ns,
+    and lines that equal the one before are dropped, both of which is told to warn.
 
     Raises UnreadableFile, naming the line, for anything that is not eight
     finite numbers, a quaternion of length zero, a position farther out than
     FARTHEST_M, or a time that does not increase; TooLarge for a file with more poses than memory should hold.
     """
     t_ns, values = array("q"), array("d")
-    for number, line in bounded_lines(path, _MAX_LINE, "pose"):
+    unit_ns, repeats = 0, 0
+    w_first = False
+    for number, line in bounded_lines(path, _MAX_LINE, "pose", comments=True):
+        if line.lstrip().startswith("#"):
+            w_first |= _W_FIRST.search(line) is not None
+            continue
         try:
-            time, *pose = line.split()
+            time, *pose = line.replace(",", " ").split()
             row = [float(value) for value in pose]
-            t = _nanoseconds(time)
-        except (ValueError, InvalidOperation):
+            unit_ns = unit_ns or _unit_ns(Decimal(time))
+            t = _nanoseconds(time, unit_ns)
+        except (ValueError, ArithmeticError):
             row, t = [], 0
         if len(row) != 7 or not all(map(math.isfinite, row)) or not any(row[3:]):
-            raise UnreadableFile(path, "is not 't x y z qx qy qz qw' with a quaternion of some length", number)
+            raise UnreadableFile(
+                path, "is not 't x y z qx qy qz qw' with t in seconds and a quaternion of some length", number
+            )
         if max(map(abs, row[:3])) > FARTHEST_M:
             raise UnreadableFile(path, f"has a position beyond {FARTHEST_M:.0e} m", number)
+        if t_ns and t == t_ns[-1] and row == values[-7:].tolist():
+            repeats += 1
+            continue
         if t_ns and t <= t_ns[-1]:
             raise UnreadableFile(path, "time does not increase", number)
         if len(t_ns) == _MAX_POSES:
@@ -78,14 +96,19 @@ def read_tum(path: Path) -> PoseSeries:
         values.extend(row)
     if not t_ns:
         raise UnreadableFile(path, "holds no pose")
+    if warn is not None and unit_ns != _NS:
+        warn(f"{path}: its times are no seconds: they are read as {_UNITS[unit_ns]} since 1970")
+    if warn is not None and repeats:
+        warn(f"{path}: {repeats} of {len(t_ns) + repeats} lines equal the one before; they are dropped")
     table = np.array(values).reshape(-1, 7)
+    table[:, 3:] = np.roll(table[:, 3:], -int(w_first), axis=1)
     # Scaled first, so that tiny and huge quaternions neither vanish nor overflow.
     quat = table[:, 3:] / np.abs(table[:, 3:]).max(axis=1, keepdims=True)
     return PoseSeries(np.array(t_ns, np.int64), table[:, :3], quat / np.linalg.norm(quat, axis=1, keepdims=True))
 
 
-def bounded_lines(path: Path, longest: int, thing: str) -> Iterator[tuple[int, str]]:
-    """Number and content of each line that is not empty and no comment; a thing to a line.
+def bounded_lines(path: Path, longest: int, thing: str, comments: bool = False) -> Iterator[tuple[int, str]]:
+    """Number and content of each line that is not empty and, unless those are wanted, no comment; a thing to a line.
 
     Raises UnreadableFile for one of more than `longest` characters.
     """
@@ -98,7 +121,7 @@ def bounded_lines(path: Path, longest: int, thing: str) -> Iterator[tuple[int, s
                 number += 1
                 if len(line) > longest:
                     raise UnreadableFile(path, f"is longer than any {thing}", number)
-                if line.strip() and not line.lstrip().startswith("#"):
+                if line.strip() and (comments or not line.lstrip().startswith("#")):
                     yield number, line
     except OSError as error:
         raise UnreadableFile(path, error.strerror or str(error)) from error
@@ -110,9 +133,14 @@ def _seconds(t_ns: int) -> str:
     return f"{sign}{abs(t_ns) // _NS}.{abs(t_ns) % _NS:09d}"
 
 
-def _nanoseconds(text: str) -> int:
-    """Decimal seconds as nanoseconds, rounded where there are more than nine decimals."""
-    seconds = Decimal(text)
-    if not seconds.is_finite() or not -9_000_000_000 <= seconds <= 9_000_000_000:  # what int64 nanoseconds hold
+def _unit_ns(time: Decimal) -> int:
+    """Of a trajectory's first time: seconds, or a smaller unit in which it is since 1970 and after 2001."""
+    return next((size for size in _UNITS if 10**18 <= time * size <= _LONGEST_S * _NS), _NS)
+
+
+def _nanoseconds(text: str, unit_ns: int) -> int:
+    """A decimal time as nanoseconds, rounded."""
+    t_ns = Decimal(text) * unit_ns
+    if not t_ns.is_finite() or abs(t_ns) > _LONGEST_S * _NS:
         raise ValueError(text)
-    return int((seconds * _NS).to_integral_value())
+    return int(t_ns.to_integral_value())
