@@ -82,6 +82,11 @@ class Look:
 
     def without(self, source: str, tree: TransformTree, failed: Mapping[str, str] = {}) -> MissingInput:
         """The error where a source that was chosen gives no position; failed: as of ways_out."""
+        why, ways = self.why_not(source, failed), self.ways_out(tree, failed={**failed, source: ""}) or SEE_INFO
+        return MissingInput("position", f"topics.position = {source!r}, but {why}", ways)
+
+    def why_not(self, source: str, failed: Mapping[str, str] = {}) -> str:
+        """Why a source gives no position; failed: as of ways_out."""
         topics, roles = self.config.topics, self.roles
         base = repr(topics.base_frame) if topics.base_frame else "the robot's frame"
         anchors, ranges = self.config.uwb.anchors, failed.get("uwb", "there are no UWB ranges to use")
@@ -93,9 +98,7 @@ class Look:
             "lidar": lambda: failed.get(source, roles.why_none(source)),
             "odometry": lambda: roles.why_none(source),
         }
-        why = reasons.get(source, lambda: "it holds no poses")()
-        ways = self.ways_out(tree, failed={**failed, source: ""}) or SEE_INFO
-        return MissingInput("position", f"topics.position = {source!r}, but {why}", ways)
+        return reasons.get(source, lambda: "it holds no poses")()
 
     def ways_out(self, tree: TransformTree, used: Collection[str] = (), failed: Mapping[str, str] = {}) -> str:
         """The chains of tf and the topics that could give a position, and why nothing else does, in one line.

@@ -148,9 +148,10 @@ def _tell_instead_of_uwb(data: LogData, journal: Journal, robot: RobotTrack) -> 
     """Where there are ranges and anchors, and the position is from something else that nobody chose."""
     wanted = data.config.topics.position == "auto" and wants_uwb(data.config) and "uwb" in data.log.roles.found
     if wanted and robot.source not in ("uwb", "fixed"):
+        why, flag = data.log.why_not("uwb", failures(data)), set_flag("topics.position", [robot.source])
         journal.warn(
-            f"UWB gives no position ({why_none(data, 'uwb')}): the robot's position is from {robot.source} instead; "
-            f"if that is meant, {set_flag('topics.position', [robot.source])}"
+            f"UWB gives no position ({why}): the robot's position is from {robot.source} instead; if that is meant, "
+            f"{flag}"
         )
 
 
