@@ -57,7 +57,7 @@ class LocalPool(Executor):
     """
 
     def __init__(self, workers: int) -> None:
-        """The number of processes; `messages` receives what tasks `tell`. Raises UsageError in a deleted folder."""
+        """The number of processes; `messages` receives what tasks `tell`. UsageError without a working folder."""
         try:
             os.getcwd()  # noqa: PTH109
         except FileNotFoundError:

@@ -18,6 +18,7 @@ from quadlog.cli.main import COMMANDS, cli, run
 from quadlog.config.plugins import DECODERS, PLANNERS
 from quadlog.version import __version__
 from tests.cli.conftest import FIXTURES
+from tests.lab import recordings
 
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "numba", "pydantic", "rich", "rosbags", "mcap", "open3d")
 HEAVY += ("mujoco", "foxglove")
@@ -122,20 +123,51 @@ def test_files_that_are_written_locally_only_take_no_url_and_an_unset_variable_i
     assert "the path is empty" in refused(2, *here(line, URL=""))
 
 
-@pytest.mark.parametrize("line", WRITES.values(), ids=WRITES)
-def test_no_output_replaces_a_file_of_a_run_a_pipe_or_a_link(line, here, refused, tmp_path):
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+@pytest.fixture
+def season(here, tmp_path):
+    """Recordings of every form, a folder of runs, and a pipe and a link: {what is there: why no output goes there}."""
+    shutil.copytree(tmp_path / "run", tmp_path / "season" / "run")
+    recordings.build("split", tmp_path / "bag", recordings.some())
+    recordings.build("bag", tmp_path / "bag.bin", recordings.some())
+    recordings.build("mcap", tmp_path / "theirs.mcap", recordings.some())
+    for name in ("season/summary.parquet", "season/report.html", "bag/metadata.yaml", "damaged.db3", "bounds.toml"):
+        (tmp_path / name).write_text("mine")
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("/dev/null")
-    for force in ([], ["--force"]):
-        for name in ("run.json", "poses.parquet", "plots/trajectory.png"):
-            assert "is a file of the run" in refused(2, *here(line, OUT=f"run/{name}"), *force)
-    for name, why in (("pipe", "it is no regular file"), ("link", "it is a link")):
-        assert why in refused(1, *here(line, OUT=name), "--force")
+    whys = dict.fromkeys(("run/run.json", "run/poses.parquet", "run/plots/trajectory.png"), "a file of the run")
+    whys |= dict.fromkeys(("season/summary.parquet", "season/report.html"), "a file of the folder of results")
+    whys |= dict.fromkeys(("bag.bin", "theirs.mcap", "damaged.db3"), "is a recording")
+    return whys | {"pipe": "it is no regular file", "link": "it is a link"}
+
+
+@pytest.mark.parametrize("line", WRITES.values(), ids=WRITES)
+def test_no_output_replaces_an_input_a_recording_a_file_of_runs_a_pipe_or_a_link(line, season, here, refused, tmp_path):
+    reads = {"LOG": "bag/metadata.yaml", "bounds.toml": "bounds.toml", "new.mcap": "new.mcap"}
+    season |= {reads[word]: "is an input of this command" for word in line.split() if word in reads}
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    for name, why in season.items():
+        code = 1 if why.startswith("it is") else 2
+        for force in ([], ["--force"])[2 - code :]:
+            assert why in refused(code, *here(line, OUT=name, LOG="bag"), *force)
     refused(2, *here("export RUN --to rosmap -o run --force"))
     assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
     assert (tmp_path / "link").is_symlink()
     assert {path: path.read_bytes() for path in before} == before
+
+
+def test_what_else_is_read_or_belongs_to_others_is_spared_and_what_is_a_commands_own_replaced(
+    here, refused, ok, tmp_path
+):
+    for name in ("quadlog.toml", "poses.tum", "sweep.parquet", "report.html"):
+        (tmp_path / name).write_text("")
+    for name in ("quadlog.toml", "poses.tum"):
+        survey = f"survey LOG -c quadlog.toml --set topics.position=poses.tum --force -o {name}"
+        assert "is an input of this command" in refused(2, *here(survey))
+    for line in ("compare-planners forest:0.1 --episodes 1 -o .", "tables foot-drift --fast -o ."):
+        assert "a file of the folder of results" in refused(2, *here(line), "--force")
+    for line in ("synthesize follow --duration 0.3 -o own.mcap", "export RUN --to mcap -o own.mcap"):
+        ok(*here(line), "--force")
+    assert "is a recording" in refused(2, *here("export RUN --to tum -o own.mcap --force"))
 
 
 def test_files_beside_the_runs_are_skipped_wherever_they_stand(follow, tmp_path, quadlog, refused):

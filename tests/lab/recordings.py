@@ -194,6 +194,29 @@ def write_records(path: Path, *records: bytes) -> Path:
     return path
 
 
+def bag_record(data: bytes, **fields: bytes) -> bytes:
+    """A record of a bag; fields: those of its header, as `op=b"\\2"`."""
+    parts = [name.encode() + b"=" + value for name, value in fields.items()]
+    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    return struct.pack("<I", len(header)) + header + struct.pack("<I", len(data)) + data
+
+
+def bag_message(payload: bytes = b"") -> bytes:
+    """A message of a bag at time 0, of the connection that `bag_of` has."""
+    return bag_record(payload, op=b"\2", conn=bytes(4), time=bytes(8))
+
+
+def bag_of(path: Path, compression: bytes, packed: bytes, size: int, count: int) -> Path:
+    """A bag without an index, of so many equal chunks of messages of one connection."""
+    names = {"topic": b"/a", "type": b"std_msgs/String", "md5sum": b"0" * 32, "message_definition": b"string data"}
+    inner = bag_record(b"", **names)
+    connection = bag_record(inner[4:-4], op=b"\7", conn=bytes(4), topic=b"/a")
+    head = bag_record(b" " * 4000, op=b"\3", index_pos=bytes(8), conn_count=bytes(4), chunk_count=bytes(4))
+    chunk = bag_record(packed, op=b"\5", compression=compression, size=struct.pack("<I", size))
+    path.write_bytes(b"#ROSBAG V2.0\n" + head + connection + chunk * count)
+    return path
+
+
 def read(container: Any, *arguments: Any) -> list[Message]:
     """What a container gives back, to be compared with what was written."""
     return [read_one(message) for message in container.messages(*arguments)]

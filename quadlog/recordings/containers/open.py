@@ -88,7 +88,7 @@ def is_recording(path: Path, but_ours: bool = False) -> bool:
     but_ours: False for an MCAP file that quadlog wrote, by the library in its header.
     """
     with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
+        head = file.read(2 * _HEAD_BYTES)
         file.seek(max(path.stat().st_size - 8, 0))
         end = file.read(8)
     if but_ours and head.startswith(mcap_records.MAGIC) and b"quadlog" in head:

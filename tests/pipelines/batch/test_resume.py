@@ -15,11 +15,15 @@ from unittest.mock import Mock
 import pytest
 
 from quadlog.config.file import load_config
-from quadlog.errors import CannotWrite, QuadlogError, RunOfAnother
+from quadlog.errors import CannotWrite, QuadlogError, RunExists, RunOfAnother
+from quadlog.pipelines.batch.batch import replay_alone
+from quadlog.pipelines.batch.plan import plan_batch, preview_batch
 from quadlog.pipelines.executor.progress import Silent
-from quadlog.pipelines.replay import finished_outcome, replay, reusable_stages
-from quadlog.pipelines.request import Existing, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.replay import finished_outcome, planned_keys, replay, reusable_stages
+from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages import report
 from quadlog.pipelines.store import Store
+from quadlog.results.run import load_run
 from tests.lab.kept import Kept
 from tests.pipelines.conftest import FIXTURES, cut, fixture_request, results_of
 
@@ -139,15 +143,82 @@ def test_another_recording_is_known_by_its_content(tmp_path):
     assert reusable_stages(again) == ()
 
 
-def test_the_store_can_be_deleted_and_its_results_are_read_only(fresh, tmp_path):
-    run = replay(ask(tmp_path / "run", until="map"), Silent()).run
-    shared = [path for path in run.iterdir() if path.stat().st_nlink > 1]
-    assert {"poses.parquet", "maps.npz", "map.yaml"} <= {path.name for path in shared}
-    assert all(path.stat().st_mode & 0o777 == 0o444 for path in shared)
+def test_the_store_can_be_deleted_and_no_run_shares_a_file_with_it_or_with_another(fresh, tmp_path):
+    run, other = (replay(ask(tmp_path / name, until="map"), Silent()).run for name in ("run", "other"))
+    for path in filter(Path.is_file, other.iterdir()):
+        path.chmod(0o644)
+        path.write_bytes(b"mine")
+    assert results_of(run) == results_of(fresh(until="map"))
+    assert results_of(replay(ask(tmp_path / "third", until="map"), Silent()).run) == results_of(run)
     shutil.rmtree(tmp_path / ".stages")
     assert finished_outcome(ask(run, until="map")) is not None
     assert resumed(ask(run))[1] == ()
     assert results_of(run) == results_of(fresh())
+
+
+def test_a_damaged_result_is_made_again_and_not_reported_as_reused(fresh, tmp_path):
+    replay(ask(tmp_path / "run", until="map"), Silent())
+    (damaged,) = (tmp_path / ".stages").glob("*/poses.parquet")
+    content = damaged.read_bytes()
+    for name, wrong, reused in (("shorter", content[:1000], ALL[1:3]), ("as-long", content[:-9] + bytes(9), ALL[1:])):
+        damaged.chmod(0o644)
+        damaged.write_bytes(wrong)
+        outcome = replay(ask(tmp_path / name), Silent())
+        assert (outcome.reused, results_of(outcome.run)) == (reused, results_of(fresh()))
+        assert damaged.read_bytes() == content
+
+
+def test_what_an_interrupted_replay_has_done_survives_other_replays(fresh, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("quadlog.pipelines.stages.report.finish", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            replay_alone(ask(tmp_path / "run", until="map"), Silent())
+    replay_alone(ask(tmp_path / "other", "grid.memory=scan", until="position", seed=3, start_s=0.5), Silent())
+    assert resumed(ask(tmp_path / "run"))[1] == ALL[:3]
+    assert results_of(tmp_path / "run") == results_of(fresh())
+
+
+def test_a_name_and_a_relative_path_make_no_recording_another(tmp_path, monkeypatch):
+    """Two of one name from two folders, one after the other and at once: each run stays that of its own recording."""
+    content = RECORDING.read_bytes()
+    for day, more in (("one", b""), ("two", b"\0")):
+        (tmp_path / day).mkdir()
+        (tmp_path / day / "log.mcap").write_bytes(content + more)
+
+    def planned(day: str, existing: Existing, begins: float = 0.0) -> ReplayRequest:
+        monkeypatch.chdir(tmp_path / day)
+        options = ReplayOptions(until="ingest", duration_s=0.5, start_s=begins)
+        (request,) = plan_batch(["log.mcap"], tmp_path / "out", load_config(), options, existing, ())
+        return request
+
+    request = planned("one", Existing.REFUSE)
+    assert (request.recording, replay(request, Silent()).run.name) == (Path("log.mcap"), "log")
+    record = load_run(tmp_path / "out" / "log").record
+    assert record.input.path == str(tmp_path / "one" / "log.mcap")
+    for again in (planned("two", Existing.RESUME), planned("two", Existing.RESUME, 0.1)):
+        assert preview_batch([again])[0]["action"] == "refuse"
+        with pytest.raises(RunOfAnother, match=r"is the run of .*one/log\.mcap; --force replaces it"):
+            replay(again, Silent())
+    assert load_run(tmp_path / "out" / "log").record == record
+    shutil.rmtree(tmp_path / "out")
+    really_finish = report.finish
+
+    def slowly(*arguments: Any) -> Any:
+        with monkeypatch.context() as patch:
+            patch.setattr(report, "finish", really_finish)
+            replay(planned("one", Existing.REFUSE), Silent())
+        monkeypatch.chdir(tmp_path / "two")
+        return really_finish(*arguments)
+
+    for existing, error in ((Existing.REFUSE, RunExists), (Existing.RESUME, RunOfAnother)):
+        second = planned("two", existing)
+        with monkeypatch.context() as patch:
+            patch.setattr(report, "finish", slowly)
+            with pytest.raises(error):
+                replay(second, Silent())
+        assert load_run(tmp_path / "out" / "log").record.input == record.input
+        assert Store(tmp_path / "out").has(planned_keys(second)["ingest"])
+        shutil.rmtree(tmp_path / "out")
 
 
 def test_a_stage_that_fails_leaves_the_results_of_those_before_it(fresh, tmp_path):

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import bz2
 import json
+import random
 import struct
 import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+import lz4.frame
 import pytest
 import zstandard
 
 from quadlog.errors import TooLarge
+from quadlog.recordings.containers.compression import unpack_messages
+from quadlog.recordings.containers.container import Channel, Loss, RawMessage
 from quadlog.recordings.containers.open import MOST_CHANNELS, open_container
+from quadlog.storage.byte_ranges import SPARE_BYTES
 from tests.lab import recordings
 
 MEBIBYTE = 1 << 20
@@ -99,3 +105,49 @@ def test_more_topics_than_any_robot_has_are_refused(tmp_path: Path) -> None:
     path = recordings.write_records(tmp_path / "a.mcap", *channels, recordings.message())
     with pytest.raises(TooLarge, match=r"a\.mcap: topics: 4097 exceeds the limit of 4096"):
         open_container(path)
+
+
+def test_what_chunks_hold_beyond_their_size_counts_once_for_a_file_and_however_often_they_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """bzip2 takes a sixth of a second for the 31 MB of each of these chunks, which have 110 bytes."""
+    monkeypatch.setattr("quadlog.storage.byte_ranges.SPARE_BYTES", SPARE_BYTES // 4)
+    data = recordings.bag_message(bytes(31 * MEBIBYTE))
+    path = recordings.bag_of(tmp_path / "a.bag", b"bz2", bz2.compress(data), len(data), 40)
+    assert path.stat().st_size < 13_500
+    with open_container(path) as container:
+        for _ in range(2):
+            assert sum(1 for _ in container.messages()) == 1
+        assert {loss.cause for loss in container.losses} == {"index", "too-large"}
+        assert "39 chunks" in container.losses[1].detail
+
+
+@pytest.mark.parametrize("form", ["bag", "mcap"])
+def test_so_many_messages_as_no_file_of_that_size_has_are_refused(tmp_path: Path, form: str) -> None:
+    """Chunks of 10 000 empty messages that took 2 bytes each: some such chunks are read, in all files sound ones."""
+    noise = random.Random(0).randbytes(18_000)
+    if form == "bag":
+        data = recordings.bag_message(noise) + recordings.bag_message() * 10_000
+        path = recordings.bag_of(tmp_path / "a.bag", b"lz4", lz4.frame.compress(data), len(data), 40)
+    else:
+        data = recordings.message(0, noise) + recordings.message() * 10_000
+        packed = zstandard.compress(data)
+        chunks = [recordings.chunk(len(data), b"zstd", packed)] * 40
+        path = recordings.write_records(tmp_path / "a.mcap", recordings.channel(), *chunks)
+    with open_container(path) as container:
+        counts = [sum(1 for _ in container.messages()) for _ in range(2)]
+        assert counts[0] == counts[1] == 8 * 10_001
+        assert "too-large" in {loss.cause for loss in container.losses}
+
+
+def test_single_messages_have_an_allowance_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of frames that say how much they hold, and of others."""
+    monkeypatch.setattr("quadlog.recordings.containers.compression.SPARE_BYTES", SPARE_BYTES // 16)
+    for sized in (True, False):
+        packer = zstandard.ZstdCompressor(level=1).compressobj(size=31 * MEBIBYTE if sized else -1)
+        packed = packer.compress(bytes(31 * MEBIBYTE)) + packer.flush()
+        losses: list[Loss] = []
+        channel = Channel("/a", "t", "cdr", "ros2msg", b"")
+        messages = (RawMessage(channel, t_ns, memoryview(packed)) for t_ns in range(20))
+        assert sum(1 for _ in unpack_messages(messages, losses)) == 2
+        assert [(loss.cause, loss.count) for loss in losses] == [("compression", 18)]
