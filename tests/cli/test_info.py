@@ -112,7 +112,9 @@ def test_the_health_of_ranges_fits_a_terminal(info, monkeypatch, capsys):
     for width in (40, 60, 80):
         monkeypatch.setenv("COLUMNS", str(width))
         show("\n".join(info_lines(info | {"path": "follow.mcap"})))
-        lines = capsys.readouterr().out.replace("--set ", "--set=").splitlines()
+        shown = capsys.readouterr().out
+        assert "--set topics.target=/truth/person/pose" in shown, "a flag to paste is not broken"
+        lines = shown.replace("--set ", "--set=").splitlines()
         assert [line for line in lines if len(line) > width and " " in line.strip()] == []
     at = next(at for at, line in enumerate(lines) if line.split()[:4] == ["tag", "anchor", "ranges", "residual"])
     link = lines[at + 1].split()

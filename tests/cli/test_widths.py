@@ -22,7 +22,7 @@ LINES = {
     "info": ("info LOG", 0, (LONG, WIDE, "/red\N{REPLACEMENT CHARACTER}[31m/pose")),
     "metrics": ("metrics A", 0, (NAME, "uwb_residual_m")),
     "metrics of two": ("metrics A B", 0, (NAME, OTHER)),
-    "metrics --explain": ("metrics A --explain eta_m", 0, (NAME,)),
+    "metrics --explain": ("metrics A --explain uwb_residual_m", 0, (NAME, "worst, at least")),
     "check": ("check A --expect bounds.toml", 4, (NAME, "following_distance_mean_m")),
     "diff": ("diff A B", 4, ("topics.base_frame", LONG[1:], OTHER)),
     "compare-planners": (
