@@ -243,11 +243,11 @@ def _columns(fields: Layout, order: str) -> dict[str, Column]:
 
 
 def _absurd_share(xyz_m: NDArray) -> float:
-    """Share of numbers that no lidar measures among the different coordinates (N, 3), 0 apart; NaN without any."""
+    """Share of numbers that no lidar measures among the different coordinates (N, 3); NaN without any."""
     with np.errstate(invalid="ignore"):  # signalling NaN
         some_m = np.abs(xyz_m[:: max(len(xyz_m) // LOOKED_AT_POINTS, 1)].astype(np.float64))
     size_m = np.unique(some_m)  # drivers write one number for all that is no return
-    size_m = size_m[np.isfinite(size_m) & (size_m > 0)]
+    size_m = size_m[np.isfinite(size_m)]
     return float(np.mean((size_m < LEAST_M) | (size_m > MOST_M))) if len(size_m) else np.nan
 
 

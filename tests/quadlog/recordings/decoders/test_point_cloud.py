@@ -179,7 +179,14 @@ def once(stray: float) -> Given:
 
 
 NO_BITS: Given = lambda after_s, stamp_ns: np.full(len(after_s), stamp_ns * 1e-9)  # noqa: E731
-COUNTER: Given = lambda after_s, stamp_ns: (np.rint(after_s * 1e9) + stamp_ns % 10**9 - 573_456_789) % 2**32  # noqa: E731
+FLAGS: Given = lambda after_s, stamp_ns: np.arange(len(after_s)) % 2  # noqa: E731
+
+
+def counter(begin_ns: int) -> Given:
+    """Nanoseconds in 32 bits, of which the last of five scans has begin_ns in its middle."""
+    return lambda after_s, stamp_ns: (begin_ns + np.rint(after_s * 1e9) + stamp_ns % 10**9 - 573_456_789) % 2**32
+
+
 GOOD = ("t", "<u4", after(1e9))
 
 
@@ -210,7 +217,8 @@ TIMES = {
     "milliseconds of 1970": Timed((("timestamp", "<f8", since(0, 1e3)),)),
     "nanoseconds of 1970": Timed((("timestamp", "<f8", since(0, 1e9)),)),
     "since its start": Timed((("time", "<f8", since(T_NS - 10**12, 1e3)),), 0.0, OWN_START),
-    "since its start, in an overflowing counter": Timed((("time", "<u4", COUNTER),), 0.0, OWN_START),
+    "since its start, in an overflowing counter": Timed((("time", "<u4", counter(0)),), 0.0, OWN_START),
+    "since its start, past half of a counter": Timed((("time", "<u4", counter(2**31)),), 0.0, OWN_START),
     "a single scan": Timed((("time", "<f4", after(1e6)),), scans=1),
     "one stray": Timed((("time", "<f4", once(1e30)),), apart_ns=1_100_000),
     "one missing": Timed((("time", "<f4", once(np.nan)),)),
@@ -221,6 +229,10 @@ TIMES = {
     "behind one of another clock": Timed((("time", "<f8", since(T_NS - 10**12, 1)), GOOD)),
     "of many names, the first of two": Timed((("time", "<f4", after(1)), ("t", "<u4", after(1e9)))),
     "without a unit": Timed((("time", "<f4", after(30)),), None, "scans are not deskewed: time of points spans"),
+    "too long in its unit": Timed(
+        (("t", "<u4", after(5e9)),), None, "t of points spans 4.88e+08, in no unit the 0.1 s"
+    ),
+    "a flag": Timed((("time_is_valid", "<u1", FLAGS),), None, "in no unit"),
     "too coarse": Timed((("timestamp", "<f4", NO_BITS),), None, "is a float32, too coarse"),
     "never set": Timed((("time", "<f4", after(0)),), None),
     "no numbers": Timed((("time", "<f8", after(np.nan)),), None),
