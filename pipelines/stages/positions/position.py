@@ -145,7 +145,10 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted), journal.warn), "file", journal)
+        warnings = list[str]()
+        chosen = _from_poses(read_tum(Path(wanted), warnings), "file", journal)
+        for text in warnings:
+            journal.warn(text)
     if chosen is None:
         raise MissingInput(
             "position", f"topics.position = {wanted!r}, but {why_none(data, wanted)}", ways_out(data, journal)
