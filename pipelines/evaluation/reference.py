@@ -83,7 +83,7 @@ class Reference:
     def read(cls, path: Path, how: OnTime) -> Self:
         """From a TUM file. Raises UnreadableFile, TooLarge."""
         warnings = list[str]()
-        return cls(path, read_tum(path, warnings.append), how, tuple(warnings))
+        return cls(path, read_tum(path, warnings), how, tuple(warnings))
 
 
 @dataclass(frozen=True, slots=True)

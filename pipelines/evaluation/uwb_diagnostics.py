@@ -32,7 +32,7 @@ def uwb_diagnostics(
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         if streams.ranges is None:
             return {}, [*streams.warnings, uwb.NO_RANGES]
-        if text := uwb.wrong_unit(config, streams.ranges, roles.topics("uwb")):
+        if text := uwb.unit_warning(config, streams.ranges, roles.topics("uwb")):
             return {}, [*streams.warnings, text]
         # With odometry as in a replay, so that both have the same residuals.
         located, body = uwb.locate_each(config, streams.ranges, uwb.odometry_motion(streams) if odometry else None)

@@ -96,6 +96,38 @@ def on_topics(pattern: str, names: Sequence[object] = range(4), odd: Sequence[fl
     return write
 
 
+Sent = Callable[[int, float], Iterable[tuple[int, str, float]]]
+"""Of the i-th range what is logged: how much later, under what before its topic's name, and which value."""
+
+
+def sent(each: Sent, limits_m: tuple[float, float] = (0.0, 0.0), odometry: bool = False) -> Write:
+    """Rounds of single ranges at 10 Hz, 2 ms apart."""
+
+    def write(path: Path) -> Path:
+        t_ns, range_m = measure(count=100, tick_ns=2 * TICK_NS)
+        log, i = Log(), 0
+        for t, row in zip(t_ns.tolist(), range_m, strict=True):
+            if odometry:
+                log.odometry(t, (*walk_m(np.array([t]))[0], 0.0))
+            for anchor, value in enumerate(row.tolist()):
+                for late_ns, before, sent_m in each(i, value):
+                    at_ns = t + 2_000_000 * anchor + late_ns
+                    log.range(at_ns, f"{before}/uwb/tag_0/anchor_{anchor}", sent_m, limits_m)
+                i += 1
+        return log.write(path)
+
+    return write
+
+
+def twice(late_ns: int, before: str = "", every: int = 1, off_m: float = 0.0) -> Sent:
+    return lambda i, value: [(0, "", value), *([(late_ns, before, value + off_m)] if i % every == 0 else [])]
+
+
+def spoilt(*values: float) -> Sent:
+    """More than half of the ranges replaced."""
+    return lambda i, value: [(0, "", value if i % 16 < 7 else values[i % len(values)])]
+
+
 def carried(place: Callable[[int, int], Any] | None = None, count: int = 480) -> Write:
     """Messages that say where their anchors 100 to 103 are, with the jitter of a self-survey; place: instead."""
 
@@ -149,9 +181,10 @@ class Case(NamedTuple):
 
 
 SOUND, RULE = changed(), "[[uwb.anchors]]"
-# In LinkTrack frames zero means absent; in sensor_msgs/Range +inf means nothing there, -inf too near, NaN an error.
+# In LinkTrack frames zero means absent; in sensor_msgs/Range infinity means that nothing was measured, NaN an error.
 BAD = ((10, 1, np.nan), (11, 1, -3.0), (12, 1, np.inf), (13, 1, 1e6), (14, 2, 3e38), (15, 2, 0.01))
 MAPPED = ", ".join(f'{{topic="/uwb/range/{letter}", tag=3, anchor={i}}}' for i, letter in enumerate("abcd"))
+MEASURED = ", ".join(f'{{topic="/uwb/tag_0/anchor_{i}", unit="%s"}}' for i in range(4))
 CASES = {
     "sound": Case(SOUND, never=("give no fix", "left out", "make one fix"), worst_m=0.2, links=4),
     "epochs of two": Case(
@@ -198,7 +231,57 @@ CASES = {
     "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
     "topics, odd values": Case(
         on_topics("/uwb/tof/n_9/n_{}/distance", odd=(np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)),
-        ("2 ranges that are NaN or infinite", "2 ranges of zero or below", "1 ranges above"), rms_m=0.06, used=394,
+        ("1 ranges that are NaN", "2 ranges of zero or below", "1 ranges above", "2 of 400 ranges were not measured"),
+        rms_m=0.06, used=394,
+    ),
+    **{
+        f"twice, {name}": Case(
+            sent(each), (f"{n - 400} ranges of {n} that are repeats",), rms_m=0.05, used=400, poses=400,
+            never=("no fix", "NLOS"),
+        )
+        for name, n, each in (
+            ("1 ns later", 800, twice(1)), ("5 ms later", 800, twice(5_000_000)), ("at once", 800, twice(0)),
+            ("each third", 534, twice(10**6, every=3)), ("by a relay", 800, twice(3_000_000, "/relay")),
+        )
+    },
+    "tried again": Case(
+        sent(twice(1_000_000, off_m=0.03)), rms_m=0.06, used=800, poses=800, never=("no fix", "repeats")
+    ),
+    "frames twice": Case(
+        written([*frames_of(*measure()), *frames_of(measure()[0] + 10**6, measure()[1])]),
+        ("400 ranges of 800 that are repeats",), worst_m=0.2, used=400,
+    ),
+    "frames tried again": Case(
+        written([*frames_of(*measure()), *frames_of(measure()[0] + 10**6, measure(1)[1])]), never=("repeats",),
+        worst_m=0.2, used=800,
+    ),
+    "beyond their own limits": Case(
+        sent(spoilt(60.0), (0.1, 50.0)), ("225 of 400 ranges were not measured and are left out: they are outside",),
+        rms_m=0.12, used=175, info=("225 of 400 ranges were not measured",),
+    ),
+    "below their own limits": Case(sent(spoilt(0.4), (0.5, 100.0)), ("225 of 400 ranges were",), rms_m=0.12, used=175),
+    "limits that are none": Case(sent(twice(0, every=500), (0.0, 0.0)), never=("measured",), used=401),
+    "all beyond, with odometry": Case(
+        sent(lambda i, value: [(0, "", 60.0)], (0.1, 50.0), odometry=True), source="odometry", links=0,
+        says=("400 of 400", "UWB gives no position", "from odometry instead", "--set 'topics.position=\"odometry\"'"),
+        info=("400 of 400", "no UWB ranges to use"),
+    ),
+    **{
+        f"in {unit}{' too' if named else ''}": Case(
+            sent(lambda i, value, scale=scale: [(0, "", scale * value)], odometry=True),
+            () if named else (f"fit the anchors in {unit}", "from odometry instead"),
+            config=f"{site()}range_topics = [{MEASURED % tuple([unit] * 4)}]\n" if named else site(),
+            rms_m=0.05, source="uwb" if named else "odometry", never=("fit the anchors",) if named else (),
+            links=None if named else 0, info=() if named else (f"fit the anchors in {unit}",),
+        )
+        for unit, scale in (("cm", 100), ("mm", 1000)) for named in (False, True)
+    },
+    "frames in cm": Case(
+        written(frames_of(measure()[0], 100 * measure()[1])), worst_m=0.2,
+        config=f'{site()}range_topics = [{{topic="/uwb", unit="cm"}}]\n',
+    ),
+    "not a unit": Case(
+        SOUND, ("/uwb: set tag and anchor",), code=1, config=f'{site()}range_topics = [{{topic="/uwb", tag=1}}]\n'
     ),
     "topics without ends": Case(
         on_topics("/uwb/range/{}", "abcd"), ("see  quadlog info",), code=1, info=("no UWB ranges",)
@@ -282,6 +365,16 @@ def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replay
     settled = early | (pose_ns > t_ns[59] + 400_000_000)
     assert np.hypot(*(xy_m - walk_m(true_ns)).T)[settled].max() < 0.3
     assert [text for text in described(path, site())["warnings"] if "go back" in text] == [lost.removeprefix("lost: ")]
+
+
+def test_a_position_file_that_is_not_quite_tum_is_used_and_told(tmp_path, replayed):
+    lines = [f"{START_NS + i * 10**9},{i},0,0,0,0,0,1\n" for i in range(5)]
+    (tmp_path / "poses.csv").write_text("".join(2 * line for line in lines))
+    done = replayed(
+        SOUND(tmp_path / "log"), "--until", "position", "--set", f"topics.position={tmp_path / 'poses.csv'}"
+    )
+    assert (done.code, done.table("poses")["t_ns"].tolist()) == (0, [START_NS + i * 10**9 for i in range(5)])
+    assert sum("read as ns" in text or "5 of 10 lines equal" in text for text in done.warned) == 2
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

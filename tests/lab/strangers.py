@@ -105,9 +105,9 @@ class Log:
         values = (header(t_ns, "imu"), turned, nothing, rates, nothing, pulls, nothing)
         self.add("/imu", t_ns, message("sensor_msgs/msg/Imu", *values))
 
-    def range(self, t_ns: int, topic: str, range_m: float) -> None:
+    def range(self, t_ns: int, topic: str, range_m: float, limits_m: tuple[float, float] = (0.0, 0.0)) -> None:
         """A sensor_msgs/Range, whose topic names tag and anchor."""
-        self.add(topic, t_ns, message("sensor_msgs/msg/Range", header(t_ns, ""), 0, 0.0, 0.0, 0.0, range_m))
+        self.add(topic, t_ns, message("sensor_msgs/msg/Range", header(t_ns, ""), 0, 0.0, *limits_m, range_m))
 
     def joints(
         self, t_ns: int, names: list[str], angles_rad: Array | None = None, efforts_nm: Array | None = None

@@ -138,7 +138,10 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
-        chosen = _from_poses(read_tum(Path(wanted), journal.warn), "file", journal)
+        warnings = list[str]()
+        chosen = _from_poses(read_tum(Path(wanted), warnings), "file", journal)
+        for text in warnings:
+            journal.warn(text)
     if chosen is None:
         raise data.log.without(wanted, data.streams.tf, failures(data))
     return chosen

@@ -192,7 +192,7 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         journal.warn(NO_RANGES)
         return None
     _tell_places(data, journal)
-    if text := wrong_unit(config, ranges, data.log.roles.topics("uwb")):
+    if text := unit_warning(config, ranges, data.log.roles.topics("uwb")):
         journal.warn(text)
         return None
     motion = _body_motion(data) if config.uwb.odometry else None
@@ -228,7 +228,7 @@ def locate_each(config: Config, ranges: RangeSeries, motion: BodyMotion | None) 
     return locate(ranges, anchors_of(config), list(tags.values()), settings_of(config)), robot
 
 
-def wrong_unit(config: Config, ranges: RangeSeries, topics: Sequence[str]) -> str:
+def unit_warning(config: Config, ranges: RangeSeries, topics: Sequence[str]) -> str:
     """A line with the key to set where ranges fit the anchors in cm or mm, and not in metres; empty elsewhere."""
     anchors, usable = anchors_of(config), ranges.range_m <= config.uwb.max_range_m
     for tag in tags_of(config, ranges):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 
@@ -55,11 +55,11 @@ def write_tum_poses(path: Path, t_ns: Int, position_m: Float, quat_xyzw: Float) 
     write_whole(path, "".join(lines).encode())
 
 
-def read_tum(path: Path, warn: Callable[[str], None] | None = None) -> PoseSeries:
+def read_tum(path: Path, warnings: list[str] | None = None) -> PoseSeries:
     """The poses of a TUM file; lines that start with # and empty ones are skipped, quaternions are normalised.
 
     Numbers may be separated by commas, and a comment may name qw before qx. Times may be Unix times in ms, us or ns,
-    and lines that equal the one before are dropped, both of which is told to warn.
+    and lines that equal the one before are dropped, both of which is added to warnings.
 
     Raises UnreadableFile, naming the line, for anything that is not eight
     finite numbers, a quaternion of length zero, a position farther out than
@@ -96,10 +96,10 @@ def read_tum(path: Path, warn: Callable[[str], None] | None = None) -> PoseSerie
         values.extend(row)
     if not t_ns:
         raise UnreadableFile(path, "holds no pose")
-    if warn is not None and unit_ns != _NS:
-        warn(f"{path}: its times are no seconds: they are read as {_UNITS[unit_ns]} since 1970")
-    if warn is not None and repeats:
-        warn(f"{path}: {repeats} of {len(t_ns) + repeats} lines equal the one before; they are dropped")
+    if warnings is not None and unit_ns != _NS:
+        warnings.append(f"{path}: its times are no seconds: they are read as {_UNITS[unit_ns]} since 1970")
+    if warnings is not None and repeats:
+        warnings.append(f"{path}: {repeats} of {len(t_ns) + repeats} lines equal the one before; they are dropped")
     table = np.array(values).reshape(-1, 7)
     table[:, 3:] = np.roll(table[:, 3:], -int(w_first), axis=1)
     # Scaled first, so that tiny and huge quaternions neither vanish nor overflow.

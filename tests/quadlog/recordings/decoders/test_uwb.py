@@ -101,7 +101,7 @@ def bundled(ros, name):
 @pytest.mark.parametrize("range_m", [3.25, -math.inf, math.nan, 0.0, -1.0, math.inf])
 @pytest.mark.parametrize("kind", ["sensor_msgs/msg/Range", "gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange"])
 def test_single_ranges(ros, kind, embedded, range_m):
-    """What is no distance is passed on to be counted; infinity in a Range alone says that nothing was measured."""
+    """What is no distance is passed on to be counted; infinity in a Range says that nothing was measured."""
     ends, stamp_ns = (None, [-1]), T_NS
     if kind.endswith("Ranging"):  # millimetres
         range_m = round(1000 * np.nan_to_num(range_m, posinf=0, neginf=-7)) / 1000
@@ -118,9 +118,42 @@ def test_single_ranges(ros, kind, embedded, range_m):
     if not embedded:
         channel = Channel(channel.topic, kind, ros.encoding, "", b"")
     (ranges,) = decoder_for(channel)(ros.serialise(message))
-    measured = range_m != math.inf or kind.endswith("UwbRange")
+    measured = not math.isinf(range_m) or not kind.endswith("/Range")
+    assert bool(ranges.unmeasured) != measured
     assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (stamp_ns, ends[0], ends[1] * measured)
     np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "limits_m", "measured"),
+    [
+        *((60.0, (0.1, 50.0), False), (0.4, (0.5, 100.0), False), (50.0, (0.1, 50.0), True), (0.1, (0.1, 50.0), True)),
+        *((60.0, (0.0, 0.0), True), (60.0, (-1.0, -1.0), True), (60.0, (50.0, 0.1), True), (60.0, (-1.0, 50.0), True)),
+        *((math.nan, (0.1, 50.0), True), (60.0, (0.1, math.nan), True), (60.0, (0.0, math.inf), True)),
+    ],
+)
+def test_limits_of_a_range_count_where_it_has_some(ros, range_m, limits_m, measured):
+    kind = "sensor_msgs/msg/Range"
+    message = ros.type(kind)(ros.header(T_NS), 0, 0.0, *limits_m, range_m)
+    (ranges,) = decoder_for(ros.channel("/uwb/n_3", kind))(ros.serialise(message))
+    assert (len(ranges.range_m), len(ranges.anchor), "min_range" in ranges.unmeasured) == (
+        measured,
+        measured,
+        not measured,
+    )
+
+
+@pytest.mark.parametrize("status", [0, 1, 2, 3, 4, 5, 6, 7, 9, 11, 32, 34, 64, 98])
+def test_a_ranging_that_failed_measured_nothing(ros, status):
+    """0: success; 1: no answer; 3: not tried; even ones with 2, 4 or 32: no leading edge, too long; others: remarks."""
+    kind = "uwb_driver/msg/UwbRange"
+    point = ros.type("geometry_msgs/msg/Point")(1.0, 2.0, 3.0)
+    numbers = (1, 200, 100, 0, 1, status, 0, 5, 3.5, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
+    message = bundled(ros, kind)(ros.header(T_NS), *numbers, *[point] * 4)
+    (ranges,) = decoder_for(ros.channel("/uwb", kind))(ros.serialise(message))
+    failed = status in (1, 3) or (status % 2 == 0 and any(status & bit for bit in (2, 4, 32)))
+    assert (len(ranges.range_m) == 0, "range_status" in ranges.unmeasured) == (failed, failed)
+    assert (ranges.anchor_position_m is None) == failed
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,8 @@ def test_we_read_what_evo_writes(tmp_path: Path) -> None:
     "bad",
     [
         *("1 2 3", "2 1 2 3 0 0 0 1 9", "x 1 2 3 0 0 0 1", "2 1 2 3 0 0 0 0", "2 nan 2 3 0 0 0 1"),
-        *("nan 1 2 3 0 0 0 1", "1e999999999 1 2 3 0 0 0 1", "2 1 2 3 0 0 0 inf", "2,1,2,3,0,0,0,1", "\x00"),
+        *("nan 1 2 3 0 0 0 1", "1e999999999 1 2 3 0 0 0 1", "2 1 2 3 0 0 0 inf", "2;1;2;3;0;0;0;1", "\x00"),
+        *("1760000000000000000 1 2 3 0 0 0 1", "2,1,2,3,0,0,0,1,0,0,0", "12000000000 1 2 3 0 0 0 1"),
     ],
 )
 def test_a_bad_line_is_named(tmp_path: Path, bad: str) -> None:
@@ -78,7 +79,8 @@ def test_a_bad_line_is_named(tmp_path: Path, bad: str) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ((LINE + LINE).encode(), "line 2: time does not increase"),
+        ((LINE + LINE.replace("3", "4")).encode(), "line 2: time does not increase"),
+        (b"1.76e18 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0 1\n", "line 2: time does not increase"),
         (LINE.encode() + b"2 0 -1e300 0 0 0 0 1\n", "line 2: has a position beyond 1e\\+08 m"),
         (bytes(range(256)) * 100, "line"),
         (b"1" * 5000, "line 1: is longer than any pose"),
@@ -91,3 +93,30 @@ def test_other_files_are_refused(tmp_path: Path, content: bytes | None, reason: 
         (tmp_path / "t").write_bytes(content)
     with pytest.raises(UnreadableFile, match=reason):
         read_tum(tmp_path / "t")
+
+
+NS = 1_760_000_000_123_456_789
+EUROC = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "first_ns", "told"),
+    [
+        (LINE, 1_500_000_000, []),
+        ("1.5, 1, 2, 3, 0, 0, 0, 1\n", 1_500_000_000, []),
+        (EUROC + f"{NS},1,2,3,1,0,0,0\n", NS, ["read as ns"]),
+        ("# timestamp tx ty tz qx qy qz qw\n" + LINE, 1_500_000_000, []),
+        (f"{NS} 1 2 3 0 0 0 1\n", NS, ["read as ns"]),
+        (f"{NS // 1000} 1 2 3 0 0 0 1\n", NS // 1000 * 1000, ["read as us"]),
+        (f"{NS // 10**6}.5 1 2 3 0 0 0 1\n", NS // 10**6 * 10**6 + 500_000, ["read as ms"]),
+        (3 * LINE, 1_500_000_000, ["2 of 3 lines equal the one before"]),
+    ],
+)
+def test_what_is_not_quite_tum_is_read_and_told(tmp_path: Path, content: str, first_ns: int, told: list[str]) -> None:
+    (tmp_path / "t").write_text(content)
+    warnings: list[str] = []
+    poses = read_tum(tmp_path / "t", warnings)
+    assert poses.t_ns.tolist() == [first_ns]
+    np.testing.assert_array_equal(poses.position_m, [[1, 2, 3]])
+    np.testing.assert_array_equal(poses.quat_xyzw, [[0, 0, 0, 1]])
+    assert [words for text, words in zip(warnings, told, strict=True) if words not in text] == []
