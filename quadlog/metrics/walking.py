@@ -16,6 +16,7 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.positioning import positions_at
 from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples
 from quadlog.planning.protocol import Bool
+from quadlog.positioning.unlocated import MAX_UNMEASURED_NS
 
 
 def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, period: int, period_s: float) -> Metrics:
@@ -178,18 +179,20 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
 
 def uneven_share(t_ns: Int) -> float:
     """Share of the rows at t_ns (N,) after which SHORTEST_PHASE_S's usual number of rows takes another time by half."""
-    step_s = np.diff(t_ns) / NS_PER_S
-    usual_s = float(step_s[step_s <= MAX_GAP_S].mean()) if (step_s <= MAX_GAP_S).any() else np.inf
-    rows = max(round(SHORTEST_PHASE_S / usual_s), 1)
-    return (
-        float((np.abs((t_ns[rows:] - t_ns[:-rows]) / NS_PER_S / (rows * usual_s) - 1) > 0.5).mean())
-        if len(t_ns) > rows
-        else 0.0
-    )
+    usual_s = _usual_s(t_ns)
+    rows = max(round(SHORTEST_PHASE_S / max(usual_s, 1e-9)), 1)
+    took_s = (t_ns[rows:] - t_ns[:-rows]) / NS_PER_S
+    return float((np.abs(took_s / (rows * usual_s) - 1) > 0.5).mean()) if len(took_s) else 0.0
 
 
 MOST_UNEVEN = 0.1
 """Of rows; with more, as in bursts, rows say nothing of when a foot stands."""
+
+
+def _usual_s(t_ns: Int) -> float:
+    """Mean time between rows at t_ns (N,), pauses apart; infinite without any."""
+    steps_ns = np.diff(t_ns)[np.diff(t_ns) <= MAX_UNMEASURED_NS]
+    return float(steps_ns.mean()) / NS_PER_S if len(steps_ns) else np.inf
 
 
 def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
@@ -199,8 +202,7 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
     """
     from scipy.ndimage import uniform_filter1d  # slow to import
 
-    usual_s = float(np.median(np.diff(t_ns))) * 1e-9 if len(t_ns) > 1 else np.inf
-    half = min(round(SHORTEST_PHASE_S / (usual_s + 1e-12)) // 2, len(t_ns))
+    half = min(round(SHORTEST_PHASE_S / (_usual_s(t_ns) + 1e-12)) // 2, len(t_ns))
     share = uniform_filter1d((carried >= least).astype(np.float64), 2 * half + 1, axis=0, mode="nearest")
     return np.where(np.isnan(carried), np.nan, share > 0.5)
 

@@ -45,8 +45,8 @@ def speeds(t_ns: Int, xy_m: Float, jumped: Bool) -> tuple[Float, Float]:
 
 
 def ways_beside(t_ns: Int, xy_m: Float, other_ns: Int, other_m: Float) -> tuple[Float, Bool]:
-    """(2, W) how far both tracks lead within LEG_S, once a second where both are known; (W,) which contradict."""
-    begin_ns = t_ns[np.unique(t_ns // 1_000_000_000, return_index=True)[1]]
+    """(2, W) how far both tracks lead within LEG_S, twice a second where both are known; (W,) which contradict."""
+    begin_ns = t_ns[np.unique(t_ns // 500_000_000, return_index=True)[1]]
     ways_m = np.stack([_leads_m(begin_ns, *track) for track in ((t_ns, xy_m), (other_ns, other_m))])
     ways_m = ways_m[:, np.isfinite(ways_m).all(axis=0)]
     low_m, high_m = np.sort(ways_m, axis=0)

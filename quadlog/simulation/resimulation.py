@@ -204,8 +204,8 @@ def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int
         if last is not None and instant.t_ns < last:
             raise ValueError(f"maps are not in time order: {instant.t_ns} after {last}")
         last = instant.t_ns
-        is_last = following is None or following.start_pose is not None
-        yield instant, instant.t_ns + 1 if is_last else following.t_ns
+        next_ns = instant.t_ns + 1 if following is None or following.start_pose is not None else following.t_ns
+        yield instant, next_ns
 
 
 def _replan(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import pytest
 
 from quadlog.config.file import load_config
 from quadlog.geometry import seconds_since, wrap_angle
-from quadlog.messages import UwbRanges
+from quadlog.messages import Odometry, UwbRanges
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.simulation.synthesize import recording_config
@@ -53,6 +54,30 @@ def seldom(messages: Messages) -> Messages:
 
 def of_the_person(messages: Messages) -> Messages:
     return (each for each in messages if not (isinstance(each.message, UwbRanges) and each.message.tag == ROBOT_TAG))
+
+
+def said(place: Callable[[float, np.ndarray], np.ndarray]) -> Callable[[Messages], Messages]:
+    """Odometry that says it is elsewhere, at place(s, position)."""
+
+    def change(messages: Messages) -> Messages:
+        for each in messages:
+            if not isinstance(each.message, Odometry):
+                yield each
+                continue
+            at_m = place((each.log_time_ns - START_NS) * 1e-9, each.message.position_m)
+            yield each._replace(message=replace(each.message, position_m=at_m))
+
+    return change
+
+
+def other_robot(s: float, place_m: np.ndarray) -> np.ndarray:
+    """Every other message, at 50 Hz, is by one that stands 4 m away."""
+    return place_m if round(50 * s) % 2 else np.array([0.0, 4.0, 0.0])
+
+
+def spread(s: float, place_m: np.ndarray) -> np.ndarray:
+    """Noise of 10 cm: of two readings 20 ms apart, every tenth pair would be faster than 15 m/s."""
+    return place_m + np.random.default_rng(round(1000 * s)).normal(0, 0.1, 3)
 
 
 class Case(NamedTuple):
@@ -105,6 +130,31 @@ CASES = {
     "a short gap": Case(JOINTS, [MODEL], change=silent(4.0, 4.2), says=("up to 0.2 s; meanwhile the last speed",)),
     "joints too seldom": Case(
         {JOINT_TOPIC}, [MODEL], "fixed", ("joints come every 0.2 s, too seldom",), code=3, target="", change=seldom
+    ),
+    "faster than a robot": Case(
+        {ODOMETRY_TOPIC}, source="odometry", code=3, body=False, change=said(lambda s, place_m: 30 * place_m),
+        says=("positions move faster than 8 m/s for ", "if the robot is that fast:  --set robot.max_speed_mps="),
+    ),
+    "as fast as the robot": Case(
+        {ODOMETRY_TOPIC}, ["robot.max_speed_mps=80"], "odometry", never=("positions move faster",), body=False,
+        change=said(lambda s, place_m: 30 * place_m),
+    ),
+    "two senders": Case(
+        {ODOMETRY_TOPIC}, source="odometry", code=3, body=False, change=said(other_robot), says=("positions jump 2",)
+    ),
+    "reset once": Case(
+        {ODOMETRY_TOPIC}, source="odometry", says=("positions jump 1 time", "where odometry is reset"), body=False,
+        change=said(lambda s, place_m: place_m + 5.0 * (s > 2)),
+    ),
+    "noise": Case({ODOMETRY_TOPIC}, source="odometry", never=("jump", "faster"), body=False, change=said(spread)),
+    "odometry of another walk beside ranges": Case(
+        {ODOMETRY_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC}, ["uwb.odometry=false"], "uwb", site=True, code=3, target="uwb",
+        change=said(lambda s, place_m: 0.2 * place_m), body=False,
+        says=("contradict odometry for 100% of the walk: in 4 s they lead ", "--set 'topics.position=\"odometry\"'"),
+    ),
+    "odometry that slips beside ranges": Case(
+        {ODOMETRY_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC}, source="uwb", site=True, target="uwb", never=("contradict",),
+        change=said(lambda s, place_m: 1.15 * place_m), body=False,
     ),
     "lidar alone": Case(SCANS, until="map", source="lidar", worst_m=0.1, body=False),
     "odometry before lidar": Case(SCANS | {ODOMETRY_TOPIC}, source="odometry", worst_m=0.3, body=False),
@@ -176,6 +226,30 @@ def test_where_the_robot_was_is_taken_from_what_is_there(name, tmp_path, walks, 
     if case.other:
         assert done.sources("other_poses") == {case.other}
         assert done.metrics["lidar_uwb_rmse_m"]["value"] < 0.15
+
+
+def test_a_day_between_two_halves_of_a_log_is_no_part_of_the_walk(tmp_path, walks, replayed):
+    """Two logs in one file: their walks are those of each, and nothing is walked or measured between them."""
+    heard = [each for each in walks[False][1] if each.topic in {TF_STATIC_TOPIC, ODOMETRY_TOPIC}]
+    heard += [each for each in walks[False][1] if each.topic == LIDAR_TOPIC][::4]
+    half_ns, day_ns = START_NS + 2_550_000_000, 86_400_000_000_000
+    late = [each._replace(log_time_ns=each.log_time_ns + day_ns * (each.log_time_ns > half_ns)) for each in heard]
+    write_recording(tmp_path / "walk.mcap", sorted(late, key=lambda each: each.log_time_ns))
+    flags = ("--until", "control", "--controller", "kinematic", "--stamp", "log")
+    parts = replayed(tmp_path / "walk.mcap", *flags)
+    assert parts.code == 3
+    steps_ns, scans = np.diff(parts.table("control")["t_ns"]), parts.table("scans")["t_ns"]
+    assert np.count_nonzero(steps_ns > 20_000_000) == 1
+    logged_s = (np.ptp(scans) - np.diff(scans).max()) * 1e-9
+    assert parts.metrics["eta_m"]["n"] == pytest.approx(50 * logged_s + 2, abs=2)
+    assert parts.record["counts"]["paused_ms"] > 86_000_000
+    start = {name: parts.table("control")[name][np.argmax(steps_ns) + 1] for name in ("t_ns", "x_m", "y_m")}
+    poses = parts.table("poses")
+    for name in ("x_m", "y_m"):
+        assert start[name] == pytest.approx(np.interp(start["t_ns"], poses["t_ns"], poses[name]), abs=0.02)
+    # What is ahead of the robot before the gap is where it stopped.
+    target, last = parts.table("target"), np.argmax(np.diff(parts.table("target")["t_ns"]))
+    assert (target["x_m"][last], target["y_m"][last]) == (poses["x_m"][last], poses["y_m"][last])
 
 
 def test_a_scan_that_was_lost_is_in_no_map(tmp_path, walks, replayed, monkeypatch):

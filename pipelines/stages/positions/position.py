@@ -66,8 +66,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         target = _target(data, journal, uwb, robot)
         _tell_unlocated(data, journal, robot)
         used = {*journal.topics.get("position", ()), *data.log.roles.topics(robot.source)}
-        others = [topic for topic in position_topics(data.log.recording) if topic not in used]
-        tell_implausible(data, journal, robot, others)
+        tell_implausible(data, journal, robot, [one for one in position_topics(data.log.recording) if one not in used])
         others = {"uwb": lambda: _from_lidar(data, journal), "lidar": lambda: _from_uwb(data, journal, uwb)}
         other = others.get(robot.source, lambda: None)()  # for a comparison of UWB and lidar
         reference = settled_reference(data, journal, robot)

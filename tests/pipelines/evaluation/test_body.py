@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from quadlog.config.file import load_config
 from quadlog.control.locomotion.robot import GRAVITY_MPS2
 from quadlog.metrics.walking import JOINTS
 from quadlog.pipelines.evaluation.metrics import measure_runs
+from quadlog.pipelines.evaluation.samples import read_samples
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import synthesize
 from quadlog.results.record import read_metrics
-from quadlog.results.tables import DUTY_FACTORS, read_table
+from quadlog.results.tables import DUTY_FACTORS, TABLES, read_table, write_table
 from quadlog.simulation.synthetic.recording import SynthesizedRecording
 
 
@@ -63,6 +65,20 @@ def test_the_logged_body_is_the_one_that_walked(run, walked):
     assert walked_gait["cost_of_transport"] == pytest.approx(true_cost, rel=0.05)
     assert read_metrics(run)["logged_cost_of_transport"]["value"] == walked_gait["cost_of_transport"]
     assert walked_gait["pitch_mean_rad"] == pytest.approx(rows["rpy_rad"][moves, 1].mean(), abs=0.02)
+
+
+def test_joints_in_bursts_give_no_gait(run, tmp_path):
+    """Messages that waited for one another on the way, a tenth of a second of them at a time."""
+    names = ["logged_torque_rms_nm", "logged_duty_factor", "logged_stride_frequency_hz"]
+    joints = read_table(run, "joints")
+    for name, into_ns in (("jitter", 5_000_000), ("bursts", 100_000_000)):
+        (tmp_path / name).mkdir()
+        shutil.copy(run / "poses.parquet", tmp_path / name)
+        t_ns = joints["t_ns"] // into_ns * into_ns + np.arange(len(joints["t_ns"]))
+        write_table(tmp_path / name / "joints.parquet", TABLES["joints"], joints | {"t_ns": t_ns})
+    found = {name: read_samples(tmp_path / name, names)[0] for name in ("jitter", "bursts")}
+    assert [len(found["jitter"][name].values) > 0 for name in names] == [True, True, True]
+    assert [len(found["bursts"][name].values) > 0 for name in names] == [True, False, False]
 
 
 def test_the_resimulated_body_is_that_of_the_tables_and_metrics(run, walked):

@@ -102,6 +102,32 @@ def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
         run([first, dataclasses.replace(first, t_ns=START_NS - 1), first], fixed(4.0, 0.0))
 
 
+@pytest.mark.parametrize("has_body", [False, True])
+def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body):
+    """A part after a gap of a day is, tick by tick, the walk of that part alone."""
+    model, rate_hz = quadruped_model(ROBOTS["tracking"], flat()), 50.0
+
+    def walk(maps, pose):
+        rng = np.random.default_rng(0)
+        made = UnicycleRobot(pose, 1 / rate_hz, rng)
+        robot = WalkingRobot(model, WalkerSettings(), pose, rng) if has_body else made
+        replanner = Replanner(make_planner("d_star_lite"), ReplanSettings())
+        return resimulate(maps, fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings())
+
+    first, second = list(instants(8)), list(instants(8, wall=True))
+    away, again = np.array([0.0, 0.0, 0.5]), np.array([0.5, -1.0, 0.2])
+    late = [dataclasses.replace(each, t_ns=each.t_ns + 86_400_000_000_000) for each in second]
+    late[0] = dataclasses.replace(late[0], start_pose=again)
+    both, alone = walk([*first, *late], away), walk(second, again)
+    ticks = len(alone.control["t_ns"])
+    assert (ticks, len(both.control["t_ns"])) == (36, 72)
+    np.testing.assert_array_equal(both.control["t_ns"][ticks:], alone.control["t_ns"] + 86_400_000_000_000)
+    for name in TABLES["control"].names:
+        if name not in ("t_ns", "energy_j"):
+            np.testing.assert_array_equal(both.control[name][ticks:], alone.control[name], name)
+    assert [plan.expanded for plan in both.plans[8:]] == [plan.expanded for plan in alone.plans]
+
+
 def test_a_robot_with_a_body_walks_as_the_plan_goes():
     """The kinematic robot is the oracle: 14 kg of robot follow the same plans, some centimetres behind and beside."""
     model = quadruped_model(ROBOTS["tracking"], flat())

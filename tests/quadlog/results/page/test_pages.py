@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadlog.results import view
 from quadlog.results.page.blocks import Drawn, Page, Section, render
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.run_page import write_run_page
@@ -130,3 +131,14 @@ def test_a_minute_of_all_curves_weighs_little() -> None:
     pack.add("all", panels)
     page = render(Page("a minute", [Section("", [Drawn("all")])], pack=pack))
     assert len(page) < MINUTE_MB * 1e6 * 0.5  # beside as much for maps and paths
+
+
+def test_a_track_is_drawn_as_closely_around_a_gap_of_a_day() -> None:
+    """What is thinned is what was recorded, however long the gap is."""
+    seconds, rows = np.arange(200) / 10, []
+    for gap_s in (2, 86400):
+        track = view.break_gaps(seconds + gap_s * (seconds > 10), np.cos(seconds), np.sin(seconds))
+        pack = Pack()
+        pack.add("walk", view.Scene([view.Track("robot", "robot", *track)], (-1.0, 1.0, -1.0, 1.0)))
+        rows.append(pack.finish()["columns"][pack.scenes["walk"]["layers"][0]["x"]][0])
+    assert rows == [201, 201]

@@ -13,7 +13,7 @@ from pandas import DataFrame
 
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results.page.run_page import cards, metric_table
-from quadlog.results.page.verdict import verdict, walked_m
+from quadlog.results.page.verdict import status, verdict, walked_m
 from quadlog.results.run import Run
 from quadlog.results.text import STATES
 from tests.lab.runs import along_course, change, change_json, remove, until_ingest, with_gap, with_one_scan
@@ -53,12 +53,34 @@ def outside(run: Path) -> None:
     remove(run, "contacts")
 
 
+def standing(run: Path) -> None:
+    """In a box of less than a metre it goes to and fro."""
+    change(run, "poses", x_m=lambda x_m: 0.4 * np.sin(np.arange(len(x_m))), y_m=0.0)
+
+
+def untrusted(run: Path) -> None:
+    loss = {"cause": "implausible positions", "detail": "positions jump 7 times", "topic": "", "count": None}
+    change_json(run / "run.json", losses=[loss])
+
+
+def begins_inside(run: Path) -> None:
+    first_ns = int(Run(run).table("control")["t_ns"].min())  # type: ignore[index]
+    change(run, "contacts", t_ns=first_ns, collision=False)
+
+
 CASES = {
     "as it is": ([], "Recorded walk", "good", "The robot followed its target for 4.71 m in 3.9 s (1.2 m/s)."),
     "collision": ([], "Simulated walk", "bad", "touched obstacles 1 ×, first at 1.8 s"),
     "failed replan": ([], "Planning", "warn", "1 of 40 replans found no path."),
     "lost": ([], "Recording", "bad", "Part was lost (crc). Warning: no heading source: yaw is the course."),
     "position did not run": ([until_ingest], "Recorded walk", "", "Positions were not computed (--until ingest)."),
+    "stands": ([standing], "Recorded walk", "good", "The robot stayed within 1 m for 3.9 s."),
+    "a walk without its gap": ([with_gap], "Recorded walk", "good", "in 3.8 s (1.2 m/s)."),
+    "no walk": ([untrusted], "Recorded walk", "bad", "By its positions, which are not to be trusted, the robot"),
+    "positions of no walk": ([untrusted], "Positions", "bad", "; positions jump 7 times."),
+    "begins inside": ([begins_inside], "Simulated walk", "warn", "; it starts inside an obstacle of the map"),
+    "goes inside": ([lambda run: remove(run, "contacts"), measured(clearance_min_m=-0.18)], "Simulated walk", "bad",
+                    "; inside an obstacle by up to 0.18 m."),
     "gap": ([with_gap], "Gaps", "bad", "1 gap, the longest 30 s"),
     "short gap": ([lasting(4.4, 0, 0.5)], "Gaps", None, ""),
     "log goes on": ([lasting(60.0, 56_100)], "Gaps", "bad", "No position for 56 s (94 % of the log)."),
@@ -109,9 +131,18 @@ def test_all_bounds_that_were_not_measured_are_shown(tiny_run: Path) -> None:
     assert all((rows[name][2].text, rows[name][2].state) == ("not measured", "bad") for name in names[:-1])
 
 
-@given(st.floats(0.2, 50), st.integers(0, 2**32 - 1))
-def test_noise_of_positions_adds_little_to_the_length_of_a_walk(length_m: float, seed: int) -> None:
-    noise_m = np.random.default_rng(seed).normal(0, 0.005, (2, 2000))
-    x_m = np.linspace(0, length_m, 2000) + noise_m[0]
+@given(st.floats(2, 60) | st.just(0.0), st.sampled_from([0.0, 0.005, 0.05, 0.15]), st.integers(0, 2**32 - 1))
+def test_noise_of_positions_adds_little_to_the_length_of_a_walk(length_m: float, std_m: float, seed: int) -> None:
+    """Along an arc, for 60 s and with a day between its halves; noise that lasts for some rows, as in matched scans."""
+    seconds, share = np.arange(1200) / 20, np.linspace(0, 1, 1200)
+    noise_m = np.random.default_rng(seed).normal(0, std_m, (2, 1203))
+    noise_m = (noise_m[:, :-3] + noise_m[:, 1:-2] + noise_m[:, 2:-1] + noise_m[:, 3:]) / 2
+    x_m, y_m = 10 * np.sin(share * length_m / 10) + noise_m[0], 10 * np.cos(share * length_m / 10) + noise_m[1]
     x_m[5] = np.nan
-    assert walked_m(DataFrame({"x_m": x_m, "y_m": noise_m[1]})) == pytest.approx(length_m, rel=0.05, abs=0.15)
+    track = DataFrame({"seconds": seconds + 86400 * (share > 0.5), "x_m": x_m, "y_m": y_m})
+    assert walked_m(track) == pytest.approx(length_m, rel=0.1, abs=0.1 if length_m == 0 else 6 * std_m)
+
+
+def test_a_run_is_given_every_warning_in_its_count(tiny_run: Path) -> None:
+    change_json(tiny_run / "run.json", warnings=["a", "b", "c"])
+    assert status(Run(tiny_run)) == ("2 things to look at, 4 warnings", "bad")
