@@ -148,7 +148,7 @@ class Store:
         self.folder = output / STORE
 
     def has(self, key: str) -> bool:
-        """Whether the result of this key is there, as far as the sizes of its files tell."""
+        """Whether the result of this key is there, by the sizes of its files."""
         folder = self.folder / key
         with suppress(OSError, *_DAMAGE):
             files = json.loads((folder / STATE).read_bytes())["files"]
@@ -250,9 +250,9 @@ def _taken(source: Path, run: Path) -> Any:
             with whole_file(run / name) as part:
                 _copy(source / name, part)
                 if (part.stat().st_size, file_digest(part)) != (size, sha256):
-                    raise ValueError
+                    raise ValueError(name)
         with suppress(OSError):
-            os.utime(source)  # of somebody else's
+            os.utime(source)
         return kept
     return None
 

@@ -25,7 +25,7 @@ from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
 from quadlog.recordings.containers.container import ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.formatting import several
-from quadlog.storage.byte_ranges import SPARE_BYTES, Allowance, ByteSource
+from quadlog.storage.byte_ranges import SPARE_BYTES, ByteSource
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
@@ -252,16 +252,15 @@ class UnpackedFile(ClosedOnExit):
 
 def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:
     """Messages whose payload is zstd data, decompressed; one that is not is counted as a loss."""
-    unreadable, spare = Counter[str](), Allowance(SPARE_BYTES >> 2)
-    for number, message in enumerate(messages):
+    unreadable, spare = Counter[str](), SPARE_BYTES >> 2
+    for message in messages:
+        worth = _MAX_RATIO * len(message.payload)
+        limit = min(largest_size(len(message.payload)), worth + spare)
         try:
-            worth = _MAX_RATIO * len(message.payload)
-            limit = min(largest_size(len(message.payload)), worth + spare.left(number))
             payload = memoryview(inflate_zstd(message.payload, limit))
-            spare.take(number, len(payload) - worth)
+            spare -= max(len(payload) - worth, 0)
         except (zstandard.ZstdError, Incomplete, ValueError) as error:
-            if isinstance(error, ValueError):  # it grew to the limit in vain
-                spare.take(number, limit - worth)
+            spare -= limit - worth if isinstance(error, ValueError) else 0  # it grew to the limit in vain
             unreadable[message.channel.topic] += 1
             continue
         yield RawMessage(message.channel, message.log_time_ns, payload)

@@ -83,19 +83,11 @@ def open_file(path: Path) -> Container:
 
 
 def is_recording(path: Path, but_ours: bool = False) -> bool:
-    """Whether a file that is not empty has the name, the first or the last bytes of a recording; it is not opened.
-
-    but_ours: False for an MCAP file that quadlog wrote, by the library in its header.
-    """
+    """Whether a file is one by its name or first bytes, without opening it; but_ours: unless quadlog wrote it."""
     with path.open("rb") as file:
-        head = file.read(2 * _HEAD_BYTES)
-        file.seek(max(path.stat().st_size - 8, 0))
-        end = file.read(8)
-    if but_ours and head.startswith(mcap_records.MAGIC) and b"quadlog" in head:
-        return False
-    magics = (mcap_records.MAGIC, bag_records.MAGIC, sqlite_open.MAGIC)
-    named = bool(head and recording_suffix(path))
-    return named or is_zstd(head) or head.startswith(magics) or end == mcap_records.MAGIC
+        head = file.read(2 * _HEAD_BYTES)  # of an MCAP file of quadlog's with its name
+    known = is_zstd(head) or head.startswith((mcap_records.MAGIC, bag_records.MAGIC, sqlite_open.MAGIC))
+    return bool(head and (known or recording_suffix(path))) and not (but_ours and b"quadlog" in head)
 
 
 def _open_remote(remote_path: RemotePath) -> Container:
