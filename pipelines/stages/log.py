@@ -172,12 +172,14 @@ def read_log(log: Log, progress: Progress) -> LogData:
         wanted.take(gathered, recording.stamp)
         if gathered.topic == log.lidar:
             progress.advance()
-    streams, frames, base_frame = wanted.streams(), roles.frames, config.topics.base_frame
+    frames, base_frame = roles.frames, config.topics.base_frame
+    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
+    base, streams = frames.base_frame(base_frame) or base_frame, wanted.streams()
+    streams = mounts.poses_in_base(streams, base, mount, topics)
     imu = streams.imu
     if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
-    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
     gap_ns = round(config.lidar.pose_gap_s * 1e9)
     mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
     streams.warnings.extend(_of_mounts(log, mount, mover, streams))
