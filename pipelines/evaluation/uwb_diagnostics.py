@@ -33,9 +33,9 @@ def uwb_diagnostics(
         odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found else None
-        mount, base = find_mount(recording, roles, config, lidar, odometry), config.topics.base_frame
-        streams, base = replace(streams, tf=roles.frames), roles.frames.base_frame(base) or base
-        streams = poses_in_base(streams, base, mount, {"odometry": odometry})
+        mount = find_mount(recording, roles, config, lidar, odometry)
+        base = roles.frames.base_frame(config.topics.base_frame) or config.topics.base_frame
+        streams = poses_in_base(replace(streams, tf=roles.frames), base, mount, {"odometry": odometry})
         if streams.ranges is None:
             return {}, ["anchors are configured, but the recording has no UWB ranges"]
         # With odometry as in a replay, so that both have the same residuals.

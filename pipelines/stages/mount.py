@@ -154,13 +154,12 @@ def poses_in_base(streams: Streams, base: str, mount: LidarMount, topics: Mappin
         if child in ("", base):
             continue
         placed = tree.static_transform(base, child)
-        by_lidar = None
-        if mount.frame is not None and not is_named(child, BASE_FRAMES):
-            by_lidar = tree.static_transform(mount.frame, child)
+        usual = is_named(child, BASE_FRAMES)
+        by_lidar = None if mount.frame is None or usual else tree.static_transform(mount.frame, child)
         if by_lidar is not None and (placed is None or child == mount.frame):
             placed = by_lidar @ invert_transform(mount.transform_lidar_to_base)
         if placed is None:
-            if topic != topics.get("target") and (not is_named(child, BASE_FRAMES) or child in tree.other_robots(base)):
+            if topic != topics.get("target") and (not usual or child in tree.other_robots(base)):
                 where = base or "base"
                 why = "moves in" if tree.connects(child, base) else "no transform connects with"
                 flag = set_flag("topics.base_frame", [child])
@@ -174,9 +173,9 @@ def poses_in_base(streams: Streams, base: str, mount: LidarMount, topics: Mappin
                 # Drivers that measure no velocity write zeros.
                 lever_mps = np.cross(angular_radps, placed[:3, 3]) if linear_mps.any() else 0.0
                 linear_mps, angular_radps = (linear_mps + lever_mps) @ placed[:3, :3], angular_radps @ placed[:3, :3]
-    posed = {role: series[topics.get(role)] for role in POSED}
-    twist = {"odometry_linear_mps": linear_mps, "odometry_angular_radps": angular_radps}
-    return replace(streams, **posed, **twist, estimates={topic: series[topic] for topic in streams.estimates})
+    turned: dict[str, Any] = {role: series[topics.get(role)] for role in POSED}
+    turned |= {"odometry_linear_mps": linear_mps, "odometry_angular_radps": angular_radps}
+    return replace(streams, **turned, estimates={topic: series[topic] for topic in streams.estimates})
 
 
 POSED = ("odometry", "reference", "target")

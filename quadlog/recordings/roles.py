@@ -483,7 +483,8 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
 
     bodies = _frames_of(recording, Odometry, usable, taken)
     seen = bodies | _frames_of(recording, PointCloud, usable, taken)
-    transforms, other_tf = found["tf"].topics if "tf" in found else (), ()
+    transforms: tuple[str, ...] = found["tf"].topics if "tf" in found else ()
+    other_tf: tuple[tuple[str, ...], ...] = ()
     if not transforms:
         transforms, other_tf = _of_one_robot(recording, usable, taken, seen)
     frames = look_at_frames(recording, transforms)

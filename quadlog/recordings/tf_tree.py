@@ -316,7 +316,7 @@ def _second_sender(t_s: Float, place_m: Float, begin: int) -> NDArray[np.bool_]:
     return second
 
 
-def _between(t: Float, known_t: Float, known_m: Float) -> Float:
+def _between(t: Float | Int, known_t: Float | Int, known_m: Float) -> Float:
     """Places (N, 3) at t (N,), on straight lines between known ones."""
     return np.column_stack([np.interp(t, known_t, axis_m) for axis_m in known_m.T])
 
