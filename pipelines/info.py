@@ -152,7 +152,9 @@ def _tf_rows(roles: Roles, seen: Survey, base: str | None) -> list[dict[str, Any
     return [
         {
             "frames": [chain[0].parent, *(edge.child for edge in chain)],
-            "transforms": [seen.transforms[edge.parent, edge.child] for edge in chain],
+            "transforms": [
+                sum(seen.transforms[topic, edge.parent, edge.child] for topic in roles.topics("tf")) for edge in chain
+            ],
             "static": [edge.static for edge in chain],
         }
         for chain in chains

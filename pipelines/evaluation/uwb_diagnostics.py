@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
+from quadlog.pipelines.stages.mount import find_mount, poses_in_base
 from quadlog.pipelines.stages.positions import uwb, uwb_tags
 from quadlog.positioning.ellipses import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
@@ -30,6 +32,10 @@ def uwb_diagnostics(
     try:
         odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
+        lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found else None
+        mount = find_mount(recording, roles, config, lidar, odometry)
+        base = roles.frames.base_frame(config.topics.base_frame) or config.topics.base_frame
+        streams = poses_in_base(replace(streams, tf=roles.frames), base, mount, {"odometry": odometry})
         if streams.ranges is None:
             return {}, [*streams.warnings, uwb.NO_RANGES]
         if text := uwb.unit_warning(config, streams.ranges, roles.topics("uwb")):

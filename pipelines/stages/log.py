@@ -25,7 +25,7 @@ from quadlog.pipelines.stages.outlook import Look, unless_ambiguous
 from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_configured
-from quadlog.recordings.roles import detect_roles
+from quadlog.recordings.roles import detect_roles, position_topics
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_file, describe_input_aside
@@ -166,12 +166,15 @@ def read_log(log: Log, progress: Progress) -> LogData:
         wanted.take(gathered, recording.stamp)
         if gathered.topic == log.lidar:
             progress.advance()
-    streams, frames, base_frame = wanted.streams(), roles.frames, config.topics.base_frame
+    frames, base_frame = roles.frames, config.topics.base_frame
+    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
+    base, streams = frames.base_frame(base_frame) or base_frame, wanted.streams()
+    streams = mounts.poses_in_base(streams, base, mount, topics)
+    streams.warnings.extend(_sender_warnings(log, streams, base))
     imu = streams.imu
     if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
-    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
     gap_ns = round(config.lidar.pose_gap_s * 1e9)
     mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
     streams.warnings.extend(_of_mounts(log, mount, mover, streams))
@@ -240,13 +243,28 @@ def tell_recording(data: LogData, journal: Journal) -> None:
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
     base = None if data.config.topics.base_frame else roles.frames.base_frame()
-    if base is not None and (others := roles.frames.other_robots(base)):
-        flags = "  or  ".join(set_flag("topics.base_frame", [frame]) for frame in others[:MAX_LISTED])
-        journal.warn(f"tf moves {len(others) + 1} robots: the one of {base} is taken; choose another with  {flags}")
+    others = [] if base is None else roles.frames.other_robots(base)
+    flags = [set_flag("topics.tf", each) for each in roles.other_tf]
+    if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
+        taken, some = roles.topics("tf")[0] if roles.other_tf else base, "  or  ".join(flags[:MAX_LISTED])
+        journal.warn(f"tf moves {len(flags) + 1} robots: the one of {taken} is taken; choose another with  {some}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")
     for topic, why in recording.joints.refused.items() if "joints" not in roles.found else ():
         journal.warn(f"{topic}: its joints are not used: it {why}")
+
+
+def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
+    """Leaves one of two nodes that send a transform above base in turns, with a warning."""
+    others = [*position_topics(log.recording), *(["lidar"] if log.lidar else [])]
+    flags = "  or  ".join(set_flag("topics.position", [each]) for each in others[:MAX_LISTED]) or "none"
+    found = [(edge, edge.keep_one_sender(streams.odometry)) for edge in streams.tf.chain(base) if not edge.is_still]
+    return [
+        f"{edge.topic}: two nodes send {edge.parent} to {edge.child} in turns, {one[2]:.2f} m apart: {one[0]} poses of "
+        f"one are taken, {one[1]} are left out; other positions:  {flags}"
+        for edge, one in found
+        if one is not None
+    ]
 
 
 def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | None, streams: Streams) -> list[str]:

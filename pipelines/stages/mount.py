@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quadlog.config.schema import Config, Mount, Topics
-from quadlog.geometry import rotation_from_quat, transform_from_quat, transform_from_rpy
+from quadlog.errors import set_flag
+from quadlog.geometry import invert_transform, rotation_from_quat, transform_from_quat, transform_from_rpy
 from quadlog.lidar.levelling import UpSeries, level_rotations, tilt_of, up_by_floor, up_in_base
-from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose
+from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose, PoseSeries
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
@@ -58,7 +60,8 @@ class LidarMount(NamedTuple):
     """How clouds come into base: by a fixed transform_lidar_to_base (4, 4), or, where their frame moves, by a mover.
 
     known: whether configuration or recording has it. from_tf: the lidar's frame and base, if tf gives the transform.
-    moving: frame of the clouds and base, if that moves in it; by_odometry: whether odometry gives it, not tf.
+    frame: of a lidar that is fixed. moving: frame of the clouds and base, if that moves in it; by_odometry: whether
+    odometry gives it, not tf.
     tilt_deg: roll and pitch by which the floor that the lidar sees is not level; they are part of an unknown transform.
     """
 
@@ -68,6 +71,7 @@ class LidarMount(NamedTuple):
     moving: tuple[str, str] | None = None
     by_odometry: bool = False
     tilt_deg: tuple[float, float] | None = None
+    frame: str | None = None
 
     def warning(self) -> str | None:
         """What is assumed where nothing says how the lidar sits, or what contradicts what says it."""
@@ -119,11 +123,10 @@ def find_mount(
     recording: Recording, roles: Roles, config: Config, lidar: str | None, odometry: str | None
 ) -> LidarMount:
     """From the configuration, or from what tf or odometry shows where it has none."""
-    place = config.lidar.mount
+    place, frame = config.lidar.mount, None if lidar is None else frame_of(recording, lidar)
     if place != Mount():
         angles_rad = np.radians([place.roll_deg, place.pitch_deg, place.yaw_deg]).tolist()
-        return LidarMount(transform_from_rpy(np.array([place.x_m, place.y_m, place.z_m]), *angles_rad))
-    frame = None if lidar is None else frame_of(recording, lidar)
+        return LidarMount(transform_from_rpy(np.array([place.x_m, place.y_m, place.z_m]), *angles_rad), frame=frame)
     if frame is None:
         return LidarMount(np.eye(4), known=False)
     frames = roles.frames
@@ -131,12 +134,61 @@ def find_mount(
     if base is not None:
         fixed, moves = frames.static_transform(frame, base), bool(frames.moving(frame, base))
         if fixed is not None and not (moves and frames.is_world(frame, base)):
-            return LidarMount(fixed, from_tf=(frame, base))
+            return LidarMount(fixed, from_tf=(frame, base), frame=frame)
         if moves:
             return LidarMount(np.eye(4), moving=(frame, base))
     if odometry is not None and frame_of(recording, odometry) == frame and frames.is_world(frame, base):
         return LidarMount(np.eye(4), moving=(frame, base or "base"), by_odometry=True)
-    return LidarMount(np.eye(4), known=is_named(frame, BASE_FRAMES))
+    return LidarMount(np.eye(4), known=is_named(frame, BASE_FRAMES), frame=frame)
+
+
+def poses_in_base(streams: Streams, base: str, mount: LidarMount, topics: Mapping[str, Any]) -> Streams:
+    """The streams with poses and twists of base where messages name another frame that is fixed to it, or to the lidar.
+
+    Others are taken as base, with a warning; a target's are of another body. topics: by role. base: "" if unknown.
+    """
+    tree, linear_mps, angular_radps = streams.tf, streams.odometry_linear_mps, streams.odometry_angular_radps
+    series = {topics.get(role): getattr(streams, role) for role in POSED} | dict(streams.estimates)
+    for topic, poses in series.items():
+        child = "" if poses is None else poses.child_frame_id
+        if child in ("", base):
+            continue
+        placed = tree.static_transform(base, child)
+        usual = is_named(child, BASE_FRAMES)
+        by_lidar = None if mount.frame is None or usual else tree.static_transform(mount.frame, child)
+        if by_lidar is not None and (placed is None or child == mount.frame):
+            placed = by_lidar @ invert_transform(mount.transform_lidar_to_base)
+        if placed is None:
+            if topic != topics.get("target") and (not usual or child in tree.other_robots(base)):
+                where = base or "base"
+                why = "moves in" if tree.connects(child, base) else "no transform connects with"
+                flag = set_flag("topics.base_frame", [child])
+                streams.warnings.append(
+                    f"{topic}: its poses are of {child}, which {why} {where}: they are taken as those of {where}; "
+                    f"record the static transform, or, if that is the robot's frame:  {flag}"
+                )
+        elif not np.array_equal(placed, np.eye(4)):
+            series[topic] = _carried(poses, placed, base)
+            if topic == topics.get("odometry") and linear_mps is not None and angular_radps is not None:
+                # Drivers that measure no velocity write zeros.
+                lever_mps = np.cross(angular_radps, placed[:3, 3]) if linear_mps.any() else 0.0
+                linear_mps, angular_radps = (linear_mps + lever_mps) @ placed[:3, :3], angular_radps @ placed[:3, :3]
+    turned: dict[str, Any] = {role: series[topics.get(role)] for role in POSED}
+    turned |= {"odometry_linear_mps": linear_mps, "odometry_angular_radps": angular_radps}
+    return replace(streams, **turned, estimates={topic: series[topic] for topic in streams.estimates})
+
+
+POSED = ("odometry", "reference", "target")
+"""Roles with one topic of poses."""
+
+
+def _carried(poses: PoseSeries, placed: Float, frame: str) -> PoseSeries:
+    """Poses of a frame that sits at a (4, 4) transform `placed` in the one that the poses are of."""
+    from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
+
+    position_m = poses.position_m + rotation_from_quat(poses.quat_xyzw) @ placed[:3, 3]
+    turned = Rotation.from_quat(poses.quat_xyzw) * Rotation.from_matrix(placed[:3, :3])
+    return replace(poses, position_m=position_m, quat_xyzw=turned.as_quat(), child_frame_id=frame)
 
 
 LOOKED_AT, MOST_APART_DEG, LEAST_TILT_DEG = 5, 3.0, 10.0

@@ -58,6 +58,9 @@ class Topics(Section):
     map_frame: str = Field(
         "map", description="fixed frame in tf; if it is not there: the root that the robot's frame hangs on"
     )
+    tf: Annotated[list[str], BeforeValidator(_as_list)] = Field(
+        [], description="transforms, static ones too; empty: all, of several robots those beside the other topics"
+    )
     base_frame: str = Field("", description="name of the robot's frame in tf; empty: the usual one, as base_link")
 
 

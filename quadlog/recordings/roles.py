@@ -371,6 +371,7 @@ KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "joints": ((JointStates,), "the joints of a robot"),
     "reference": ((Pose, Odometry), "a pose"),
     "target": ((Pose, Odometry), "a pose"),
+    "tf": ((Transforms,), "transforms"),
 }
 
 
@@ -389,7 +390,8 @@ class Roles:
 
     ambiguous: role -> the choices that could play it equally well, each one topic or several that belong together.
     unused: topic -> why a topic that looks fit plays no role; near: topic -> the role it looks fit for.
-    targets: pose topics named as something followed. frames: what a look at the transforms shows.
+    targets: pose topics named as something followed. frames: what a look at the transforms shows; other_tf: topics of
+    transforms of each other robot.
     """
 
     found: Mapping[str, Role]
@@ -398,6 +400,7 @@ class Roles:
     near: Mapping[str, str] = field(default_factory=dict)
     targets: tuple[str, ...] = ()
     frames: TransformTree = field(default_factory=TransformTree, compare=False)
+    other_tf: tuple[tuple[str, ...], ...] = ()
     _role_of: dict[str, Role] = field(init=False, repr=False, compare=False, default_factory=dict)
     _choice_of: dict[str, tuple[str, tuple[str, ...]]] = field(
         init=False, repr=False, compare=False, default_factory=dict
@@ -492,8 +495,17 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     # A message that holds several kinds can play several roles.
     free = {topic: name for topic, name in usable.items() if topic not in taken or len(kinds_of(name)) > 1}
 
-    transforms = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
+    bodies = _frames_of(recording, Odometry, usable, taken)
+    seen = bodies | _frames_of(recording, PointCloud, usable, taken)
+    transforms: tuple[str, ...] = found["tf"].topics if "tf" in found else ()
+    other_tf: tuple[tuple[str, ...], ...] = ()
+    if not transforms:
+        transforms, other_tf = _of_one_robot(recording, usable, taken, seen)
     frames = look_at_frames(recording, transforms)
+    frames.seen, frames.bodies = seen, bodies
+    for robot in other_tf:
+        why = f"not used: of another robot than {transforms[0]}: {set_flag('topics.tf', robot)}"
+        unused |= {topic: why for topic in robot if topic not in transforms}
     if "lidar" not in found:
         clouds = [topic for topic, name in free.items() if PointCloud in kinds_of(name)]
         odometries = [topic for topic, name in free.items() if Odometry in kinds_of(name)]
@@ -510,7 +522,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
             _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
     if "joints" not in found:
         _settle("joints", look_at_joints(recording, free), found, ambiguous, unused)
-    if transforms:
+    if transforms and "tf" not in found:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     if topics.reference != NO_REFERENCE and "reference" not in found:
         sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
@@ -522,9 +534,49 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     targets = tuple(topic for topic, name in free.items() if Pose in kinds_of(name) and is_target_name(topic))
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
-    return Roles(
-        found, ambiguous, {topic: why for topic, why in unused.items() if topic in near}, near, targets, frames
-    )
+    unused = {topic: why for topic, why in unused.items() if topic in near}
+    return Roles(found, ambiguous, unused, near, targets, frames, other_tf)
+
+
+def _frames_of(
+    recording: Recording, kind: type[Odometry | PointCloud], usable: Mapping[str, str], chosen: Collection[str]
+) -> set[str]:
+    """The frames that messages of a kind are of, by the first of each topic; of chosen topics where there are."""
+    topics = [topic for topic, name in usable.items() if kind in kinds_of(name)]
+    topics = [topic for topic in topics if topic in chosen] or topics
+    samples = [each for topic in topics for each in recording.sample(topic, 1) if isinstance(each, kind)]
+    return {each.child_frame_id if isinstance(each, Odometry) else each.frame_id for each in samples}
+
+
+def _of_one_robot(
+    recording: Recording, usable: Mapping[str, str], chosen: set[str], seen: set[str]
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """The topics of transforms of one robot, and those of each other one.
+
+    Those of a namespace belong together, and static ones without a namespace to all. It is the robot in whose namespace
+    most topics are, chosen ones first, or that has the frames that are seen; what does not contradict it belongs to it.
+    """
+    tf = tuple(topic for topic, name in usable.items() if Transforms in kinds_of(name))
+    shared = tuple(topic for topic in tf if is_static(topic) and topic.rfind("/") < 1)
+    spaces: dict[str, tuple[str, ...]] = {}
+    for topic in tf:
+        if topic not in shared:
+            space = topic.rpartition("/")[0]
+            spaces[space] = (*spaces.get(space, shared), topic)
+    if len(spaces) < 2:
+        return tf, ()
+    trees = {space: look_at_frames(recording, own) for space, own in spaces.items()}
+    others = {topic for topic, name in usable.items() if kinds_of(name)}.difference(tf)
+    home = {t: max((space for space in spaces if t.startswith(f"{space}/")), key=len, default="") for t in others}
+
+    def fit(space: str) -> tuple[int, int, int]:
+        inside = {topic for topic in home if home[topic] == space}
+        return len(inside & chosen), len(inside), len(seen.intersection(trees[space].frames))
+
+    mine = max(spaces, key=fit)
+    robots = tuple(own for space, own in spaces.items() if trees[mine].contradicts(trees[space]))
+    left_out = {topic for own in robots for topic in own}.difference(shared)
+    return tuple(topic for topic in tf if topic not in left_out), robots
 
 
 def _pose_frames(recording: Recording, topics: Sequence[str]) -> set[str]:
@@ -621,8 +673,9 @@ def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ..
         topic = getattr(topics, role)
         if topic and (role, topic) != ("reference", NO_REFERENCE):
             chosen[role] = (topic,)
-    if topics.uwb:
-        chosen["uwb"] = tuple(topics.uwb)
+    for role in ("uwb", "tf"):
+        if names := getattr(topics, role):
+            chosen[role] = tuple(names)
     if topics.target not in TARGET_WORDS:
         chosen["target"] = (topics.target,)
     if topics.position not in POSITION_WORDS and recording.types_of(topics.position):

@@ -224,7 +224,7 @@ class Survey:
     """Every topic by name, and every pair of UWB radios that ranged, with first and last log time.
 
     messages_read: how many were decoded; clocks, links and places are known from these alone. anchor_places: anchor
-    id -> where the range messages say that it is. transforms: how many of each parent and child were read.
+    id -> where the range messages say that it is. transforms: how many of each topic, parent and child were read.
     """
 
     topics: tuple[TopicSurvey, ...]
@@ -234,7 +234,7 @@ class Survey:
     start_ns: int | None
     end_ns: int | None
     anchor_places: dict[int, AnchorPlace]
-    transforms: Counter[tuple[str, str]]
+    transforms: Counter[tuple[str, str, str]]
 
 
 def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, watch: Watch | None = None) -> Survey:
@@ -246,7 +246,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
     """
     seen = {id(channel): _Seen(channel) for channel in recording.channels}
     links: dict[str, dict[tuple[int, int], _Reach]] = {}
-    transforms: Counter[tuple[str, str]] = Counter()
+    transforms: Counter[tuple[str, str, str]] = Counter()
     places = AnchorPlaces()
     passing = recording.everything()
     for raw, decoded in passing if watch is None else watch(passing):
@@ -259,7 +259,8 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
                 _take_ranges(links.setdefault(raw.channel.topic, {}), message)
                 places.take(message)
             elif isinstance(message, Transforms):
-                transforms.update((each.frame_id, each.child_frame_id) for each in message.transforms)
+                topic = raw.channel.topic
+                transforms.update((topic, each.frame_id, each.child_frame_id) for each in message.transforms)
     read = {each.channel: each.pulse() for each in seen.values()}
     whole = read if pulses is None else pulses
     topics = sorted(

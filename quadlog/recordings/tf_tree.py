@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from quadlog.geometry import invert_transform, seconds_since, transform_from_quat
+from quadlog.geometry import invert_transform, rotation_from_quat, seconds_since, transform_from_quat
 from quadlog.messages import Float, Int, Pose, PoseSeries
 from quadlog.recordings.clock import kept_rows
 
@@ -22,6 +23,9 @@ WORLD_FRAMES = ("map", "world", "odom", "odom_combined", "camera_init", "earth")
 """Usual names, which may follow a robot's prefix."""
 STILL_M, STILL_COS = 1e-3, 1 - 5e-7
 """What rounding may move a fixed mount by: 1 mm, and 0.1 degrees as the cosine of half the angle."""
+LEAST_JUMP_M, FEWEST_TURNS, TURN_ROWS, ROUGHNESS = 0.05, 10, 3, 4.0
+"""Two senders of a transform jump to and fro by more than the first, so often, each time within so many poses, and by
+so many times more than the distance between them changes meanwhile."""
 
 
 def is_named(frame: str, names: Sequence[str]) -> bool:
@@ -59,6 +63,38 @@ class Edge:
         shift_m, turn_cos = np.ptp(poses[:, :3], axis=0), np.abs(poses[:, 3:] @ poses[0, 3:])
         return self.static or bool((shift_m < STILL_M).all() and (turn_cos > STILL_COS).all())
 
+    def keep_one_sender(self, like: PoseSeries | None) -> tuple[int, int, float] | None:
+        """Where two senders take turns, keep the poses of that nearer to `like`, in the same parent, or of the busier.
+
+        Returns how many are kept and left out, and how far apart (m) they are; None where there is one sender.
+        """
+        t_ns, pose = self.series()
+        t_s, place_m = seconds_since(t_ns, t_ns[0]), pose[:, :3] + rotation_from_quat(pose[:, 3:])[..., 0]
+        step_m = np.diff(place_m, axis=0)
+        far_m = np.linalg.norm(step_m, axis=1)
+        jumps = np.flatnonzero(far_m > LEAST_JUMP_M)
+        out, back = jumps[:-1], jumps[1:]
+        turned = (step_m[out] * step_m[back]).sum(axis=1) < -0.5 * far_m[out] * far_m[back]
+        turns = out[turned & (back - out <= TURN_ROWS)]
+        second = _second_sender(t_s, place_m, int(turns[0])) if len(turns) else np.zeros(len(t_s), np.bool_)
+        if not FEWEST_TURNS <= min(second.sum(), (~second).sum()) <= 2 * len(turns):
+            return None
+        offset_m = place_m[second] - _between(t_s[second], t_s[~second], place_m[~second])
+        apart_m, rough_m = (float(np.median(np.linalg.norm(m, axis=1))) for m in (offset_m, np.diff(offset_m, axis=0)))
+        if not max(LEAST_JUMP_M, ROUGHNESS * rough_m) < apart_m < 2 * np.median(far_m[turns]):
+            return None
+        kept = second if 2 * second.sum() > len(second) else ~second
+        if like is not None and like.frame_id == self.parent:
+            away_m = np.linalg.norm(pose[:, :3] - _between(t_ns, like.t_ns, like.position_m), axis=1)
+            kept = second if np.median(away_m[second]) < np.median(away_m[~second]) else ~second
+        self.t_ns, self.order = array("q", t_ns[kept].tolist()), array("q", np.flatnonzero(kept).tolist())
+        self.pose = array("d", pose[kept].ravel().tolist())
+        return int(kept.sum()), int((~kept).sum()), apart_m
+
+    def poses(self) -> set[tuple[float, ...]]:
+        """All different poses, rounded."""
+        return set(map(tuple, np.reshape(self.pose, (-1, 7)).round(4).tolist()))
+
     def logged(self) -> tuple[Int, Int]:
         """Rows (N,) in the order in which they came, and their times."""
         rows = np.argsort(np.array(self.order, np.int64), kind="stable")
@@ -72,10 +108,12 @@ class Edge:
 
 
 class TransformTree:
-    """All frames of a recording."""
+    """All frames of a recording. seen: those that clouds and odometry are of; bodies: those of odometry alone."""
 
     def __init__(self) -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
+        self.seen: set[str] = set()
+        self.bodies: set[str] = set()
 
     def add(self, t_ns: int, pose: Pose, *, static: bool, order: int = 0, topic: str = "") -> None:
         """The pose of pose.child_frame_id in pose.frame_id. order: its place in the log."""
@@ -98,6 +136,11 @@ class TransformTree:
             edge.t_ns.frombytes(t_ns.tobytes())
             edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
 
+    def contradicts(self, other: TransformTree) -> bool:
+        """Whether the other one has poses of its own for a transform of this one: it is of a robot with equal names."""
+        pairs = [(edge.poses(), other._edges[key].poses()) for key, edge in self._edges.items() if key in other._edges]
+        return any(2 * len(mine & others) < min(len(mine), len(others)) for mine, others in pairs)
+
     def stamps(self, topic: str) -> list[Int]:
         """Times (N,) of each moving transform of a topic, in the order in which they came."""
         return [edge.logged()[1] for edge in self._edges.values() if edge.topic == topic and not edge.static]
@@ -114,7 +157,8 @@ class TransformTree:
         """The robot's frame: the configured one; else the first of BASE_FRAMES that moves, or that occurs.
 
         One that moves in its parent goes before those that are fixed to it: base_footprint, if odom has base_link only
-        through it. Without these names the only frame that moves in one of WORLD_FRAMES.
+        through it. Of several robots the one that what is seen is fixed to. Without these names the only frame that
+        moves in one of WORLD_FRAMES, or that odometry is of.
         """
         if configured:
             return configured if configured in self.frames else None
@@ -123,10 +167,14 @@ class TransformTree:
         if named:
             placed = [frame for frame in named if self.fixed_frame(frame) is not None]
             moved = [frame for frame in placed if not all(edge.is_still for edge in self.chain(frame)[-1:])]
-            return [*moved, *placed, *named][0]
+            first = [*moved, *placed, *named][0]
+            robots = [first, *self.other_robots(first)]
+            near = (each for each in robots if any(self.static_transform(seen, each) is not None for seen in self.seen))
+            return next(near, first)
         riders = {
             edge.child for edge in self._edges.values() if not edge.static and is_named(edge.parent, WORLD_FRAMES)
         }
+        riders = riders if len(riders) == 1 else self.bodies.intersection(self.frames)
         return riders.pop() if len(riders) == 1 else None
 
     def other_robots(self, base: str) -> list[str]:
@@ -255,12 +303,30 @@ class TransformTree:
         return reached.get(target)
 
 
+def _second_sender(t_s: Float, place_m: Float, begin: int) -> NDArray[np.bool_]:
+    """(N,) which places (N, 3) lie nearest to where the last two of a second sender lead, first seen behind begin."""
+    second = np.arange(len(t_s)) == begin + 1
+    ways = [(t_s[row], place_m[row], np.zeros(3)) for row in (begin, begin + 1)]
+    for row in range(begin + 2, len(t_s)):
+        off_m = [np.linalg.norm(place_m[row] - last_m - mps * (t_s[row] - last_s)) for last_s, last_m, mps in ways]
+        which = int(off_m[1] < off_m[0])
+        last_s, last_m, _ = ways[which]
+        ways[which] = t_s[row], place_m[row], (place_m[row] - last_m) / (t_s[row] - last_s)
+        second[row] = which
+    return second
+
+
+def _between(t: Float | Int, known_t: Float | Int, known_m: Float) -> Float:
+    """Places (N, 3) at t (N,), on straight lines between known ones."""
+    return np.column_stack([np.interp(t, known_t, axis_m) for axis_m in known_m.T])
+
+
 def _interpolated(known_ns: Int, poses: Float, t_ns: Int) -> tuple[Rotation, Float]:
     from scipy.spatial.transform import Rotation, Slerp
 
     start_ns = int(known_ns[0])
     known_s, wanted_s = seconds_since(known_ns, start_ns), seconds_since(t_ns, start_ns)
-    position = np.column_stack([np.interp(wanted_s, known_s, poses[:, axis]) for axis in range(3)])
+    position = _between(wanted_s, known_s, poses[:, :3])
     if len(known_ns) == 1:
         return Rotation.from_quat(np.repeat(poses[:, 3:], len(t_ns), axis=0)), position
     inside = np.clip(wanted_s, known_s[0], known_s[-1])

@@ -7,14 +7,20 @@ import json
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
+from quadlog.config.schema import Config
+from quadlog.pipelines.executor.progress import Silent
+from quadlog.pipelines.request import ReplayOptions
+from quadlog.pipelines.stages.log import open_log, read_log
 from quadlog.results.tables import read_table
+from tests.cases.conftest import Replayed
 from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
 
 LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
@@ -234,3 +240,150 @@ def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path:
     page = (tmp_path / "runs" / "log" / "report.html").read_text()
     assert "Positions were not computed" in page
     assert "does not tell where the robot was" not in page
+
+
+At = tuple[float, float, float]
+LIDAR: At = (0.3, 0.1, np.pi / 2)
+CAMERA: At = (0.05, -0.1, -2.0)
+WALK_S = 4.0
+
+
+def beyond(at: At, mount: At) -> At:
+    """x_m, y_m, yaw_rad of what is mounted on a body."""
+    cos, sin = np.cos(at[2]), np.sin(at[2])
+    return at[0] + cos * mount[0] - sin * mount[1], at[1] + sin * mount[0] + cos * mount[1], at[2] + mount[2]
+
+
+def odometry(log: Log, child: str = "base_link", mount: At = (0.0, 0.0, 0.0)) -> None:
+    for t_s in instants_s(WALK_S, 20):
+        log.odometry(ns(t_s), beyond(Room(6.0).at(t_s), mount), child=child)
+
+
+def mounted(log: Log, topic: str = "/tf_static", prefix: str = "") -> None:
+    """A lidar, and a camera on it."""
+    log.tf(ns(0.0), f"{prefix}base_link", f"{prefix}lidar", LIDAR, 0.2, topic)
+    log.tf(ns(0.0), f"{prefix}lidar", f"{prefix}camera", CAMERA, 0.1, topic)
+
+
+def true_poses(log: Log, kind: str, frame: str = "odom") -> None:
+    """Of motion capture that follows the camera."""
+    for t_s in instants_s(WALK_S, 20):
+        at = beyond(beyond(Room(6.0).at(t_s), LIDAR), CAMERA)
+        if kind == "Odometry":
+            log.odometry(ns(t_s), at, "/mocap/camera", frame, "camera")
+        else:
+            log.tf(ns(t_s), frame, "camera", at, 0.3, "/mocap/camera")
+            *rest, content = log.messages[-1]
+            log.messages[-1] = (*rest, content.transforms[0])
+
+
+def sent(
+    log: Log, topic: str = "/tf", rate_hz: float = 20, shift: At | None = None, late_s: float = 0.0, prefix: str = ""
+) -> None:
+    """tf of the robot, or of one that drives elsewhere."""
+    for t_s in instants_s(WALK_S, rate_hz):
+        at = Room(6.0).at(t_s + late_s)
+        elsewhere = at if shift is None else beyond(shift, at)
+        log.tf(ns(t_s + late_s), f"{prefix}odom", f"{prefix}base_link", elsewhere, 0.0, topic)
+
+
+class FrameCase(NamedTuple):
+    """A log, and what must be said; poses must be right to 1 mm and 0.1 degrees, and so must a reference."""
+
+    make: tuple[Callable[[Log], None], ...]
+    says: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+    source: str = "odometry"
+    scan: tuple[str, str] = ("/scan", "lidar")
+    never: tuple[str, ...] = ("its poses are of", "robots", "two nodes")
+
+
+def row(function: Callable[..., None], *arguments: Any, **named: Any) -> Callable[[Log], None]:
+    return lambda log: function(log, *arguments, **named)
+
+
+FAR: At = (5.0, 2.0, 2.0)
+MOUNT = ("lidar.mount.x_m=0.3", "lidar.mount.y_m=0.1", "lidar.mount.yaw_deg=90")
+OF_LIDAR, OF_CAMERA = row(odometry, "lidar", LIDAR), row(odometry, "camera", beyond(LIDAR, CAMERA))
+FRAMES = {
+    "odometry of the lidar": FrameCase((mounted, OF_LIDAR)),
+    "odometry of the end of a chain": FrameCase((mounted, OF_CAMERA)),
+    "odometry of the lidar, whose mount is configured": FrameCase((OF_LIDAR,), flags=MOUNT),
+    "odometry of a frame without a place": FrameCase(
+        (mounted, row(odometry, "foo")), ("/odom: its poses are of foo", "--set 'topics.base_frame=\"foo\"'"), never=()
+    ),
+    "odometry of the frame that is named": FrameCase((mounted, row(odometry, "foo")), flags=("topics.base_frame=foo",)),
+    "odometry of base, whose name the clouds bear": FrameCase((odometry,), flags=MOUNT, scan=("/scan", "base_link")),
+    "odometry of a usual name that tf does not have": FrameCase((mounted, row(odometry, "base_footprint"))),
+    "odometry of the root, which has no usual name": FrameCase(
+        (lambda log: log.tf(ns(0.0), "vehicle", "lidar", LIDAR, 0.2, "/tf_static"), row(odometry, "vehicle"))
+    ),
+    "a true odometry of the camera": FrameCase((mounted, odometry, row(true_poses, "Odometry"))),
+    "true transforms of the camera": FrameCase((mounted, odometry, row(true_poses, "TransformStamped"))),
+    "a tf for each robot": FrameCase(
+        (mounted, row(sent, "/dog1/tf", shift=FAR), row(sent, "/dog2/tf", late_s=0.007)),
+        ("the one of /dog2/tf is taken", "--set 'topics.tf=[\"/tf_static\", \"/dog1/tf\"]'"),
+        source="tf", scan=("/dog2/scan", "lidar"), never=("its mount", "jump"),
+    ),
+    "a tf for each robot, one of which is named": FrameCase(
+        (mounted, row(sent, "/dog1/tf", shift=FAR), row(sent, "/dog2/tf")),
+        flags=('topics.tf=["/dog2/tf", "/tf_static"]',), source="tf",
+    ),
+    "a tf that is repeated in a namespace": FrameCase((mounted, sent, row(sent, "/dog/tf", 10)), source="tf"),
+    "robots of which the second is seen": FrameCase(
+        (row(mounted, prefix="dog2/"), row(sent, shift=FAR, prefix="dog1/"), row(sent, prefix="dog2/")),
+        ("tf moves 2 robots: the one of dog2/base_link is taken",),
+        source="tf", scan=("/scan", "dog2/lidar"), never=("lidar.mount",),
+    ),
+    "two senders of one transform": FrameCase(
+        (mounted, row(sent, rate_hz=50), row(sent, rate_hz=30, shift=(0.15, 0.1, 0.05), late_s=0.003)),
+        ("two nodes send odom to base_link in turns, 0.1", "200 poses of one", "--set 'topics.position=\"lidar\"'"),
+        source="tf", never=("jump",),
+    ),
+    "two robots on one topic, and the odometry of one": FrameCase(
+        (mounted, sent, row(sent, rate_hz=50, shift=FAR, late_s=0.003), odometry),
+        ("two nodes send odom to base_link", "80 poses of one", "--set topics.position=/odom"),
+        source="tf", never=("jump",),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_poses_are_those_of_the_robot_whatever_frame_and_tf_give_them(
+    name: str, tmp_path: Path, replayed: Callable[..., Replayed]
+) -> None:
+    case, log = FRAMES[name], Log()
+    for make in case.make:
+        make(log)
+    add_scans(log, Room(6.0), 0.5, 120, LIDAR, topic=case.scan[0], frame=case.scan[1])
+    flags = [word for flag in case.flags for word in ("--set", flag)]
+    run = replayed(log.write(tmp_path / "log"), "--until", "position", *flags)
+    assert run.code == 0
+    for words in case.says:
+        assert sum(words in text for text in run.warned) == 1, run.warned
+    assert not [text for text in run.warned if any(words in text for words in case.never)]
+    poses = run.table("poses")
+    assert set(poses["source"]) == {case.source}
+    expected = np.array([Room(6.0).at(t_ns * 1e-9) for t_ns in (poses["t_ns"] - ns(0.0)).tolist()])
+    np.testing.assert_allclose(np.column_stack([poses["x_m"], poses["y_m"]]), expected[:, :2], atol=1e-3)
+    apart_rad = (poses["yaw_rad"] - expected[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(apart_rad, 0.0, atol=2e-3)
+    if "true" in name:
+        assert run.metrics["ate_rmse_m"]["value"] < 1e-3
+
+
+def test_the_twist_of_a_sensors_odometry_is_turned_into_that_of_base(tmp_path: Path) -> None:
+    """A robot that drives forward at 0.5 m/s and turns at 0.8 rad/s, by an odometry of its lidar, which is tilted."""
+    log, turned = Log(), Rotation.from_euler("ZYX", [1.0, 0.4, 0.2])
+    log.tf(ns(0.0), "base_link", "lidar", LIDAR, 0.2, "/tf_static")
+    log.messages[0][2].transforms[0].transform.rotation = message("geometry_msgs/msg/Quaternion", *turned.as_quat())
+    of_base = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.8]])
+    of_lidar = turned.inv().apply([of_base[0] + np.cross(of_base[1], [*LIDAR[:2], 0.2]), of_base[1]])
+    for t_s in instants_s(1.0, 20):
+        log.odometry(ns(t_s), (0.5 * t_s, 0.0, 0.0), child="lidar", twist=tuple(of_lidar.ravel().tolist()))
+    with open_log(log.write(tmp_path / "log"), Config(), ReplayOptions()) as opened:
+        streams = read_log(opened, Silent()).streams
+    assert streams.odometry_linear_mps is not None
+    assert streams.odometry_angular_radps is not None
+    np.testing.assert_allclose(streams.odometry_linear_mps, np.tile(of_base[0], (20, 1)), atol=1e-9)
+    np.testing.assert_allclose(streams.odometry_angular_radps, np.tile(of_base[1], (20, 1)), atol=1e-9)

@@ -74,12 +74,21 @@ class Log:
         stamped = message("geometry_msgs/msg/TransformStamped", header(t_ns, parent), child, transform)
         self.add(topic, t_ns, message("tf2_msgs/msg/TFMessage", [stamped]))
 
-    def odometry(self, t_ns: int, at: tuple[float, float, float], topic: str = "/odom", frame: str = "odom") -> None:
+    def odometry(
+        self,
+        t_ns: int,
+        at: tuple[float, float, float],
+        topic: str = "/odom",
+        frame: str = "odom",
+        child: str = "base_link",
+        twist: tuple[float, ...] = (0.0,) * 6,
+    ) -> None:
+        """twist: velocity and angular velocity of the child."""
         nothing = np.zeros(36)
-        twist = message("geometry_msgs/msg/Twist", vector(0, 0, 0), vector(0, 0, 0))
-        with_covariance = message("geometry_msgs/msg/TwistWithCovariance", twist, nothing)
+        moving = message("geometry_msgs/msg/Twist", vector(*twist[:3]), vector(*twist[3:]))
+        with_covariance = message("geometry_msgs/msg/TwistWithCovariance", moving, nothing)
         where = message("geometry_msgs/msg/PoseWithCovariance", pose(*at), nothing)
-        odometry = message("nav_msgs/msg/Odometry", header(t_ns, frame), "base_link", where, with_covariance)
+        odometry = message("nav_msgs/msg/Odometry", header(t_ns, frame), child, where, with_covariance)
         self.add(topic, t_ns, odometry)
 
     def pose(self, t_ns: int, at: tuple[float, float, float], topic: str, frame: str = "map") -> None:

@@ -96,3 +96,24 @@ def test_which_frames_are_the_robot_and_the_map(name: str) -> None:
         assert tree.fixed_frame(base) == fixed
         series = None if fixed is None else tree.pose_series(base, fixed)
         assert (series is not None) == (fixed is not None)
+
+
+def test_one_sender_is_never_taken_for_two() -> None:
+    """Noise, outliers, corrections of a localization that repeats its last one, and bursts."""
+    rng = np.random.default_rng(1)
+    t_s = np.arange(0.0, 30.0, 0.02)
+    oval_m = np.column_stack([np.sin(0.3 * t_s), np.cos(0.3 * t_s), 0 * t_s])
+    rough_m = rng.normal(0, 0.1, oval_m.shape)
+    rare = rng.uniform(size=len(t_s)) < 0.03
+    senders = {
+        "noise": (t_s, oval_m + rough_m),
+        "outliers": (t_s, oval_m + 10 * rough_m * rare[:, None]),
+        "corrections": (t_s, np.cumsum(rough_m * rare[:, None], axis=0)),
+        "bursts": (np.repeat(t_s[::10], 10) + np.tile(np.arange(10) * 1e-4, 150), oval_m),
+    }
+    for name, (at_s, place_m) in senders.items():
+        tree = TransformTree()
+        poses = np.column_stack([place_m, np.tile([0.0, 0.0, 0.0, 1.0], (len(at_s), 1))])
+        tree.add_moving("/tf", "odom", "base_link", np.arange(len(at_s)), (at_s * 1e9).astype(np.int64), poses)
+        (edge,) = tree.chain("base_link")
+        assert edge.keep_one_sender(None) is None, name
