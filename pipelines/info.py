@@ -17,7 +17,7 @@ from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount, lidar_in_base
-from quadlog.recordings.clock import FAR_APART_NS, LATE_NS
+from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
