@@ -30,7 +30,7 @@ def replay(
     start_s: float | None = None,
     duration_s: float | None = None,
     until: str = "report",
-    stamp: Stamp = "header",
+    stamp: Stamp = "auto",
     seed: int = 0,
     msg_path: Sequence[Path | str] = (),
     force: bool = False,

@@ -18,7 +18,7 @@ from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import lidar_in_base
 from quadlog.pipelines.stages.outlook import Look
-from quadlog.recordings.clock import FAR_APART_NS, LATE_NS
+from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings

@@ -27,7 +27,7 @@ class Existing(enum.Enum):
 class ReplayOptions:
     """Options that decide the result, besides the recording and the configuration."""
 
-    stamp: Literal["header", "log"] = "header"
+    stamp: Literal["auto", "header", "log"] = "auto"
     start_s: float | None = None
     duration_s: float | None = None
     until: str = "report"

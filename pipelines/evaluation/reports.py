@@ -76,5 +76,5 @@ def why_not_paired(a: Run, b: Run) -> str | None:
         return "one is a simulated walk, the other the replay of a recording"
     if a.record.input.identity != b.record.input.identity:
         return f"they are of different {'courses' if a.simulated else 'recordings'}"
-    stamps = [str(run.record.options.get("stamp")) for run in (a, b)]
+    stamps = [str(run.record.options.get("stamp")).replace("auto", "header") for run in (a, b)]
     return None if a.simulated or stamps[0] == stamps[1] else f"their times are {stamps[0]} and {stamps[1]} stamps"

@@ -10,19 +10,23 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import ClocksDiffer
 from quadlog.messages import Int, Message, Timed, Transforms
+from quadlog.recordings.clock_offsets import BY_LOG, FAR_APART_NS, LATE_NS, OneClock
 from quadlog.recordings.containers.container import Container, Loss, RawMessage
-from quadlog.recordings.formatting import stamps_go_back
+from quadlog.recordings.formatting import several, stamps_go_back
 
-Stamp = Literal["header", "log"]
+if TYPE_CHECKING:
+    from quadlog.recordings.decoders.columns import Columns
 
-FAR_APART_NS = 3_600_000_000_000
+Stamp = Literal["auto", "header", "log"]
+"""auto: header stamps, those of another clock moved to that of the others."""
+
 AGREEING_STRAYS = 5  # so many stamps of one other clock are a clock, fewer are slips
 MOST_STRAYS = 100
 FIRST_STAMPS = 9
@@ -34,7 +38,8 @@ class Clock:
 
     usual_ns: the usual offset of each topic's first stamps. low, high: the smallest and
     the largest offset met, and of what. strays: topic -> stamp -> offset, far from the usual one.
-    zero_stamps: per topic the messages with the stamp 0, in the pass that met most.
+    zero_stamps: per topic the messages with the stamp 0, in the pass that met most. one: of the topics
+    that were compared.
     """
 
     path: Path
@@ -44,6 +49,7 @@ class Clock:
     high: tuple[int, str] | None = None
     strays: dict[str, dict[int, int]] = field(default_factory=dict)
     zero_stamps: dict[str, int] = field(default_factory=dict)
+    one: OneClock = field(default_factory=OneClock)
 
     def learn(self, topic: str, offsets_ns: Sequence[int]) -> None:
         """The offsets of a topic's first stamps: a slip among them, even the very first, is outvoted."""
@@ -68,26 +74,32 @@ class Clock:
     def timed(self, topic: str, log_time_ns: int, message: Message) -> Timed | None:
         """The message with its time; None when its stamp, or that of all its transforms, is a stray. See time_ns."""
         if not isinstance(message, Transforms):
-            t_ns = self.time_ns(topic, message.stamp_ns, log_time_ns)
+            t_ns = self.time_ns(topic, message.stamp_ns, log_time_ns, message)
             return None if t_ns is None else Timed(t_ns, topic, message)
         if message.static or not message.transforms:
             stamp_ns = None if self.stamp == "log" else message.stamp_ns
             return Timed(stamp_ns or log_time_ns, topic, message)
-        times = [self.time_ns(topic, each.stamp_ns, log_time_ns) for each in message.transforms]
+        times = [self.time_ns(topic, each.stamp_ns, log_time_ns, each) for each in message.transforms]
         kept = [(t_ns, each) for t_ns, each in zip(times, message.transforms, strict=True) if t_ns is not None]
         if not kept:
             return None
-        if len(kept) < len(times):
-            message = replace(message, stamp_ns=kept[0][1].stamp_ns, transforms=tuple(each for _, each in kept))
-        return Timed(kept[0][0], topic, message)
+        transforms = tuple(replace(each, stamp_ns=each.stamp_ns and t_ns) for t_ns, each in kept)
+        return Timed(kept[0][0], topic, replace(message, stamp_ns=transforms[0].stamp_ns, transforms=transforms))
 
-    def time_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int) -> int | None:
-        """When a message happened; None for a stray stamp, whose message is to be dropped.
+    def time_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int, of: object = None) -> int | None:
+        """When a message or a transform (of) happened; None for a stray stamp, whose message is to be dropped.
 
         Raises ClocksDiffer once two distant clocks have met.
         """
         if self.stamp == "log":
             return log_time_ns
+        return self._checked_ns(topic, stamp_ns and self.placed_ns(topic, of, stamp_ns, log_time_ns), log_time_ns)
+
+    def placed_ns(self, topic: str, of: object, stamp_ns: int, log_time_ns: int) -> int:
+        """A stamp on the one clock."""
+        return int(self.one.placed_ns(topic, of, np.array([stamp_ns]), np.array([log_time_ns]))[0])
+
+    def _checked_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int) -> int | None:
         if not stamp_ns:
             self._meet(0, f"the log time that {topic} must use (its messages have no stamp)")
             return log_time_ns
@@ -101,28 +113,28 @@ class Clock:
         return stamp_ns
 
     def times_ns(
-        self, topic: str, stamp_ns: Int | None, log_time_ns: Int, zeros: dict[str, int]
+        self, topic: str, columns: Columns, log_time_ns: Int, zeros: dict[str, int]
     ) -> tuple[Int, NDArray[np.bool_]]:
-        """The same of many messages (N,) of a topic at once, and which are not to be dropped; stamp_ns: None without.
+        """The same of many messages (N,) of a topic at once, and which are not to be dropped.
 
         Stamps of 0 are counted too: see count_zero_stamps. Raises ClocksDiffer.
         """
-        kept = np.ones(len(log_time_ns), dtype=np.bool_)
+        kept, stamp_ns = np.ones(len(log_time_ns), dtype=np.bool_), columns.stamp_ns
         if self.stamp == "log" or len(log_time_ns) == 0:
             return log_time_ns, kept
         if stamp_ns is None:
             self.time_ns(topic, None, int(log_time_ns[0]))
             return log_time_ns, kept
-        usual = np.zeros(len(log_time_ns), dtype=np.bool_)
+        stamped, usual = stamp_ns > 0, np.zeros(len(log_time_ns), dtype=np.bool_)
+        t_ns = np.where(stamped, self.one.placed_ns(topic, columns, stamp_ns, log_time_ns), 0)
         if self.low is not None and self.high is not None:
-            offset_ns = stamp_ns - log_time_ns
-            usual = (stamp_ns > 0) & (offset_ns >= self.low[0]) & (offset_ns <= self.high[0])
+            offset_ns = t_ns - log_time_ns
+            usual = stamped & (offset_ns >= self.low[0]) & (offset_ns <= self.high[0])
         if usual.all():
-            return stamp_ns, kept
+            return t_ns, kept
         self._count_zeros(topic, int(np.count_nonzero(stamp_ns == 0)), zeros)
-        t_ns = stamp_ns.copy()
         for row in np.flatnonzero(~usual).tolist():
-            own_ns = self.time_ns(topic, int(stamp_ns[row]), int(log_time_ns[row]))
+            own_ns = self._checked_ns(topic, int(t_ns[row]), int(log_time_ns[row]))
             t_ns[row], kept[row] = own_ns or 0, own_ns is not None
         return t_ns, kept
 
@@ -148,7 +160,11 @@ class Clock:
             f"{topic}: {count} messages have the stamp 0; their log time is used"
             for topic, count in sorted(self.zero_stamps.items())
         ]
-        return zeros + [
+        zeros += [
+            f"{topic}: {several(len(stamps), 'stamp')} from outside of the log (latched, or wrong); {BY_LOG}"
+            for topic, stamps in sorted(self.one.outside.items())
+        ]
+        return [*zeros, *self.one.warnings] + [
             f"{topic}: {len(strays)} header stamps lie more than an hour from its others; those messages are dropped"
             for topic, strays in sorted(self.strays.items())
         ]
@@ -232,10 +248,6 @@ def _until(start_ns: int, seen: Iterator[EdgeMessage], topics: Collection[str]) 
             waiting.discard(each.topic)
             within.append(each.log_time_ns)
     return earlier, within
-
-
-LATE_NS = 1_000_000_000
-"""Messages may overtake one another by so much; stamps that go back by more are those of a clock that was set back."""
 
 
 def kept_rows(t_ns: Int) -> Int:

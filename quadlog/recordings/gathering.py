@@ -127,7 +127,7 @@ def timed_columns(
 
     A message is within when its first time is.
     """
-    times = [clock.times_ns(topic, each.stamp_ns, log_time_ns, reading.zeros) for each in columns]
+    times = [clock.times_ns(topic, each, log_time_ns, reading.zeros) for each in columns]
     if not times:
         return
     first_ns, first_kept = times[-1]
@@ -135,7 +135,7 @@ def timed_columns(
         first_ns, first_kept = np.where(kept, t_ns, first_ns), first_kept | kept
     held = reading.held(first_ns)
     for each, (t_ns, kept) in zip(columns, times, strict=True):
-        if each.stamp_ns is not None and clock.stamp == "header" and not each.stamp_ns.all():
+        if each.stamp_ns is not None and clock.stamp != "log" and not each.stamp_ns.all():
             t_ns = np.where(each.stamp_ns == 0, first_ns, t_ns)
         rows = kept & held
         if rows.all():

@@ -13,22 +13,24 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownJoints, UnknownTopic, some_of
-from quadlog.messages import Message, Timed, UwbRanges
-from quadlog.recordings.clock import FAR_APART_NS, FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
+from quadlog.messages import Int, Message, Timed, Transforms, UwbRanges
+from quadlog.recordings.clock import FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
+from quadlog.recordings.clock_offsets import FAR_APART_NS, Offsets, one_clock, stream_name
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, in_metres, names_anchors, with_ends
 from quadlog.recordings.decoding import Decoder, decoder_for, found_pose, is_cloud, is_decodable, ways_in_columns
-from quadlog.recordings.gathering import Gathered, One, Pass, Waiting, timed_columns
+from quadlog.recordings.gathering import Gathered, Many, One, Pass, Waiting, timed_columns
 from quadlog.storage.remote_path import to_path
 
 
 def open_recording(
     path: Path | str,
     *,
-    stamp: Stamp = "header",
+    stamp: Stamp = "auto",
     msg_path: Sequence[Path | str] = (),
     range_topics: Mapping[str, tuple[int, int]] | None = None,
     anchor_ids: Collection[int] = (),
@@ -52,7 +54,7 @@ def open_recording(
     )
 
 
-def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "header") -> Recording:
+def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "auto") -> Recording:
     """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
     rows = config.uwb.range_topics
     recording = open_recording(
@@ -77,7 +79,7 @@ class Recording(ClosedOnExit):
         self,
         container: Container,
         *,
-        stamp: Stamp = "header",
+        stamp: Stamp = "auto",
         definitions: Definitions | None = None,
         range_topics: Mapping[str, tuple[int, int]] | None = None,
         anchor_ids: Collection[int] = (),
@@ -288,6 +290,25 @@ class Recording(ClosedOnExit):
                 continue
         return found
 
+    def compare_clocks(
+        self, topics: Collection[str], tf: Collection[str], compared: Collection[str], told: Collection[str]
+    ) -> None:
+        """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
+        if self.stamp == "log" or self.span_ns is None:
+            return
+        parts: dict[str, list[Int]] = {}
+        for each in self.glimpse().gathered(topics):
+            message = each.columns if isinstance(each, Many) else each.message
+            for one in message.transforms if isinstance(message, Transforms) else (message,):
+                name = stream_name(each.topic, one) if each.topic in tf else each.topic
+                stamp_ns = np.zeros_like(each.t_ns) if one.stamp_ns is None else one.stamp_ns
+                parts.setdefault(name, []).append(np.array([each.t_ns, stamp_ns]).reshape(2, -1))
+        streams = {name: Offsets.of(each) for name, each in parts.items()}
+        self.clock.one = one_clock(streams, self.span_ns, compared, told, moves=self.stamp == "auto")
+        # What was learned before is of stamps as they were.
+        self.clock.usual_ns.clear()
+        self._learned.clear()
+
     def usual_offset_ns(self, topic: str) -> int:
         """Header stamp minus log time of a topic's first messages; 0 without stamps, or where log times are taken."""
         self._learn_clocks([topic])
@@ -358,12 +379,14 @@ class Recording(ClosedOnExit):
                 decoded = self._decode(raw)
             except DecodeError:
                 continue
-            yield from (raw.log_time_ns - message.stamp_ns if message.stamp_ns else None for message in decoded)
+            topic, log_ns = raw.channel.topic, raw.log_time_ns
+            for each in decoded:
+                yield log_ns - self.clock.placed_ns(topic, each, each.stamp_ns, log_ns) if each.stamp_ns else None
 
     def _learn_clocks(self, topics: Collection[str]) -> None:
         """The usual offset of each topic's stamps from log time, from its first few stamps; computed once."""
-        for topic in topics if self.stamp == "header" else ():
-            if topic not in self._learned:
+        for topic in topics if self.stamp != "log" else ():
+            if topic not in self._learned and not is_static(topic):
                 self._learned.add(topic)
                 raws = islice(self.container.messages([topic]), FIRST_STAMPS)
                 lags = [lag for lag in self._lags_ns(raws) if lag is not None]

@@ -13,7 +13,7 @@ import numpy as np
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Imu, Int, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.recordings.clock import FAR_APART_NS
+from quadlog.recordings.clock_offsets import FAR_APART_NS
 from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoding import LINKTRACK, LIVOX, REFUSED, last_part, plugged_decoder
@@ -535,7 +535,20 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
     near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
     unused = {topic: why for topic, why in unused.items() if topic in near}
-    return Roles(found, ambiguous, unused, near, targets, frames, other_tf)
+    roles = Roles(found, ambiguous, unused, near, targets, frames, other_tf)
+    _compare_clocks(recording, roles, topics)
+    return roles
+
+
+def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
+    """Compare the clocks of what is used together: of tf the transform that moves base, of poses a lone one."""
+    placed, tf = roles.base_in_map(topics), roles.found["tf"].topics if "tf" in roles.found else ()
+    moving = [] if placed is None else [edge for edge in roles.frames.moving(*placed) if not edge.is_still]
+    lone = topics.position == "pose" or not {"uwb", "tf", "odometry"} & roles.found.keys()
+    names = {"reference"} if lone else {"reference", "pose"}
+    told = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
+    compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - told
+    recording.compare_clocks(roles.played, tf, compared, told)
 
 
 def _frames_of(

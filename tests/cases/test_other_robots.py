@@ -53,10 +53,15 @@ def scans_only(beams: int) -> Callable[[Log, Room], None]:
     return lambda log, room: add_scans(log, room, 8.0, beams)
 
 
-def lone_scanner(log: Log, room: Room) -> None:
-    """A 2-D scanner on a robot whose odometry is known."""
-    odometry(log, room)
+def base_scans(log: Log, room: Room) -> None:
+    """A 2-D scanner at the origin of base."""
     add_scans(log, room, 8.0, 90, frame="base_link")
+
+
+def lone_scanner(log: Log, room: Room) -> None:
+    """The same on a robot whose odometry is known."""
+    odometry(log, room)
+    base_scans(log, room)
 
 
 def together(*parts: Callable[[Log, Room], None]) -> Callable[[Log, Room], None]:
@@ -183,6 +188,19 @@ def other_clock(log: Log, room: Room) -> None:
     lone_scanner(log, room)
     for _, topic, content in log.messages:
         content.header.stamp.sec -= 120 * (topic == "/scan")
+
+
+def another_transform(log: Log, room: Room) -> None:
+    """A sonar's, stamped by a clock of another day."""
+    for t_s in instants_s(8.0, 10):
+        log.tf(ns(t_s), "base_link", "sonar", (0.1, 0.0, 0.0))
+        log.messages[-1][2].transforms[0].header.stamp.sec -= 90_000
+
+
+def latched_pose(log: Log, room: Room) -> None:
+    """As it stood before the log began."""
+    log.pose(ns(0.0), (0.0, 0.0, 0.0), "/amcl_pose")
+    log.messages[-1][2].header.stamp.sec -= 24
 
 
 def vicon(log: Log, room: Room) -> None:
@@ -344,7 +362,29 @@ CASES = {
         vicon, 0, "lidar", 0.05, says=("once aligned",), never=("no reference to compare",)
     ),
     "odometry-reset": Case(reset, 0, None, says=("positions jump 1 time, by up to 1.52 m, at 4.0 s",)),
-    "clock-of-the-scanner": Case(other_clock, 3, "odometry", says=("80 scans are not in the map", "--stamp log")),
+    "clock-of-the-scanner": Case(
+        other_clock,
+        0,
+        "odometry",
+        says=("header stamps of /scan lie 120.00 s behind those of /odom; they are moved", "--stamp header"),
+        never=("not in the map",),
+        walls=True,
+    ),
+    "clock-of-another-transform": Case(
+        together(tf("odom", "base_link"), another_transform, base_scans),
+        0,
+        "tf",
+        says=("header stamps of base_link -> sonar of /tf lie", "log times are used"),
+        walls=True,
+    ),
+    "latched-pose": Case(
+        together(tf("odom", "base_link"), latched_pose, base_scans),
+        0,
+        "tf",
+        says=("/amcl_pose: 1 stamp from outside of the log",),
+        never=("no measured position",),
+        walls=True,
+    ),
     "no-ground": Case(
         together(odometry, lambda log, room: rings_of_points(log, room, "base_link", fixed=False)),
         0,

@@ -58,7 +58,7 @@ def test_its_row_of_the_summary_has_what_it_took_and_again_when_it_is_replaced(t
     ("options", "error", "said"),
     [
         ({"until": "planning"}, UnknownName, "choose one of: control, filter"),
-        ({"stamp": "bag"}, UnknownName, "choose one of: header, log"),
+        ({"stamp": "bag"}, UnknownName, "choose one of: auto, header, log"),
         ({"preset": "best"}, UnknownName, "unknown preset"),
         ({"start_s": float("nan")}, UsageError, "start_s is nan"),
         ({"duration_s": 0}, UsageError, "duration_s is 0"),

@@ -87,3 +87,10 @@ def test_a_topic_that_is_silent_at_an_edge_is_looked_for_alone(silent: tuple[flo
     begin_ns, until_ns = logged.window(["/odom", "/target"], T0 + 20 * S, T0 + 26 * S)
     assert (begin_ns, until_ns) == (T0 + 20 * S - MARGIN_NS, T0 + 26 * S + MARGIN_NS)
     assert all(topics == ("/target",) for topics, start, end in logged.asked if end - start > S)
+
+
+def test_the_last_late_message_is_in_the_window() -> None:
+    """A seldom topic that is 4 s late, which the look at the edge does not see."""
+    logged, end_ns = Logged({"/odom": steady(50), "/late": steady(0.2, lag_s=4.0)}), T0 + 26_500_000_000
+    _, until_ns = logged.window(["/odom", "/late"], T0, end_ns)
+    assert max(log_ns for _, log_ns in logged.stamped(["/late"], T0, end_ns)) == T0 + 30 * S == until_ns - 1
