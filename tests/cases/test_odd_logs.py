@@ -57,7 +57,7 @@ ROWS = {
         source="tf",
         says=("/robot2/tf",),
     ),
-    "two-senders": Odd((good, odd.by_tf(), odd.other_robot("/tf")), source=None, code=3, says=("base_link",)),
+    "two-senders": Odd((good, odd.by_tf(), odd.other_robot("/tf")), source="tf", says=("two nodes send odom to",)),
     # clocks
     "scans-half-a-second-behind": Odd((good, odd.stamped(-0.5, "/scan")), says=("--stamp log",), walls=False),
     "scans-two-seconds-behind": Odd((good, odd.stamped(-2.0, "/scan")), says=("--stamp",)),
