@@ -304,14 +304,12 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
         raise RecordingNotFound(str(path), "no such file on the server") from None
     size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]
     if None in marks or any(each.size_bytes is None for each in found):  # files of one date may differ in size
-        return InputRecord(path=place_of(path), size_bytes=size)
+        return InputRecord(path=str(path), size_bytes=size)
     if len(found) == 1 and not path.is_dir():
-        return InputRecord(
-            path=place_of(path), size_bytes=size, etag=found[0].etag, last_modified=found[0].last_modified
-        )
+        return InputRecord(path=str(path), size_bytes=size, etag=found[0].etag, last_modified=found[0].last_modified)
     lines = [f"{file.name}\0{each.size_bytes}\0{mark}\0" for file, each, mark in zip(files, found, marks, strict=True)]
     digest = hashlib.sha256("".join(lines).encode()).hexdigest()
-    return InputRecord(path=place_of(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
+    return InputRecord(path=str(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
 
 
 def describe_file(path: Path, sha256: str) -> InputRecord:

@@ -28,15 +28,7 @@ from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, 
 from quadlog.results.find_runs import OWN_FILES, OWN_PICTURES, PLOTS, fetch, fetch_runs, is_absent
 from quadlog.results.record import RunRecord, SavedMetric, is_finished, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import (
-    check_name,
-    is_part,
-    new_folder,
-    part_folder,
-    remove,
-    uninterrupted,
-    write_whole,
-)
+from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -227,7 +219,7 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
                         settle(path)
                     else:  # in one step, which fails where another process was faster
                         for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
-                            remove(left)
+                            left.unlink(missing_ok=True)
                         part.rename(path)
             except OSError as error:
                 raise CannotWrite(path, error.strerror or str(error)) from error
@@ -256,8 +248,9 @@ def check_place(path: Path, replace: bool = False) -> None:
         raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
     if not replace:
         raise RunExists(path)
-    if (new := path.parent / STORE / f"{_NEW}{path.name}").exists():
-        raise CannotWrite(new, "it is no finished run of quadlog; move it away")
+    for other in (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD)):
+        if other.exists():
+            raise CannotWrite(other, "it is no finished run of quadlog; move it away")
 
 
 def settle(path: Path) -> None:

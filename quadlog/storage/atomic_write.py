@@ -81,12 +81,11 @@ def part_folder(parent: Path) -> Iterator[Path]:
             raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
         raise
     finally:
-        remove(part)
+        _remove(part)
         _unfinished.discard(part)
 
 
-def remove(part: Path) -> None:
-    """Remove a file, a link, or a folder with all that it holds."""
+def _remove(part: Path) -> None:
     if part.is_dir() and not part.is_symlink():
         shutil.rmtree(part, ignore_errors=True)
     else:
@@ -119,7 +118,7 @@ def remove_unfinished() -> None:
     """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
     for part in tuple(_unfinished):
         with suppress(OSError):
-            remove(part)
+            _remove(part)
     for folder in tuple(_new_folders):
         _remove_empty(folder)
 
@@ -162,7 +161,7 @@ def remove_stale_parts(folder: Path) -> None:
     """Remove what killed runs left in `folder`, as far as that is sure: others may be writing there at this moment."""
     for part in folder.iterdir():
         if is_part(part.name) and _is_left(part):
-            remove(part)
+            _remove(part)
 
 
 def is_part(name: str) -> bool:
