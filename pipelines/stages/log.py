@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from quadlog.config.schema import Config
+from quadlog.config.schema import Config, Mount
 from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.lidar.point_times import AS_THEY_COME, TimeReading, find_reading
@@ -110,6 +110,8 @@ def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log
     config = only(config, READING)
     with open_configured(path, config, options.msg_path, options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
+        if config.lidar.mount != Mount():
+            roles.frames.bodies.clear()  # base is what the mount is given in, not what odometry is of
         yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options)
 
 

@@ -309,6 +309,9 @@ FRAMES = {
     "odometry of the lidar": FrameCase((mounted, OF_LIDAR)),
     "odometry of the end of a chain": FrameCase((mounted, OF_CAMERA)),
     "odometry of the lidar, whose mount is configured": FrameCase((OF_LIDAR,), flags=MOUNT),
+    "odometry of what is fixed to a lidar whose mount is configured": FrameCase(
+        (lambda log: log.tf(ns(0.0), "lidar", "camera", CAMERA, 0.1, "/tf_static"), OF_CAMERA), flags=MOUNT
+    ),
     "odometry of a frame without a place": FrameCase(
         (mounted, row(odometry, "foo")), ("/odom: its poses are of foo", "--set 'topics.base_frame=\"foo\"'"), never=()
     ),
