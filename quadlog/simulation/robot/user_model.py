@@ -72,7 +72,7 @@ def measured_robot(model: mujoco.MjModel, path: Path, torque_limit_nm: float, fo
         foot_positions(angles, robot.hips_m, robot.lengths, feet)
         off = np.linalg.norm(feet - [data.site(f"{leg}_foot").xpos for leg in LEGS], axis=1)
         if not off.max() < _OFF_M:
-            raise UnusableRobot(path, [f"legs like quadlog's (a foot is {off.max() * 1e3:.0f} mm off): {_LIKE_OURS}"])
+            raise UnusableRobot(path, f"legs like quadlog's (a foot is {off.max() * 1e3:.0f} mm off): {_LIKE_OURS}")
     return _with_inertia(robot, model, data)
 
 
@@ -126,7 +126,7 @@ def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION)
     missing = [joint.name for joint in joints if joint.name not in limits]
     if missing:
         raise UnusableRobot(
-            path, [f"a torque limit of {missing[0]}: URDF effort, actuatorfrcrange or an actuator's forcerange"]
+            path, f"a torque limit of {missing[0]}: URDF effort, actuatorfrcrange or an actuator's forcerange"
         )
     torque_nm = np.array([limits[joint.name] for joint in joints])
     _clear(spec, root)
@@ -179,7 +179,7 @@ def _find(spec: mujoco.MjSpec, path: Path) -> tuple[list[Any], list[_Foot], Any]
     if not needed and len(roots) != 1:
         needed.append("one body that all legs hang on")
     if needed:
-        raise UnusableRobot(path, needed)
+        raise UnusableRobot(path, "; ".join(needed))
     return joints, feet, _ancestors(joints[0].parent)[-1]
 
 
