@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 
 from quadlog.config.schema import Config
-from quadlog.errors import InvalidConfigValue, KnownAnchorsContradict, MissingInput, TooLarge
+from quadlog.errors import InvalidConfigValue, MissingInput, QuadlogError, TooLarge
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.pipelines.executor.progress import Progress
@@ -88,7 +88,8 @@ def survey_recording(
 ) -> SurveyOutcome:
     """Survey the anchors of a recording. given_heights: id -> height in m above the floor, None for all others.
 
-    Raises AnchorsNotObserved, KnownAnchorsContradict, MissingInput, and the errors of reading a recording.
+    Raises AnchorsNotObserved, MissingInput, QuadlogError for known
+    anchors that contradict the ranges, and the errors of reading a recording.
     """
     if config.topics.position == "uwb":
         config = config.model_copy(update={"topics": config.topics.model_copy(update={"position": "auto"})})
@@ -140,8 +141,14 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
     survey = survey_anchors(walk, known_m)
     ids = tuple(anchor_ids.tolist())
     if survey.misplaced_m:
-        misplaced_m = {ids[index]: off_m for index, off_m in survey.misplaced_m.items()}
-        raise KnownAnchorsContradict(misplaced_m, survey.mirrored)
+        worst = sorted(survey.misplaced_m.items(), key=lambda each: -each[1])[:8]
+        remedy = (
+            "mirrored they fit: the odometry turns to the wrong side, or y_m of [[uwb.anchors]] has the wrong sign"
+            if survey.mirrored
+            else "correct [[uwb.anchors]], or leave out the anchors that are wrong"
+        )
+        off = ", ".join(f"{ids[index]} by {off_m:.2f} m" for index, off_m in worst)
+        raise QuadlogError(f"survey: known anchors contradict the ranges: {off}; {remedy}")
     if survey.faults is not None:
         positions_m = np.column_stack([known_m, np.zeros(len(ids))])
         for text in fault_warnings(survey.faults, Anchors(anchor_ids, positions_m, np.zeros(len(ids)))):

@@ -1,4 +1,4 @@
-"""What can go wrong, one class per cause.
+"""What can go wrong: a class for each cause that somebody handles, or that several places raise.
 
 Every class carries its data, says in one line what happened and what to do,
 and knows its exit code. The command line prints ``str(error)`` and nothing
@@ -11,7 +11,7 @@ import csv
 import io
 import re
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -162,10 +162,6 @@ class NothingToReplay(NothingReadable):
     template = "{path}: nothing to replay (see  quadlog info): {reason}"
 
 
-class StorageUnknown(FileError):
-    """A URL whose protocol quadlog does not know, or whose package is not installed."""
-
-
 class StorageFailed(FileError):
     """A server that cannot be reached, refuses, does not answer in time, or answers what cannot be right."""
 
@@ -260,10 +256,6 @@ class InvalidConfigValue(QuadlogError):
         super().__init__(f"{source}: {clipped(key)}: {reason}")
 
 
-class UnreadableConfig(FileError):
-    """A config file that is not there, or is not TOML."""
-
-
 class UnknownName(QuadlogError):
     """A planner, method, scenario or format that quadlog does not have; lists those it has."""
 
@@ -313,27 +305,11 @@ class CannotWrite(FileError):
     template = "{path}: cannot be written: {reason}"
 
 
-class MissingProgram(QuadlogError):
-    """A program of others that is not on PATH, and what works without it."""
-
-    def __init__(self, program: str, needed_by: str, remedy: str) -> None:
-        self.program, self.needed_by, self.remedy = program, needed_by, remedy
-        super().__init__(f"{needed_by} needs {program}, which is not on PATH: install it, or use {remedy}")
-
-
 class WorkerDied(QuadlogError):
     """A worker process has ended during a task."""
 
     def __init__(self) -> None:
         super().__init__("a worker process was killed (out of memory?); fewer --jobs need less")
-
-
-class ClusterUnusable(QuadlogError):
-    """A Dask scheduler that does not answer or cannot be reached."""
-
-    def __init__(self, address: str, reason: str) -> None:
-        self.address, self.reason = address, reason
-        super().__init__(f"--scheduler {address}: {reason}")
 
 
 class VersionsDiffer(QuadlogError):
@@ -354,28 +330,10 @@ class UnreadableFile(QuadlogError):
         super().__init__(f"{where}: {reason}")
 
 
-class TooSteep(QuadlogError):
-    """A ground that feet would slip on: it rises beyond the friction cone."""
+class UnusableRobot(FileError):
+    """A robot model that quadlog cannot walk; reason: what it needs."""
 
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
-        super().__init__(f"{reason}; raise it with  --set simulation.friction=...  or choose another terrain")
-
-
-class UnusableRobot(QuadlogError):
-    """A robot model that quadlog cannot walk; lists what it needs."""
-
-    def __init__(self, path: Path | str, needed: Iterable[str]) -> None:
-        self.path, self.needed = path, list(needed)
-        super().__init__(f"{path}: quadlog cannot walk this robot; it needs {'; '.join(self.needed)}")
-
-
-class WalkerFell(QuadlogError):
-    """A simulated quadruped that was to be recorded fell, t_s after the start at a place in map."""
-
-    def __init__(self, t_s: float, x_m: float, y_m: float) -> None:
-        self.t_s, self.x_m, self.y_m = t_s, x_m, y_m
-        super().__init__(f"the walker fell after {t_s:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed")
+    template = "{path}: quadlog cannot walk this robot; it needs {reason}"
 
 
 class AnchorsCollinear(QuadlogError):
@@ -400,24 +358,6 @@ class AnchorsNotObserved(QuadlogError):
         super().__init__(f"survey: {reason}; {remedy}")
 
 
-class KnownAnchorsContradict(QuadlogError):
-    """Known anchors that cannot stand where the configuration has them, by the ranges of a survey; id -> m apart.
-
-    mirrored: whether they fit a walk that turns to the other side.
-    """
-
-    def __init__(self, off_m: Mapping[int, float], mirrored: bool) -> None:
-        self.off_m, self.mirrored = dict(off_m), mirrored
-        worst = sorted(off_m, key=lambda anchor: -off_m[anchor])
-        listed = ", ".join(f"{anchor} by {off_m[anchor]:.2f} m" for anchor in worst[:8])
-        remedy = (
-            "mirrored they fit: the odometry turns to the wrong side, or y_m of [[uwb.anchors]] has the wrong sign"
-            if mirrored
-            else "correct [[uwb.anchors]], or leave out the anchors that are wrong"
-        )
-        super().__init__(f"survey: known anchors contradict the ranges: {listed}; {remedy}")
-
-
 class EmptyWindow(QuadlogError):
     """--start and --duration leave no message; names how long the recording is."""
 
@@ -425,23 +365,6 @@ class EmptyWindow(QuadlogError):
         self.path, self.span_ns = path, span_ns
         length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
         super().__init__(f"{path}: no message within --start and --duration{length}")
-
-
-class PluginUnusable(QuadlogError):
-    """A planner or decoder of another distribution that cannot be loaded, or does not do what it has to."""
-
-    def __init__(self, kind: str, name: str, distribution: str, reason: str) -> None:
-        self.kind, self.name, self.distribution, self.reason = kind, name, distribution, reason
-        super().__init__(f"{kind} {name} of {distribution}: {' '.join(reason.split())}")
-
-
-class PluginNameTaken(QuadlogError):
-    """Two planners or decoders of one name, of which at most one is quadlog's own."""
-
-    def __init__(self, kind: str, name: str, owners: Iterable[str]) -> None:
-        self.kind, self.name, self.owners = kind, name, list(owners)
-        listed = ", ".join(self.owners)
-        super().__init__(f"{kind} {name}: several have that name ({listed}); rename one, or uninstall what adds it")
 
 
 class UnknownRunFormat(QuadlogError):

@@ -84,7 +84,7 @@ def replay_batch(
 ) -> BatchOutcome:
     """Replay all, the largest first, in `jobs` worker processes or on a Dask cluster, and summarise them.
 
-    An error is the outcome of its recording. Raises ClusterUnusable and VersionsDiffer before anything is replayed.
+    An error is the outcome of its recording. Raises QuadlogError and VersionsDiffer before anything is replayed.
     After Ctrl-C, which stops all workers, `--resume` continues.
     """
     outcomes = replay_all(batch, jobs, scheduler, progress)

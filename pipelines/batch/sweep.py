@@ -142,7 +142,7 @@ def sweep(
     """Replay every combination and write the table and the page of all; returns the rows of the table and the outcome.
 
     The first run that needs a result makes it; others that need it meanwhile wait. An error is the outcome of a run.
-    Raises, before anything is written, RecordingNotFound, AlreadyExists, CannotWrite and RunOfAnother; ClusterUnusable
+    Raises, before anything is written, RecordingNotFound, AlreadyExists, CannotWrite and RunOfAnother; QuadlogError
     and VersionsDiffer.
     """
     batch = [_request_of(request, each) for each in request.grid]

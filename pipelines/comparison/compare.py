@@ -45,7 +45,7 @@ def compare(
     """Compare planners on all sources, and write what was found to `folder`, if any.
 
     Raises what planner_type raises, UsageError, AlreadyExists, CannotWrite, and what opening a source raises, before
-    anything is asked; PluginUnusable also later.
+    anything is asked; QuadlogError also later.
     """
     names = options.names
     incremental = [name for name in names if planner_type(name).incremental]

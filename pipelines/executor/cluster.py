@@ -16,7 +16,7 @@ from typing import Any
 from uuid import uuid4
 
 from quadlog.config.version import package_versions
-from quadlog.errors import ClusterUnusable, VersionsDiffer
+from quadlog.errors import QuadlogError, VersionsDiffer
 from quadlog.pipelines.executor.pool import Workers
 from quadlog.pipelines.executor.progress import send_to
 from quadlog.version import __version__
@@ -82,13 +82,13 @@ def check_versions(worker: str, wanted: Mapping[str, str], found: Mapping[str, s
 def open_cluster(address: str) -> Iterator[Workers]:
     """The workers of a scheduler; after an error in the block their tasks are stopped. Dask itself tries tasks again.
 
-    Raises ClusterUnusable when Dask is not installed, the scheduler does not answer or a worker cannot load quadlog;
+    Raises QuadlogError when Dask is not installed, the scheduler does not answer or a worker cannot load quadlog;
     VersionsDiffer.
     """
     try:
         dask = import_module("distributed")
     except ImportError:
-        raise ClusterUnusable(address, "needs Dask: pip install 'quadlog[cluster]'") from None
+        raise QuadlogError(f"--scheduler {address}: needs Dask: pip install 'quadlog[cluster]'") from None
     _check_scheduler(dask, address)
     topic, versions = f"quadlog-{uuid4().hex}", own_versions()
     messages: SimpleQueue[Any] = SimpleQueue()
@@ -97,7 +97,7 @@ def open_cluster(address: str) -> Iterator[Workers]:
     with dask.Client(address, timeout=ANSWER_S, set_as_default=False) as client:
         for worker, found in sorted(client.run(own_versions, on_error="return").items()):
             if isinstance(found, Exception):
-                raise ClusterUnusable(address, f"worker {worker} cannot load quadlog ({_one_line(found)})")
+                raise QuadlogError(f"--scheduler {address}: worker {worker} cannot load quadlog ({_one_line(found)})")
             check_versions(worker, versions, found)
         client.subscribe_topic(topic, lambda event: messages.put(event[1]))
         executor = client.get_executor(pure=False)  # the same recording again is to be replayed again
@@ -132,7 +132,7 @@ def _count(client: Any) -> int:
 
 
 def _check_scheduler(dask: Any, address: str) -> None:
-    """Raises ClusterUnusable; Dask's client would wait forever for a server that accepts and does not answer."""
+    """Raises QuadlogError; Dask's client would wait forever for a server that accepts and does not answer."""
 
     async def identity() -> dict[str, Any]:
         async with dask.rpc(address, connection_args=dask.Security().get_connection_args("client")) as there:
@@ -141,11 +141,11 @@ def _check_scheduler(dask: Any, address: str) -> None:
     try:
         kind = asyncio.run(identity())["type"]
     except (ValueError, TypeError) as error:  # no address, or one of a kind that is not set up
-        raise ClusterUnusable(address, f"is no address of a Dask scheduler ({_one_line(error)})") from None
+        raise QuadlogError(f"--scheduler {address}: is no address of a Dask scheduler ({_one_line(error)})") from None
     except OSError:
-        raise ClusterUnusable(address, f"no Dask scheduler has answered within {ANSWER_S:g} s") from None
+        raise QuadlogError(f"--scheduler {address}: no Dask scheduler has answered within {ANSWER_S:g} s") from None
     if kind != "Scheduler":
-        raise ClusterUnusable(address, f"is a Dask {kind.lower()}, not the scheduler")
+        raise QuadlogError(f"--scheduler {address}: is a Dask {kind.lower()}, not the scheduler")
 
 
 def _one_line(error: Exception) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
 from quadlog.control.following.pure_pursuit import FINISHED_M, checked_path
-from quadlog.errors import TooLarge, TooSteep, UnknownName, UnreadableFile
+from quadlog.errors import QuadlogError, TooLarge, UnknownName, UnreadableFile
 from quadlog.messages import Float
 from quadlog.results.arrays import read_arrays
 from quadlog.results.find_runs import run_name
@@ -107,7 +107,7 @@ def _path_of(name: str) -> Float:
 def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightField:
     """The ground that [simulation] terrain names, drawn from the seed; name: of the course, as find_course has it.
 
-    Raises TooSteep for ground that feet would slip on, TooLarge for a path that spans too much of it.
+    Raises QuadlogError for ground that feet would slip on, TooLarge for a path that spans too much of it.
     """
     terrain = config.simulation.terrain
     ground = grounds.s_course(seed=seed) if (terrain, name) == ("course", "s-curve") else grounds.flat()
@@ -116,7 +116,7 @@ def make_ground(name: str, course: Course, config: Config, seed: int) -> HeightF
         extent = grounds.COURSES if name in ("line", "circle") else _around(course)
         ground = grounds.undulating(BANDS_M[terrain], seed=seed, extent=extent)
     if (too_steep := ground.too_steep_for(config.simulation.friction)) is not None:
-        raise TooSteep(too_steep)
+        raise QuadlogError(f"{too_steep}; raise it with  --set simulation.friction=...  or choose another terrain")
     return ground
 
 

@@ -28,9 +28,7 @@ from quadlog.recordings.recording import open_configured
 from quadlog.recordings.roles import detect_roles, position_topics
 from quadlog.recordings.streams import Gatherer, Streams
 from quadlog.results import STAGES
-from quadlog.results.record import InputRecord, describe_file, describe_input_aside
-from quadlog.storage.byte_ranges import LocalBytes
-from quadlog.storage.shared_digest import SharedDigest
+from quadlog.results.record import InputRecord, describe_input_aside
 
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.scans import LidarTracker
@@ -156,9 +154,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     Raises AmbiguousTopic for a role that is needed, EmptyWindow, NothingToReplay and ClocksDiffer.
     """
     recording, roles, config = log.recording, log.roles, log.config
-    file = getattr(recording.container, "file", None)  # whose bytes are hashed while they are read, where possible
-    digest = SharedDigest(file) if isinstance(file, LocalBytes) else None
-    aside = None if digest else describe_input_aside(log.path)
+    described = describe_input_aside(log.path)
     topics = log.topics_to_read()
     wanted = Gatherer(**topics)
     wanted.take_static(recording)
@@ -184,7 +180,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     data = LogData(
         log=log,
         config=config,
-        input=describe_file(log.path, digest.finish()) if digest else aside.result(),  # type: ignore[union-attr]
+        input=described.result(),
         streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames, base_frame)),
         mount=mount,
         mover=mover,

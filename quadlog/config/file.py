@@ -21,7 +21,7 @@ from quadlog.errors import (
     TooLarge,
     UnknownConfigKey,
     UnknownName,
-    UnreadableConfig,
+    UnreadableFile,
     UsageError,
     clipped,
 )
@@ -92,7 +92,7 @@ def configure(
 
     path: a TOML file; overrides: ``section.key=value`` as ``--set`` takes them; flags: options for single keys, of the
     same rank; settings: values by dotted key or section by section, which outrank everything.
-    Raises UnreadableConfig, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source, and
+    Raises UnreadableFile, UnknownConfigKey, InvalidConfigValue and UnknownName, each naming its source, and
     UsageError for a flag and a ``--set`` of one key that differ.
     """
     if preset is not None and preset not in PRESETS:
@@ -123,7 +123,7 @@ def read_bounds(path: Path) -> dict[str, dict[str, ExpectedRange | None]]:
     """The bounds in a file of `quadlog check`, by name of the runs and metric; those for every run under "".
 
     [default] and each [recordings.NAME] are tables like [expect]; in the latter {} is None, no bound whatever [default]
-    says. Raises UnreadableConfig, TooLarge, UnknownConfigKey and InvalidConfigValue.
+    says. Raises UnreadableFile, TooLarge, UnknownConfigKey and InvalidConfigValue.
     """
     content = _read_toml(path)
     for key in content.keys() - {"default", "recordings"}:
@@ -223,9 +223,9 @@ def _read_toml(path: Path) -> dict[str, Any]:
             raise TooLarge(f"{path}: config file in bytes", size, MAX_FILE_BYTES)
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UnreadableConfig(path, error.strerror or "cannot be read") from None
+        raise UnreadableFile(path, error.strerror or "cannot be read") from None
     except (ValueError, RecursionError) as error:  # ValueError also for an integer of too many digits
-        raise UnreadableConfig(path, f"not TOML: {error}") from None
+        raise UnreadableFile(path, f"not TOML: {error}") from None
 
 
 def _override_layer(override: str) -> Layer:

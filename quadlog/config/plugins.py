@@ -18,7 +18,7 @@ from functools import cache
 from importlib import metadata
 from typing import Any, NoReturn
 
-from quadlog.errors import PluginNameTaken, PluginUnusable, QuadlogError
+from quadlog.errors import QuadlogError
 
 PLANNERS = "quadlog.planners"
 DECODERS = "quadlog.decoders"
@@ -41,13 +41,14 @@ class Plugin:
         return KINDS[self.group]
 
     def load(self) -> Any:
-        """The object it names. Raises PluginUnusable where importing it fails, whatever the reason."""
+        """The object it names. Raises QuadlogError where importing it fails, whatever the reason."""
         with foreign_code(lambda failure: self.unusable(f"cannot be loaded: {failure}")):
             return self.entry_point.load()
 
-    def unusable(self, reason: str) -> PluginUnusable:
+    def unusable(self, reason: str) -> QuadlogError:
         """The error that says why it cannot be used."""
-        return PluginUnusable(self.kind, self.name, f"{self.distribution} {self.version}", reason)
+        why = " ".join(reason.split())
+        return QuadlogError(f"{self.kind} {self.name} of {self.distribution} {self.version}: {why}")
 
 
 @contextmanager
@@ -94,14 +95,15 @@ def all_plugins() -> list[Plugin]:
 def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
     """The plug-in of a name, None where there is none. taken: whether quadlog has that name itself.
 
-    Raises PluginNameTaken where quadlog or another distribution has the name as well.
+    Raises QuadlogError where quadlog or another distribution has the name as well.
     """
     found = _installed(group).get(name, ())
     if not found:
         return None
-    owners = [f"{each.distribution} {each.version}" for each in found]
     if taken or len(found) > 1:
-        raise PluginNameTaken(KINDS[group], name, ["quadlog", *owners] if taken else owners)
+        owners = ["quadlog"] * taken + [f"{each.distribution} {each.version}" for each in found]
+        several = f"several have that name ({', '.join(owners)})"
+        raise QuadlogError(f"{KINDS[group]} {name}: {several}; rename one, or uninstall what adds it")
     return found[0]
 
 

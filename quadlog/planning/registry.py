@@ -24,7 +24,7 @@ _COUNTS = ("expanded", "generated", "touched", "reused_cells")
 
 
 def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
-    """What an entry point names, as the class it has to be. Raises PluginUnusable, which says what it lacks."""
+    """What an entry point names, as the class it has to be. Raises QuadlogError, which says what it lacks."""
     if not isinstance(found, type):
         raise plugin.unusable(f"is no class but {type(found).__name__}")
     lacks = [f"{name} ({kind.__name__})" for name, kind in _MEMBERS.items() if not _has(found, name, kind)]
@@ -37,7 +37,7 @@ def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
 
 
 class CheckedPlanner:
-    """See Planner. What the planner raises, and a path that breaks its rules, becomes a PluginUnusable.
+    """See Planner. What the planner raises, and a path that breaks its rules, becomes a QuadlogError.
 
     That costs some 50 µs a plan, which its times include.
     """
@@ -128,7 +128,7 @@ def planner_names() -> tuple[str, ...]:
 
 
 def planner_plugin(name: str) -> Plugin | None:
-    """The plug-in that plans under a name, None for quadlog's own. Raises UnknownName, PluginNameTaken."""
+    """The plug-in that plans under a name, None for quadlog's own. Raises UnknownName, QuadlogError."""
     plugin = find_plugin(GROUP, name, taken=name in PLANNERS)
     if plugin is None and name not in PLANNERS:
         raise UnknownName("planner", name, planner_names())
@@ -138,8 +138,8 @@ def planner_plugin(name: str) -> Plugin | None:
 def planner_type(name: str) -> type[Planner]:
     """The class of a planner.
 
-    Raises UnknownName, which lists those there are; PluginNameTaken; PluginUnusable for a plug-in that cannot be
-    loaded or is no planner.
+    Raises UnknownName, which lists those there are; QuadlogError for a name that several have, and for a
+    plug-in that cannot be loaded or is no planner.
     """
     plugin = planner_plugin(name)
     return PLANNERS[name] if plugin is None else check_planner(plugin, plugin.load())

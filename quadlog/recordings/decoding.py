@@ -129,7 +129,7 @@ def is_cloud(type_name: str) -> bool:
 
 
 def decoder_plugin(type_name: str) -> Plugin | None:
-    """The plug-in that decodes a type, None where there is none. Raises PluginNameTaken."""
+    """The plug-in that decodes a type, None where there is none. Raises QuadlogError."""
     own = (CLOUDS, ROS, SEVERAL, BODY, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
     taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
     taken = taken or (is_cloud(type_name) and type_name.startswith(LIVOX_PACKAGES))
@@ -138,7 +138,7 @@ def decoder_plugin(type_name: str) -> Plugin | None:
 
 @lru_cache(maxsize=1024)
 def plugged_decoder(type_name: str) -> MessageDecoder | None:
-    """The decoder of a plug-in for a type, None where there is none. Raises PluginNameTaken and PluginUnusable."""
+    """The decoder of a plug-in for a type, None where there is none. Raises QuadlogError as `find_plugin`."""
     plugin = decoder_plugin(type_name)
     return None if plugin is None else check_decoder(plugin, plugin.load())
 
@@ -146,7 +146,7 @@ def plugged_decoder(type_name: str) -> MessageDecoder | None:
 def is_decodable(channel: Channel) -> bool:
     """Whether there is a decoder for the channel's type, whatever its payloads turn out to be.
 
-    Raises PluginNameTaken and PluginUnusable where a plug-in would be that decoder.
+    Raises QuadlogError where a plug-in would be that decoder and cannot.
     """
     name, encoding = channel.type_name, channel.message_encoding
     if plugged_decoder(name) is not None:

@@ -29,7 +29,7 @@ def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
 
     Raises RecordingNotFound for an argument that leads to no recording or a
     folder that cannot be read, NotARecording for a pipe or a device;
-    StorageUnknown and StorageFailed.
+    FileError and StorageFailed.
     """
     found: dict[Path, Path] = {}
     for argument in arguments:

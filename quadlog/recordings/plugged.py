@@ -67,7 +67,7 @@ class MessageDecoder:
 
 
 def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
-    """What an entry point names, as the decoder it has to be. Raises PluginUnusable, which says what is wrong."""
+    """What an entry point names, as the decoder it has to be. Raises QuadlogError, which says what is wrong."""
     if not isinstance(found, MessageDecoder):
         raise plugin.unusable(f"is no MessageDecoder but {type(found).__name__}")
     if found.gives not in _ARRAYS:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
-from quadlog.errors import MissingProgram, NotARun, UnknownName, csv_cell
+from quadlog.errors import NotARun, QuadlogError, UnknownName, csv_cell
 from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
 
     Without an output it is named after the run, in the current folder. Raises UnknownName for an unknown format,
     NotARun when the run is unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that
-    is a file of a run, MissingProgram, CannotWrite.
+    is a file of a run, QuadlogError without ffmpeg, CannotWrite.
     """
     from quadlog.results.find_runs import refuse_existing
     from quadlog.results.run import load_run
@@ -92,7 +92,7 @@ def _film(run: Run, output: Path, to: str) -> Files:
     if (scene := walk_scene(run)) is None:
         raise NotARun(run.path, "has no positions to film")
     if to == "mp4" and shutil.which("ffmpeg") is None:
-        raise MissingProgram("ffmpeg", "--to mp4", "--to gif")
+        raise QuadlogError("--to mp4 needs ffmpeg, which is not on PATH: install it, or use --to gif")
 
     def write(path: Path) -> None:
         with TemporaryDirectory(prefix="quadlog-") as folder:

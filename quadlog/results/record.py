@@ -312,11 +312,6 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     return InputRecord(path=str(path), size_bytes=size, etag=f"of-{len(files)}-files-{digest}")
 
 
-def describe_file(path: Path, sha256: str) -> InputRecord:
-    """A recording that is one file of this machine, whose hash is known."""
-    return InputRecord(path=place_of(path), size_bytes=path.stat().st_size, sha256=sha256)
-
-
 def describe_input_aside(path: Path) -> Future[InputRecord]:
     """`describe_input` in a thread: hashing releases the GIL."""
     described: Future[InputRecord] = Future()

@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Lock
@@ -43,9 +43,6 @@ class Allowance:
 class LocalBytes:
     """An open file of this machine, of known size; safe to use from several threads."""
 
-    watcher: Callable[[int, bytes], None] | None = None
-    """Called with the offset and the bytes of whatever is read, by whichever thread reads it."""
-
     def __init__(self, path: Path) -> None:
         self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
         self._path = path
@@ -58,13 +55,6 @@ class LocalBytes:
 
     def read(self, offset: int, length: int) -> bytes:
         """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails."""
-        data = self.read_unwatched(offset, length)
-        if self.watcher is not None:
-            self.watcher(offset, data)
-        return data
-
-    def read_unwatched(self, offset: int, length: int) -> bytes:
-        """The same without calling the watcher."""
         with self._lock:
             handle = self._opened()
             self._reading += 1

@@ -10,7 +10,7 @@ from datetime import datetime
 from email.utils import parsedate_to_datetime
 from typing import Any
 
-from quadlog.errors import StorageChanged, StorageFailed, StorageUnknown
+from quadlog.errors import FileError, StorageChanged, StorageFailed
 from quadlog.storage.urls import explained, protocol_of, redacted
 
 _STREAMED_BYTES = 8 << 20
@@ -37,7 +37,7 @@ class ObjectInfo:
 
 
 def open_object(url: str) -> RemoteObject:
-    """The object behind a URL. Raises FileNotFoundError, StorageUnknown, StorageFailed."""
+    """The object behind a URL. Raises FileNotFoundError, FileError, StorageFailed."""
     return WebObject(url) if protocol_of(url) in ("http", "https") else BucketObject(url)
 
 
@@ -120,7 +120,7 @@ _KNOWN = "there are s3, http, https, gs, abfs, sftp and others of fsspec"
 
 
 def filesystem(url: str) -> Any:
-    """The file system of fsspec for a URL, with bounded patience. Raises StorageUnknown, StorageFailed."""
+    """The file system of fsspec for a URL, with bounded patience. Raises FileError, StorageFailed."""
     protocol = protocol_of(url)
     try:
         with explained(url):
@@ -129,14 +129,12 @@ def filesystem(url: str) -> Any:
     except StorageFailed as failure:
         if isinstance(failure.__cause__, ImportError):
             remedy = "pip install 'quadlog[s3]'" if protocol in ("s3", "s3a") else failure.reason
-            raise StorageUnknown(redacted(url), f"{protocol}:// needs another package: {remedy}") from None
+            raise FileError(redacted(url), f"{protocol}:// needs another package: {remedy}") from None
         if isinstance(failure.__cause__, ValueError):
-            raise StorageUnknown(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
+            raise FileError(redacted(url), f"unknown protocol {protocol!r}; {_KNOWN}") from None
         if isinstance(failure.__cause__, TypeError):
             # Its class asks for more than its options.
-            raise StorageUnknown(
-                redacted(url), f"{protocol}:// is not a protocol that quadlog reads; {_KNOWN}"
-            ) from None
+            raise FileError(redacted(url), f"{protocol}:// is not a protocol that quadlog reads; {_KNOWN}") from None
         raise
 
 

@@ -24,7 +24,7 @@ from quadlog.storage.urls import explained, is_url, local_path, protocol_of, rea
 def to_path(text: str | Path) -> Path:
     """A place as a Path; behind a URL as a RemotePath, which has those methods of Path that quadlog uses.
 
-    `file://` is a plain path. Nothing is looked up yet. Raises StorageUnknown for a URL that cannot be one.
+    `file://` is a plain path. Nothing is looked up yet. Raises FileError for a URL that cannot be one.
     """
     # A Path, and a RemotePath too, whose text leaves out its secrets.
     if not isinstance(text, str):
@@ -94,7 +94,7 @@ class RemoteEntry:
 class RemotePath:
     """One URL. Its text leaves out what is secret; url is the whole. What is found there is kept.
 
-    Methods do what those of pathlib.Path do, and raise StorageFailed and StorageUnknown beside their errors.
+    Methods do what those of pathlib.Path do, and raise StorageFailed and FileError beside their errors.
     """
 
     __slots__ = ("_entry", "url")

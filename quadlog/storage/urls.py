@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-from quadlog.errors import QuadlogError, StorageFailed, StorageUnknown
+from quadlog.errors import FileError, QuadlogError, StorageFailed
 
 _PROTOCOL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://")
 # Outside HTTP a `?` may stand in a name; what says NAME=VALUE behind one does not. The value may hold any character.
@@ -25,24 +25,24 @@ def is_url(text: object) -> bool:
 
 
 def local_path(url: str) -> Path:
-    """The path that a file:// URL names. Raises StorageUnknown."""
+    """The path that a file:// URL names. Raises FileError."""
     try:
         parts = urlsplit(url)
     except ValueError as error:  # brackets without an address, or a host name that Unicode would change
-        raise StorageUnknown(redacted(url), f"no URL that quadlog can read: {error}") from error
+        raise FileError(redacted(url), f"no URL that quadlog can read: {error}") from error
     if parts.netloc not in ("", "localhost"):
-        raise StorageUnknown(redacted(url), "a file:// URL of another machine; mount it, or name its path")
+        raise FileError(redacted(url), "a file:// URL of another machine; mount it, or name its path")
     path = unquote(parts.path)
     if "\0" in path:
-        raise StorageUnknown(redacted(url), "no path has a NUL in it")
+        raise FileError(redacted(url), "no path has a NUL in it")
     return Path(path)
 
 
 def protocol_of(url: str) -> str:
-    """The protocol, in small letters. Raises StorageUnknown where there is none."""
+    """The protocol, in small letters. Raises FileError where there is none."""
     match = _PROTOCOL.match(url)
     if match is None or len(url) == match.end():
-        raise StorageUnknown(redacted(url), "no URL that quadlog can read; write PROTOCOL://PLACE")
+        raise FileError(redacted(url), "no URL that quadlog can read; write PROTOCOL://PLACE")
     return match[1].lower()
 
 

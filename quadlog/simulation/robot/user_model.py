@@ -15,11 +15,11 @@ import numpy as np
 
 from quadlog.control.locomotion.kinematics import foot_positions
 from quadlog.control.locomotion.robot import JOINTS, LEGS, Robot
-from quadlog.errors import UnreadableFile, UnusableRobot
+from quadlog.errors import UnusableRobot
 from quadlog.messages import Float
 from quadlog.simulation.robot.height_field import FRICTION, HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel, add_world, describe, fill_heights
-from quadlog.simulation.robot.model_files import first_line, limits_nm, read_model, without_log
+from quadlog.simulation.robot.model_files import compiled, limits_nm, read_model, without_log
 
 _OFF_M = 0.005
 """Robots of this kind have their feet a few millimetres off the leg's plane."""
@@ -72,7 +72,7 @@ def measured_robot(model: mujoco.MjModel, path: Path, torque_limit_nm: float, fo
         foot_positions(angles, robot.hips_m, robot.lengths, feet)
         off = np.linalg.norm(feet - [data.site(f"{leg}_foot").xpos for leg in LEGS], axis=1)
         if not off.max() < _OFF_M:
-            raise UnusableRobot(path, [f"legs like quadlog's (a foot is {off.max() * 1e3:.0f} mm off): {_LIKE_OURS}"])
+            raise UnusableRobot(path, f"legs like quadlog's (a foot is {off.max() * 1e3:.0f} mm off): {_LIKE_OURS}")
     return _with_inertia(robot, model, data)
 
 
@@ -126,20 +126,20 @@ def load_user_model(path: Path, ground: HeightField, friction: float = FRICTION)
     missing = [joint.name for joint in joints if joint.name not in limits]
     if missing:
         raise UnusableRobot(
-            path, [f"a torque limit of {missing[0]}: URDF effort, actuatorfrcrange or an actuator's forcerange"]
+            path, f"a torque limit of {missing[0]}: URDF effort, actuatorfrcrange or an actuator's forcerange"
         )
     torque_nm = np.array([limits[joint.name] for joint in joints])
     _clear(spec, root)
     _name(spec, joints, root, torque_nm)
     for foot, leg in zip(feet, LEGS, strict=True):
         foot.body.add_site(name=f"{leg}_foot", pos=foot.place_m)
-    _turn_joints(_compiled(spec, path), spec)
+    _turn_joints(compiled(spec, path), spec)
     _add_contacts(joints, feet, root, friction)
     add_world(spec, ground, friction, TIMESTEP_S)
     # MuJoCo weighs a contact by its body, and a foot fixed to a shank is to count as the shank. Not before the last
     # compilation: it takes the foot's body out of `spec`.
     spec.compiler.fusestatic = True
-    model = _compiled(spec, path)
+    model = compiled(spec, path)
     robot = measured_robot(model, path, float(torque_nm.min()), feet[0].radius_m)
     fill_heights(model, ground)
     return describe(model, robot, ground)
@@ -179,7 +179,7 @@ def _find(spec: mujoco.MjSpec, path: Path) -> tuple[list[Any], list[_Foot], Any]
     if not needed and len(roots) != 1:
         needed.append("one body that all legs hang on")
     if needed:
-        raise UnusableRobot(path, needed)
+        raise UnusableRobot(path, "; ".join(needed))
     return joints, feet, _ancestors(joints[0].parent)[-1]
 
 
@@ -282,10 +282,3 @@ def _add_contacts(joints: list[Any], feet: list[_Foot], root: Any, friction: flo
         hip_m = np.abs([joint.parent.pos for joint in joints[::3]]).max(axis=0)
         size = np.maximum([0.1, 0.05, 0.05], hip_m * [1, 1, 0])
         root.add_geom(name="trunk", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, **touch)
-
-
-def _compiled(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise UnreadableFile(path, f"MuJoCo cannot load it: {first_line(error)}") from None

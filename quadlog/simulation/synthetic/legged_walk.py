@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.control.locomotion.robot import GRAVITY_MPS2, ROBOTS, Robot
-from quadlog.errors import WalkerFell
+from quadlog.errors import QuadlogError
 from quadlog.geometry import wrap_angle
 from quadlog.messages import NS_PER_S, Float, JointStates
 from quadlog.simulation.sensors.scene import FLAT, Terrain
@@ -81,7 +81,7 @@ class LeggedWalk:
 
     @cached_property
     def rows(self) -> NDArray[np.void]:
-        """(N,) _ROW of every tick: the simulated walk. Raises WalkerFell."""
+        """(N,) _ROW of every tick: the simulated walk. Raises QuadlogError where it falls."""
         from quadlog.control.locomotion.walker import WalkerSettings
         from quadlog.simulation.robot.model import quadruped_model
         from quadlog.simulation.robot.walking_robot import WalkingRobot
@@ -99,7 +99,10 @@ class LeggedWalk:
             walker.walk(1, *command)
             _write(rows[tick], walker)
             if walker.fallen:
-                raise WalkerFell(float(t_s[tick]), *walker.pose[:2].tolist())
+                x_m, y_m = walker.pose[:2]
+                raise QuadlogError(
+                    f"the walker fell after {t_s[tick]:.1f} s at ({x_m:.1f}, {y_m:.1f}) m; take another --seed"
+                )
         rows["rpy_rad"][:, 2] = np.unwrap(rows["rpy_rad"][:, 2])
         return rows
 

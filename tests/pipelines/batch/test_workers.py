@@ -17,7 +17,7 @@ from types import ModuleType
 
 import pytest
 
-from quadlog.errors import ClusterUnusable, UnknownName, VersionsDiffer, WorkerDied
+from quadlog.errors import QuadlogError, UnknownName, VersionsDiffer, WorkerDied
 from quadlog.pipelines.batch.batch import replay_batch
 from quadlog.pipelines.executor import cluster
 from quadlog.pipelines.executor.cluster import open_cluster
@@ -194,11 +194,11 @@ def test_who_cannot_be_used_is_named_in_one_line(monkeypatch):
         deaf.listen()
         silent = f"tcp://127.0.0.1:{deaf.getsockname()[1]}"
         for address, words in (("garbage", "is no address of a Dask scheduler"), (silent, "no Dask scheduler has")):
-            with pytest.raises(ClusterUnusable, match=words) as caught, open_cluster(address):
+            with pytest.raises(QuadlogError, match=words) as caught, open_cluster(address):
                 pass
             assert "\n" not in str(caught.value)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ClusterUnusable, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1"):
+    with pytest.raises(QuadlogError, match=r"pip install 'quadlog\[cluster\]'"), open_cluster("tcp://h:1"):
         pass
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from quadlog.config.file import load_config
-from quadlog.errors import InvalidConfigValue, TooLarge, TooSteep, UnknownName, UnreadableFile, UsageError
+from quadlog.errors import InvalidConfigValue, QuadlogError, TooLarge, UnknownName, UnreadableFile, UsageError
 from quadlog.pipelines.evaluation.reports import rebuild_reports
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.simulation.simulate import DISTURBED_OVERRIDES, SimulatedRun, SimulateRequest, simulate
@@ -148,7 +148,7 @@ def test_a_fall_is_a_result(path, tmp_path):
 @pytest.mark.parametrize(
     ("course", "settings", "error"),
     [
-        ("bend", ["simulation.friction=0.05", "simulation.terrain=6cm"], TooSteep),
+        ("bend", ["simulation.friction=0.05", "simulation.terrain=6cm"], QuadlogError),
         ("bend", ["robot.model=spot"], UnknownName),
         ("bend", ["robot.model=nowhere.xml"], UnreadableFile),
         ("bend", ["pursuit.rate_hz=300"], InvalidConfigValue),

@@ -15,7 +15,7 @@ from quadlog.errors import (
     TooLarge,
     UnknownConfigKey,
     UnknownName,
-    UnreadableConfig,
+    UnreadableFile,
     UsageError,
 )
 
@@ -74,7 +74,7 @@ def test_values_out_of_bounds_and_unknown_presets_say_where_they_came_from():
 
 @pytest.mark.parametrize(
     ("content", "error"),
-    [(None, UnreadableConfig), (b"\xff\xfe", UnreadableConfig), (b" " * ((1 << 20) + 1), TooLarge)],
+    [(None, UnreadableFile), (b"\xff\xfe", UnreadableFile), (b" " * ((1 << 20) + 1), TooLarge)],
 )
 def test_unreadable_files_are_named(tmp_path, content, error):
     path = tmp_path / "quadlog.toml"

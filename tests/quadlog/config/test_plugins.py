@@ -13,7 +13,7 @@ from quadlog.config.plugins import (
     foreign_code,
     plugin_names,
 )
-from quadlog.errors import PluginNameTaken, PluginUnusable
+from quadlog.errors import QuadlogError
 
 SAYS = "raise RuntimeError('imported')\n"
 
@@ -48,7 +48,7 @@ def test_an_import_error_is_one_line_with_distribution_and_cause(install, source
     install("quadlog-broken", "0.3", {PLANNERS: {"broken": "broken:Broken"}}, {"broken": source})
     plugin = find_plugin(PLANNERS, "broken", taken=False)
     assert plugin is not None
-    with pytest.raises(PluginUnusable) as raised:
+    with pytest.raises(QuadlogError) as raised:
         plugin.load()
     said = str(raised.value)
     assert said.startswith("planner broken of quadlog-broken 0.3: cannot be loaded: ")
@@ -60,10 +60,10 @@ def test_an_import_error_is_one_line_with_distribution_and_cause(install, source
 def test_a_name_of_two_is_refused_and_others_are_not(install):
     install("quadlog-one", "1.0", {PLANNERS: {"same": "one:Same", "other": "one:Other", "astar": "one:AStar"}})
     install("quadlog-two", "2.0", {PLANNERS: {"same": "two:Same"}})
-    with pytest.raises(PluginNameTaken, match=r"same.*(one 1\.0, .*two 2\.0|two 2\.0, .*one 1\.0)"):
+    with pytest.raises(QuadlogError, match=r"same.*(one 1\.0, .*two 2\.0|two 2\.0, .*one 1\.0)"):
         find_plugin(PLANNERS, "same", taken=False)
     assert find_plugin(PLANNERS, "other", taken=False) is not None
-    with pytest.raises(PluginNameTaken, match=r"planner astar: several have that name \(quadlog, quadlog-one 1\.0\)"):
+    with pytest.raises(QuadlogError, match=r"planner astar: several have that name \(quadlog, quadlog-one 1\.0\)"):
         find_plugin(PLANNERS, "astar", taken=True)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.config.plugins import Plugin
-from quadlog.errors import PluginUnusable, UnknownName
+from quadlog.errors import QuadlogError, UnknownName
 from quadlog.planning.protocol import Plan
 from quadlog.planning.registry import PLANNERS, CheckedPlanner, make_planner, planner_names, planner_type
 from quadlog.planning.rules import USUAL, Rules
@@ -46,7 +46,7 @@ def answering(answer, rules: Rules = USUAL) -> CheckedPlanner:
 
 
 def fault_of(answer, blocked=FREE, start=(0, 0), goal=(7, 5), rules: Rules = USUAL) -> str:
-    with pytest.raises(PluginUnusable, match=r"odd of quadlog-odd 1\.0") as raised:
+    with pytest.raises(QuadlogError, match=r"odd of quadlog-odd 1\.0") as raised:
         answering(answer, rules).plan(blocked, start, goal)
     return str(raised.value)
 
@@ -128,7 +128,7 @@ def test_a_planner_neither_ends_quadlog_nor_hides_why_it_failed(kind):
     def fail(_):
         raise kind("no\nsuch cell")
 
-    with pytest.raises(PluginUnusable, match=kind.__name__) as raised:
+    with pytest.raises(QuadlogError, match=kind.__name__) as raised:
         answering(fail).plan(FREE, (0, 0), (1, 1))
     assert isinstance(raised.value.__cause__, kind)
     assert "\n" not in str(raised.value)
@@ -163,5 +163,5 @@ def test_a_plugins_planner_is_made_by_name(install):
 )
 def test_what_is_no_planner_is_refused(install, source):
     install("quadlog-mine", "1.0", {GROUP: {"mine": "mine:Mine"}}, {"mine": source})
-    with pytest.raises(PluginUnusable, match="mine"):
+    with pytest.raises(QuadlogError, match="mine"):
         make_planner("mine")

@@ -10,7 +10,7 @@ import pytest
 
 from quadlog.config.plugins import DECODERS
 from quadlog.config.schema import Topics
-from quadlog.errors import DecodeError, PluginNameTaken, PluginUnusable
+from quadlog.errors import DecodeError, QuadlogError
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.plugged import MessageDecoder, interpreter
@@ -89,7 +89,7 @@ def test_driver_packets_that_a_plugin_decodes_are_a_lidar(install, log):
 def test_a_type_of_quadlogs_own_is_refused(install, log, taken):
     plug_in(install, taken)
     add_json(log, "/own", taken)
-    with pytest.raises(PluginNameTaken, match=r"quadlog-beacons 1\.0"):
+    with pytest.raises(QuadlogError, match=r"quadlog-beacons 1\.0"):
         list(Recording(log.container).everything())
 
 
@@ -106,7 +106,7 @@ def test_an_object_that_is_no_decoder_is_refused_where_its_type_occurs(install, 
     log.add("/odom", T0, log.ros.odometry(T0, 0.0))
     assert detect_roles(Recording(log.container), Topics()).topic("odometry") == "/odom"
     add_json(log, "/odd", "odd.Type")
-    with pytest.raises(PluginUnusable, match=words):
+    with pytest.raises(QuadlogError, match=words):
         detect_roles(Recording(log.container), Topics())
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from quadlog.errors import CannotWrite, StorageChanged, StorageFailed, StorageUnknown, TooLarge
+from quadlog.errors import CannotWrite, FileError, StorageChanged, StorageFailed, TooLarge
 from quadlog.storage import remote_path
 from quadlog.storage import remote_path as copying
 from quadlog.storage.remote_path import RemotePath, copied, copy_object
@@ -102,7 +102,7 @@ def test_unknown_protocols_and_missing_buckets(bucket: Any, url: str, words: str
     if not words:
         assert not RemotePath(url).exists()
         return
-    with pytest.raises(StorageUnknown, match=words):
+    with pytest.raises(FileError, match=words):
         RemotePath(url).exists()
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.robot import ROBOTS
-from quadlog.errors import WalkerFell
+from quadlog.errors import QuadlogError
 from quadlog.messages import JointStates
 from quadlog.simulation.sensors.scene import slope
 from quadlog.simulation.synthetic import follow
@@ -83,5 +83,5 @@ def test_the_imu_measures_how_the_true_poses_turn_and_what_feet_push(by_topic):
 
 def test_a_walker_that_falls_says_when_and_where():
     walk = LeggedWalk(follow.synthesize(0, 5.0, 16).site.robot, 5.0, slope(np.radians(50.0)))
-    with pytest.raises(WalkerFell, match=r"fell after \d\.\d s at \(.*--seed"):
+    with pytest.raises(QuadlogError, match=r"fell after \d\.\d s at \(.*--seed"):
         walk.at(np.zeros(1))
