@@ -15,7 +15,7 @@ from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.recordings.file_names import stem
 from quadlog.recordings.find import find_recordings
 from quadlog.results.find_runs import is_absent, run_name, run_names
-from quadlog.results.record import input_bytes, is_finished, own_files, place_of, read_object
+from quadlog.results.record import input_bytes, is_finished, location_of, own_files, read_object
 
 
 def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
@@ -26,7 +26,7 @@ def kept_names(recordings: Sequence[Path], output: Path) -> list[str]:
     begins = tuple(run_name(path.resolve().name if path.is_dir() else stem(path)).casefold() for path in recordings)
     there = {entry.name for entry in output.iterdir()} if output.is_dir() else set()
     runs = {_recording_of(output / name): name for name in sorted(there) if name.casefold().startswith(begins)}
-    kept = [runs.get(place_of(recording)) for recording in recordings]
+    kept = [runs.get(location_of(recording)) for recording in recordings]
     taken, names = {name.casefold() for name in kept if name is not None}, []
     others = {name.casefold() for name in there}
     for fresh, own in zip(run_names(recordings), kept, strict=True):

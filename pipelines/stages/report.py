@@ -26,7 +26,7 @@ from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord, place_of
+from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord, location_of
 from quadlog.results.run import Run
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
@@ -160,7 +160,7 @@ def _record(done: Finished) -> RunRecord:
         command=list(request.command),
         config=done.config,
         options=request.options.to_dict(),
-        input=done.facts.input.model_copy(update={"path": place_of(request.recording)}),
+        input=done.facts.input.model_copy(update={"path": location_of(request.recording)}),
         seed=request.options.seed,
         recorded_s=done.recorded_s,
         topics=_topics(done),

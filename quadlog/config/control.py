@@ -89,7 +89,7 @@ class RobotConfig(Section):
         8.0,
         ge=0.1,
         le=1000,
-        description="a track that is faster in more than 1 % of its steps is none of the robot's; ours",
+        description="a track that is faster for more than 1 % of the time counts as wrong; ours",
     )
     model: str = Field(
         "tracking",

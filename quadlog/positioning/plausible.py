@@ -15,8 +15,8 @@ LEAST_JUMP_M, NOISE_TIMES = 0.3, 6.0
 SPEED_OVER_NS = 250_000_000
 """Speeds are those over so long at least: over a single short step, noise is speed."""
 MOST_IMPLAUSIBLE, MOST_JUMPING, MOST_JUMPS = 0.01, 0.1, 2
-"""Of steps or of time, of seconds with jumps, and of jumps at all, above which a track is none of a robot's. One spike
-is two jumps."""
+"""Of steps or of time, of seconds with jumps, and of jumps at all, above which no robot walked a track. One
+spike is two jumps."""
 CONTRADICTION_TIMES, CONTRADICTION_M = 1.5, 0.3
 """Ways of LEG_S that differ by more than both are not of one walk."""
 MOST_CONTRADICTED = 0.2

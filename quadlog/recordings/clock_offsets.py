@@ -88,14 +88,14 @@ def one_clock(
     streams: Mapping[str, Offsets],
     span_ns: tuple[int, int],
     compared: Collection[str],
-    told: Collection[str],
+    reported: Collection[str],
     moves: bool,
 ) -> OneClock:
     """Find streams on another clock than those that are compared. span_ns: log times of the recording.
 
-    told: topics that are only told of; what is neither is a transform that no position depends on. The right clock is
-    log time where a compared stream has no stamps, else the one nearest to it. moves: whether stamps are moved to it
-    that lie farther from it than any delay, by a constant.
+    reported: topics that are compared, but not moved; what is neither is a transform that no position depends on. The
+    right clock is log time where a compared stream has no stamps, else the one nearest to it. moves: whether stamps are
+    moved to it that lie farther from it than any delay, by a constant.
     """
     begin_ns = span_ns[0] + LATE_NS  # before it are latched messages
     streams = {name: each for name, each in sorted(streams.items()) if (each.log_ns >= begin_ns).sum() >= FEWEST}
@@ -107,14 +107,14 @@ def one_clock(
     ahead = {name: each.ahead_ns(base, begin_ns) for name, each in streams.items()}
     shift_ns, slack_ns, groups = dict[str, int | None](), LATE_NS, dict[tuple[int, str], list[str]]()
     for name, (ahead_ns, spread_ns) in ahead.items():
-        is_mere, far_ns = name not in compared and name not in told, abs(ahead_ns)
+        is_mere, far_ns = name not in compared and name not in reported, abs(ahead_ns)
         steady = is_mere or spread_ns <= APART_NS
         if (steady and far_ns <= APART_NS + is_mere * LATE_NS) or (far_ns > FAR_APART_NS and not is_mere):
             continue
         # What is off together is moved together, and keeps its delays.
         near_ns = [each for each, _ in ahead.values() if abs(each - ahead_ns) <= APART_NS < abs(each)]
         group_ns, way = max(near_ns, default=ahead_ns), "take log times with  --stamp log"
-        if steady and far_ns > LATE_NS and moves and name not in told:
+        if steady and far_ns > LATE_NS and moves and name not in reported:
             moved = "they are moved by so much; keep them with  --stamp header"
             shift_ns[name], way = (None, BY_LOG) if is_mere else (group_ns, moved)
         else:

@@ -291,7 +291,7 @@ class Recording(ClosedOnExit):
         return found
 
     def compare_clocks(
-        self, topics: Collection[str], tf: Collection[str], compared: Collection[str], told: Collection[str]
+        self, topics: Collection[str], tf: Collection[str], compared: Collection[str], reported: Collection[str]
     ) -> None:
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
@@ -304,7 +304,7 @@ class Recording(ClosedOnExit):
                 stamp_ns = np.zeros_like(each.t_ns) if one.stamp_ns is None else one.stamp_ns
                 parts.setdefault(name, []).append(np.array([each.t_ns, stamp_ns]).reshape(2, -1))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
-        self.clock.one = one_clock(streams, self.span_ns, compared, told, moves=self.stamp == "auto")
+        self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
         self.clock.usual_ns.clear()
         self._learned.clear()

@@ -546,9 +546,9 @@ def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
     moving = [] if placed is None else [edge for edge in roles.frames.moving(*placed) if not edge.is_still]
     lone = topics.position == "pose" or not {"uwb", "tf", "odometry"} & roles.found.keys()
     names = {"reference"} if lone else {"reference", "pose"}
-    told = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
-    compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - told
-    recording.compare_clocks(roles.played, tf, compared, told)
+    reported = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
+    compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - reported
+    recording.compare_clocks(roles.played, tf, compared, reported)
 
 
 def _frames_of(

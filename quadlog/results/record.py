@@ -54,7 +54,7 @@ class Record(BaseModel):
 
 
 class InputRecord(Record):
-    """The recording: place_of it, size, and the SHA-256 of its content; of a URL the ETag, or else Last-Modified."""
+    """The recording: location_of it, size, and the SHA-256 of its content; of a URL the ETag, or else Last-Modified."""
 
     path: str
     size_bytes: int
@@ -249,7 +249,7 @@ def read_object(run: Path, name: str, missing: str) -> dict[str, Any]:
     return content
 
 
-def place_of(recording: Path) -> str:
+def location_of(recording: Path | RemotePath) -> str:
     """The absolute path of a recording, or its URL."""
     return str(recording if isinstance(recording, RemotePath) else recording.absolute())
 
@@ -294,7 +294,7 @@ def describe_input(path: Path) -> InputRecord:
             size += length
     except OSError as error:
         raise RecordingNotFound(path, error.strerror or str(error)) from error
-    return InputRecord(path=place_of(path), size_bytes=size, sha256=digest.hexdigest())
+    return InputRecord(path=location_of(path), size_bytes=size, sha256=digest.hexdigest())
 
 
 def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:

@@ -254,7 +254,7 @@ def beyond(at: At, mount: At) -> At:
     return at[0] + cos * mount[0] - sin * mount[1], at[1] + sin * mount[0] + cos * mount[1], at[2] + mount[2]
 
 
-def odometry(log: Log, child: str = "base_link", mount: At = (0.0, 0.0, 0.0)) -> None:
+def driven(log: Log, child: str = "base_link", mount: At = (0.0, 0.0, 0.0)) -> None:
     for t_s in instants_s(WALK_S, 20):
         log.odometry(ns(t_s), beyond(Room(6.0).at(t_s), mount), child=child)
 
@@ -304,7 +304,7 @@ def row(function: Callable[..., None], *arguments: Any, **named: Any) -> Callabl
 
 FAR: At = (5.0, 2.0, 2.0)
 MOUNT = ("lidar.mount.x_m=0.3", "lidar.mount.y_m=0.1", "lidar.mount.yaw_deg=90")
-OF_LIDAR, OF_CAMERA = row(odometry, "lidar", LIDAR), row(odometry, "camera", beyond(LIDAR, CAMERA))
+OF_LIDAR, OF_CAMERA = row(driven, "lidar", LIDAR), row(driven, "camera", beyond(LIDAR, CAMERA))
 FRAMES = {
     "odometry of the lidar": FrameCase((mounted, OF_LIDAR)),
     "odometry of the end of a chain": FrameCase((mounted, OF_CAMERA)),
@@ -313,16 +313,16 @@ FRAMES = {
         (lambda log: log.tf(ns(0.0), "lidar", "camera", CAMERA, 0.1, "/tf_static"), OF_CAMERA), flags=MOUNT
     ),
     "odometry of a frame without a place": FrameCase(
-        (mounted, row(odometry, "foo")), ("/odom: its poses are of foo", "--set 'topics.base_frame=\"foo\"'"), never=()
+        (mounted, row(driven, "foo")), ("/odom: its poses are of foo", "--set 'topics.base_frame=\"foo\"'"), never=()
     ),
-    "odometry of the frame that is named": FrameCase((mounted, row(odometry, "foo")), flags=("topics.base_frame=foo",)),
-    "odometry of base, whose name the clouds bear": FrameCase((odometry,), flags=MOUNT, scan=("/scan", "base_link")),
-    "odometry of a usual name that tf does not have": FrameCase((mounted, row(odometry, "base_footprint"))),
+    "odometry of the frame that is named": FrameCase((mounted, row(driven, "foo")), flags=("topics.base_frame=foo",)),
+    "odometry of base, whose name the clouds bear": FrameCase((driven,), flags=MOUNT, scan=("/scan", "base_link")),
+    "odometry of a usual name that tf does not have": FrameCase((mounted, row(driven, "base_footprint"))),
     "odometry of the root, which has no usual name": FrameCase(
-        (lambda log: log.tf(ns(0.0), "vehicle", "lidar", LIDAR, 0.2, "/tf_static"), row(odometry, "vehicle"))
+        (lambda log: log.tf(ns(0.0), "vehicle", "lidar", LIDAR, 0.2, "/tf_static"), row(driven, "vehicle"))
     ),
-    "a true odometry of the camera": FrameCase((mounted, odometry, row(true_poses, "Odometry"))),
-    "true transforms of the camera": FrameCase((mounted, odometry, row(true_poses, "TransformStamped"))),
+    "a true odometry of the camera": FrameCase((mounted, driven, row(true_poses, "Odometry"))),
+    "true transforms of the camera": FrameCase((mounted, driven, row(true_poses, "TransformStamped"))),
     "a tf for each robot": FrameCase(
         (mounted, row(sent, "/dog1/tf", shift=FAR), row(sent, "/dog2/tf", late_s=0.007)),
         ("the one of /dog2/tf is taken", "--set 'topics.tf=[\"/tf_static\", \"/dog1/tf\"]'"),
@@ -344,7 +344,7 @@ FRAMES = {
         source="tf", never=("jump",),
     ),
     "two robots on one topic, and the odometry of one": FrameCase(
-        (mounted, sent, row(sent, rate_hz=50, shift=FAR, late_s=0.003), odometry),
+        (mounted, sent, row(sent, rate_hz=50, shift=FAR, late_s=0.003), driven),
         ("two nodes send odom to base_link", "80 poses of one", "--set topics.position=/odom"),
         source="tf", never=("jump",),
     ),

@@ -1,4 +1,4 @@
-"""What is said of a track that no robot can have walked, whatever its source."""
+"""Warnings and losses of a track that no robot can have walked, whatever its source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Point clouds, of PointCloud2 and Livox messages, with the fields that may tell when each point was measured."""
+"""Point clouds, of PointCloud2 and Livox messages, with the fields that may hold the times of their points."""
 
 from __future__ import annotations
 
