@@ -32,7 +32,7 @@ def parse_yaml(content: bytes) -> Plain:
     # What libyaml parses in a second takes the library's own parser half a minute.
     base: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
-    class Loader(base):
+    class Loader(base):  # type: ignore[misc]
         def construct_scalar(self, node: yaml.ScalarNode) -> str | None:
             return None if not node.style and node.value in _NULLS else node.value
 
