@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -91,3 +93,11 @@ def test_other_files_are_refused(tmp_path: Path, content: bytes | None, reason: 
         (tmp_path / "t").write_bytes(content)
     with pytest.raises(UnreadableFile, match=reason):
         read_tum(tmp_path / "t")
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    written = "0 0 0 0 0 0 0 1\n"
+    Thread(target=(tmp_path / "pipe").write_text, args=(written,), daemon=True).start()  # or reading it never ended
+    with pytest.raises(UnreadableFile, match="is no regular file"):
+        read_tum(tmp_path / "pipe")
