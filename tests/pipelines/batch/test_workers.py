@@ -17,7 +17,7 @@ from types import ModuleType
 
 import pytest
 
-from quadlog.errors import QuadlogError, UnknownName, VersionsDiffer, WorkerDied
+from quadlog.errors import QuadlogError, UnknownName, UsageError, VersionsDiffer, WorkerDied
 from quadlog.pipelines.batch.batch import replay_batch
 from quadlog.pipelines.executor import cluster
 from quadlog.pipelines.executor.cluster import open_cluster
@@ -124,6 +124,14 @@ def test_a_killed_worker_costs_its_own_task_alone_and_leaves_no_temporary_file(t
         assert pool.submit(os.getpid).result() not in (told["first"][0], told["second"][0])  # the other one is busy
         second.write_bytes(b"")
         assert spared.result() == told["second"][0]
+
+
+def test_without_a_working_folder_no_worker_is_started(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(UsageError, match="the working folder was removed"), open_executor(2, None):
+        pass
 
 
 def test_a_stop_ends_what_runs_and_what_waits_at_once(tasks, gate, tmp_path):

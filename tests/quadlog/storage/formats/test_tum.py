@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -120,3 +122,11 @@ def test_what_is_not_quite_tum_is_read_and_told(tmp_path: Path, content: str, fi
     np.testing.assert_array_equal(poses.position_m, [[1, 2, 3]])
     np.testing.assert_array_equal(poses.quat_xyzw, [[0, 0, 0, 1]])
     assert [words for text, words in zip(warnings, told, strict=True) if words not in text] == []
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    written = "0 0 0 0 0 0 0 1\n"
+    Thread(target=(tmp_path / "pipe").write_text, args=(written,), daemon=True).start()  # or reading it never ended
+    with pytest.raises(UnreadableFile, match="is no regular file"):
+        read_tum(tmp_path / "pipe")
