@@ -94,10 +94,8 @@ AS_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 CONFIG = click.option("-c", "--config", "config_path", type=LOCAL_PATH, help="Configuration file (quadlog.toml).")
 FORCE = click.option("--force", is_flag=True, help="Replace existing results.")
 NO_PLOTS = click.option("--no-plots", is_flag=True, help="Write no pictures to plots/.")
-STAMPS = click.Choice(["auto", "header", "log"])
-STAMP = click.option(
-    "--stamp", type=STAMPS, default="auto", help="Times: of headers, of the log, or headers on one clock."
-)
+STAMPS, STAMP_HELP = click.Choice(["auto", "header", "log"]), "Header stamps or log times; auto: stamps on one clock."
+STAMP = click.option("--stamp", type=STAMPS, default="auto", help=STAMP_HELP)
 SEED = click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, metavar="N", help="First random seed.")
 SEEDS = click.option("--seeds", type=click.IntRange(1, MOST_SEEDS), default=1, metavar="N", help="Number of seeds.")
 JOBS = click.option("--jobs", type=click.IntRange(1), metavar="N", help="Processes. Default: the number of cores.")

@@ -93,11 +93,8 @@ class Clock:
         """
         if self.stamp == "log":
             return log_time_ns
-        return self._checked_ns(topic, stamp_ns and self.placed_ns(topic, of, stamp_ns, log_time_ns), log_time_ns)
-
-    def placed_ns(self, topic: str, of: object, stamp_ns: int, log_time_ns: int) -> int:
-        """A stamp on the one clock."""
-        return int(self.one.placed_ns(topic, of, np.array([stamp_ns]), np.array([log_time_ns]))[0])
+        placed_ns = stamp_ns and int(self.one.placed_ns(topic, of, stamp_ns, log_time_ns))
+        return self._checked_ns(topic, placed_ns, log_time_ns)
 
     def _checked_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int) -> int | None:
         if not stamp_ns:

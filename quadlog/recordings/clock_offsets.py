@@ -67,8 +67,8 @@ class OneClock:
     warnings: tuple[str, ...] = ()
     outside: dict[str, set[int]] = field(default_factory=dict)
 
-    def placed_ns(self, topic: str, of: Any, stamp_ns: Int, log_ns: Int) -> Int:
-        """Stamps (N,) of a message or transform, or their columns; those from outside of the log become log times.
+    def placed_ns(self, topic: str, of: Any, stamp_ns: Any, log_ns: Any) -> Any:
+        """Stamps (N,) or one of a message or transform, or their columns; those from outside of the log are log times.
 
         Those that are an hour away are left to be judged by Clock.
         """
@@ -80,7 +80,7 @@ class OneClock:
         away_ns = abs(t_ns - np.clip(t_ns, *self.within_ns))
         outside = (stamp_ns > 0) & (away_ns > 0) & (away_ns <= FAR_APART_NS)
         if outside.any():
-            self.outside.setdefault(topic, set()).update(stamp_ns[outside].tolist())
+            self.outside.setdefault(topic, set()).update(np.extract(outside, stamp_ns).tolist())
         return np.where(outside, logged_ns, t_ns)
 
 

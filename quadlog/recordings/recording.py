@@ -379,9 +379,9 @@ class Recording(ClosedOnExit):
                 decoded = self._decode(raw)
             except DecodeError:
                 continue
-            topic, log_ns = raw.channel.topic, raw.log_time_ns
+            topic, log_ns, placed_ns = raw.channel.topic, raw.log_time_ns, self.clock.one.placed_ns
             for each in decoded:
-                yield log_ns - self.clock.placed_ns(topic, each, each.stamp_ns, log_ns) if each.stamp_ns else None
+                yield log_ns - int(placed_ns(topic, each, each.stamp_ns, log_ns)) if each.stamp_ns else None
 
     def _learn_clocks(self, topics: Collection[str]) -> None:
         """The usual offset of each topic's stamps from log time, from its first few stamps; computed once."""
