@@ -180,8 +180,6 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
         return _on_map(name, f"{about}, one query", window, blocked, [_checked(name, ends, blocked.shape)])
     queries = read_movingai_scen(scen)
     check_scen(queries, (rows, cols), scen)
-    if not queries:
-        raise UsageError(f"{scen}: holds no query")
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
     source = _on_map(name, about, window, blocked, [(query.start, query.goal) for query in queries])
     return replace(source, queries=tuple(queries))

@@ -40,12 +40,21 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises CannotWrite when the disk is full or the folder cannot be written to.
     """
     check_name(path)
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a FIFO, a socket or a device is never replaced
+        raise CannotWrite(path, "it is no regular file")
     part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
     _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
-        _begin(part, path)
+        with _told(path):
+            with suppress(OSError):
+                remove_stale_parts(part.parent)
+            part.open("xb").close()  # nobody's file or link is written through
         yield part
-        _publish(part, path)
+        # Data first, then the name: a power cut must not leave the name without the data.
+        with _told(path, gone="its unfinished file, or the folder, was removed by another process"):
+            with part.open("rb") as file:
+                os.fsync(file.fileno())
+            part.replace(path)
     except BaseException as error:
         part.unlink(missing_ok=True)
         if isinstance(error, OSError) and is_full(error):
@@ -53,6 +62,16 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
     finally:
         _unfinished.discard(part)
+
+
+@contextmanager
+def _told(path: Path, gone: str = "") -> Iterator[None]:
+    """What the system refuses within becomes CannotWrite; gone: the reason where the file is not there."""
+    try:
+        yield
+    except OSError as error:
+        missing = isinstance(error, FileNotFoundError)
+        raise CannotWrite(path, (missing and gone) or error.strerror or str(error)) from error
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -102,11 +121,8 @@ def new_folder(path: Path) -> Iterator[None]:
     if not path.exists():
         _new_folders.add(path)  # before it is there, since a signal may come at any moment
     try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        _new_folders.discard(path)
-        raise CannotWrite(path, error.strerror or str(error)) from error
-    try:
+        with _told(path):
+            path.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
         _remove_empty(path)
@@ -187,21 +203,6 @@ def check_name(path: Path) -> None:
         raise CannotWrite(path, "its name is not UTF-8; choose another") from error
 
 
-def _begin(part: Path, path: Path) -> None:
-    """Make the empty file `part`, in a folder without those of killed processes. Raises CannotWrite.
-
-    O_EXCL, so that nobody's file or link is written through. A FIFO, a socket or a device is never replaced.
-    """
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise CannotWrite(path, "it is no regular file")
-    try:
-        with suppress(OSError):
-            remove_stale_parts(part.parent)
-        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
-
-
 def _is_left(part: Path) -> bool:
     """Whether who began the file is gone: a dead process of this host, whatever a clock says; others after a day."""
     found = _PART.fullmatch(part.name)
@@ -221,18 +222,3 @@ def _runs(pid: int) -> bool:
     except PermissionError:
         pass  # of another user
     return True
-
-
-def _publish(part: Path, path: Path) -> None:
-    """Data first, then the name: a power cut must not leave the name without the data."""
-    try:
-        handle = os.open(part, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-        part.replace(path)
-    except FileNotFoundError as error:
-        raise CannotWrite(path, "its unfinished file, or the folder, was removed by another process") from error
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error

@@ -6,8 +6,7 @@ trunk's centre, level with the four hips: x forward, y left, z up.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -137,33 +136,20 @@ class Robot:
     def _standing_masses(self) -> tuple[Float, Float]:
         if self.measured is not None:
             return self.measured
-        trunk = self.trunk
-        masses, centres, inertias = [trunk.mass_kg], [trunk.centre_m], [np.diag(trunk.inertia_kgm2)]
-        for leg, side in enumerate(SIDES):
-            mirror, place = np.array([1.0, side, 1.0]), self.hips_m[leg]
-            turn = np.eye(3)
-            for k, link in enumerate(self.links):
-                turn = turn @ (_about_x, _about_minus_y, _about_minus_y)[k](self.standing_joints_rad[3 * leg + k])
-                masses.append(link.mass_kg)
-                centres.append(place + turn @ (mirror * link.centre_m))
-                inertias.append(turn @ np.diag(link.inertia_kgm2) @ turn.T)
-                place = place + turn @ (mirror * self._next_joint_m[k])
-        weights, offsets = np.array(masses), np.array(centres)
+        from quadlog.control.locomotion.leg_dynamics import leg_masses  # it takes a Robot
+
+        legs = [
+            leg_masses(self, side, joints[None])
+            for side, joints in zip(SIDES, self.standing_joints_rad.reshape(4, 3), strict=True)
+        ]
+        weights = np.concatenate([[self.trunk.mass_kg], *(leg.masses_kg for leg in legs)])
+        hips = zip(self.hips_m, legs, strict=True)
+        offsets = np.concatenate([[self.trunk.centre_m], *(hip + leg.centres_m[0] for hip, leg in hips)])
         centre = weights @ offsets / weights.sum()
         offsets -= centre
-        inertia = np.sum(inertias, axis=0)
-        inertia += np.sum(weights * (offsets**2).sum(axis=1)) * np.eye(3) - (offsets.T * weights) @ offsets
-        return centre, inertia
-
-    def with_inertia(self, centre_of_mass_m: Float, inertia_kgm2: Float) -> Robot:
-        """The same robot with these instead of what its links give."""
-        return replace(self, measured=(centre_of_mass_m, inertia_kgm2))
-
-    @property
-    def _next_joint_m(self) -> Float:
-        """(3, 3) from each joint of a left leg to the next one, or the foot, with all joints at 0."""
-        aside_m, thigh_m, shank_m = self.lengths_m
-        return np.array([[0.0, aside_m, 0.0], [0.0, 0.0, -thigh_m], [0.0, 0.0, -shank_m]])
+        own = np.diag(self.trunk.inertia_kgm2) + np.sum([leg.inertias_kgm2[0] for leg in legs], axis=(0, 1))
+        apart = np.sum(weights * (offsets**2).sum(axis=1)) * np.eye(3) - (offsets.T * weights) @ offsets
+        return centre, own + apart
 
 
 def _box(mass_kg: float, x_m: float, y_m: float, z_m: float) -> Float:
@@ -178,16 +164,6 @@ def _rod(mass_kg: float, radius_m: float, length_m: float) -> Float:
     """A cylinder along z."""
     across = mass_kg * (3 * radius_m**2 + length_m**2) / 12
     return np.array([across, across, mass_kg * radius_m**2 / 2])
-
-
-def _about_x(angle_rad: float) -> Float:
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-
-
-def _about_minus_y(angle_rad: float) -> Float:
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
 
 
 # [Tracking, Table 4]: mass, trunk box and link lengths. Ours: Table 4 gives neither hips, nor how the mass is shared

@@ -16,6 +16,7 @@ from quadlog.control.locomotion.foot_trajectory import PARABOLA, FootCycle
 from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import GRAVITY_MPS2, JOINTS, LEGS, ROBOTS, SIDES, Robot
+from quadlog.geometry import roll_pitch_from_quat, rotation_from_quat, yaw_from_quat
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
@@ -265,19 +266,17 @@ def sampled(model: QuadrupedModel, start: Float, states: Float, sensors: Float) 
     kept = np.vstack([start, states[SAMPLE_TICKS - 1 :: SAMPLE_TICKS]])
     felt = np.vstack([np.zeros(sensors.shape[1]), sensors[SAMPLE_TICKS - 1 :: SAMPLE_TICKS]])
     qpos, qvel = kept[:, 1 : 1 + nq], kept[:, 1 + nq : 1 + nq + nv]
-    w, x, y, z = qpos[:, 3:7].T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    quat_xyzw = qpos[:, [4, 5, 6, 3]]
+    tilt, yaw = roll_pitch_from_quat(quat_xyzw), yaw_from_quat(quat_xyzw)
     cos, sin, (vx, vy) = np.cos(yaw), np.sin(yaw), qvel[:, :2].T
     # The third row of the body's rotation: how fast it turns about map's z.
-    upward = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    tilt = np.maximum(np.abs(roll), np.abs(pitch))
-    down = (qpos[:, 2] < FALLEN_HEIGHT_SHARE * model.robot.standing_height_m) | (tilt > FALLEN_TILT_RAD)
+    upward = rotation_from_quat(quat_xyzw)[:, 2]
+    low = qpos[:, 2] < FALLEN_HEIGHT_SHARE * model.robot.standing_height_m
+    down = low | (np.abs(tilt).max(axis=1) > FALLEN_TILT_RAD)
     return TrotWalk(
         t_ns=np.arange(len(kept), dtype=np.int64) * (NS_PER_S // SAMPLES_HZ),
         position_m=qpos[:, :3],
-        rpy_rad=np.column_stack([roll, pitch, yaw]),
+        rpy_rad=np.column_stack([tilt, yaw]),
         velocity_mps=np.column_stack([cos * vx + sin * vy, cos * vy - sin * vx]),
         yaw_rate_radps=(upward * qvel[:, 3:6]).sum(axis=1),
         torques_nm=felt[:, model.actuators],

@@ -6,7 +6,7 @@ way to torque motors within the same limits; only its feet and trunk touch the g
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,26 +73,14 @@ def measured_robot(model: mujoco.MjModel, path: Path, torque_limit_nm: float, fo
         off = np.linalg.norm(feet - [data.site(f"{leg}_foot").xpos for leg in LEGS], axis=1)
         if not off.max() < _OFF_M:
             raise UnusableRobot(path, f"legs like quadlog's (a foot is {off.max() * 1e3:.0f} mm off): {_LIKE_OURS}")
-    return _with_inertia(robot, model, data)
-
-
-def _with_inertia(robot: Robot, model: mujoco.MjModel, data: mujoco.MjData) -> Robot:
-    """The robot with its centre of mass and inertia, standing, as its own links have them."""
-    angles = iter(robot.standing_joints_rad)
-    for leg in LEGS:
-        for kind in JOINTS:
-            data.joint(f"{leg}_{kind}").qpos[0] = next(angles)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    bodies = np.flatnonzero(model.body_rootid == model.body("trunk").id)
-    weights = model.body_mass[bodies]
-    centre = weights @ data.xipos[bodies] / weights.sum()
-    inertia = np.zeros((3, 3))
-    for body, weight in zip(bodies, weights, strict=True):
-        axes, arm = data.ximat[body].reshape(3, 3), data.xipos[body] - centre
-        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T
-        inertia += weight * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return robot.with_inertia(centre, inertia)
+    for name, angle in zip(joints, robot.standing_joints_rad, strict=True):
+        data.joint(name).qpos[0] = angle
+    mujoco.mj_forward(model, data)
+    full = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    centre = data.subtree_com[model.body("trunk").id].copy()
+    moved = full[0, 0] * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    return replace(robot, measured=(centre, full[3:6, 3:6] - moved))
 
 
 PREFIXES = {

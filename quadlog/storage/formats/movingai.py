@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -15,22 +15,27 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.errors import TooLarge, UnreadableFile
+from quadlog.errors import TooLarge, UnreadableFile, clipped
+from quadlog.storage.formats.tum import bounded_lines
 
 # The benchmark's largest maps have 1024 x 1024 cells; this holds 8192 x 8192 twice over.
 _MAX_CELLS = 1 << 27
 _MAX_SIDE = 1 << 16
 _MAX_QUERIES = 500_000
 _MAX_LINE = 1000
-_HEADER_LINES = 4
 
 _FREE, _BLOCKED, _UNKNOWN = 0, 1, 2
 _TERRAIN = np.full(256, _UNKNOWN, np.uint8)
 _TERRAIN[np.frombuffer(b".GS", np.uint8)] = _FREE
 _TERRAIN[np.frombuffer(b"@OTW", np.uint8)] = _BLOCKED
 
-_WHOLE = re.compile(r"[0-9]{1,9}")
-_DECIMAL = re.compile(r"[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]{1,3})?")
+_HEADER = re.compile(rb"\s*(?:(type)\s+octile|(height|width)\s+0*([1-9][0-9]{0,8}))\s*")
+_WHOLE, _DECIMAL = "([0-9]{1,9})", r"([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]{1,3})?)"
+# Between tabs a map's name may hold blanks; U+FFFD stands for what is no UTF-8.
+_QUERY = [
+    re.compile(between.join([_WHOLE, name, *[_WHOLE] * 6, _DECIMAL]))
+    for between, name in ((" *\t *", "([^\t\ufffd]*[^\t \ufffd])"), ("[ \t]+", "([^\t \ufffd]+)"))
+]
 _FIELDS = "bucket, map, width, height, start x, start y, goal x, goal y, length"
 
 
@@ -79,51 +84,42 @@ def read_movingai_map(path: Path) -> NDArray[np.bool_]:
 def _read_header(path: Path, file: BinaryIO) -> tuple[int, int]:
     """Rows and columns; `type`, `height` and `width` in whatever order, then `map`."""
     sides: dict[bytes, int] = {}
-    for number in range(1, _HEADER_LINES):
-        key, _, value = b" ".join(file.readline(_MAX_LINE).split()).partition(b" ")
-        if key not in {b"type", b"height", b"width"} - sides.keys():
-            expected = "'type octile', 'height' and 'width', each once"
-            raise UnreadableFile(path, f"is no MovingAI map: expected {expected}", number)
-        if key == b"type" and value != b"octile":
-            raise UnreadableFile(path, f"type is {value.decode(errors='replace')!a}, expected octile", number)
-        if key != b"type" and (not value.isdigit() or len(value) > 9 or int(value) == 0):
-            raise UnreadableFile(path, f"{key.decode()} is no whole number above 0", number)
-        sides[key] = 0 if key == b"type" else int(value)
-        if sides[key] > _MAX_SIDE:
-            raise TooLarge(f"{path}, line {number}: {key.decode()}", sides[key], _MAX_SIDE)
-    if file.readline(_MAX_LINE).split() != [b"map"]:
-        raise UnreadableFile(path, "is no MovingAI map: expected 'map'", _HEADER_LINES)
+    for number in (1, 2, 3):
+        line = file.readline(_MAX_LINE)
+        match = _HEADER.fullmatch(line)
+        if not match or (match[1] or match[2]) in sides:
+            expected = "'type octile', 'height' and 'width', each once with a whole number above 0"
+            raise UnreadableFile(path, f"is no MovingAI map: expected {expected}, not {_shown(line)}", number)
+        sides[match[1] or match[2]] = side = int(match[3] or 0)
+        if side > _MAX_SIDE:
+            raise TooLarge(f"{path}, line {number}: {match[2].decode()}", side, _MAX_SIDE)
+    if (line := file.readline(_MAX_LINE)).strip() != b"map":
+        raise UnreadableFile(path, f"is no MovingAI map: expected 'map', not {_shown(line)}", 4)
     rows, cols = sides[b"height"], sides[b"width"]
     if rows * cols > _MAX_CELLS:
-        raise TooLarge(f"{path}, line {_HEADER_LINES}: cells", rows * cols, _MAX_CELLS)
+        raise TooLarge(f"{path}, line 4: cells", rows * cols, _MAX_CELLS)
     return rows, cols
 
 
+def _shown(line: bytes) -> str:
+    return ascii(clipped(line.decode(errors="replace").strip(), 50))
+
+
 def _read_cells(path: Path, file: BinaryIO, rows: int, cols: int) -> NDArray[np.bool_]:
-    blocked = np.empty((rows, cols), np.bool_)
-    for row in range(rows):
-        number = _HEADER_LINES + 1 + row
-        line = file.readline(cols + 3)  # one more than the row, CR and LF
-        if not line:
-            raise UnreadableFile(path, f"the map ends after {row} of {rows} rows", number)
-        cells = line.removesuffix(b"\n").removesuffix(b"\r")
-        if len(cells) != cols:
-            has = "more" if len(cells) > cols else f"only {len(cells)}"
-            raise UnreadableFile(path, f"the row has {has} of {cols} columns", number)
-        terrain = _TERRAIN[np.frombuffer(cells, np.uint8)]
-        if terrain.max() == _UNKNOWN:
-            col = int(terrain.argmax())
-            what = ascii(chr(cells[col]))
-            raise UnreadableFile(
-                path, f"{what} in column {col + 1} is not one of . G S (free), @ O T W (blocked)", number
-            )
-        blocked[row] = terrain == _BLOCKED
-    rest = file.read(_MAX_LINE)
-    after = rest.lstrip(b"\r\n")
-    if after or len(rest) == _MAX_LINE:
-        number = _HEADER_LINES + 1 + rows + rest[: len(rest) - len(after)].count(b"\n")
-        raise UnreadableFile(path, f"the map goes on after its {rows} rows", number)
-    return blocked
+    longest = rows * (cols + 2) + _MAX_LINE
+    content = file.read(longest)
+    lines = content.replace(b"\r\n", b"\n").split(b"\n", rows) + [b""] * rows
+    for number, line in enumerate(lines[:rows], 5):
+        if len(line) != cols:
+            raise UnreadableFile(path, f"the row has {len(line)} of {cols} columns", number)
+    if lines[rows].strip(b"\r\n") or len(content) == longest:
+        raise UnreadableFile(path, f"the map goes on after its {rows} rows", rows + 5)
+    terrain = _TERRAIN[np.frombuffer(b"".join(lines[:rows]), np.uint8)].reshape(rows, cols)
+    if terrain.max() == _UNKNOWN:
+        row, col = divmod(int(terrain.argmax()), cols)
+        reason = f"{chr(lines[row][col])!a} in column {col + 1} is not one of . G S (free), @ O T W (blocked)"
+        raise UnreadableFile(path, reason, row + 5)
+    return terrain == _BLOCKED
 
 
 def read_movingai_scen(path: Path) -> list[ScenQuery]:
@@ -134,53 +130,28 @@ def read_movingai_scen(path: Path) -> list[ScenQuery]:
     anything else, a cell outside the width and height listed beside it included;
     TooLarge for more than 500 000 queries.
     """
-    lines = _lines(path)
+    lines = bounded_lines(path, _MAX_LINE, "query", comments=True)
     number, first = next(lines, (1, ""))
-    if not re.fullmatch(r"version[ \t]+1(\.0*)?", first.strip(" \t")):
+    if not re.fullmatch(r"version[ \t]+1(\.0*)?", first.strip()):
         raise UnreadableFile(path, "is no MovingAI scenario: expected 'version 1'", number)
     queries: list[ScenQuery] = []
     for number, line in lines:
-        if not line.strip(" \t"):
-            continue
         if len(queries) == _MAX_QUERIES:
             raise TooLarge(f"{path}, line {number}: queries", _MAX_QUERIES + 1, _MAX_QUERIES)
-        queries.append(_query(path, number, line))
+        queries.append(_query(path, number, line.strip(" \t\n")))
     if not queries:
         raise UnreadableFile(path, "holds no query", number)
     return queries
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and text of each line, without its end."""
-    number = 0
-    try:
-        with path.open("rb") as file:
-            while line := file.readline(_MAX_LINE + 1):
-                number += 1
-                if len(line) > _MAX_LINE:
-                    raise UnreadableFile(path, "is longer than any query", number)
-                yield number, line.removesuffix(b"\n").removesuffix(b"\r").decode()
-    except UnicodeDecodeError as error:
-        raise UnreadableFile(path, "is no UTF-8 text", number) from error
-    except OSError as error:
-        raise UnreadableFile(path, error.strerror or str(error)) from error
-
-
 def _query(path: Path, number: int, line: str) -> ScenQuery:
-    fields = line.strip(" \t").split("\t")
-    if len(fields) != 9:
-        fields = re.split(r"[ \t]+", line.strip(" \t"))
-    if len(fields) != 9:
-        raise UnreadableFile(path, f"has {len(fields)} fields, not the nine of a query: {_FIELDS}", number)
-    bucket, name, *cells, cost = (field.strip(" ") for field in fields)
-    if not all(map(_WHOLE.fullmatch, [bucket, *cells])) or not (name and name.isprintable()):
+    match = _QUERY[0].fullmatch(line) or _QUERY[1].fullmatch(line)
+    if not match or not match[2].isprintable() or not math.isfinite(cost := float(match[9])):
         raise UnreadableFile(path, f"is no query: {_FIELDS}", number)
-    if not _DECIMAL.fullmatch(cost) or not math.isfinite(float(cost)):
-        raise UnreadableFile(path, "the length of the shortest path is no number of 0 or more", number)
-    width, height, *ends = map(int, cells)
+    bucket, width, height, *ends = map(int, match.group(1, *range(3, 9)))
     if max(ends[0::2]) >= width or max(ends[1::2]) >= height:
         raise UnreadableFile(path, f"start or goal lies outside the {width} x {height} cells it is listed with", number)
-    return ScenQuery(int(bucket), name, width, height, (ends[0], ends[1]), (ends[2], ends[3]), float(cost), number)
+    return ScenQuery(bucket, match[2], width, height, (ends[0], ends[1]), (ends[2], ends[3]), cost, number)
 
 
 def check_scen(queries: Sequence[ScenQuery], map_shape: tuple[int, int], path: Path) -> None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Annotated, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
 
 from quadlog.errors import QuadlogError, TooLarge, UnreadableFile, clipped
 from quadlog.messages import Float
 from quadlog.storage.atomic_write import write_whole
-from quadlog.storage.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -56,7 +57,15 @@ def read_picture(path: Path) -> GreyImage:
 
 
 def _decode(path: Path, file: BinaryIO) -> GreyImage:
-    image = _reader(path, file)
+    from PIL import BmpImagePlugin, PngImagePlugin, PpmImagePlugin  # only pictures need it
+
+    # No more of Pillow's decoders get to see the file, and none to warn of its size.
+    first = file.read(2)
+    file.seek(0)
+    decoders: dict[bytes, type[ImageFile]] = {b"BM": BmpImagePlugin.BmpImageFile, b"\x89P": PngImagePlugin.PngImageFile}
+    if first not in {b"P2", b"P5", *decoders}:
+        raise UnreadableFile(path, "is no PGM, PNG or BMP picture")
+    image = decoders.get(first, PpmImagePlugin.PpmImageFile)(file)
     cols, rows = image.size
     if cols * rows > _MAX_PIXELS:
         raise TooLarge(f"{path}: pixels", cols * rows, _MAX_PIXELS)
@@ -70,31 +79,12 @@ def _decode(path: Path, file: BinaryIO) -> GreyImage:
     return GreyImage(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.uint16), 3 * 255, None)
 
 
-def _reader(path: Path, file: BinaryIO) -> ImageFile:
-    """The header, read by the one decoder that the first bytes name: none of Pillow's others gets to see the file."""
-    from PIL import BmpImagePlugin, PngImagePlugin, PpmImagePlugin  # only pictures need it
-
-    decoders: dict[bytes, type[ImageFile]] = {
-        b"P2": PpmImagePlugin.PpmImageFile,
-        b"P5": PpmImagePlugin.PpmImageFile,
-        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
-        b"BM": BmpImagePlugin.BmpImageFile,
-    }
-    first = file.read(8)
-    file.seek(0)
-    for magic, decoder in decoders.items():
-        if first.startswith(magic):
-            return decoder(file)
-    raise UnreadableFile(path, "is no PGM, PNG or BMP picture")
-
-
 _UNKNOWN, _FREE, _OCCUPIED = -1, 0, 100  # nav_msgs/OccupancyGrid
-_MODES = ("raw", "scale", "trinary")
-_NEGATE = {"0": False, "1": True, "false": False, "true": True}
 _MAX_YAML_BYTES = 1 << 16
 # A kilometre to a cell and a millimetre are beyond any map that a robot plans on.
-_MIN_CELL_M, _MAX_CELL_M = 1e-3, 1e3
-_MAX_ORIGIN_M = 1e9
+_CellSize = Annotated[float, Field(ge=1e-3, le=1e3)]
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Metres = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,17 +110,24 @@ class RosMap:
         return self.cells == _OCCUPIED
 
 
-@dataclass(frozen=True, slots=True)
-class _About:
+class _About(BaseModel):
     """What the yaml file says."""
 
-    picture: Path
-    origin_m: tuple[float, float]
-    cell_m: float
-    mode: str
-    negate: bool
-    occupied_above: float
-    free_below: float
+    image: Annotated[str, Field(min_length=1)]
+    resolution: _CellSize
+    origin: tuple[_Metres, _Metres, float]
+    occupied_thresh: _Share
+    free_thresh: _Share
+    mode: Annotated[Literal["raw", "scale", "trinary"], BeforeValidator(lambda mode: str(mode).lower())] = "trinary"
+    negate: bool = False
+
+    @model_validator(mode="after")
+    def _readable(self) -> _About:
+        if self.origin[2] != 0:
+            raise ValueError(f"the map is rotated by {self.origin[2]:g} rad, which quadlog does not read")
+        if self.free_thresh > self.occupied_thresh:
+            raise ValueError("thresholds are not 0 <= free_thresh <= occupied_thresh <= 1")
+        return self
 
 
 def read_rosmap(path: Path) -> RosMap:
@@ -151,12 +148,12 @@ def read_rosmap(path: Path) -> RosMap:
     kind (a rotated origin included), TooLarge for more cells than memory should hold.
     """
     about = _about(path)
-    picture = read_picture(about.picture)
+    picture = read_picture(path.parent / about.image)
     cells = _occupancy_of_sums(about, picture)[picture.sums]
     if picture.opaque is not None and about.mode != "raw":
         cells[~picture.opaque] = _UNKNOWN
     # A picture's first row is the top one.
-    return RosMap(np.ascontiguousarray(cells[::-1]), np.array(about.origin_m), about.cell_m)
+    return RosMap(np.ascontiguousarray(cells[::-1]), np.array(about.origin[:2]), about.resolution)
 
 
 def _occupancy_of_sums(about: _About, picture: GreyImage) -> NDArray[np.int8]:
@@ -168,45 +165,27 @@ def _occupancy_of_sums(about: _About, picture: GreyImage) -> NDArray[np.int8]:
         table[values <= _OCCUPIED] = values[values <= _OCCUPIED]
         return table
     occupancy = (sums if about.negate else picture.white - sums) / picture.white
-    if about.mode == "scale" and about.occupied_above > about.free_below:
-        share = (occupancy - about.free_below) / (about.occupied_above - about.free_below)
+    if about.mode == "scale" and about.occupied_thresh > about.free_thresh:
+        share = (occupancy - about.free_thresh) / (about.occupied_thresh - about.free_thresh)
         table[:] = np.rint(100 * share.clip(0, 1))
-    table[occupancy < about.free_below] = _FREE
-    table[occupancy > about.occupied_above] = _OCCUPIED
+    table[occupancy < about.free_thresh] = _FREE
+    table[occupancy > about.occupied_thresh] = _OCCUPIED
     return table
 
 
 def _about(path: Path) -> _About:
     try:
-        return _checked(path, mapping_of(parse_yaml(_content(path)), "the document"))
+        said = mapping_of(parse_yaml(_content(path)), "the document")
+        return _About.model_validate({key: value for key, value in said.items() if value is not None})
     except NotPlainYaml as error:
         raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
-
-
-def _checked(path: Path, content: dict[str, Plain]) -> _About:
-    """What the file says. Raises NotPlainYaml."""
-    name, mode = text_of(content.get("image"), "image"), text_of(content.get("mode"), "mode", "trinary").lower()
-    origin = [number_of(each, "origin") for each in list_of(content.get("origin"), "origin")]
-    cell_m, occupied_above, free_below = (
-        number_of(content.get(key), key) for key in ("resolution", "occupied_thresh", "free_thresh")
-    )
-    negate = text_of(content.get("negate"), "negate", "0").lower()
-    if not name:
-        raise NotPlainYaml("image is no file name")
-    if mode not in _MODES:
-        raise NotPlainYaml(f"mode is {clipped(mode, 50)!r}; choose one of: {', '.join(_MODES)}")
-    if negate not in _NEGATE:
-        raise NotPlainYaml(f"negate is {clipped(negate, 50)!r}; choose one of: {', '.join(_NEGATE)}")
-    if not _MIN_CELL_M <= cell_m <= _MAX_CELL_M:
-        raise NotPlainYaml(f"resolution is {cell_m:g} m; it must be between {_MIN_CELL_M:g} and {_MAX_CELL_M:g}")
-    if len(origin) != 3 or not all(abs(each) <= _MAX_ORIGIN_M for each in origin[:2]):
-        raise NotPlainYaml(f"origin must be x, y and yaw, x and y within {_MAX_ORIGIN_M:g} m")
-    if origin[2] != 0:
-        raise NotPlainYaml(f"the map is rotated by {origin[2]:g} rad, which quadlog does not read")
-    if not 0 <= free_below <= occupied_above <= 1:
-        raise NotPlainYaml("thresholds are not 0 <= free_thresh <= occupied_thresh <= 1")
-    place = path.parent / name
-    return _About(place, (origin[0], origin[1]), cell_m, mode, _NEGATE[negate], occupied_above, free_below)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        given = (
+            f"{key} is {clipped(first['input'], 50)!r}: " if key and first["type"] != "missing" else key and f"{key}: "
+        )
+        raise UnreadableFile(path, f"no map_server file: {given}{first['msg'].removeprefix('Value error, ')}") from None
 
 
 def _content(path: Path) -> bytes:

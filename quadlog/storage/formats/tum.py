@@ -48,8 +48,9 @@ def write_tum_poses(path: Path, t_ns: Int, position_m: Float, quat_xyzw: Float) 
     """
     pose = np.column_stack([position_m, quat_xyzw])
     whole = np.isfinite(pose).all(axis=1)
+    # A float would round from 2^53 ns on.
     lines = [
-        f"{_seconds(t)} {' '.join(map(repr, numbers))}\n"
+        f"{Decimal(t).scaleb(-9):.9f} {' '.join(map(repr, numbers))}\n"
         for t, numbers in zip(t_ns[whole].tolist(), pose[whole].tolist(), strict=True)
     ]
     write_whole(path, "".join(lines).encode())
@@ -76,13 +77,15 @@ def read_tum(path: Path, warnings: list[str] | None = None) -> PoseSeries:
             time, *pose = line.replace(",", " ").split()
             row = [float(value) for value in pose]
             unit_ns = unit_ns or _unit_ns(Decimal(time))
-            t = _nanoseconds(time, unit_ns)
+            exact = Decimal(time) * unit_ns
+            sound = len(row) == 7 and all(map(math.isfinite, row)) and any(row[3:]) and abs(exact) <= _LONGEST_S * _NS
         except (ValueError, ArithmeticError):
-            row, t = [], 0
-        if len(row) != 7 or not all(map(math.isfinite, row)) or not any(row[3:]):
+            sound = False
+        if not sound:
             raise UnreadableFile(
                 path, "is not 't x y z qx qy qz qw' with t in seconds and a quaternion of some length", number
             )
+        t = int(exact.to_integral_value())
         if max(map(abs, row[:3])) > FARTHEST_M:
             raise UnreadableFile(path, f"has a position beyond {FARTHEST_M:.0e} m", number)
         if t_ns and t == t_ns[-1] and row == values[-7:].tolist():
@@ -127,20 +130,6 @@ def bounded_lines(path: Path, longest: int, thing: str, comments: bool = False) 
         raise UnreadableFile(path, error.strerror or str(error)) from error
 
 
-def _seconds(t_ns: int) -> str:
-    """Nanoseconds as decimal seconds, digit by digit: a float would round from 2^53 ns on."""
-    sign = "-" if t_ns < 0 else ""
-    return f"{sign}{abs(t_ns) // _NS}.{abs(t_ns) % _NS:09d}"
-
-
 def _unit_ns(time: Decimal) -> int:
     """Of a trajectory's first time: seconds, or a smaller unit in which it is since 1970 and after 2001."""
     return next((size for size in _UNITS if 10**18 <= time * size <= _LONGEST_S * _NS), _NS)
-
-
-def _nanoseconds(text: str, unit_ns: int) -> int:
-    """A decimal time as nanoseconds, rounded."""
-    t_ns = Decimal(text) * unit_ns
-    if not t_ns.is_finite() or abs(t_ns) > _LONGEST_S * _NS:
-        raise ValueError(text)
-    return int(t_ns.to_integral_value())

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def cell_by_cell(content: bytes) -> list[list[bool]]:
 
 def field_by_field(content: bytes) -> list[tuple[object, ...]]:
     queries: list[tuple[object, ...]] = []
-    for number, line in enumerate(content.decode().split("\n")[1:], 2):
+    for number, line in enumerate(re.split("\r\n|\r|\n", content.decode())[1:], 2):
         if line.strip():
             text = line.removesuffix("\r").strip(" \t")
             bucket, name, *rest, cost = text.split("\t") if text.count("\t") == 8 else text.split()

@@ -97,11 +97,16 @@ def test_every_mode_reads_a_picture_as_nav2_does(
             ("map.pgm", each, "map|gone|regular|damaged")
             for each in ("gone.pgm", ".", "/dev/zero", '"a\\0b"', "map.yaml")
         ),
-        *(("0.1", value, "resolution") for value in (".nan", "1e-300", "inf", "-1", "1" + "0" * 400, "")),
-        *(("-1.0, 2.0, 0.0", value, "origin|rotated") for value in ("1e300, 2.0, 0.0", "-1.0, 2.0", "-1.0, 2.0, 0.5")),
-        ("mode: trinary", "mode: fine", "raw, scale, trinary"),
+        *(("0.1", value, "resolution") for value in (".nan", "nan", "1e-300", "inf", "-1", "1" + "0" * 400, "")),
+        *(
+            ("-1.0, 2.0, 0.0", value, "origin|rotated")
+            for value in ("1e300, 2.0, 0.0", "nan, 2.0, 0.0", "-1.0, 2.0, nan", "-1.0, 2.0", "-1.0, 2.0, 0.5")
+        ),
+        ("mode: trinary", "mode: fine", "mode is 'fine'.*'raw', 'scale' or 'trinary'"),
+        ("mode: trinary", "mode: [raw]", "mode"),
         ("mode: trinary", "mode: " + "a" * 50_000, "mode"),
         ("occupied_thresh: 0.65", "occupied_thresh: 0.1", "thresholds"),
+        ("occupied_thresh: 0.65", "occupied_thresh: nan", "thresh"),
         ("image: map.pgm", "image: [unclosed", "line 2"),
         ("image: map.pgm", "image: !!python/object/apply:os.getcwd []", "line 1"),
         ("negate: 0", "negate: maybe", "negate"),
