@@ -18,11 +18,11 @@ from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
-from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO
+from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO, wants_uwb
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
-from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, wants_uwb, with_carried_anchors, write_uwb
+from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
@@ -132,15 +132,14 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         return track
     if wanted in sources:
         chosen = sources[wanted]()
-    elif wanted in {channel.topic for channel in data.log.recording.channels}:
+    elif data.log.recording.channels_of(wanted):
         journal.use("position", wanted)
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
         warnings = list[str]()
         chosen = _from_poses(read_tum(Path(wanted), warnings), "file", journal)
-        for text in warnings:
-            journal.warn(text)
+        journal.warn(*warnings)
     if chosen is None:
         raise data.log.without(wanted, data.streams.tf, failures(data))
     return chosen
@@ -243,8 +242,7 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
     if data.tracker is None or track is None or len(track.t_ns) == 0:
         return None
     journal.use("lidar")
-    for text in data.tracker.warnings():
-        journal.warn(text)
+    journal.warn(*data.tracker.warnings())
     turned = track.rotation
     yaw_rad = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     tilt_rad = tilt_of(turned[:, 2])
