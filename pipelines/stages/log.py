@@ -26,7 +26,7 @@ from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_configured
 from quadlog.recordings.roles import detect_roles, position_topics
-from quadlog.recordings.streams import Gatherer, Streams
+from quadlog.recordings.streams import Streams, gather
 from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_input_aside
 
@@ -153,17 +153,12 @@ def read_log(log: Log, progress: Progress) -> LogData:
     recording, roles, config = log.recording, log.roles, log.config
     described = describe_input_aside(log.path)
     topics = log.topics_to_read()
-    wanted = Gatherer(**topics)
-    wanted.take_static(recording)
     counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
     progress.begin("ingest", None if None in counts or log.window != (None, None) else sum(filter(None, counts)))
-    for gathered in recording.gathered(wanted.moving, *log.window) if wanted.moving else ():
-        wanted.take(gathered, recording.stamp)
-        if gathered.topic == log.lidar:
-            progress.advance()
+    streams = gather(recording, *log.window, lambda topic: topic == log.lidar and progress.advance(), **topics)
     frames, base_frame = roles.frames, config.topics.base_frame
     mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
-    base, streams = frames.base_frame(base_frame) or base_frame, wanted.streams()
+    base = frames.base_frame(base_frame) or base_frame
     streams = mounts.poses_in_base(streams, base, mount, topics)
     streams.warnings.extend(_sender_warnings(log, streams, base))
     imu = streams.imu

@@ -14,11 +14,11 @@ from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
 from quadlog.recordings.decoders.anchor_places import AnchorPlaces
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import Roles, position_topics
+from quadlog.recordings.roles import POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
 
 SEE_INFO = "see  quadlog info"
-AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+AUTO_ORDER = POSITION_WORDS[1:]
 LOOKED_AT = 20
 """Messages of a topic, the first ones, of which one can be decoded, or the topic is not waited for."""
 

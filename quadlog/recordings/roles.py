@@ -324,7 +324,7 @@ def _valid_points(cloud: PointCloud) -> np.ndarray:
 
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")  # auto: the first that is there
 NO_REFERENCE = "none"
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),

@@ -105,7 +105,7 @@ def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
         heard_ns = np.sort(np.concatenate([*heard, data.streams.clouds_ns]))
         journal.count("paused_ms", unlocated_ns(heard_ns, data.first_ns, data.last_ns) // 1_000_000)
     if lost_ns > MOST_UNLOCATED * spanned_ns:
-        why = why_failed(data, robot.source)
+        why = "" if robot.source == "uwb" else failures(data).get(robot.source, "")  # ranges may be missing then
         detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
         journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
 
@@ -354,14 +354,7 @@ def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:
 
 
 def failures(data: LogData) -> dict[str, str]:
-    """Why the sources that were tried give no position."""
-    ranges = {"uwb": "no position could be solved from the ranges"} if data.streams.ranges else {}
-    tried = {source: why for source in ("legs", "lidar") if (why := why_failed(data, source))}
-    return ranges | ({} if data.tracker is None else {"lidar": "it took no scan"}) | tried
-
-
-def why_failed(data: LogData, source: str) -> str:
-    """Why a source that was tried gives no position, or not all of the time; empty where it was not tried."""
-    if source == "legs" and data.legs is not None:
-        return "no foot stands"
-    return data.tracker.why_lost() if source == "lidar" and data.tracker is not None else ""
+    """Why the sources that were tried give no position, or not all of the time."""
+    found = {"uwb": "no position could be solved from the ranges"} if data.streams.ranges else {}
+    found |= {} if data.legs is None else {"legs": "no foot stands"}
+    return found | ({} if data.tracker is None else {"lidar": data.tracker.why_lost()})
