@@ -17,7 +17,7 @@ from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
-from quadlog.pipelines.stages.outlook import Look, locates_by_uwb
+from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
@@ -225,8 +225,7 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
     with open_configured(path, Config(), msg_path, "log") as recording:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)
-        lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found else None
-        found = find_mount(recording, roles, Config(), lidar, None)
+        found = find_mount(recording, roles, Config(), unless_ambiguous(roles, "lidar"), None)
         mount = None if found.from_tf is None else mount_of(found.transform_lidar_to_base)
         losses, warnings = tuple(recording.losses), (*recording.warnings, *place_warnings(seen.anchor_places, {}))
     topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from quadlog.config.schema import Config
-from quadlog.errors import MAX_LISTED, AmbiguousTopic, MissingInput, QuadlogError, set_flag
+from quadlog.errors import MAX_LISTED, MissingInput, QuadlogError, set_flag
 from quadlog.messages import UwbRanges
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
@@ -203,7 +203,4 @@ def may_use_uwb(config: Config) -> bool:
 
 def unless_ambiguous(roles: Roles, role: str) -> str | None:
     """The topic of an optional role; None if there is a choice."""
-    try:
-        return roles.topic(role)
-    except AmbiguousTopic:
-        return None
+    return roles.found[role].topics[0] if role in roles.found else None

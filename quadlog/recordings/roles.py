@@ -461,10 +461,8 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
 
     bodies = _frames_of(recording, Odometry, usable, taken)
     seen = bodies | _frames_of(recording, PointCloud, usable, taken)
-    transforms: tuple[str, ...] = found["tf"].topics if "tf" in found else ()
-    other_tf: tuple[tuple[str, ...], ...] = ()
-    if not transforms:
-        transforms, other_tf = _of_one_robot(recording, usable, taken, seen)
+    one_robot = (found["tf"].topics, ()) if "tf" in found else _of_one_robot(recording, usable, taken, seen)
+    transforms, other_tf = one_robot
     frames = look_at_frames(recording, transforms)
     frames.seen, frames.bodies = seen, bodies
     for robot in other_tf:

@@ -251,7 +251,7 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
 
 
 def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> RobotTrack | None:
-    if poses is None or len(poses) == 0:
+    if poses is None:
         return None
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
