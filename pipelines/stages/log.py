@@ -155,7 +155,12 @@ def read_log(log: Log, progress: Progress) -> LogData:
     topics = log.topics_to_read()
     counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
     progress.begin("ingest", None if None in counts or log.window != (None, None) else sum(filter(None, counts)))
-    streams = gather(recording, *log.window, lambda topic: topic == log.lidar and progress.advance(), **topics)
+
+    def watch(topic: str) -> None:
+        if topic == log.lidar:
+            progress.advance()
+
+    streams = gather(recording, *log.window, watch, **topics)
     frames, base_frame = roles.frames, config.topics.base_frame
     mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
     base = frames.base_frame(base_frame) or base_frame

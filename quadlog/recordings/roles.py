@@ -461,8 +461,10 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
 
     bodies = _frames_of(recording, Odometry, usable, taken)
     seen = bodies | _frames_of(recording, PointCloud, usable, taken)
-    one_robot = (found["tf"].topics, ()) if "tf" in found else _of_one_robot(recording, usable, taken, seen)
-    transforms, other_tf = one_robot
+    if "tf" in found:
+        transforms, other_tf = found["tf"].topics, tuple[tuple[str, ...], ...]()
+    else:
+        transforms, other_tf = _of_one_robot(recording, usable, taken, seen)
     frames = look_at_frames(recording, transforms)
     frames.seen, frames.bodies = seen, bodies
     for robot in other_tf:
