@@ -16,8 +16,8 @@ from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
-from quadlog.pipelines.stages.mount import lidar_in_base
-from quadlog.pipelines.stages.outlook import Look
+from quadlog.pipelines.stages.mount import find_mount
+from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.bounded_reader import Damaged
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
@@ -114,6 +114,7 @@ def _uwb(
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) -> dict[str, Any]:
+    look = Look(recording, roles, config, locates_by_uwb(recording, roles, config))
     return {
         "path": str(recording.path),
         "messages": seen.messages,
@@ -127,7 +128,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
         "tf": _tf_rows(roles, seen, roles.frames.base_frame(config.topics.base_frame)),
-        "replay": _outlook(recording, roles, config, {link.tag for links in seen.links.values() for link in links}),
+        "replay": look.outlook({link.tag for links in seen.links.values() for link in links}),
         "anchors": [
             dict(zip(("id", "x_m", "y_m", "z_m"), (anchor, *place.position_m), strict=True))
             | {"messages": place.n, "moved_m": place.moved_m}
@@ -159,17 +160,6 @@ def _tf_rows(roles: Roles, seen: Survey, base: str | None) -> list[dict[str, Any
         }
         for chain in chains
     ]
-
-
-def _outlook(recording: Recording, roles: Roles, config: Config, tags: Collection[int]) -> dict[str, Any]:
-    """How far a replay will go, with what, and what is missing; tags: those that ranged."""
-    by_uwb = False
-    if "uwb" in roles.found or "uwb" in roles.ambiguous:
-        # What locates takes half a second to load.
-        from quadlog.pipelines.stages.positions.uwb import locates_by_uwb
-
-        by_uwb = locates_by_uwb(recording, roles, config)
-    return Look(recording, roles, config, by_uwb).outlook(tags)
 
 
 def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
@@ -235,10 +225,8 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
     with open_configured(path, Config(), msg_path, "log") as recording:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)
-        # From the transforms that never change, where they lead from the lidar to the base.
-        lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found and "tf" in roles.found else None
-        transform = None if lidar is None else lidar_in_base(recording, lidar, roles.frames)
-        mount = None if transform is None else mount_of(transform)
+        found = find_mount(recording, roles, Config(), unless_ambiguous(roles, "lidar"), None)
+        mount = None if found.from_tf is None else mount_of(found.transform_lidar_to_base)
         losses, warnings = tuple(recording.losses), (*recording.warnings, *place_warnings(seen.anchor_places, {}))
     topics: dict[str, Any] = {name: roles.found[name].topics[0] for name in SINGLE_TOPICS if name in roles.found}
     if "uwb" in roles.found:

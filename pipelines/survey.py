@@ -151,8 +151,7 @@ def _survey_walk(data: LogData, journal: Journal, given_heights: Mapping[int | N
         raise QuadlogError(f"survey: known anchors contradict the ranges: {off}; {remedy}")
     if survey.faults is not None:
         positions_m = np.column_stack([known_m, np.zeros(len(ids))])
-        for text in fault_warnings(survey.faults, Anchors(anchor_ids, positions_m, np.zeros(len(ids)))):
-            journal.warn(text)
+        journal.warn(*fault_warnings(survey.faults, Anchors(anchor_ids, positions_m, np.zeros(len(ids)))))
     z_given = frozenset(anchor_ids[heights_m[1] == HEIGHT_STD_M].tolist())
     outcome = SurveyOutcome(survey, ids, tags, track.source, start_ns, config, z_given, tuple(journal.losses))
     _tell(journal, outcome, survey.way_m / max(float(way.t_s[-1]), 1e-3))

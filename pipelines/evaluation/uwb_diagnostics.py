@@ -11,6 +11,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import QuadlogError
 from quadlog.messages import Float
 from quadlog.pipelines.stages.mount import find_mount, poses_in_base
+from quadlog.pipelines.stages.outlook import unless_ambiguous
 from quadlog.pipelines.stages.positions import uwb, uwb_tags
 from quadlog.positioning.ellipses import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
@@ -30,10 +31,9 @@ def uwb_diagnostics(
     walk show them too badly.
     """
     try:
-        odometry = roles.found["odometry"].topics[0] if config.uwb.odometry and "odometry" in roles.found else None
+        odometry = unless_ambiguous(roles, "odometry") if config.uwb.odometry else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
-        lidar = roles.found["lidar"].topics[0] if "lidar" in roles.found else None
-        mount = find_mount(recording, roles, config, lidar, odometry)
+        mount = find_mount(recording, roles, config, unless_ambiguous(roles, "lidar"), odometry)
         base = roles.frames.base_frame(config.topics.base_frame) or config.topics.base_frame
         streams = poses_in_base(replace(streams, tf=roles.frames), base, mount, {"odometry": odometry})
         if streams.ranges is None:

@@ -31,13 +31,13 @@ class Journal:
         """A journal for one stage, whose lines are shown at once."""
         return Journal(self.progress, shown=self.shown)
 
-    def warn(self, text: str) -> None:
-        """A line that a user should look at."""
-        self._add(self.warnings, text, "warning: ")
+    def warn(self, *texts: str) -> None:
+        """Lines that a user should look at."""
+        self._add(self.warnings, texts, "warning: ")
 
-    def note(self, text: str) -> None:
-        """A choice that decided the result."""
-        self._add(self.notes, text)
+    def note(self, *texts: str) -> None:
+        """Choices that decided the result."""
+        self._add(self.notes, texts)
 
     def lose(self, losses: Iterable[Loss]) -> None:
         """What was in the recording and could not be used."""
@@ -56,10 +56,8 @@ class Journal:
 
     def add(self, kept: Mapping[str, Any]) -> None:
         """Everything of a stage, as `to_json` of its page gave it."""
-        for text in kept["warnings"]:
-            self.warn(text)
-        for text in kept["notes"]:
-            self.note(text)
+        self.warn(*kept["warnings"])
+        self.note(*kept["notes"])
         self.lose(Loss(**each) for each in kept["losses"])
         self.counts |= kept["counts"]
         self.topics |= {role: tuple(topics) for role, topics in kept["topics"].items()}
@@ -67,10 +65,11 @@ class Journal:
             self.clock.seconds[name] = self.clock.seconds.get(name, 0.0) + seconds
         self.clock.peak_memory_mb |= kept["peak_memory_mb"]
 
-    def _add(self, lines: list[str], text: str, before: str = "") -> None:
-        if text not in lines:
-            lines.append(text)
-            self._show(before + text)
+    def _add(self, lines: list[str], texts: Iterable[str], before: str = "") -> None:
+        for text in texts:
+            if text not in lines:
+                lines.append(text)
+                self._show(before + text)
 
     def _show(self, line: str) -> None:
         if line not in self.shown:

@@ -21,12 +21,12 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.stages.outlook import Look, unless_ambiguous
-from quadlog.pipelines.stages.positions.uwb import locates_by_uwb, with_carried_anchors
+from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
+from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_configured
 from quadlog.recordings.roles import detect_roles, position_topics
-from quadlog.recordings.streams import Gatherer, Streams
+from quadlog.recordings.streams import Streams, gather
 from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_input_aside
 
@@ -86,16 +86,13 @@ class Log(Look):
         Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
         """
         series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.target]
-        filled = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None and len(each)]
-        spans_ns = [(int(t_ns[0]), int(t_ns[-1])) for t_ns in filled]
-        clouds_ns, tf_ns = streams.clouds_ns[~streams.repeated_clouds], streams.tf.span_ns()
-        spans_ns += [(int(clouds_ns.min()), int(clouds_ns.max()))] if len(clouds_ns) else []
-        spans_ns += [] if tf_ns is None else [tf_ns]
-        reference = streams.reference
-        if not spans_ns and reference is not None and len(reference):
-            spans_ns.append((int(reference.t_ns[0]), int(reference.t_ns[-1])))
-        if spans_ns:
-            return min(first_ns for first_ns, _ in spans_ns), max(last_ns for _, last_ns in spans_ns)
+        times_ns = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None]
+        tf_ns = np.array(streams.tf.span_ns() or (), np.int64)
+        t_ns = np.concatenate([*times_ns, streams.clouds_ns[~streams.repeated_clouds], tf_ns])
+        if not len(t_ns) and streams.reference is not None:
+            t_ns = streams.reference.t_ns
+        if len(t_ns):
+            return int(t_ns.min()), int(t_ns.max())
         begin_ns = self._first_ns()
         if self.window != (None, None):
             raise EmptyWindow(self.recording.path, self.recording.span_ns)
@@ -156,17 +153,17 @@ def read_log(log: Log, progress: Progress) -> LogData:
     recording, roles, config = log.recording, log.roles, log.config
     described = describe_input_aside(log.path)
     topics = log.topics_to_read()
-    wanted = Gatherer(**topics)
-    wanted.take_static(recording)
     counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
     progress.begin("ingest", None if None in counts or log.window != (None, None) else sum(filter(None, counts)))
-    for gathered in recording.gathered(wanted.moving, *log.window) if wanted.moving else ():
-        wanted.take(gathered, recording.stamp)
-        if gathered.topic == log.lidar:
+
+    def watch(topic: str) -> None:
+        if topic == log.lidar:
             progress.advance()
+
+    streams = gather(recording, *log.window, watch, **topics)
     frames, base_frame = roles.frames, config.topics.base_frame
     mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
-    base, streams = frames.base_frame(base_frame) or base_frame, wanted.streams()
+    base = frames.base_frame(base_frame) or base_frame
     streams = mounts.poses_in_base(streams, base, mount, topics)
     streams.warnings.extend(_sender_warnings(log, streams, base))
     imu = streams.imu
@@ -235,8 +232,7 @@ def tell_recording(data: LogData, journal: Journal) -> None:
     """Losses and warnings of the recording so far; and roles whose choice is left to the user."""
     roles, recording = data.log.roles, data.log.recording
     journal.lose([*recording.losses, *data.streams.losses])
-    for text in (*recording.warnings, *data.streams.warnings):
-        journal.warn(text)
+    journal.warn(*recording.warnings, *data.streams.warnings)
     for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
@@ -268,11 +264,7 @@ def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
 def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | None, streams: Streams) -> list[str]:
     """What a user should know of the mounts, now that all transforms are read."""
     frames, base_frame = log.roles.frames, log.config.topics.base_frame
-    fixed, base = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame)
-    if (
-        streams.imu is not None
-        and base is not None
-        and mounts.imu_mount(streams.imu.frame_id, frames, base) is not None
-    ):
-        fixed.append((streams.imu.frame_id, base))
+    fixed, base, imu = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame), streams.imu
+    if imu is not None and base is not None and mounts.imu_mount(imu.frame_id, frames, base) is not None:
+        fixed.append((imu.frame_id, base))
     return mounts.moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())

@@ -119,12 +119,11 @@ def _filtered(
             journal.progress.advance((t_ns - data.first_ns) * 1e-9)
     write_arrays(folder, "cloud_samples", _samples(samples))
     journal.lose(data.log.recording.losses)
-    for text in data.log.recording.warnings:
-        journal.warn(text)
+    journal.warn(*data.log.recording.warnings)
     if (doubt := data.mount.warning()) is not None:
         journal.warn(doubt)
-    for text in data.point_times.warnings(journal.counts.get("scans", 0)) if config.lidar.deskew else ():
-        journal.warn(text)
+    if config.lidar.deskew:
+        journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
     topic = str(data.log.lidar)
     planar = PLANAR_SCANS.issuperset(data.log.recording.types_of(topic))
     tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})", planar=planar)

@@ -19,13 +19,6 @@ from quadlog.recordings.streams import Streams
 from quadlog.recordings.tf_tree import BASE_FRAMES, TransformTree, is_named
 
 
-def lidar_in_base(recording: Recording, topic: str | None, tree: TransformTree, base_frame: str = "") -> Float | None:
-    """(4, 4) transform_lidar_to_base through transforms that never change, None where these do not connect."""
-    base = tree.base_frame(base_frame)
-    frame = None if topic is None else frame_of(recording, topic)
-    return None if base is None or frame is None else tree.static_transform(frame, base)
-
-
 def frame_of(recording: Recording, topic: str) -> str | None:
     """The frame that the first message of a topic names; None where it cannot be decoded or has none."""
     first = next(iter(recording.sample(topic, 1)), None)

@@ -8,15 +8,17 @@ from functools import cached_property
 from typing import Any
 
 from quadlog.config.schema import Config
-from quadlog.errors import MAX_LISTED, AmbiguousTopic, MissingInput, QuadlogError, set_flag
+from quadlog.errors import MAX_LISTED, MissingInput, QuadlogError, set_flag
+from quadlog.messages import UwbRanges
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
+from quadlog.recordings.decoders.anchor_places import AnchorPlaces
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import Roles, position_topics
+from quadlog.recordings.roles import POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
 
 SEE_INFO = "see  quadlog info"
-AUTO_ORDER = ("uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+AUTO_ORDER = POSITION_WORDS[1:]
 LOOKED_AT = 20
 """Messages of a topic, the first ones, of which one can be decoded, or the topic is not waited for."""
 
@@ -135,7 +137,7 @@ class Look:
     def topics_to_read(self) -> dict[str, Any]:
         """The topics by role, as the gatherer takes them. Raises AmbiguousTopic for a role that is needed."""
         roles, config, position = self.roles, self.config, self.config.topics.position
-        chosen = position if position in {channel.topic for channel in self.recording.channels} else None
+        chosen = position if self.recording.channels_of(position) else None
         # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.
         needs_odometry = position in ("auto", "uwb", "odometry")
         by_tf = position == "tf" or (position == "auto" and not self.by_uwb and "tf" in roles.found)
@@ -174,9 +176,31 @@ class Look:
             clock.time_ns(topic, stamp_ns if topic in self.recording.clock.usual_ns else None, log_ns)
 
 
+SAMPLED_RANGES = 50
+
+
+def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
+    """Whether there are ranges, and anchors of the configuration or of the first messages, to locate anything by."""
+    if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
+        return ("uwb" in roles.found or "uwb" in roles.ambiguous) and wants_uwb(config)
+    places = AnchorPlaces()
+    for topic in roles.topics("uwb"):
+        for message in recording.sample(topic, SAMPLED_RANGES):
+            if isinstance(message, UwbRanges):
+                places.take(message)
+    return bool(places.found())
+
+
+def wants_uwb(config: Config) -> bool:
+    """Whether the robot or the target may be located by UWB, and the anchors for it are known."""
+    return bool(config.uwb.anchors) and may_use_uwb(config)
+
+
+def may_use_uwb(config: Config) -> bool:
+    """Whether the robot or the target may be located by UWB."""
+    return not {"auto", "uwb"}.isdisjoint({config.topics.position, config.topics.target})
+
+
 def unless_ambiguous(roles: Roles, role: str) -> str | None:
     """The topic of an optional role; None if there is a choice."""
-    try:
-        return roles.topic(role)
-    except AmbiguousTopic:
-        return None
+    return roles.found[role].topics[0] if role in roles.found else None

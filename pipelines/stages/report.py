@@ -147,8 +147,7 @@ def _trajectory_metrics(run: Path, done: Finished) -> Metrics:
         journal.note(f"errors against the reference are in {compared.dimensions}")
     else:
         journal.note(f"against the reference: {compared.summary}")
-    for text in compared.warnings if not elsewhere else filter(None, [compared.mirrored]):
-        journal.warn(text)
+    journal.warn(*(compared.warnings if not elsewhere else filter(None, [compared.mirrored])))
     return {name: each for name, each in metrics.items() if not elsewhere or name not in FRAME_METRICS}
 
 

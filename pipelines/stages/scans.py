@@ -138,8 +138,9 @@ class LidarTracker:
 
     def why_lost(self) -> str:
         """Why scans have no pose; empty where all do."""
-        track = self._odometry.track()
-        lost, few = self._scans - int((track.match != ScanMatch.LOST).sum()), f"fewer than {FEWEST_RETURNS_MATCHED}"
+        if self._scans == 0:
+            return "it took no scan"
+        lost, few = round(self.lost_share() * self._scans), f"fewer than {FEWEST_RETURNS_MATCHED}"
         return f"{lost} of {self._scans} scans have {few} returns or match nothing seen before" if lost else ""
 
     def warnings(self) -> list[str]:

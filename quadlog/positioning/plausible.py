@@ -14,12 +14,8 @@ LEAST_JUMP_M, NOISE_TIMES = 0.3, 6.0
 """A jump is longer than the first, and than so many times the track's own noise."""
 SPEED_OVER_NS = 250_000_000
 """Speeds are those over so long at least: over a single short step, noise is speed."""
-MOST_IMPLAUSIBLE, MOST_JUMPING, MOST_JUMPS = 0.01, 0.1, 2
-"""Of steps or of time, of seconds with jumps, and of jumps at all, above which no robot walked a track. One
-spike is two jumps."""
 CONTRADICTION_TIMES, CONTRADICTION_M = 1.5, 0.3
 """Ways of LEG_S that differ by more than both are not of one walk."""
-MOST_CONTRADICTED = 0.2
 
 
 def jumps(t_ns: Int, xy_m: Float, most_mps: float) -> Bool:
@@ -55,8 +51,6 @@ def ways_beside(t_ns: Int, xy_m: Float, other_ns: Int, other_m: Float) -> tuple[
 
 
 def _leads_m(begin_ns: Int, t_ns: Int, xy_m: Float) -> Float:
-    ends_ns = np.concatenate([begin_ns, begin_ns + round(LEG_S * 1e9)])
-    begin_m, end_m = np.split(
-        interpolate_poses(ends_ns, t_ns, xy_m, np.zeros(len(t_ns)), MAX_UNMEASURED_NS * 1e-9)[0], 2
-    )
-    return np.hypot(*(end_m - begin_m).T)
+    ends_ns, still = np.concatenate([begin_ns, begin_ns + round(LEG_S * 1e9)]), np.zeros(len(t_ns))
+    ends_m, _, _ = interpolate_poses(ends_ns, t_ns, xy_m, still, MAX_UNMEASURED_NS * 1e-9)
+    return np.hypot(*(ends_m[len(begin_ns) :] - ends_m[: len(begin_ns)]).T)

@@ -130,8 +130,7 @@ def is_cloud(type_name: str) -> bool:
 
 def decoder_plugin(type_name: str) -> Plugin | None:
     """The plug-in that decodes a type, None where there is none. Raises QuadlogError."""
-    own = (CLOUDS, ROS, SEVERAL, BODY, FOXGLOVE_PROTOBUF, FOXGLOVE_JSON)
-    taken = any(type_name in table for table in own) or last_part(type_name) in LINKTRACK
+    taken = _has_own(type_name) or type_name in FOXGLOVE_PROTOBUF or type_name in FOXGLOVE_JSON
     taken = taken or (is_cloud(type_name) and type_name.startswith(LIVOX_PACKAGES))
     return find_plugin(DECODERS, type_name, taken=taken)
 

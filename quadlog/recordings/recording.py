@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from functools import cached_property
 from itertools import islice
@@ -284,10 +285,8 @@ class Recording(ClosedOnExit):
         """The first few messages of a topic that can be decoded, for a look at their content."""
         found: list[Message] = []
         for raw in islice(self.container.messages([topic]), count):
-            try:
+            with suppress(DecodeError):
                 found += self._decode(raw)
-            except DecodeError:
-                continue
         return found
 
     def compare_clocks(
@@ -367,20 +366,16 @@ class Recording(ClosedOnExit):
     def _look(self, raws: Iterator[RawMessage]) -> Iterator[EdgeMessage]:
         """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
         for raw in raws:
-            for lag in self._lags_ns(iter([raw])):
+            for lag in self._lags_ns(raw):
                 usual = -self.clock.usual_ns.get(raw.channel.topic, 0)
                 if lag is None or abs(lag - usual) <= FAR_APART_NS:
                     yield EdgeMessage(raw.channel.topic, raw.log_time_ns, raw.log_time_ns - (lag or 0))
 
-    def _lags_ns(self, raws: Iterator[RawMessage]) -> Iterator[int | None]:
-        """Log time minus stamp of messages that can be decoded, None for those without stamp."""
-        for raw in raws:
-            try:
-                decoded = self._decode(raw)
-            except DecodeError:
-                continue
-            topic, log_ns, placed_ns = raw.channel.topic, raw.log_time_ns, self.clock.one.placed_ns
-            for each in decoded:
+    def _lags_ns(self, raw: RawMessage) -> Iterator[int | None]:
+        """Log time minus stamp of what a message holds, None for what has no stamp; nothing if it cannot be decoded."""
+        topic, log_ns, placed_ns = raw.channel.topic, raw.log_time_ns, self.clock.one.placed_ns
+        with suppress(DecodeError):
+            for each in self._decode(raw):
                 yield log_ns - int(placed_ns(topic, each, each.stamp_ns, log_ns)) if each.stamp_ns else None
 
     def _learn_clocks(self, topics: Collection[str]) -> None:
@@ -389,7 +384,7 @@ class Recording(ClosedOnExit):
             if topic not in self._learned and not is_static(topic):
                 self._learned.add(topic)
                 raws = islice(self.container.messages([topic]), FIRST_STAMPS)
-                lags = [lag for lag in self._lags_ns(raws) if lag is not None]
+                lags = [lag for raw in raws for lag in self._lags_ns(raw) if lag is not None]
                 self.clock.learn(topic, [-lag for lag in lags])
                 usual = -self.clock.usual_ns.get(topic, 0)
                 self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]

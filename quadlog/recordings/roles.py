@@ -57,22 +57,9 @@ TRUTH_PARTS = ("truth", "mocap", "motion_capture", "vicon", "vrpn", "optitrack",
 TRUTH_WORDS = {"gt", "true", "leica", "motive"}
 """What the name of a true pose contains, and its words as a whole: /gtsam/pose is no truth."""
 ESTIMATOR_WORDS = {
-    *("amcl", "slam", "cartographer", "karto", "gmapping", "hector", "rtabmap", "orb", "lio", "liosam", "loam", "ndt"),
-    *(
-        "icp",
-        "vio",
-        "vins",
-        "rovio",
-        "okvis",
-        "svo",
-        "msckf",
-        "ekf",
-        "ukf",
-        "localization",
-        "localizer",
-        "localisation",
-    ),
-}
+    "amcl", "slam", "cartographer", "karto", "gmapping", "hector", "rtabmap", "orb", "lio", "liosam", "loam", "ndt",
+    "icp", "vio", "vins", "rovio", "okvis", "svo", "msckf", "ekf", "ukf", "localization", "localizer", "localisation",
+}  # fmt: skip
 ERROR_WORDS = {"error", "errors", "err"}
 NOT_MEASURED_WORDS = {
     *ERROR_WORDS,
@@ -81,20 +68,10 @@ NOT_MEASURED_WORDS = {
 }
 """Words of topics that hold wanted poses, differences, or poses of things that the robot sees."""
 TARGET_NAMES = ("goal", "target", "person", "leader", "initialpose")
-DRIVER_PACKAGES = (
-    "velodyne_msgs",
-    "nebula_msgs",
-    "robosense_msgs",
-    "rslidar_msg",
-    "rslidar_msgs",
-    "pandar_msgs",
-    "hesai_ros_driver",
-    "ouster_msgs",
-    "ouster_ros",
-    "ouster_sensor_msgs",
-    "innovusion_msgs",
-    "seyond_msgs",
-)
+DRIVER_PACKAGES = {
+    "velodyne_msgs", "nebula_msgs", "robosense_msgs", "rslidar_msg", "rslidar_msgs", "pandar_msgs", "hesai_ros_driver",
+    "ouster_msgs", "ouster_ros", "ouster_sensor_msgs", "innovusion_msgs", "seyond_msgs",
+}  # fmt: skip
 
 LATE_SCANS = 100
 """A lidar that shows nothing in so many scans, ten seconds of them, is not expected to."""
@@ -139,11 +116,6 @@ def kinds_of(type_name: str) -> tuple[type[Message], ...]:
     last = last_part(type_name)
     own = UwbRanges if last in LINKTRACK else OWN_KINDS.get(last if last == LIVOX else type_name)
     return () if own is None else (own,)
-
-
-def kinds_in(recording: Recording, type_name: str) -> tuple[type[Message], ...]:
-    """The same, with the poses that the recording's own definitions show in types that nobody else decodes."""
-    return (Pose,) if isinstance(recording.found_poses.get(type_name), PoseField) else kinds_of(type_name)
 
 
 def refusal(type_name: str) -> str | None:
@@ -241,23 +213,20 @@ def look_at_clouds(
     """
     samples = {topic: recording.sample(topic, SAMPLED_SCANS) for topic in topics}
     frame_of = {topic: each.frame_id for topic in topics for each in samples[topic] if isinstance(each, PointCloud)}
-    candidates = [_judge(recording, topic, samples[topic]) for topic in topics]
-    for at, (topic, each) in enumerate(zip(topics, candidates, strict=True)):
+    found = {topic: _judge(recording, topic, samples[topic]) for topic in topics}
+    for topic, each in found.items():
         if each.rank and frames.is_world(frame_of[topic], base):
             placed = frame_of[topic] in pose_frames or (base and frames.connects(frame_of[topic], base))
-            candidates[at] = _in_world(each, frame_of[topic], bool(placed))
-    best = max((each.rank for each in candidates), default=0)
+            found[topic] = _in_world(each, frame_of[topic], bool(placed))
+    best = max((each.rank for each in found.values()), default=0)
     if best > _POOR:
-        copies = _copies(
-            recording, {each.topics[0]: frame_of[each.topics[0]] for each in candidates if each.rank == best}
-        )
-        return [_unless_copy(each, copies) for each in candidates]
-    return [
-        _by_later_scans(recording, each)
-        if each.rank == 0 == max(map(len, _clouds(samples[each.topics[0]])), default=0)
-        else each
-        for each in candidates
-    ]
+        copies = _copies(recording, {topic: frame_of[topic] for topic, each in found.items() if each.rank == best})
+        found |= {topic: Candidate((topic,), 0, f"repeats points of {first}") for topic, first in copies.items()}
+        return [*found.values()]
+    for topic, each in found.items():
+        if each.rank == 0 and not any(map(len, _clouds(samples[topic]))):
+            found[topic] = _by_later_scans(recording, each)
+    return [*found.values()]
 
 
 def _by_later_scans(recording: Recording, candidate: Candidate) -> Candidate:
@@ -300,11 +269,6 @@ def _in_world(candidate: Candidate, frame: str, placed: bool) -> Candidate:
         f"is in the frame {frame}, in which neither tf nor odometry places the robot; if it is seen from base:  {flag}"
     )
     return Candidate(candidate.topics, 0, why)
-
-
-def _unless_copy(candidate: Candidate, copies: Mapping[str, str]) -> Candidate:
-    original = copies.get(candidate.topics[0])
-    return candidate if original is None else Candidate(candidate.topics, 0, f"repeats points of {original}")
 
 
 COMPARED_SCANS, COMPARED_POINTS, COMPARED_MESSAGES = 12, 64, 600
@@ -360,7 +324,7 @@ def _valid_points(cloud: PointCloud) -> np.ndarray:
 
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")  # auto: the first that is there
 NO_REFERENCE = "none"
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
@@ -497,9 +461,9 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
 
     bodies = _frames_of(recording, Odometry, usable, taken)
     seen = bodies | _frames_of(recording, PointCloud, usable, taken)
-    transforms: tuple[str, ...] = found["tf"].topics if "tf" in found else ()
-    other_tf: tuple[tuple[str, ...], ...] = ()
-    if not transforms:
+    if "tf" in found:
+        transforms, other_tf = found["tf"].topics, tuple[tuple[str, ...], ...]()
+    else:
         transforms, other_tf = _of_one_robot(recording, usable, taken, seen)
     frames = look_at_frames(recording, transforms)
     frames.seen, frames.bodies = seen, bodies
@@ -509,23 +473,24 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     if "lidar" not in found:
         clouds = [topic for topic, name in free.items() if PointCloud in kinds_of(name)]
         odometries = [topic for topic, name in free.items() if Odometry in kinds_of(name)]
-        seen_by = frames, frames.base_frame(topics.base_frame), _pose_frames(recording, odometries)
+        first = [each for topic in odometries for each in recording.sample(topic, 1)]
+        pose_frames = {each.frame_id for each in first if isinstance(each, Odometry)}
+        seen_by = frames, frames.base_frame(topics.base_frame), pose_frames
         _settle("lidar", look_at_clouds(recording, clouds, *seen_by), found, ambiguous, unused)
     if "uwb" not in found:
-        families = uwb_candidates(recording, free, unused)
-        if len(families) == 1:
-            found["uwb"] = Role("uwb", families[0].topics, families[0].why)
-        elif families:
-            ambiguous["uwb"] = tuple(family.topics for family in families)
+        _settle("uwb", uwb_candidates(recording, free, unused), found, ambiguous, unused)
     for role, kind in (("odometry", Odometry), ("imu", Imu)):
         if role not in found:
             _settle(role, _by_kind(recording, role, kind, free), found, ambiguous, unused)
     if "joints" not in found:
-        _settle("joints", look_at_joints(recording, free), found, ambiguous, unused)
+        legged = [(topic, name) for topic, name in free.items() if JointStates in kinds_of(name)]
+        _settle("joints", [_judge_joints(recording, *each) for each in legged], found, ambiguous, unused)
     if transforms and "tf" not in found:
         found["tf"] = Role("tf", transforms, several(len(transforms), "topic") + " of transforms")
     if topics.reference != NO_REFERENCE and "reference" not in found:
-        sources = {topic: usable[topic] for topic in _sources(found) if topic in usable}
+        # What is the robot's position is not its own truth.
+        positions = [topic for role in ("position", "odometry") if role in found for topic in found[role].topics]
+        sources = {topic: usable[topic] for topic in positions if topic in usable}
         _settle("reference", _by_kind(recording, "reference", Pose, free | sources), found, ambiguous, unused)
         _part_from_sources(sources, found, ambiguous)
         _keep_on_one_clock(recording, found, unused)
@@ -592,11 +557,6 @@ def _of_one_robot(
     return tuple(topic for topic in tf if topic not in left_out), robots
 
 
-def _pose_frames(recording: Recording, topics: Sequence[str]) -> set[str]:
-    samples = (each for topic in topics for each in recording.sample(topic, 1))
-    return {each.frame_id for each in samples if isinstance(each, Odometry)}
-
-
 def _estimates(free: Mapping[str, str]) -> tuple[tuple[str, ...], str] | None:
     """The topics of poses that estimators may have made, and what they are for; None without any."""
     topics = [topic for topic, name in free.items() if Pose in kinds_of(name) and is_measured(topic)]
@@ -613,11 +573,6 @@ def position_topics(recording: Recording) -> list[str]:
         each.topic for each in recording.channels if each.count != 0 and _fits(recording, "position", each.type_name)
     ]
     return sorted({topic for topic in fits if is_measured(topic)})
-
-
-def _sources(found: Mapping[str, Role]) -> list[str]:
-    """The topics that the configuration makes the robot's position: none of them is its own truth."""
-    return [topic for role in ("position", "odometry") if role in found for topic in found[role].topics]
 
 
 def _part_from_sources(
@@ -651,26 +606,17 @@ def _usable(recording: Recording) -> tuple[dict[str, str], dict[str, str]]:
     unused: dict[str, str] = {}
     for topic in sorted({channel.topic for channel in recording.channels}):
         types = recording.types_of(topic)
-        counts = [channel.count for channel in recording.channels_of(topic)]
-        why: str | None = f"carries several types ({some_of(types)})"
-        if len(types) == 1:
-            why = refusal(types[0])
-            why = why or _untaken(recording, types[0])
-        if why is None and all(count == 0 for count in counts):
+        pose = recording.found_poses.get(types[0])
+        why = f"carries several types ({some_of(types)})" if len(types) > 1 else refusal(types[0])
+        why = why or (pose if isinstance(pose, str) else None)
+        if why is None and all(channel.count == 0 for channel in recording.channels_of(topic)):
             why = "has no messages"
-        if why is None:
-            why = recording.why_undecodable(topic)
+        why = why or recording.why_undecodable(topic)
         if why is None:
             usable[topic] = types[0]
         else:
             unused[topic] = why
     return usable, unused
-
-
-def _untaken(recording: Recording, type_name: str) -> str | None:
-    """Why the poses that a type's definition shows are not taken."""
-    field = recording.found_poses.get(type_name)
-    return field if isinstance(field, str) else None
 
 
 def found_words(recording: Recording, type_name: str) -> str:
@@ -721,7 +667,9 @@ def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
 
 
 def _fits(recording: Recording, role: str, type_name: str) -> bool:
-    return not set(KINDS[role][0]).isdisjoint(kinds_in(recording, type_name))
+    """By its kinds, or by the pose that the recording's own definition shows in a type that nobody else decodes."""
+    found = isinstance(recording.found_poses.get(type_name), PoseField)
+    return not set(KINDS[role][0]).isdisjoint((Pose,) if found else kinds_of(type_name))
 
 
 def _by_kind(recording: Recording, role: str, kind: type[Message], free: Mapping[str, str]) -> list[Candidate]:
@@ -761,12 +709,8 @@ def _rank_of(topic: str, type_name: str) -> int:
     return by_type - ("lf" in topic.split("/"))
 
 
-def look_at_joints(recording: Recording, free: Mapping[str, str]) -> list[Candidate]:
-    """How well each topic with joints serves, by its first messages; one with the feet's forces is best."""
-    return [_judge_joints(recording, topic, name) for topic, name in free.items() if JointStates in kinds_of(name)]
-
-
 def _judge_joints(recording: Recording, topic: str, type_name: str) -> Candidate:
+    """How well a topic with joints serves, by its first messages; one with the feet's forces is best."""
     why = recording.why_unsampled(topic, SAMPLED_JOINTS)
     if why is not None:
         return Candidate((topic,), 0, why)

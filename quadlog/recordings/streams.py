@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,40 +67,32 @@ class Streams:
 
 def gather(
     recording: Recording,
-    *,
-    uwb: Sequence[str] = (),
-    odometry: str | None = None,
-    imu: str | None = None,
-    reference: str | None = None,
-    target: str | None = None,
-    tf: Sequence[str] = (),
-    joints: str | None = None,
     start_ns: int | None = None,
     end_ns: int | None = None,
+    watch: Callable[[str], object] = lambda _: None,
+    **topics: Any,
 ) -> Streams:
-    """Read the named topics once (static transforms apart: they count from before start_ns too).
+    """Read topics by role, as Gatherer takes them, once (static transforms apart: they count from before start_ns too).
 
+    watch: called with the topic of all that is read.
     Messages that have overtaken one another are sorted. Where a clock was set
     back, what it stamps a second time is dropped, which is a loss, because two
     walks would interleave. Times increase strictly except those of ranges: a
     message with the stamp of another is dropped and counted in warnings.
     Raises ClocksDiffer.
     """
-    wanted = Gatherer(uwb, odometry, imu, reference, target, tf, joints)
-    wanted.take_static(recording)
-    for gathered in recording.gathered(wanted.moving, start_ns, end_ns) if wanted.moving else ():
-        wanted.take(gathered, recording.stamp)
+    wanted = Gatherer(**topics)
+    wanted.take_all(wanted.static, recording)
+    wanted.take_all(wanted.moving, recording, start_ns, end_ns, watch)
     return wanted.streams()
 
 
 def look_at_frames(recording: Recording, tf: Sequence[str]) -> TransformTree:
     """The frames that all static transforms and an excerpt of the others show, on log times."""
     wanted = Gatherer(tf=tf)
-    wanted.take_static(recording)
+    wanted.take_all(wanted.static, recording)
     if wanted.moving:
-        part = recording.glimpse()
-        for gathered in part.gathered(wanted.moving):
-            wanted.take(gathered, part.stamp)
+        wanted.take_all(wanted.moving, recording.glimpse())
     return wanted.tree
 
 
@@ -208,10 +201,18 @@ class Gatherer:
         self._warnings: list[str] = []
         self._losses: list[Loss] = []
 
-    def take_static(self, recording: Recording) -> None:
-        """All static transforms: they count from before a window too."""
-        for gathered in recording.gathered(self.static) if self.static else ():
+    def take_all(
+        self,
+        topics: Sequence[str],
+        recording: Recording,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        watch: Callable[[str], object] = lambda _: None,
+    ) -> None:
+        """File all that topics hold in a window; see gather."""
+        for gathered in recording.gathered(topics, start_ns, end_ns) if topics else ():
             self.take(gathered, recording.stamp)
+            watch(gathered.topic)
 
     def take(self, gathered: Gathered, stamp: str) -> None:
         """File what was read."""

@@ -182,15 +182,11 @@ Watch = Callable[[Iterator[Decoded]], Iterator[Decoded]]
 class TopicSurvey:
     """One topic with one type.
 
-    first_ns, last_ns: log times. hz_min, hz_max: the slowest and the fastest of
-    all runs of ten successive intervals (of all intervals together where there
-    are fewer), None below two messages. gaps: intervals longer than three
-    times the median one. clock_offset_s: median of header stamp minus log time
-    over the first thousand messages read, None without header. clock_jump_s: how far
-    apart the largest and the smallest of these differences lie, over all
-    messages read of types that quadlog reads; static transforms may be of any age.
-    clock_back_ns, clock_back_to_ns: the farthest that header stamps of one sender's
-    ranges go back from message to message, and to when; zero where they never do.
+    first_ns, last_ns, hz_min, hz_max, gaps: of Pulse. clock_offset_s: median of header stamp minus log time over the
+    first OFFSETS_KEPT messages read, None without header. clock_jump_s: how far apart the largest and the smallest of
+    these differences lie, over all messages read of types that quadlog reads; static transforms may be of any age.
+    clock_back_ns, clock_back_to_ns: the farthest that header stamps of one sender's ranges go back from message to
+    message, and to when; zero where they never do.
     """
 
     name: str

@@ -13,17 +13,13 @@ from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.tracks import RobotTrack
 from quadlog.positioning.odometry import LEG_S
-from quadlog.positioning.plausible import (
-    MOST_CONTRADICTED,
-    MOST_IMPLAUSIBLE,
-    MOST_JUMPING,
-    MOST_JUMPS,
-    jumps,
-    speeds,
-    ways_beside,
-)
+from quadlog.positioning.plausible import jumps, speeds, ways_beside
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import several
+
+MOST_IMPLAUSIBLE, MOST_JUMPING, MOST_JUMPS, MOST_CONTRADICTED = 0.01, 0.1, 2, 0.2
+"""Of steps or of time, of seconds with jumps, of jumps at all, and of ways beside odometry: above, it is no walk of a
+robot. One spike is two jumps."""
 
 
 def tell_implausible(data: LogData, journal: Journal, robot: RobotTrack, others: Sequence[str]) -> None:

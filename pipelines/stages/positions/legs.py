@@ -34,12 +34,9 @@ def track_legs(data: LogData) -> LegTrack | None:
     joints = data.streams.joints
     if joints is None or not np.isfinite(joints.position_rad).any():
         return None
-    return leg_track(joints, geometry_of(robot_of(data.config)), data.streams.imu)
-
-
-def geometry_of(robot: Robot) -> LegGeometry:
-    """What legs need of a robot to be measured by."""
-    return LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m)
+    robot = robot_of(data.config)
+    legs = LegGeometry(robot.hips_m, robot.lengths_m, robot.foot_radius_m)
+    return leg_track(joints, legs, data.streams.imu)
 
 
 def robot_of(config: Config) -> Robot:

@@ -18,11 +18,11 @@ from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
-from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO
+from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO, wants_uwb
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
-from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, wants_uwb, with_carried_anchors, write_uwb
+from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
 from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
@@ -105,7 +105,7 @@ def _tell_unlocated(data: LogData, journal: Journal, robot: RobotTrack) -> None:
         heard_ns = np.sort(np.concatenate([*heard, data.streams.clouds_ns]))
         journal.count("paused_ms", unlocated_ns(heard_ns, data.first_ns, data.last_ns) // 1_000_000)
     if lost_ns > MOST_UNLOCATED * spanned_ns:
-        why = why_failed(data, robot.source)
+        why = "" if robot.source == "uwb" else failures(data).get(robot.source, "")  # ranges may be missing then
         detail = f"{lost_ns / spanned_ns:.0%} of {spanned_ns * 1e-9:.1f} s have no measured position"
         journal.lose([Loss("positions", f"{detail}: {why}" if why else detail)])
 
@@ -132,15 +132,14 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         return track
     if wanted in sources:
         chosen = sources[wanted]()
-    elif wanted in {channel.topic for channel in data.log.recording.channels}:
+    elif data.log.recording.channels_of(wanted):
         journal.use("position", wanted)
         kinds = kinds_of(data.log.recording.types_of(wanted)[0])
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
         warnings = list[str]()
         chosen = _from_poses(read_tum(Path(wanted), warnings), "file", journal)
-        for text in warnings:
-            journal.warn(text)
+        journal.warn(*warnings)
     if chosen is None:
         raise data.log.without(wanted, data.streams.tf, failures(data))
     return chosen
@@ -243,8 +242,7 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
     if data.tracker is None or track is None or len(track.t_ns) == 0:
         return None
     journal.use("lidar")
-    for text in data.tracker.warnings():
-        journal.warn(text)
+    journal.warn(*data.tracker.warnings())
     turned = track.rotation
     yaw_rad = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     tilt_rad = tilt_of(turned[:, 2])
@@ -253,7 +251,7 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
 
 
 def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> RobotTrack | None:
-    if poses is None or len(poses) == 0:
+    if poses is None:
         return None
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
@@ -356,14 +354,7 @@ def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:
 
 
 def failures(data: LogData) -> dict[str, str]:
-    """Why the sources that were tried give no position."""
-    ranges = {"uwb": "no position could be solved from the ranges"} if data.streams.ranges else {}
-    tried = {source: why for source in ("legs", "lidar") if (why := why_failed(data, source))}
-    return ranges | ({} if data.tracker is None else {"lidar": "it took no scan"}) | tried
-
-
-def why_failed(data: LogData, source: str) -> str:
-    """Why a source that was tried gives no position, or not all of the time; empty where it was not tried."""
-    if source == "legs" and data.legs is not None:
-        return "no foot stands"
-    return data.tracker.why_lost() if source == "lidar" and data.tracker is not None else ""
+    """Why the sources that were tried give no position, or not all of the time."""
+    found = {"uwb": "no position could be solved from the ranges"} if data.streams.ranges else {}
+    found |= {} if data.legs is None else {"legs": "no foot stands"}
+    return found | ({} if data.tracker is None else {"lidar": data.tracker.why_lost()})

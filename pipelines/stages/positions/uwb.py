@@ -12,8 +12,9 @@ import numpy as np
 
 from quadlog.config.schema import Anchor, Config
 from quadlog.geometry import yaw_from_quat
-from quadlog.messages import Float, PoseSeries, RangeSeries, UwbRanges
+from quadlog.messages import Float, PoseSeries, RangeSeries
 from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.outlook import may_use_uwb, wants_uwb
 from quadlog.pipelines.stages.positions import uwb_tags
 from quadlog.pipelines.stages.positions.check_anchors import check_located, fault_warnings
 from quadlog.pipelines.stages.positions.legs import legs_motion
@@ -25,10 +26,8 @@ from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts, likely_unit
 from quadlog.positioning.lidar_odometry import body_motion
 from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
 from quadlog.positioning.odometry import BodyMotion
-from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, AnchorPlaces, place_warnings
+from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import listed
-from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.results.tables import TABLES, TableWriter
 
@@ -203,15 +202,12 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
         located, body = solve_body(config, located, robot, anchors_of(config), settings_of(config), motion)
         tell_body(journal, body)
     tell_roles(config, journal, located)
-    for text in place_faults(config, located, robot, data.streams.odometry):
-        journal.warn(text)
+    journal.warn(*place_faults(config, located, robot, data.streams.odometry))
     counts = located.counts
     journal.counts |= {"ranges": counts.total, "ranges_used": counts.used}
     journal.counts["ranges_off_track"] = sum(int(np.isnan(each.ranges.predicted_m).sum()) for each in located.tags)
-    for text in located_warnings(located, config, data.first_ns):
-        journal.warn(text)
-    for text in _located_notes(located, config):
-        journal.note(text)
+    journal.warn(*located_warnings(located, config, data.first_ns))
+    journal.note(*_located_notes(located, config))
     by_id = {result.tag: result for result in located.tags}
     roles = uwb_tags.roles_of(config, list(by_id))
     journal.use("uwb")
@@ -257,28 +253,12 @@ def _tell_places(data: LogData, journal: Journal) -> None:
         journal.note(
             f"positions of {len(places)} anchors from the messages; quadlog init writes them as [[uwb.anchors]]"
         )
-    for text in place_warnings(places, {} if data.anchors_carried else configured_places(data.config)):
-        journal.warn(text)
+    journal.warn(*place_warnings(places, {} if data.anchors_carried else configured_places(data.config)))
 
 
 def configured_places(config: Config) -> dict[int, Float]:
     """Anchor id -> position (3,) in map, of the configured anchors."""
     return {each.id: np.array([each.x_m, each.y_m, each.z_m]) for each in config.uwb.anchors}
-
-
-SAMPLED_RANGES = 50
-
-
-def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
-    """Whether there are ranges, and anchors of the configuration or of the first messages, to locate anything by."""
-    if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
-        return ("uwb" in roles.found or "uwb" in roles.ambiguous) and wants_uwb(config)
-    places = AnchorPlaces()
-    for topic in roles.topics("uwb"):
-        for message in recording.sample(topic, SAMPLED_RANGES):
-            if isinstance(message, UwbRanges):
-                places.take(message)
-    return bool(places.found())
 
 
 def with_carried_anchors(config: Config, places: Mapping[int, AnchorPlace]) -> Config:
@@ -318,16 +298,6 @@ def _body_motion(data: LogData) -> BodyMotion | None:
         return legs_motion(data.legs, causal=causal)
     track = None if motion is not None or data.tracker is None else data.tracker.track()
     return motion if track is None else body_motion(track, causal=causal)
-
-
-def wants_uwb(config: Config) -> bool:
-    """Whether the robot or the target may be located by UWB, and the anchors for it are known."""
-    return bool(config.uwb.anchors) and may_use_uwb(config)
-
-
-def may_use_uwb(config: Config) -> bool:
-    """Whether the robot or the target may be located by UWB."""
-    return not {"auto", "uwb"}.isdisjoint({config.topics.position, config.topics.target})
 
 
 def anchors_of(config: Config) -> Anchors:

@@ -164,10 +164,6 @@ def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Pay
     check_block(topic, block, size, fields)
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
     cloud = make_cloud(topic, block, fields, header.stamp_ns, header.frame_id)
-    return _relative_to_stamp(cloud, timebase_ns)
-
-
-def _relative_to_stamp(cloud: PointCloud, timebase_ns: int) -> PointCloud:
     zero_ns = timebase_ns - (cloud.stamp_ns or 0)
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud

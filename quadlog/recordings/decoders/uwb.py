@@ -14,9 +14,8 @@ from quadlog.recordings.decoders.columns import ABSENT, WHOLE, Columns, header_o
 from quadlog.recordings.decoders.payload import stamp_ns
 
 
-def decode_ranging(message: Any, topic: str) -> UwbRanges:
+def decode_ranging(message: Any, _: str) -> UwbRanges:
     """One range, from millimetres to metres; failures, which the radio reports as zero or less, are passed on."""
-    del topic
     return _single(message, int(message.tagId), message.anchorId, message.range / 1000)
 
 
@@ -25,29 +24,25 @@ STAMPED_TAGFRAME0 = header_of("header") | {"id": WHOLE, "dis_arr": 8}
 TAGFRAME0 = {"header.stamp.sec": ABSENT, "id": WHOLE, "dis_arr": 8}
 
 
-def decode_tagframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+def decode_tagframe0(message: Any, _: str) -> tuple[UwbRanges, ...]:
     """A tag's own distances to anchors 0 to 7."""
-    del topic
     return (_from_distances(stamp_ns(message), int(message.id), message.dis_arr),)
 
 
-def tagframe0_in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
+def tagframe0_in_columns(_: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
     """The same of the numbers (N, 9) of TAGFRAME0, or (N, 11) of STAMPED_TAGFRAME0."""
-    del texts
     stamp_ns = stamps_ns(numbers[:, :2]) if numbers.shape[1] > 9 else None
     return [Columns(UwbRanges, stamp_ns, numbers[:, -9:])], np.ones(len(numbers), dtype=bool)
 
 
-def decode_anchorframe0(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+def decode_anchorframe0(message: Any, _: str) -> tuple[UwbRanges, ...]:
     """What an anchor gathered: the distances of each tag to anchors 0 to 7."""
-    del topic
     stamp = stamp_ns(message)
     return tuple(_from_distances(stamp, int(tag.id), tag.dis_arr) for tag in message.nodes)
 
 
-def decode_nodeframe4(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+def decode_nodeframe4(message: Any, _: str) -> tuple[UwbRanges, ...]:
     """What a console gathered: for each tag, the anchors it heard."""
-    del topic
     stamp = stamp_ns(message)
     return tuple(
         _ranges(stamp, int(tag.id), [(int(each.id), float(each.dis), None) for each in tag.anchors])
@@ -55,13 +50,12 @@ def decode_nodeframe4(message: Any, topic: str) -> tuple[UwbRanges, ...]:
     )
 
 
-def decode_nodeframe(message: Any, topic: str) -> tuple[UwbRanges, ...]:
+def decode_nodeframe(message: Any, _: str) -> tuple[UwbRanges, ...]:
     """Nodeframes 2, 3 and 5: one node's distances to the others, with signal strengths.
 
     A tag's frame lists its anchors. An anchor's frame lists tags, each of which
     makes one entry. Plain nodes have no roles: the sender counts as the tag.
     """
-    del topic
     stamp, sender = stamp_ns(message), int(message.id)
     if int(message.role) == ROLE_ANCHOR:
         tags = [node for node in message.nodes if int(node.role) != ROLE_ANCHOR]
@@ -93,13 +87,12 @@ def _ranges(stamp: int | None, tag: int, measured: list[tuple[int, float, float 
 UNKNOWN_ANCHOR = -1
 
 
-def decode_range(message: Any, topic: str) -> UwbRanges:
+def decode_range(message: Any, _: str) -> UwbRanges:
     """One range with tag None and anchor -1; what else is no distance, as NaN or zero, is passed on to be counted.
 
     Infinite ranges [REP 117], and those beyond min_range or max_range where the latter is larger (drivers may leave
     both at zero), were not measured.
     """
-    del topic
     range_m, low_m, high_m = float(message.range), float(message.min_range), float(message.max_range)
     unmeasured = ""
     if np.isinf(range_m):
@@ -119,13 +112,12 @@ NO_ANSWER, NO_EDGE = (1, 3), 0b100110
 """Values of range_status of failed rangings, and bits of the even ones; other values are remarks on a range."""
 
 
-def decode_uwb_range(message: Any, topic: str) -> UwbRanges:
+def decode_uwb_range(message: Any, _: str) -> UwbRanges:
     """One range in metres, a distance or not, with the anchor's position where the message has that field.
 
     Older versions of the message have no requester: tag None then. A ranging whose range_status says that it failed
     measured nothing.
     """
-    del topic
     requester, place = getattr(message, "requester_id", None), getattr(message, "responder_location", None)
     status = int(getattr(message, "range_status", 0))
     failed = status in NO_ANSWER or (status % 2 == 0 and status & NO_EDGE)
