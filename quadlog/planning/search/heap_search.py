@@ -8,6 +8,7 @@ heuristic and no charge for leaving a cell, nothing better could come to them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,16 +101,7 @@ class HeapSearch:
         if not (is_usable(blocked, start) and is_usable(blocked, goal)):
             return no_plan()
         self._prepare(blocked, danger)
-        width = self._shape[1]
-        first, last = ((row + 1) * width + col + 1 for col, row in (start, goal))
-        length, straights, diagonals, expanded, generated, touched = _search(
-            *self._work, self._parameters(danger), width, first, last, self._rules.corner_cutting
-        )
-        if length == 0:
-            return no_plan(expanded, generated, touched)
-        cells = self._way[len(self._way) - length :].copy()
-        cost = self._rules.cost_of(straights, diagonals)
-        return Plan(True, cells, cost, expanded, generated, touched, from_scratch=True, reused_cells=0)
+        return self._found(start, goal, danger) or no_plan()
 
     def extend(
         self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool = False
@@ -120,30 +112,26 @@ class HeapSearch:
         self._prepare(blocked, None)
         if len(self._kept) < len(route) + REANCHOR_CELLS:
             self._kept = np.empty((2 * len(route) + REANCHOR_CELLS, 2), dtype=np.int32)
-        kept, linking, straights, diagonals = _kept_route(
-            blocked,
-            route,
-            *shift,
-            start,
-            goal,
-            self._rules.corner_cutting,
-            self._rules.step_units,
-            self._kept,
-            from_end,
-        )
-        if kept == 0:
-            return None
+        cutting, units = self._rules.corner_cutting, self._rules.step_units
+        kept, linking, *steps = _kept_route(blocked, route, *shift, start, goal, cutting, units, self._kept, from_end)
+        return self._found(self._kept[kept - 1], goal, None, kept, linking, steps) if kept else None
+
+    def _found(
+        self, start: Any, goal: Cell, danger: Danger | None, kept: int = 0, linking: int = 0, steps: Any = (0, 0)
+    ) -> Plan | None:
+        """The path from start on, behind what is kept of a route with these steps; None where there is no room."""
         width = self._shape[1]
-        waypoint, last = ((row + 1) * width + col + 1 for col, row in (self._kept[kept - 1].tolist(), goal))
-        length, more_straights, more_diagonals, expanded, generated, touched = _search(
-            *self._work, self._parameters(None), width, waypoint, last, self._rules.corner_cutting
+        first, last = ((int(row) + 1) * width + int(col) + 1 for col, row in (start, goal))
+        length, straights, diagonals, expanded, generated, touched = _search(
+            *self._work, self._parameters(danger), width, first, last, self._rules.corner_cutting
         )
-        length = _join(self._way, length, self._kept, kept)
+        if kept:
+            length = _join(self._way, length, self._kept, kept)
         if length <= 0:
-            return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
-        cost = self._rules.cost_of(straights + more_straights, diagonals + more_diagonals)
+            return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=not kept)
+        cost = self._rules.cost_of(straights + steps[0], diagonals + steps[1])
         reused = max(kept - linking, 0)
-        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, False, reused)
+        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, not kept, reused)
 
     def _parameters(self, danger: Danger | None) -> NDArray[np.int64]:
         # Tenths a hundred times finer, so that a thousandth of a straight step is a whole number. Exact costs are fine
