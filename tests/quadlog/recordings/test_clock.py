@@ -123,6 +123,10 @@ CLOCKS = {
         {"/odom": 0, "/points": lambda t_s: -0.3 * t_s},
         (BEHIND("/points", "1.94", "those of /odom", "they drift or jump by 2.45 s; " + LOG),),
     ),
+    "a jump": Clocks(
+        {"/odom": 0, "/points": lambda t_s: -0.8 * (t_s > 8)},
+        (AHEAD("/points", "0.00", "those of /odom", "they drift or jump by 0.80 s; " + LOG),),
+    ),
     "simulated time, faster": Clocks({BASE: lambda t_s: SIM + t_s, "/points": lambda t_s: SIM + t_s - 0.1}),
     "a reference": Clocks({"/odom": 0, "/mocap": -3}, (BEHIND("/mocap", "3.00", "those of /odom", LOG),)),
     "tf": Clocks(
