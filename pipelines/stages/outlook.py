@@ -124,7 +124,7 @@ class Look:
 
     @cached_property
     def unheard(self) -> dict[str, str]:
-        """Topic -> why none of its first messages can be decoded, of the topics with a role."""
+        """Topics with a role whose first messages cannot be decoded -> the decoder's reason."""
         found = {topic: self.recording.why_unsampled(topic, LOOKED_AT) for topic in self.roles.played}
         return {topic: why for topic, why in found.items() if why is not None}
 

@@ -59,7 +59,7 @@ class Finished:
 
     @property
     def realtime_factor(self) -> float | None:
-        """Recorded seconds without pauses over seconds in the stages asked for; None where there are none of either."""
+        """Recorded seconds without pauses over seconds in the stages asked for; None if either is zero."""
         seconds = sum(self.journal.clock.seconds.get(name, 0.0) for name in stages_until(self.request.options.until))
         logged_s = self.recorded_s - self.journal.counts.get("paused_ms", 0) * 1e-3
         return logged_s / seconds if logged_s > 0 and seconds > 0 else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.errors import TooLarge
-from quadlog.messages import Float, Int, RangeSeries
+from quadlog.messages import UNITS_M, Float, Int, RangeSeries
 
 MAX_CELLS = 100_000_000
 """Largest number of epochs times anchors that is allocated."""
@@ -17,7 +17,6 @@ LONGEST_EPOCH_S = 1.0
 """Bound of the derived length: in a slower round a walker moves too far for a fix to mean anything."""
 FEWEST = 5
 """Fewer ranges that equal the one right before may do so by chance, as cm are coarse, and fewer pairs fit any unit."""
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ CONTRADICTION_TIMES, CONTRADICTION_M = 1.5, 0.3
 
 
 def jumps(t_ns: Int, xy_m: Float, most_mps: float) -> Bool:
-    """(N-1,) which steps of a track (N,), (N, 2) are none of a robot of that speed, nor of the track's noise."""
+    """(N-1,) which steps of a track (N,), (N, 2) are longer than that speed and the track's noise allow."""
     near_m = np.full(len(t_ns), np.inf)
     for rows in range(1, min(5, len(t_ns))):  # the noise, also where several senders take turns
         apart_m = np.hypot(*(xy_m[rows:] - xy_m[:-rows]).T)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.messages import Float, UwbRanges
+from quadlog.messages import UNITS_M, Float, UwbRanges
 from quadlog.recordings.decoders.columns import ABSENT, WHOLE, Columns, header_of, stamps_ns
 from quadlog.recordings.decoders.payload import stamp_ns
 
@@ -129,13 +129,10 @@ def decode_uwb_range(message: Any, _: str) -> UwbRanges:
     return replace(ranges, anchor_position_m=np.array([[place.x, place.y, place.z]], np.float64))
 
 
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-
-
 def in_metres(ranges: UwbRanges, unit: str, type_name: str) -> UwbRanges:
     """Ranges of a driver that sends another unit than its type has."""
     own = "mm" if type_name == "gtec_msgs/msg/Ranging" else "m"
-    return replace(ranges, range_m=ranges.range_m * (METRES[unit] / METRES[own]))
+    return replace(ranges, range_m=ranges.range_m * (UNITS_M[unit] / UNITS_M[own]))
 
 
 UWB_WORDS = ("uwb", "anchor", "dwm", "decawave", "linktrack", "tof")
