@@ -14,9 +14,6 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import Interval, mean_interval_in_time, positive_interval
 
-ELLIPSE_95_OF_AXIS = 1.249
-"""How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
-
 _ROOTS_REACH_UP = 2.5
 SHORTEST_S = 11.5
 """Of a walk of 12 s, whose first and last samples may be missing."""
@@ -30,6 +27,7 @@ class Metric:
 
     interval: 95 %, of the value; None where the samples are too few for one, or there are none. worst: the worst
     sample and its instant, None for metrics without samples in time. detail: as detail_of, empty where not read.
+    independent: how many independent errors its samples hold, None where that was not counted.
     """
 
     value: float
@@ -38,17 +36,19 @@ class Metric:
     interval: Interval | None = None
     worst: tuple[float, int] | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
+    independent: float | None = None
 
 
 Metrics = dict[str, Metric]
 
 
 def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
-    """The content of metrics.json: value, n and unit by name; low and high of an interval; worst and worst_t_ns."""
+    """The content of metrics.json by name: value, n, unit; low, high; worst, worst_t_ns; independent; if they apply."""
     return {
         name: {"value": each.value, "n": each.n, "unit": each.unit}
         | ({} if each.interval is None else {"low": each.interval[0], "high": each.interval[1]})
         | ({} if each.worst is None else {"worst": each.worst[0], "worst_t_ns": each.worst[1]})
+        | ({} if each.independent is None else {"independent": each.independent})
         for name, each in metrics.items()
     }
 
@@ -57,12 +57,13 @@ def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
 class Samples:
     """What a value is made of: t_ns (N,) not falling, values (N,) finite, statistic: how they make the value.
 
-    "length of mean": of vectors whose components along their mean are the values.
+    "length of mean": of vectors whose components along their mean are the values. independent: as of Metric.
     """
 
     t_ns: Int
     values: Float
     statistic: Statistic
+    independent: float | None = None
 
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
@@ -76,7 +77,14 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
     return {
-        name: Metric(value_of(of), len(of.values), CATALOGUE[name].unit, interval_of(of), _worst(name, of))
+        name: Metric(
+            value_of(of),
+            len(of.values),
+            CATALOGUE[name].unit,
+            None if CATALOGUE[name].one_draw else interval_of(of),
+            _worst(name, of),
+            independent=of.independent,
+        )
         for name, of in known.items()
     }
 
@@ -143,9 +151,6 @@ def interval_of(samples: Samples) -> Interval | None:
         case "std" | "rms":
             is_short = samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S
             return None if is_short else positive_interval(value, found, _ROOTS_REACH_UP)
-        case "length of mean":
-            # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
-            return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
         case _:
             # Nothing below 0 of samples that never are, nothing above 1 of a share.
             is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())

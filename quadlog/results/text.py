@@ -21,6 +21,7 @@ from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.differences import over_runs
 from quadlog.metrics.intervals import Interval
+from quadlog.metrics.positioning import by_chance
 from quadlog.metrics.summary import MeasuredRun
 
 if TYPE_CHECKING:
@@ -100,10 +101,14 @@ def interval_text(name: str, metric: SavedMetric) -> str:
     return f"{sig(factor * metric.low, 2)} to {sig(factor * metric.high, 2)}{unit}"
 
 
-def is_alarming(name: str, value: float) -> bool:
-    """Whether the value is outside of the range that the catalogue takes as usual."""
+def is_alarming(name: str, value: float, independent: float | None = None) -> bool:
+    """Whether the value is outside of the range that the catalogue takes as usual.
+
+    And outside of what is chance, where it is known how many independent errors there were.
+    """
     alarm = CATALOGUE[name].alarm if name in CATALOGUE else None
-    return alarm is not None and not alarm[0] <= value <= alarm[1]
+    low, high = (math.inf, -math.inf) if alarm is None or independent is None else by_chance(name, independent)
+    return alarm is not None and not min(alarm[0], low) <= value <= max(alarm[1], high)
 
 
 class Bound(NamedTuple):
@@ -113,9 +118,9 @@ class Bound(NamedTuple):
     state: State
 
 
-def state_of(name: str, value: float, bound: Bound | None) -> State:
+def state_of(name: str, value: float, bound: Bound | None, independent: float | None = None) -> State:
     """How a value is coloured: by its bound, and without one by what is usual."""
-    return bound.state if bound is not None else "warn" if is_alarming(name, value) else ""
+    return bound.state if bound is not None else "warn" if is_alarming(name, value, independent) else ""
 
 
 def bounds_of(run: Run) -> dict[str, Bound]:

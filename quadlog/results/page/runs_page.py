@@ -149,7 +149,9 @@ def runs_table(name: str, rows: Sequence[Listed], states: Sequence[tuple[str, St
     for row, (below, shown) in zip(rows, states, strict=True):
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
-        cells = [_value_cell(metric, row.metrics.get(metric), bounds.get(metric)) for metric in metrics]
+        saved = {} if row.run is None else row.run.metrics
+        seen = {metric: saved[metric].independent for metric in metrics if metric in saved}
+        cells = [_value_cell(name, row.metrics.get(name), bounds.get(name), seen.get(name)) for name in metrics]
         href = "" if row.run is None else _link(row.name, row.run)
         found.append([Cell(row.name, href=href, below=below, state=state or shown), Cell(word, state=state), *cells])
     found.sort(key=lambda cells: (STATES.index(cells[1].state), STATES.index(cells[0].state)))
@@ -167,11 +169,12 @@ def _column(name: str) -> Column:
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
-def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> Cell:
+def _value_cell(name: str, value: float | None, bound: Bound | None = None, independent: float | None = None) -> Cell:
     if value is None or not math.isfinite(value):
         return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
-    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state_of(name, value, bound))
+    state = state_of(name, value, bound, independent)
+    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state)
 
 
 def _over_each_other(compared: Compared, pack: Pack) -> list[Any]:

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.signal import lfilter
 
 from quadlog.metrics.intervals import FEWEST_IN_TIME, mean_interval_in_time, ratio_interval_in_time
-from quadlog.metrics.positioning import fix_error_samples, residual_samples
+from quadlog.metrics.positioning import ellipse_samples, fix_error_samples, residual_samples
 from quadlog.metrics.summary import (
     Samples,
     detail_of,
@@ -21,6 +21,8 @@ from quadlog.metrics.summary import (
     value_of,
     worst_of,
 )  # fmt: skip
+from quadlog.positioning.ellipses import CHI2_95
+from quadlog.results.text import is_alarming
 
 S = 1_000_000_000
 HZ = 20
@@ -57,10 +59,10 @@ def test_nothing_and_little():
     assert finite_samples(np.arange(3), np.array([np.nan, 1, np.inf]), "mean").t_ns.tolist() == [1]
 
 
-def walks(seconds: float, lasting_s: float, n: int) -> np.ndarray:
+def walks(seconds: float, lasting_s: float, n: int, hz: float = HZ) -> np.ndarray:
     """(n, T) stationary AR(1) errors of deviation 1, of which neighbours share 1/e after lasting_s."""
-    share = np.exp(-1 / (HZ * lasting_s))
-    noise = np.random.default_rng(1).normal(size=(n, round(seconds * HZ)))
+    share = np.exp(-1 / (hz * lasting_s))
+    noise = np.random.default_rng(1).normal(size=(n, round(seconds * hz)))
     noise[:, 0] /= np.sqrt(1 - share**2)
     return lfilter([np.sqrt(1 - share**2)], [1, -share], noise, axis=1)
 
@@ -124,7 +126,18 @@ def test_uwb_by_hand():
     assert metrics_of(residual_samples(t_ns, np.full(3, np.nan), np.zeros(3, dtype=int))) == {}
 
 
-def test_the_interval_of_a_bias_excludes_zero_in_a_twentieth_of_the_logs_that_have_none():
-    rng = np.random.default_rng(5)
-    logs = (fix_error_samples(np.arange(200), rng.normal(0, [0.1, 0.1], (200, 2))) for _ in range(400))
-    assert 0.02 < np.mean([interval_of(each["uwb_bias_m"])[0] > 0 for each in logs]) < 0.08
+@pytest.mark.parametrize(
+    ("seconds", "lasting_s", "least"),
+    [(12, 0.5, 0.98), (12, 5, 0.56), (12, 1e4, 0.35), (60, 10, 0.85), (60, 30, 0.52)],
+)
+def test_a_right_bound_is_seldom_called_wrong_and_a_std_claimed_at_half_is_found(seconds, lasting_s, least):
+    axes = walks(seconds, lasting_s, 800, hz=2)
+
+    def alarmed(claimed: float) -> float:
+        bound_m = np.full(axes.shape[1], claimed * CHI2_95**0.5)
+        logs = (metrics_of(ellipse_samples(np.arange(len(bound_m)), np.c_[x, y], bound_m))
+                for x, y in zip(axes[::2], axes[1::2], strict=True))  # fmt: skip
+        return np.mean([any(is_alarming(name, of.value, of.independent) for name, of in log.items()) for log in logs])
+
+    assert alarmed(1.0) <= 0.05
+    assert alarmed(0.5) >= least
