@@ -169,7 +169,8 @@ _WALKING = (
 )  # fmt: skip
 _OF_BODY = (
     MetricEntry("cost_of_transport", "", "cost of transport",
-        "energy of the joints per weight and distance; braking costs as driving does", "Σ |tau_ij ω_ij| Δt / (m g d)",
+        "energy of the joints per weight and way; braking costs as driving does",
+        "Σ |tau_ij ω_ij| Δt / (m g Σ v_i Δt), v_i over 1 s, 0 below 0.1 m/s",
         _OURS, _BODY),
     MetricEntry("torque_max_nm", "N·m", "largest torque", "largest joint torque", "max |tau_ij|", _OURS, _JOINTS),
     MetricEntry("torque_saturation_share", "", "torques at the limit",
@@ -184,7 +185,7 @@ _OF_BODY = (
     *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
         "cost_of_transport of the logged body, by the configured robot's mass",
-        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants with known power and speed"),
+        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i over 1 s, 0 below 0.1 m/s", _OURS, "instants with known power and speed"),
     MetricEntry("logged_torque_max_nm", "N·m", "largest torque, logged", "largest joint torque of the logged body",
         "max |tau_ij|", _OURS, "instants with a known torque"),
 )  # fmt: skip
