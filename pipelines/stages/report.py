@@ -100,7 +100,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
 
 def _metrics(run: Path, done: Finished) -> Metrics:
     """What the saved tables give, and what the robot's body took, which they do not hold."""
-    plans = read_table(run, "plans", ["planner", "expanded"]) if has_table(run, "plans") else None
+    plans = read_table(run, "plans", ["t_ns", "planner", "expanded"]) if has_table(run, "plans") else None
     robot = RobotTag.among(list(done.facts.tags), done.config)
     incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
     # Of other planners, fallback_share would be a wrong number.
@@ -116,7 +116,8 @@ def _metrics(run: Path, done: Finished) -> Metrics:
         effort = effort_metrics(body.mass_kg, body.ticks, body.effort, way_m)
     metrics = metrics_of(samples) | _trajectory_metrics(run, done) | _of_bodies(run, done, effort)
     if plans is not None:
-        metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])
+        astar = read_table(run, "astar", ["expanded"])["expanded"]
+        metrics |= ratio_to_astar(plans["t_ns"], plans["expanded"], astar)
     return metrics | effort
 
 

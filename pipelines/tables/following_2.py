@@ -115,7 +115,7 @@ def table(fast: bool, seed: int) -> StudyTable:
         groups=[
             Group(
                 f"Table 2, preset {preset}",
-                f"{of.words} {of.leader} leads, one cell a replan. Either site is one walk of our own: it is not judged. "
+                f"{of.words} {of.leader} leads, one cell a replan. Either site is one walk, and not judged. "
                 "Intervals: of medians by order statistics; shares after Wilson.",
                 ratio_rows(preset),
             )

@@ -185,7 +185,8 @@ _OF_BODY = (
     *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
         "cost_of_transport of the logged body, by the configured robot's mass",
-        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i over 1 s, 0 below 0.1 m/s", _OURS, "instants with known power and speed"),
+        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i over 1 s, 0 below 0.1 m/s", _OURS,
+        "instants with known power and speed"),
     MetricEntry("logged_torque_max_nm", "N·m", "largest torque, logged", "largest joint torque of the logged body",
         "max |tau_ij|", _OURS, "instants with a known torque"),
 )  # fmt: skip

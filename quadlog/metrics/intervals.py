@@ -8,6 +8,8 @@ import numpy as np
 
 from quadlog.messages import Float
 
+SHORTEST_S = 30.0
+"""No interval of a shorter log: a walk turns a corner every 6 to 20 s, and what comes then is not in it."""
 FEWEST_IN_TIME = 20
 """With fewer values a series says nothing of how its mean could have been otherwise."""
 COVERAGE = (
@@ -73,21 +75,22 @@ def median_interval(values: Float, confidence: float = 0.95) -> Interval | None:
 
 
 _FEWEST_WAVES, _MOST_WAVES = 3, 10
-_WIDER = 7.0
+_WIDER, _UPWARDS = 2.0, 1.5
 
 
-def mean_interval_in_time(values: Float, confidence: float = 0.95) -> Interval | None:
+def mean_interval_in_time(values: Float, confidence: float = 0.95, wider: float = _WIDER) -> Interval | None:
     """Interval of the mean of a stationary series (N,) whose neighbours are alike; COVERAGE says how well it holds.
 
     The variance of the mean is what the slowest waves of the series have: few, so that faster swings than those between
     them do not count, and more where the series is worth more independent values; Student's t has as many degrees of
-    freedom. It is widened where these are few. None below FEWEST_IN_TIME values and for values all alike.
+    freedom. It is widened, by `wider` over their number, where independent values are few. None below FEWEST_IN_TIME
+    values and for values all alike.
     """
     if len(values) < FEWEST_IN_TIME or np.ptp(values) == 0:
         return None
     independent = independent_values(values)
     waves = int(np.clip(independent // 4, _FEWEST_WAVES, _MOST_WAVES))
-    half = math.sqrt(_variance_of_mean(values, waves)) * (1 + _WIDER / independent)
+    half = math.sqrt(_variance_of_mean(values, waves)) * (1 + wider / independent)
     half *= _student_quantile(waves, confidence)
     mean = float(np.mean(values))
     return (mean - half, mean + half)
@@ -105,13 +108,10 @@ def _variance_of_mean(values: Float, waves: int) -> float:
     return 2 * float(np.mean(np.square(sizes)))
 
 
-def positive_interval(value: float, interval: Interval, upwards: float = 1.5) -> Interval:
-    """An interval about a value above 0 that stays above 0, and reaches farther up.
-
-    upwards: how far, as a power: more for deviations and root mean squares, as of few squares the largest are missed.
-    """
+def positive_interval(value: float, interval: Interval) -> Interval:
+    """An interval about a value above 0 that stays above 0, and reaches farther up: of few, the largest are missed."""
     half = (interval[1] - interval[0]) / 2 / value
-    return value * math.exp(-half), value * (1 + half) ** upwards
+    return value * math.exp(-half), value * (1 + half) ** _UPWARDS
 
 
 def ratio_interval_in_time(parts: Float, wholes: Float, confidence: float = 0.95) -> Interval | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from quadlog.geometry import rotation_from_quat, seconds_since
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.summary import Samples
 from quadlog.positioning.ellipses import CHI2_95
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +13,10 @@ from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.intervals import Interval, mean_interval_in_time, positive_interval
+from quadlog.metrics.intervals import SHORTEST_S, Interval, mean_interval_in_time, positive_interval
 
-_ROOTS_REACH_UP = 2.5
-SHORTEST_S = 11.5
-"""Of a walk of 12 s, whose first and last samples may be missing."""
+MISSING_S = 1.0
+"""The first and last samples of a log may be missing for so long."""
 
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
 
@@ -137,20 +137,24 @@ def effects(samples: Samples) -> Float | None:
     return None
 
 
+def is_short(t_ns: Int) -> bool:
+    """Whether samples at t_ns (N,) are of a log that is too short for an interval."""
+    return len(t_ns) == 0 or bool(t_ns[-1] - t_ns[0] < (SHORTEST_S - MISSING_S) * NS_PER_S)
+
+
 def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
     It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
-    None of extremes, of counts, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
+    None of extremes, of counts, of too few samples, and of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
-    found = None if series is None else mean_interval_in_time(series)
+    found = None if series is None or is_short(samples.t_ns) else mean_interval_in_time(series)
     if found is None:
         return None
     match samples.statistic:
         case "std" | "rms":
-            is_short = samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S
-            return None if is_short else positive_interval(value, found, _ROOTS_REACH_UP)
+            return positive_interval(value, found)
         case _:
             # Nothing below 0 of samples that never are, nothing above 1 of a share.
             is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
@@ -165,6 +169,7 @@ class MeasuredRun:
     path: Path
     label: str
     metrics: Mapping[str, Metric]
+    recorded_s: float = math.inf
 
 
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:

@@ -20,7 +20,7 @@ from rich.cells import cell_len
 from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.differences import over_runs
-from quadlog.metrics.intervals import Interval
+from quadlog.metrics.intervals import SHORTEST_S, Interval
 from quadlog.metrics.positioning import by_chance
 from quadlog.metrics.summary import MeasuredRun
 
@@ -99,6 +99,13 @@ def interval_text(name: str, metric: SavedMetric) -> str:
     factor = 100 if kind == "share" else math.degrees(1) if metric.unit == "rad" else 1
     unit = "\u202f%" if kind == "share" else "°" if metric.unit == "rad" else ""
     return f"{sig(factor * metric.low, 2)} to {sig(factor * metric.high, 2)}{unit}"
+
+
+def interval_note(recorded_s: float) -> str:
+    """What the 95 % intervals of a run's values are, or why it has none."""
+    if recorded_s < SHORTEST_S:
+        return f"95 %: {sig(recorded_s)} s are too short for an interval ({SHORTEST_S:g} s at least)"
+    return "95 %: interval of the value, neighbours in time counted as dependent"
 
 
 def is_alarming(name: str, value: float, independent: float | None = None) -> bool:
@@ -280,7 +287,7 @@ def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = 
 MOST_BESIDE = 4
 """Runs that are shown side by side."""
 _LONGEST_LABEL = 10
-_ONE_RUN = "95 %: interval of the value, neighbours in time counted as dependent; quantiles of samples: --format csv."
+_ONE_RUN = "quantiles of samples: --format csv."
 _OF_RUNS = "95 %: interval of the mean over all such runs (Student; of falls Wilson); every run: --format csv."
 _CSV = ("run", "metric", "value", "unit", "n", "mean", "std", "p50", "p95", "low", "high")
 
@@ -307,7 +314,7 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         (run,) = runs
         found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
-        return print_tables(tables, to, [_ONE_RUN], terminal_width())
+        return print_tables(tables, to, [f"{interval_note(run.recorded_s)}; {_ONE_RUN}"], terminal_width())
     notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
     return values_text(values, to, notes, averaged=not differing)
 

@@ -22,6 +22,7 @@ from quadlog.results.text import (
     bounds_of,
     count,
     file_size,
+    interval_note,
     interval_text,
     label_of,
     percent,
@@ -129,7 +130,7 @@ def metric_table(run: Run) -> Table:
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
                Column("95 % interval", True, help=COVERAGE), Column("samples", True, True),
                Column("theme", wide=True)]  # fmt: skip
-    note = ("95 % interval of the value, corrected for autocorrelation; empty if the walk is too short for one. "
+    note = (f"{interval_note(run.record.recorded_s)}. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
     return Table(columns, rows, "all-metrics", note, sortable=True)
 
