@@ -154,7 +154,7 @@ def _trajectory_metrics(run: Path, done: Finished) -> Metrics:
         journal.note(f"errors against the reference are in {compared.dimensions}")
     else:
         journal.note(f"against the reference: {compared.summary}")
-    journal.warn(*(compared.warnings if not elsewhere else filter(None, [compared.mirrored])))
+    journal.warn(*(compared.in_any_frame if elsewhere else compared.warnings))
     return {name: each for name, each in metrics.items() if not elsewhere or name not in FRAME_METRICS}
 
 
