@@ -74,23 +74,23 @@ def median_interval(values: Float, confidence: float = 0.95) -> Interval | None:
     return (float(ordered[k - 1]), float(ordered[n - k])) if k else None
 
 
-_FEWEST_WAVES, _MOST_WAVES = 3, 10
-_WIDER, _UPWARDS = 2.0, 1.5
+_FEWEST_WAVES, _MOST_WAVES, _OF_WAVE = 2, 20, 6
+_WIDER = 9.0
+"""Chosen on three simulated replays of 240 s: the narrowest that hold 0.9 on pieces of 30 and of 60 s."""
 
 
-def mean_interval_in_time(values: Float, confidence: float = 0.95, wider: float = _WIDER) -> Interval | None:
+def mean_interval_in_time(values: Float, confidence: float = 0.95, fewest: int = _FEWEST_WAVES) -> Interval | None:
     """Interval of the mean of a stationary series (N,) whose neighbours are alike; COVERAGE says how well it holds.
 
     The variance of the mean is what the slowest waves of the series have: few, so that faster swings than those between
     them do not count, and more where the series is worth more independent values; Student's t has as many degrees of
-    freedom. It is widened, by `wider` over their number, where independent values are few. None below FEWEST_IN_TIME
-    values and for values all alike.
+    freedom. It is widened where these are few. None below FEWEST_IN_TIME values and for values all alike. fewest: waves.
     """
     if len(values) < FEWEST_IN_TIME or np.ptp(values) == 0:
         return None
     independent = independent_values(values)
-    waves = int(np.clip(independent // 4, _FEWEST_WAVES, _MOST_WAVES))
-    half = math.sqrt(_variance_of_mean(values, waves)) * (1 + wider / independent)
+    waves = int(np.clip(independent // _OF_WAVE, fewest, _MOST_WAVES))
+    half = math.sqrt(_variance_of_mean(values, waves)) * (1 + _WIDER / independent)
     half *= _student_quantile(waves, confidence)
     mean = float(np.mean(values))
     return (mean - half, mean + half)
@@ -111,7 +111,7 @@ def _variance_of_mean(values: Float, waves: int) -> float:
 def positive_interval(value: float, interval: Interval) -> Interval:
     """An interval about a value above 0 that stays above 0, and reaches farther up: of few, the largest are missed."""
     half = (interval[1] - interval[0]) / 2 / value
-    return value * math.exp(-half), value * (1 + half) ** _UPWARDS
+    return value * math.exp(-half), value * (1 + half) ** 1.5
 
 
 def ratio_interval_in_time(parts: Float, wholes: Float, confidence: float = 0.95) -> Interval | None:

@@ -53,7 +53,6 @@ _DERIVATIVE_S = 0.2  # half the base of differences: noise of positions is no mo
 _RESOLUTION_S = 1e-5
 _LEAST_OF_SPEED = 0.1  # what the fit depends on time by, over speed
 _LEAST_OF_CURVATURE = 0.3  # of what the speed that no rigid motion explains promises: below, most of it is noise
-_WIDER = 7.0  # of its interval: logs of some seconds have one, too
 _FEWEST_INDEPENDENT = 6.0  # with fewer the offset's error is not known
 _LEAST_TOLD_S = 0.01  # poses this far apart count as simultaneous
 _ANOTHER_WALK = "it moved too little, or another way than the reference"
@@ -188,9 +187,7 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
     interval: Interval | None = (offset_s, offset_s)
     if np.ptp(samples_s) > 2 * _RESOLUTION_S:
         interval = (
-            mean_interval_in_time(samples_s, wider=_WIDER)
-            if independent_values(samples_s) >= _FEWEST_INDEPENDENT
-            else None
+            mean_interval_in_time(samples_s, fewest=3) if independent_values(samples_s) >= _FEWEST_INDEPENDENT else None
         )
     if interval is None:
         return _unknown("the walk is too short for an interval")
