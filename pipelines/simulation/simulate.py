@@ -16,7 +16,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
-from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_samples, way_walked
+from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
@@ -302,8 +302,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
         metrics["completion_time_s"] = Metric(completion_s, 1, "s")
     if walk.effort is not None:
         ticks = round(simulated.lasted_s / TIMESTEP_S)
-        way_m = way_walked(control["t_ns"], np.column_stack([control["x_m"], control["y_m"]]))
-        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort, way_m)
+        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort, control)
     metrics["realtime_factor"] = Metric(simulated.lasted_s / simulated.seconds, 1, "")
     return metrics
 

@@ -7,13 +7,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from quadlog.config.schema import Config
 from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
-from quadlog.metrics.walking import effort_metrics, way_walked
+from quadlog.metrics.walking import effort_metrics
 from quadlog.pipelines.evaluation.body import known_robot, write_bodies
 from quadlog.pipelines.evaluation.reference import RobotTag, compare_with_own_reference
 from quadlog.pipelines.evaluation.samples import SAMPLED, read_samples
@@ -109,11 +107,8 @@ def _metrics(run: Path, done: Finished) -> Metrics:
     if errors:
         raise errors[0]
     body = done.body
-    effort: Metrics = {}
-    if body is not None:
-        walk = read_table(run, "control", ["t_ns", "x_m", "y_m"])
-        way_m = way_walked(walk["t_ns"], np.column_stack([walk["x_m"], walk["y_m"]]))
-        effort = effort_metrics(body.mass_kg, body.ticks, body.effort, way_m)
+    walk = {} if body is None else read_table(run, "control", ["t_ns", "x_m", "y_m"])
+    effort = {} if body is None else effort_metrics(body.mass_kg, body.ticks, body.effort, walk)
     metrics = metrics_of(samples) | _trajectory_metrics(run, done) | _of_bodies(run, done, effort)
     if plans is not None:
         astar = read_table(run, "astar", ["expanded"])["expanded"]

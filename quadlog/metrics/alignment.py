@@ -100,28 +100,21 @@ def mirror_words(position_m: Float, reference_m: Float) -> str | None:
 
 
 def yaw_offset_words(estimate: PoseSeries, reference: PoseSeries) -> str | None:
-    """A warning where the reference's yaw lies otherwise to its course than that of the poses; None elsewhere.
-
-    M poses each, in pairs: as of a rig that looks back, and of a tracker without yaw. Frames and drift do not matter.
-    """
+    """A warning where the reference's yaw lies otherwise to its course than that of the M poses; None elsewhere."""
     ours, theirs = _course_in_body(estimate), _course_in_body(reference)
     if abs(ours) < STRAIGHT or abs(theirs - ours) < STRAIGHT:
         return None
     off = f"{abs(np.degrees(np.angle(theirs / ours))):.0f} degrees off" if abs(theirs) >= STRAIGHT else "unrelated to"
-    return (
-        f"the reference's yaw is {off} its course, that of the poses is not: rpe_rmse_m, of steps seen along the yaw, "
-        "counts that too"
-    )
+    return f"the reference's yaw is {off} its course, that of the poses is not; rpe_rmse_m counts that too"
 
 
 def _course_in_body(poses: PoseSeries) -> complex:
-    """Mean direction of N poses' steps of a second, x forward, of length 1 if it is always the same; 0 of fewer."""
+    """Mean direction of N poses' steps of a second, x forward, of length 1 if it is always the same."""
     ends = np.searchsorted(poses.t_ns, poses.t_ns + NS_PER_S)
     begins = np.flatnonzero(ends < len(poses.t_ns))
-    steps_m = np.diff(poses.position_m[np.stack([begins, ends[begins]]), :2], axis=0)[0] @ [1, 1j]
-    way_m = np.abs(steps_m).sum()
-    yaw_rad = yaw_from_quat(poses.quat_xyzw)[begins]
-    return complex((steps_m * np.exp(-1j * yaw_rad)).sum() / way_m) if way_m > 0 else 0j
+    steps_m = (poses.position_m[ends[begins], :2] - poses.position_m[begins, :2]) @ [1, 1j]
+    in_body_m = steps_m * np.exp(-1j * yaw_from_quat(poses.quat_xyzw)[begins])
+    return complex(in_body_m.sum() / max(np.abs(steps_m).sum(), 1e-9))
 
 
 def frame_offset_words(offset: FrameOffset) -> str | None:

@@ -84,7 +84,7 @@ def mean_interval_in_time(values: Float, confidence: float = 0.95, fewest: int =
 
     The variance of the mean is what the slowest waves of the series have: few, so that faster swings than those between
     them do not count, and more where the series is worth more independent values; Student's t has as many degrees of
-    freedom. It is widened where these are few. None below FEWEST_IN_TIME values and for values all alike. fewest: waves.
+    freedom. It is widened where these are few. None of fewer than FEWEST_IN_TIME values or of equal ones.
     """
     if len(values) < FEWEST_IN_TIME or np.ptp(values) == 0:
         return None

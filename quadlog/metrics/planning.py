@@ -150,9 +150,8 @@ def _some(figure: Any, values: NDArray[Any] | Sequence[float]) -> float | None:
 def ratio_to_astar(t_ns: Int, expanded: Int, astar_expanded: Int) -> Metrics:
     """ratio_to_astar of N replans, from the cells (N,) that the planner and A* close; none where it closes none."""
     ratio = ratio_of(astar_expanded, expanded, np.zeros(len(expanded), np.int64))
-    if ratio is None:
-        return {}
-    return {"ratio_to_astar": Metric(ratio.value, len(expanded), "", None if is_short(t_ns) else ratio.interval)}
+    interval = None if ratio is None or is_short(t_ns) else ratio.interval
+    return {} if ratio is None else {"ratio_to_astar": Metric(ratio.value, len(expanded), "", interval)}
 
 
 def search_samples(replans: Table) -> dict[str, Samples]:

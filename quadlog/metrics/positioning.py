@@ -41,22 +41,19 @@ def ellipse_samples(t_ns: Int, error_xy_m: Float, bound_m: Float) -> dict[str, S
 
 
 def errors_seen(error: Float) -> float:
-    """How many independent errors a series of errors (N, 2) holds: 1 if they are all alike, N at most.
+    """How many independent errors there are among errors (N, 2): 1 if they are all alike, N at most.
 
     N over 1 + 2 times the sum of their autocorrelation about zero, as far as it is above a twentieth.
     """
-    n, of_waves = len(error), np.fft.rfft(error, 2 * len(error), axis=0) if len(error) else np.zeros((1, 2))
-    products = np.fft.irfft(of_waves * of_waves.conj(), 2 * max(n, 1), axis=0)[:n].sum(axis=1)
-    alike = products / max(products.max(initial=0.0), 1e-300)
-    last = int(np.argmax(np.append(alike[1:] <= 0.05, True))) + 1
-    return float(np.clip(n / (1 + 2 * alike[1:last].sum()), 1, max(n, 1)))
+    n = max(len(error), 1)
+    products = np.fft.irfft(np.abs(np.fft.rfft(error, 2 * n, axis=0)) ** 2, axis=0)[1:n].sum(axis=1)
+    alike = products / max((error**2).sum(), 1e-300)
+    last = np.argmax(np.append(alike <= 0.05, True))
+    return float(np.clip(n / (1 + 2 * alike[:last].sum()), 1, n))
 
 
 def by_chance(name: str, independent: float) -> tuple[float, float]:
-    """What uwb_nees, or uwb_coverage_95, of a right covariance exceeds in 99 of 100 logs, and stays below in 98.
-
-    independent: how many errors of that kind a log holds. A bound that is too small does more harm than one too wide.
-    """
+    """What uwb_nees, or uwb_coverage_95, of a right covariance exceeds in 99 of 100 logs, and stays below in 98."""
     from scipy.special import bdtrik, chdtri  # slow to import
 
     if name == "uwb_nees":

@@ -15,9 +15,6 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import SHORTEST_S, Interval, mean_interval_in_time, positive_interval
 
-MISSING_S = 1.0
-"""The first and last samples of a log may be missing for so long."""
-
 Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
 
 
@@ -77,15 +74,10 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
     return {
-        name: Metric(
-            value_of(of),
-            len(of.values),
-            CATALOGUE[name].unit,
-            None if CATALOGUE[name].one_draw else interval_of(of),
-            _worst(name, of),
-            independent=of.independent,
-        )
+        name: Metric(value_of(of), len(of.values), entry.unit, interval, _worst(name, of), independent=of.independent)
         for name, of in known.items()
+        for entry in [CATALOGUE[name]]
+        for interval in [None if entry.one_draw else interval_of(of)]
     }
 
 
@@ -138,8 +130,8 @@ def effects(samples: Samples) -> Float | None:
 
 
 def is_short(t_ns: Int) -> bool:
-    """Whether samples at t_ns (N,) are of a log that is too short for an interval."""
-    return len(t_ns) == 0 or bool(t_ns[-1] - t_ns[0] < (SHORTEST_S - MISSING_S) * NS_PER_S)
+    """Whether samples at t_ns (N,) are of a log too short for an interval; for a second they may be missing."""
+    return len(t_ns) == 0 or bool(t_ns[-1] - t_ns[0] < (SHORTEST_S - 1) * NS_PER_S)
 
 
 def interval_of(samples: Samples) -> Interval | None:

@@ -61,11 +61,11 @@ class Effort:
     height_rms_m: float
 
 
-def effort_metrics(mass_kg: float, ticks: int, effort: Effort, way_m: float) -> Metrics:
+def effort_metrics(mass_kg: float, ticks: int, effort: Effort, walk: Mapping[str, NDArray[Any]]) -> Metrics:
     """pitch_rms_rad, height_rms_m, torque_max_nm, torque_saturation_share and cost_of_transport; none without ticks.
 
     Over all ticks of the simulation, torques of all joints. The energy is the sum of |torque x joint speed|, so that
-    braking costs as much as driving, and is given per weight and way, that of `way_walked`.
+    braking costs as much as driving, and is given per weight and way, as in `gait`. walk: t_ns, x_m, y_m (T,).
     """
     if ticks == 0:
         return {}
@@ -75,6 +75,8 @@ def effort_metrics(mass_kg: float, ticks: int, effort: Effort, way_m: float) -> 
         "torque_max_nm": Metric(effort.torque_max_nm, ticks * len(JOINTS), "N·m"),
         "torque_saturation_share": Metric(effort.saturation_share, ticks * len(JOINTS), ""),
     }
+    speed_mps = ground_speed(walk["t_ns"], walk["t_ns"], np.column_stack([walk["x_m"], walk["y_m"]]))
+    way_m = float((np.where(speed_mps >= MOVING_MPS, speed_mps, 0.0)[1:] * np.diff(walk["t_ns"])).sum()) / NS_PER_S
     if way_m > 0:
         cost = effort.energy_j / (mass_kg * GRAVITY_MPS2 * way_m)
         metrics["cost_of_transport"] = Metric(cost, ticks, "")
@@ -175,12 +177,6 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
     over_s = (ends_ns[1] - ends_ns[0]) / NS_PER_S
     known = (over_s >= LEAST_OVER_S) & (t_ns >= first_ns) & (t_ns <= last_ns)
     return np.where(known, np.hypot(*(after_m - before_m).T) / np.maximum(over_s, LEAST_OVER_S), np.nan)
-
-
-def way_walked(t_ns: Int, xy_m: Float) -> float:
-    """Way in m by `ground_speed` at places xy_m (N, 2), what is below MOVING_MPS left out, as in `gait`."""
-    speed_mps = ground_speed(t_ns, t_ns, xy_m)
-    return float((np.where(speed_mps >= MOVING_MPS, speed_mps, 0.0)[1:] * np.diff(t_ns)).sum()) / NS_PER_S
 
 
 def uneven_share(t_ns: Int) -> float:

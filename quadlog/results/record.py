@@ -161,10 +161,7 @@ _Number = StrictInt | StrictFloat
 
 @dataclass(frozen=True, slots=True, config=ConfigDict(allow_inf_nan=False))
 class SavedMetric:
-    """A metric of metrics.json: value, number of samples, unit, 95 % interval, worst sample and its instant.
-
-    independent: how many independent errors there are among the samples, where that was counted.
-    """
+    """A metric of metrics.json: value, samples, unit, 95 % interval, worst sample and instant, independent errors."""
 
     value: _Number
     n: StrictInt = Field(0, ge=0)

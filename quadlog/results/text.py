@@ -108,14 +108,11 @@ def interval_note(recorded_s: float) -> str:
     return "95 %: interval of the value, neighbours in time counted as dependent"
 
 
-def is_alarming(name: str, value: float, independent: float | None = None) -> bool:
-    """Whether the value is outside of the range that the catalogue takes as usual.
-
-    And outside of what is chance, where it is known how many independent errors there were.
-    """
+def is_alarming(name: str, of: SavedMetric) -> bool:
+    """Whether a value is outside of what the catalogue takes as usual, and of what few independent errors explain."""
     alarm = CATALOGUE[name].alarm if name in CATALOGUE else None
-    low, high = (math.inf, -math.inf) if alarm is None or independent is None else by_chance(name, independent)
-    return alarm is not None and not min(alarm[0], low) <= value <= max(alarm[1], high)
+    low, high = (math.inf, -math.inf) if of.independent is None else by_chance(name, of.independent)
+    return alarm is not None and not min(alarm[0], low) <= of.value <= max(alarm[1], high)
 
 
 class Bound(NamedTuple):
@@ -125,9 +122,9 @@ class Bound(NamedTuple):
     state: State
 
 
-def state_of(name: str, value: float, bound: Bound | None, independent: float | None = None) -> State:
+def state_of(name: str, of: SavedMetric, bound: Bound | None) -> State:
     """How a value is coloured: by its bound, and without one by what is usual."""
-    return bound.state if bound is not None else "warn" if is_alarming(name, value, independent) else ""
+    return bound.state if bound is not None else "warn" if is_alarming(name, of) else ""
 
 
 def bounds_of(run: Run) -> dict[str, Bound]:

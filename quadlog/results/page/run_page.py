@@ -105,9 +105,7 @@ def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
         return blocks.Shown(label_of(name), "not measured", expected, meaning, "bad", None)
     small, value = expected or interval_text(name, metric), value_text(name, metric.value, metric.unit)
     seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
-    return blocks.Shown(
-        label_of(name), value, small, meaning, state_of(name, metric.value, bound, metric.independent), seconds
-    )
+    return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric, bound), seconds)
 
 
 def metric_table(run: Run) -> Table:
@@ -120,8 +118,7 @@ def metric_table(run: Run) -> Table:
         meaning = f"{CATALOGUE[name].meaning if name in CATALOGUE else ''}."
         cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
         if metric is not None:
-            value = value_text(name, metric.value, metric.unit, 4)
-            state = state_of(name, metric.value, bound, metric.independent)
+            value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric, bound)
             interval, samples = Cell(interval_text(name, metric)), Cell(count(metric.n), metric.n)
             cells = [Cell(value, metric.value, state=state), interval, samples]
         below = meaning if bound is None else f"{meaning} Expected {bound.words}."

@@ -25,6 +25,7 @@ from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
+from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
 from quadlog.results.studies.sweep import SweepSummary, read_sweep_table, summarise_sweep, text_of
@@ -150,8 +151,7 @@ def runs_table(name: str, rows: Sequence[Listed], states: Sequence[tuple[str, St
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
         saved = {} if row.run is None else row.run.metrics
-        seen = {metric: saved[metric].independent for metric in metrics if metric in saved}
-        cells = [_value_cell(name, row.metrics.get(name), bounds.get(name), seen.get(name)) for name in metrics]
+        cells = [_value_cell(name, row.metrics.get(name), bounds.get(name), saved.get(name)) for name in metrics]
         href = "" if row.run is None else _link(row.name, row.run)
         found.append([Cell(row.name, href=href, below=below, state=state or shown), Cell(word, state=state), *cells])
     found.sort(key=lambda cells: (STATES.index(cells[1].state), STATES.index(cells[0].state)))
@@ -169,11 +169,11 @@ def _column(name: str) -> Column:
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
-def _value_cell(name: str, value: float | None, bound: Bound | None = None, independent: float | None = None) -> Cell:
+def _value_cell(name: str, value: float | None, bound: Bound | None = None, saved: SavedMetric | None = None) -> Cell:
     if value is None or not math.isfinite(value):
         return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
-    state = state_of(name, value, bound, independent)
+    state = state_of(name, saved or SavedMetric(value), bound)
     return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state)
 
 

@@ -195,9 +195,8 @@ def _positions(run: Run) -> Iterator[Sentence]:
 
 def _alarms(run: Run, name: str) -> bool:
     """Whether the metric is unusual and has no bound in [expect]."""
-    if name not in run.metrics or name in bounds_of(run):
-        return False
-    return is_alarming(name, run.metrics[name].value, run.metrics[name].independent)
+    of = run.metrics.get(name)
+    return of is not None and name not in bounds_of(run) and is_alarming(name, of)
 
 
 def _bound_m(run: Run) -> float | None:

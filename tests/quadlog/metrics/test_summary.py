@@ -142,7 +142,7 @@ def test_a_right_bound_is_seldom_called_wrong_and_a_std_claimed_at_half_is_found
         bound_m = np.full(axes.shape[1], claimed * CHI2_95**0.5)
         logs = (metrics_of(ellipse_samples(np.arange(len(bound_m)), np.c_[x, y], bound_m))
                 for x, y in zip(axes[::2], axes[1::2], strict=True))  # fmt: skip
-        return np.mean([any(is_alarming(name, of.value, of.independent) for name, of in log.items()) for log in logs])
+        return np.mean([any(is_alarming(name, of) for name, of in log.items()) for log in logs])
 
     assert alarmed(1.0) <= 0.05
     assert alarmed(0.5) >= least
