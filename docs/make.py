@@ -138,7 +138,8 @@ def metrics_page() -> str:
         (_code(name), each.unit, each.meaning, _code(each.formula), each.source.replace(OWN, ""), each.counted)
         for name, each in CATALOGUE.items()
     ]
-    return f"{METRICS}\n{textwrap.fill(COVERAGE, 120)}\n\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
+    text = f"{METRICS}\n{textwrap.fill(COVERAGE, 120)}\n\n"
+    return text + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
 
 
 def _section(name: str, property_schema: dict[str, Any], models: dict[str, Any], brackets: str = "[]") -> str:

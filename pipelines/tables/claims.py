@@ -19,8 +19,6 @@ from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdi
 Point = dict[str, Any]
 Figures = Mapping[str, float]
 
-MOST_UNJUDGED = 2
-"""Of so many walks intervals are too wide to decide on all but what is obvious."""
 HELD_OUT_SEED = 2000
 """Seeds that are reported start here; whatever was chosen, was chosen on smaller ones."""
 SEEDS_PER_TABLE = 100
@@ -102,9 +100,9 @@ class Claim:
             return replace(row, note=" ".join(filter(None, notes)))
         verdict = self.judge.verdict(values, self.statistic)
         notes.append(self.why_not if verdict is Verdict.NO and self.why_not else self.judge.why)
-        if self.statistic.is_drawn and self.judge.takes_interval and len(values) <= MOST_UNJUDGED:
+        if self.statistic.is_drawn and self.judge.takes_interval and len(values) <= 2:
             verdict = Verdict.NOT_COMPARABLE
-            notes.append("1 walk decides nothing." if len(values) == 1 else f"{len(values)} walks decide nothing.")
+            notes.append("2 walks decide nothing." if len(values) == 2 else "1 walk decides nothing.")
         note = " ".join(filter(None, notes))
         return replace(row, paper=self.judge.printed, reproduces=verdict, note=note, claim=self.judge.said)
 

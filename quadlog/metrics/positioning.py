@@ -22,7 +22,7 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
     direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
     return {
         "uwb_rmse_m": Samples(t_ns, np.hypot(*error_m.T), "rms"),
-        "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean"),
+        "uwb_bias_m": Samples(t_ns, error_m @ direction, "mean"),
     }
 
 

@@ -15,7 +15,7 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import SHORTEST_S, Interval, mean_interval_in_time, positive_interval
 
-Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
+Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +52,7 @@ def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What a value is made of: t_ns (N,) not falling, values (N,) finite, statistic: how they make the value.
-
-    "length of mean": of vectors whose components along their mean are the values. independent: as of Metric.
-    """
+    """What a value is made of: t_ns (N,) not falling, values (N,) finite, and how; independent: as in Metric."""
 
     t_ns: Int
     values: Float
@@ -83,7 +80,7 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
 
 def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
     """The worst sample of a metric and its instant; None for totals and events, of which one is as bad as the next."""
-    if samples.statistic in ("sum", "length of mean") or np.isin(samples.values, (0.0, 1.0)).all():
+    if samples.statistic == "sum" or np.isin(samples.values, (0.0, 1.0)).all():
         return None
     rows = worst_of(name, samples, most=1)
     return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
@@ -105,7 +102,6 @@ _VALUES: dict[Statistic, Callable[[Float], Any]] = {
     "sum": np.sum,
     "min": np.min,
     "max": np.max,
-    "length of mean": np.mean,
 }
 
 
@@ -121,7 +117,7 @@ def effects(samples: Samples) -> Float | None:
     """
     x, value = samples.values, value_of(samples)
     match samples.statistic:
-        case "mean" | "length of mean":
+        case "mean":
             return x
         case "std" | "rms" if value > 0:
             squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2

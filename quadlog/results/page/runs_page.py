@@ -173,7 +173,7 @@ def _value_cell(name: str, value: float | None, bound: Bound | None = None, save
     if value is None or not math.isfinite(value):
         return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
-    state = state_of(name, saved or SavedMetric(value), bound)
+    state = state_of(name, saved or SavedMetric(value, 0), bound)
     return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state)
 
 
