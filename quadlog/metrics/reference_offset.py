@@ -186,9 +186,7 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
     samples_s = offset_s + influence_s - influence_s.mean()
     interval: Interval | None = (offset_s, offset_s)
     if np.ptp(samples_s) > 2 * _RESOLUTION_S:
-        interval = (
-            mean_interval_in_time(samples_s, fewest=3) if independent_values(samples_s) >= _FEWEST_INDEPENDENT else None
-        )
+        interval = mean_interval_in_time(samples_s) if independent_values(samples_s) >= _FEWEST_INDEPENDENT else None
     if interval is None:
         return _unknown("the walk is too short for an interval")
     return TimeOffset(offset_s, interval, t_ns[known] - round(offset_s * NS_PER_S), samples_s)

@@ -142,7 +142,7 @@ def interval_of(samples: Samples) -> Interval | None:
         return None
     match samples.statistic:
         case "std" | "rms":
-            return positive_interval(value, found)
+            return positive_interval(value, found, upwards=2.0)
         case _:
             # Nothing below 0 of samples that never are, nothing above 1 of a share.
             is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
