@@ -166,7 +166,8 @@ class JointStates:
 
     position_rad, velocity_radps, torque_nm: (12,) legs FL, FR, RL, RR, of each hip, thigh, calf. All zero is a leg
     straight down; the hip turns about the body's x axis, thigh and calf about its y axis (left), as in the URDF files
-    of Unitree's robots: a calf's angle is negative. foot_force_n: (4,) normal forces, FL, FR, RL, RR.
+    of Unitree's robots: a calf's angle is negative. foot_force_n: (4,) normal forces, FL, FR, RL, RR. tick: of the
+    device's own clock, in its unit and modulo TICKS.
     """
 
     stamp_ns: int | None
@@ -174,8 +175,11 @@ class JointStates:
     velocity_radps: Float
     torque_nm: Float
     foot_force_n: Float
+    tick: float = np.nan
 
 
+TICKS = 1 << 24
+"""Float32 holds all numbers below; it divides 2^32, at which devices' ticks wrap."""
 Message = PointCloud | UwbRanges | Pose | Odometry | Imu | Transforms | JointStates
 
 

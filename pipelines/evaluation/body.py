@@ -73,8 +73,7 @@ def logged_body(run: Path) -> BodySeries:
 def _logged_stance(run: Path, t_ns: Int, torque_nm: NDArray[np.floating]) -> Float:
     """(N, 4) of the forces of feet, as in a simulation; of contacts by torques where a foot has no sensor.
 
-    These are 0 also for feet that carry and slip, or are about to leave the ground. NaN without either, and where rows
-    come in bursts.
+    NaN without either, and where rows come in bursts or are missing.
     """
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
 

@@ -180,15 +180,17 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
 
 
 def uneven_share(t_ns: Int) -> float:
-    """Share of the rows at t_ns (N,) after which SHORTEST_PHASE_S's usual number of rows takes another time by half."""
+    """Share of the time, pauses apart, in which SHORTEST_PHASE_S's usual number of rows takes another time by half."""
     usual_s = _usual_s(t_ns)
     rows = max(round(SHORTEST_PHASE_S / max(usual_s, 1e-9)), 1)
     took_s = (t_ns[rows:] - t_ns[:-rows]) / NS_PER_S
-    return float((np.abs(took_s / (rows * usual_s) - 1) > 0.5).mean()) if len(took_s) else 0.0
+    lasts_ns = np.diff(t_ns)[: len(took_s)]
+    lasts_ns = np.where(lasts_ns <= MAX_UNMEASURED_NS, lasts_ns, 0)
+    return float(lasts_ns[np.abs(took_s / (rows * usual_s) - 1) > 0.5].sum() / max(lasts_ns.sum(), 1))
 
 
 MOST_UNEVEN = 0.1
-"""Of rows; with more, as in bursts, rows say nothing of when a foot stands."""
+"""Of the time; with more, as in bursts, rows say nothing of when a foot stands."""
 
 
 def _usual_s(t_ns: Int) -> float:
@@ -226,6 +228,13 @@ def strides(body: BodySeries) -> Samples:
     begin, end = np.concatenate(whole, axis=1)
     order = np.argsort(begin, kind="stable")
     return Samples(body.t_ns[begin[order]], NS_PER_S / (body.t_ns[end] - body.t_ns[begin])[order], "mean")
+
+
+def stride_hz(t_ns: Int, contact: Float) -> float:
+    """The median frequency of strides of feet that carry (N, F) as surely as 0..1, infinite without a whole one."""
+    fast, stance = np.full(len(t_ns), np.inf), stance_where(t_ns, contact, 0.5)
+    found = strides(BodySeries(t_ns, fast, np.empty((0, 12)), stance, fast, fast)).values
+    return float(np.median(found)) if len(found) else np.inf
 
 
 def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:

@@ -13,7 +13,7 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import minimum_filter1d
 from scipy.special import expit
 
 from quadlog.geometry import roll_pitch_from_quat, seconds_since, yaw_from_quat
@@ -32,8 +32,8 @@ CARRIES_SHARE, CARRIES_WIDTH = 0.3, 0.06
 """Of a foot's usual load: where it counts half, and how steep."""
 MOST_SWINGING, LEAST_STANDING = 0.7, 0.2
 """Share of the time for which no gait lifts a foot; least share of a foot's greatest load when it stands."""
-LIFTED_M, LIFTED_WIDTH_M = 0.03, 0.008
-"""Without forces: a foot so high above the lowest one counts half."""
+LIFTED_M, LIFTED_WIDTH_M, LOWEST_S = 0.03, 0.008, 1.0
+"""Without forces: a foot so high above the lowest one counts half; by torques, above its own lowest place too."""
 ROUNDS = 4
 MOST_ROWS = 1 << 16
 
@@ -67,10 +67,11 @@ class AttitudeSource(IntEnum):
 class LegTrack:
     """Poses of the body: t_ns (N,); position_m (N, 3) from the first one on; rpy_rad (N, 3), z is up.
 
-    velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) weights in 0..1 of the feet. attitude:
-    what turned the body; contact_sources (4,) a ContactSource of each foot, the one used most of the time.
-    unheld_s: the longest time without a foot on the ground, not counting steps longer than MAX_GAP_S. slipping_share:
-    of the time in which feet carry, how much they move against the ground.
+    velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) in 0..1 how surely each foot carries;
+    standing (N,) whether one that carries is still. attitude: what turned the body; contact_sources (4,) a
+    ContactSource of each foot, the one used most of the time. unheld_s: the longest time without a foot on the ground,
+    not counting steps longer than MAX_GAP_S. slipping_share: of the time in which feet carry, how much they move
+    against the ground.
     """
 
     t_ns: Int
@@ -78,6 +79,7 @@ class LegTrack:
     rpy_rad: Float
     velocity_mps: Float
     contact: Float
+    standing: NDArray[np.bool_]
     attitude: AttitudeSource
     contact_sources: tuple[ContactSource, ...]
     unheld_s: float
@@ -85,12 +87,6 @@ class LegTrack:
 
     def __len__(self) -> int:
         return len(self.t_ns)
-
-    @property
-    def standing(self) -> NDArray[np.bool_]:
-        """(N,) whether a foot stands."""
-        stands: NDArray[np.bool_] = self.contact.sum(axis=1) >= FEWEST_CONTACT
-        return stands
 
 
 def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None = None) -> LegTrack:
@@ -103,14 +99,14 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
     carries, sources = _carrying(joints, geometry, rpy_rad)
     n, t_s = len(joints), seconds_since(joints.t_ns, int(joints.t_ns[0]) if len(joints) else 0)
     step_s, still = np.diff(t_s), np.zeros((n, 3))
-    track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, attitude, sources, 0.0, 0.0)
+    track = LegTrack(joints.t_ns, still, rpy_rad, still, carries, np.zeros(n, np.bool_), attitude, sources, 0.0, 0.0)
     if n < 2:
         return track
-    beyond = ROUNDS * max(round(SMOOTHED_S / float(np.median(step_s))), 1)
     parts = []
     for first in range(0, n - 1, MOST_ROWS):
         last = min(first + MOST_ROWS, n - 1)
-        low, high = max(first - beyond, 0), min(last + beyond, n - 1)
+        low, high = np.searchsorted(t_s, [t_s[first] - ROUNDS * SMOOTHED_S, t_s[last] + ROUNDS * SMOOTHED_S]).tolist()
+        high = min(high, n - 1)
         rows = slice(low, high + 1)
         part = _steps(joints.position_rad[rows], geometry, rpy_rad[rows], carries[rows], step_s[low:high], attitude)
         parts.append([each[first - low : last - low] for each in part])
@@ -161,7 +157,7 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
 
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
     """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
-    carries, load_n = np.empty((2, len(joints), 4))
+    carries, load_n, below_m = np.empty((3, len(joints), 4))
     sources = [ContactSource.HEIGHT] * 4
     for first in range(0, len(joints), MOST_ROWS):
         rows = slice(first, first + MOST_ROWS)
@@ -170,10 +166,17 @@ def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tup
         load_n[rows] = _loads(jacobian, joints.torque_nm[rows], rpy_rad[rows])
         lifted_m = height_m - np.fmin.reduce(height_m, axis=1, keepdims=True)
         carries[rows] = expit((LIFTED_M - lifted_m) / LIFTED_WIDTH_M)
+        below_m[rows] = feet_m[..., 2]
+    lasted_s = float((joints.t_ns[-1:] - joints.t_ns[:1]).sum()) * 1e-9
+    within = max(round(len(joints) * LOWEST_S / max(lasted_s, LOWEST_S)), 1)
+    lifted_m = below_m - minimum_filter1d(np.where(np.isfinite(below_m), below_m, np.inf), within, axis=0)
+    low = np.maximum(carries, expit((LIFTED_M - lifted_m) / LIFTED_WIDTH_M))
     for kind, load in ((ContactSource.TORQUE, load_n), (ContactSource.FORCE, joints.foot_force_n)):
         share = share_of_usual(load)
         known: NDArray[np.bool_] = np.isfinite(share)
         carries[known] = expit((share[known] - CARRIES_SHARE) / CARRIES_WIDTH)
+        if kind is ContactSource.TORQUE:  # a leg that swings needs torques too
+            carries[known] *= low[known]
         sources = [kind if 2 * n > len(known) else each for each, n in zip(sources, known.sum(axis=0), strict=True)]
     carries[~np.isfinite(joints.position_rad).reshape(-1, 4, 3).all(axis=2) | ~np.isfinite(carries)] = 0.0
     return carries, tuple(sources)
@@ -233,15 +236,19 @@ def _steps(
 
 def _stillness(moves_m: Float, weight: Float, step_s: Float) -> Float:
     """(M, 4) in 0..1: how well the motion that each foot shows (M, 4, 3) fits that of all of them, over a while."""
-    window = max(round(SMOOTHED_S / float(np.median(step_s))), 1)
-    way_m = uniform_filter1d((weight[..., None] * moves_m).sum(axis=1), window, axis=0, mode="nearest")
-    lasted_s = uniform_filter1d(weight.sum(axis=1) * step_s, window, mode="nearest")
-    velocity_mps = way_m / np.maximum(lasted_s, 1e-9)[:, None]
-    off_m = moves_m - velocity_mps[:, None] * step_s[:, None, None]
-    short = max(window // 4, 1)
-    off_m = uniform_filter1d(off_m, short, axis=0, mode="nearest")
-    off_mps = off_m / np.maximum(uniform_filter1d(step_s, short, mode="nearest"), 1e-9)[:, None, None]
+    way_m, lasted_s = (weight[..., None] * moves_m).sum(axis=1), weight.sum(axis=1) * step_s
+    velocity_mps = _around(way_m, step_s, SMOOTHED_S) / np.maximum(_around(lasted_s, step_s, SMOOTHED_S), 1e-9)[:, None]
+    off_m = _around(moves_m - velocity_mps[:, None] * step_s[:, None, None], step_s, SMOOTHED_S / 4)
+    off_mps = off_m / np.maximum(_around(step_s, step_s, SMOOTHED_S / 4), 1e-9)[:, None, None]
     return 1.0 / (1.0 + np.einsum("ijk,ijk->ij", off_mps, off_mps) / STILL_MPS**2)
+
+
+def _around(values: Float, step_s: Float, within_s: float) -> Float:
+    """Sums of values (M, ...) over the steps of these durations (M,) whose middles lie so close around each one's."""
+    middle_s = np.cumsum(step_s) - step_s / 2
+    begin, end = (np.searchsorted(middle_s, middle_s + sign * (within_s / 2 + 1e-6)) for sign in (-1, 1))
+    summed = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    return summed[end] - summed[begin]
 
 
 def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
@@ -270,7 +277,11 @@ def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
 def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weight: Float, still: Float) -> LegTrack:
     """A track with the steps added up; while no foot stands the body goes on as before, for HOLD_S at most."""
     stands, ends_s = weight.sum(axis=1) >= FEWEST_CONTACT, np.cumsum(step_s)
-    velocity_mps = move_m / step_s[:, None]
+    # Over the last SMOOTHED_S of standing: what one short step shows is noise.
+    stood_s, *stood_m = np.cumsum(np.where(stands, np.column_stack([step_s, move_m]).T, 0.0), axis=1)
+    begin_s = np.maximum(stood_s - SMOOTHED_S, 0.0)
+    began_m = np.column_stack([np.interp(begin_s, stood_s, each) for each in stood_m])
+    velocity_mps = (np.column_stack(stood_m) - began_m) / SMOOTHED_S
     last = np.maximum.accumulate(np.where(stands, np.arange(len(stands)), -1))
     unheld_s = ends_s - np.where(last >= 0, ends_s[last], 0.0)
     velocity_mps = np.where((last >= 0)[:, None] & (unheld_s <= HOLD_S)[:, None], velocity_mps[last], 0.0)
@@ -279,12 +290,14 @@ def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weig
     if track.attitude is AttitudeSource.FEET:
         yaw_rad = np.append(0.0, np.cumsum(np.where(stands, turn_rad, 0.0)))
     firm, heard_s = np.minimum(track.contact[1:], track.contact[:-1]) > 0.5, np.cumsum(step_s * (step_s <= MAX_GAP_S))
+    guessed, sure = np.equal(track.contact_sources, ContactSource.HEIGHT), np.concatenate([weight, weight[-1:]])
     return replace(
         track,
+        contact=np.where(guessed, sure, track.contact),
         position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m[:, None], yaw_rad[:-1])[:, 0], axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
-        contact=np.concatenate([weight, weight[-1:]]),
+        standing=np.append(stands, stands[-1]),
         unheld_s=float((heard_s - np.where(last >= 0, heard_s[last], 0.0)).max()),
-        slipping_share=float(((still < 0.5) & firm).sum() / max(int(firm.sum()), 1)),
+        slipping_share=float(step_s @ ((still < 0.5) & firm).sum(axis=1) / max(step_s @ firm.sum(axis=1), 1e-9)),
     )

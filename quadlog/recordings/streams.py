@@ -26,6 +26,7 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.recordings.bursts import spread
 from quadlog.recordings.clock import clock_losses, kept_rows, repeated_rows
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
@@ -98,7 +99,7 @@ def look_at_frames(recording: Recording, tf: Sequence[str]) -> TransformTree:
 
 _NO_QUATERNION = [nan] * 4
 _NO_TWIST = [0.0] * 6
-_JOINT_VALUES = 40
+_JOINT_VALUES = 41
 MOST_OF_A_JOINT = 1e5
 """Larger angles, rates, torques and forces are no measurements."""
 
@@ -148,6 +149,11 @@ class _Columns:
             t_ns, values = t_ns[rows], values[rows]
         return t_ns, values
 
+    def set_times(self, t_ns: Int) -> None:
+        """Other times (N,), in the order in which rows came."""
+        rank = np.argsort(np.argsort(np.array(self.order), kind="stable"))
+        self.t_ns = array("q", t_ns[rank].tobytes())
+
     def increasing(self, topic: str, warnings: list[str], losses: list[Loss]) -> tuple[Int, Float]:
         """Both columns by time, which increases strictly; what is left out is added to warnings and losses."""
         t_ns, values = self.arrays()
@@ -196,6 +202,7 @@ class Gatherer:
             self._columns_of_topic.setdefault(topic or "", []).append(self._poses[role])
         self._imu = _Columns(7)
         self._joints = _Columns(_JOINT_VALUES, "f")
+        self._stamp = ""
         self._places = AnchorPlaces()
         self._lidar, self._clouds_ns = lidar, array("q")
         self._warnings: list[str] = []
@@ -216,6 +223,7 @@ class Gatherer:
 
     def take(self, gathered: Gathered, stamp: str) -> None:
         """File what was read."""
+        self._stamp = stamp
         if isinstance(gathered, Many):
             self._take_columns(*gathered)
             return
@@ -232,7 +240,7 @@ class Gatherer:
         elif isinstance(content, JointStates):
             if topic == self._joints_topic:
                 fields = (content.position_rad, content.velocity_radps, content.torque_nm, content.foot_force_n)
-                self._joints.add(order, t_ns, np.concatenate(fields).tolist())
+                self._joints.add(order, t_ns, [*np.concatenate(fields).tolist(), content.tick])
         elif isinstance(content, PointCloud):
             if topic == self._lidar:
                 self._clouds_ns.append(t_ns)
@@ -295,6 +303,8 @@ class Gatherer:
         target, _ = self._pose_series("target")
         estimates = {topic: self._pose_series(role)[0] for role, topic in self._estimates.items()}
         ranges, gap_db = self._range_series()
+        if self._stamp == "auto":
+            self._spread_joints()
         imu, joints = self._imu_series(), self._joint_series()
         for topic in self.moving_tf:
             self._losses += clock_losses(topic, "transforms", self.tree.stamps(topic))
@@ -357,6 +367,19 @@ class Gatherer:
         series = PoseSeries(t_ns, values[:, :3].copy(), values[:, 3:7].copy(), column.frame_id, column.child_frame_id)
         return series, values[:, 7:].copy()
 
+    def _spread_joints(self) -> None:
+        """Joints that come in bursts, and the IMU beside them, get the times at which they were sent."""
+        logged_ns, values = self._joints.arrays()
+        t_ns, how = spread(logged_ns, values[:, -1].astype(np.float64))
+        if how:
+            self._warnings.append(
+                f"{self._joints_topic}: joints come in bursts ({how}; as they are stamped:  --stamp header"
+            )
+            self._joints.set_times(t_ns)
+            imu_ns, _ = self._imu.arrays()
+            same = np.array_equal(imu_ns, logged_ns)
+            self._imu.set_times(t_ns if same else spread(imu_ns, np.full(len(imu_ns), nan))[0])
+
     def _imu_series(self) -> ImuSeries | None:
         t_ns, values = self._imu.increasing(str(self._imu_topic), self._warnings, self._losses)
         if len(t_ns) == 0:
@@ -373,7 +396,7 @@ class Gatherer:
         if len(t_ns) == 0:
             return None
         parts = {"angles": values[:, :12], "speeds": values[:, 12:24], "torques": values[:, 24:36]}
-        parts["foot forces"] = values[:, 36:]
+        parts["foot forces"] = values[:, 36:40]
         for what, part in parts.items():
             unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
             # A message that gives none of them has NaN everywhere.

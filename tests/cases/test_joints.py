@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,8 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rosbags.rosbag2 import StoragePlugin
 
+from tests.lab.recordings import mcap
 from tests.lab.strangers import START_NS, STORE, Log, zeros
 
 STEP_NS, N = 2_000_000, 1500
@@ -27,8 +31,11 @@ def trot() -> tuple[np.ndarray, np.ndarray]:
     return joints.reshape(N, 12), np.where(lift > 0, 2.0, 70.0)
 
 
-def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2)) -> Path:
-    """What a Go2's computer records, in SQLite and so without definitions; feet: the order in which forces are sent."""
+def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2), every_ns: int = STEP_NS) -> Path:
+    """What a Go2's computer records, in SQLite and so without definitions; feet: the order in which forces are sent.
+
+    every_ns: when a relay hands states on.
+    """
     (position_rad, force_n), log = trot(), Log()
     for i in range(N):
         t_ns, state, way = (
@@ -42,7 +49,8 @@ def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2)) -> Path:
         state.foot_force[:] = force_n[i, list(feet)]
         way.stamp = STORE.types["unitree_go/msg/TimeSpec"](t_ns // 10**9, t_ns % 10**9)
         way.position[0] = i * 1e-3
-        log.add("/lowstate", t_ns, state)
+        state.tick = (2**32 - 1000 + 2 * i) % 2**32
+        log.add("/lowstate", START_NS - (START_NS - t_ns) // every_ns * every_ns, state)
         log.add("/sportmodestate", t_ns, way)
         if i % 25 == 0:
             log.add("/lf/lowstate", t_ns, state)
@@ -121,3 +129,46 @@ def test_an_order_that_is_none_is_refused(setting, tmp_path, replayed):
     done = replayed(joint_log(tmp_path / "walk", NAMES, count=3), "--set", setting)
     assert done.code in (1, 2)
     assert setting.partition("=")[0] in done.err
+
+
+def test_joints_in_bursts_are_placed_by_the_devices_tick(tmp_path, replayed):
+    done = replayed(go2_log(tmp_path / "walk", every_ns=100_000_000), "--until", "position")
+    off_ns = done.table("joints")["t_ns"] - START_NS - STEP_NS * np.arange(N)
+    assert np.abs(off_ns).max() <= STEP_NS
+    assert "/lowstate: joints come in bursts (" in done.err
+    assert "are placed by the device's tick, in ms; as they are stamped:  --stamp header" in done.err
+
+
+@pytest.mark.parametrize(
+    ("every", "stamp", "stride_hz", "says"),
+    [
+        (1, "auto", 2.1, "13 silences above 0.1 s, 2.2 s in all, 19% of the log) and are placed at their usual rate"),
+        (1, "header", None, "joints are silent for up to 0.4 s, 13 silences above 0.1 s, 2.2 s in all, 19% of the log"),
+        (4, "auto", 2.1, "joints come 21 times a stride, at 44 Hz"),
+    ],
+)
+def test_a_real_go2_walks_as_far_as_motion_capture_saw(every, stamp, stride_hz, says, tmp_path, replayed):
+    """Recorded in bursts of which nothing but log times is known; every fourth state, evenly, stands for a slow log."""
+    log = Path(os.environ.get("QUADLOG_DATASETS", "")) / "quadruped_go2" / "go2_bursts_12s.mcap"
+    if not log.exists():
+        pytest.skip("QUADLOG_DATASETS is not set, or without it")
+    if every > 1:
+        read = list(make_reader(io.BytesIO(log.read_bytes())).iter_messages())
+        types = {channel.topic: (schema.name, schema.data.decode(), "") for schema, channel, _ in read}
+        rows = [[channel.topic, m.log_time, m.data] for _, channel, m in read]
+        states = [row for row in rows if row[0] == "/lowstate"]
+        for row, t_ns in zip(states, np.linspace(states[0][1], states[-1][1], len(states)), strict=True):
+            row[1] = int(t_ns)
+        rows = states[::every] + [row for row in rows if row[0] != "/lowstate"]
+        log = mcap(tmp_path / "even.mcap", sorted(rows, key=lambda row: row[1]), types)
+    done = replayed(log, "--set", "robot.preset=go2", "--stamp", stamp)
+    poses, metrics = done.table("poses"), done.metrics
+    step_m = np.hypot(np.diff(poses["x_m"]), np.diff(poses["y_m"]))
+    assert (done.code, step_m.max() < 0.3, 6.0 < step_m.sum() < 9.0) == (0, True, True), done.err
+    assert metrics["ate_aligned_rmse_m"]["value"] < (0.25 if stride_hz else 0.35)
+    assert (says in done.said, "move against the ground" in done.said) == (True, False), done.said
+    if stride_hz is None:
+        assert "logged_stride_frequency_hz" not in metrics
+    else:
+        assert metrics["logged_stride_frequency_hz"]["value"] == pytest.approx(stride_hz, abs=0.1)
+        assert metrics["logged_duty_factor"]["value"] == pytest.approx(0.52, abs=0.03)

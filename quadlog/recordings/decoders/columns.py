@@ -238,7 +238,7 @@ class Columns(NamedTuple):
 
     values of a Pose: position and quaternion; of an Odometry linear and angular velocity behind them; of an Imu angular
     velocity and quaternion, NaN without one; of UwbRanges the tag and its distances to anchors 0, 1, …, 0 for none; of
-    JointStates its four fields one after the other.
+    JointStates its five fields one after the other.
     """
 
     kind: MessageKind

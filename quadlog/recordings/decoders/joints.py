@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quadlog.errors import DecodeError, UnknownJoints, set_flag
-from quadlog.messages import Float, Int, JointStates
+from quadlog.messages import TICKS, Float, Int, JointStates
 from quadlog.recordings.decoders.columns import EVERY, Columns, InColumns, Ways, header_of, stamps_ns
 from quadlog.recordings.decoders.payload import stamp_ns
 
@@ -236,28 +236,28 @@ def joint_state_ways(topic: str, order: JointOrder) -> Ways:
 
 
 def _named_values(names: tuple[str, ...], lists: Sequence[Float], topic: str, order: JointOrder) -> Float:
-    """(N, 40) the fields of JointStates, of positions, velocities and efforts, each (N, names) or (N, 0)."""
+    """(N, 41) the fields of JointStates, of positions, velocities and efforts, each (N, names) or (N, 0)."""
     for what, values in zip(("positions", "velocities", "efforts"), lists, strict=True):
         if values.shape[1] not in (0, len(names)):
             raise DecodeError(topic, f"names {len(names)} joints, but has {values.shape[1]} {what}")
     found = order.of_names(names, topic)
-    rows = np.full((len(lists[0]), 40), np.nan)
+    rows = np.full((len(lists[0]), 41), np.nan)
     for k, values in enumerate(lists):
         if values.shape[1]:
             rows[:, 12 * k : 12 * k + 12] = values[:, found.place] * found.sign
     if found.feet is not None and lists[2].shape[1]:
-        rows[:, 36:] = lists[2][:, found.feet]
+        rows[:, 36:40] = lists[2][:, found.feet]
     return rows
 
 
 def joint_states(stamp_ns: int | None, row: Float) -> JointStates:
-    """The message of its fields one after the other (40,)."""
-    return JointStates(stamp_ns, row[:12], row[12:24], row[24:36], row[36:])
+    """The message of its fields one after the other (41,)."""
+    return JointStates(stamp_ns, row[:12], row[12:24], row[24:36], row[36:40], float(row[40]))
 
 
-def motor_values(q_dq_tau: Float, feet: Float, topic: str, order: JointOrder) -> Float:
-    """(N, 40) the fields of JointStates, of all motors' q, dq and tau (N, M, 3) and the foot forces (N, F)."""
+def motor_values(q_dq_tau: Float, feet: Float, tick: Float, topic: str, order: JointOrder) -> Float:
+    """(N, 41) the fields of JointStates, of motors' q, dq and tau (N, M, 3), foot forces (N, F) and ticks (N, 1)."""
     found = order.of_motors(q_dq_tau.shape[1], feet.shape[1], topic)
     driven = q_dq_tau[:, found.place] * found.sign[:, None]
     assert found.feet is not None
-    return np.concatenate([driven[..., 0], driven[..., 1], driven[..., 2], feet[:, found.feet]], axis=1)
+    return np.concatenate([driven[..., 0], driven[..., 1], driven[..., 2], feet[:, found.feet], tick % TICKS], axis=1)

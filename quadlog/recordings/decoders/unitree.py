@@ -62,7 +62,8 @@ def _joints(message: Any, topic: str, order: JointOrder) -> JointStates:
     motors = _field(message, "motorState", "motor_state")
     values = [[each.q, each.dq, _field(each, "tauEst", "tau_est")] for each in motors]
     feet = np.asarray(_field(message, "footForce", "foot_force"), np.float64)
-    row = motor_values(np.array(values, np.float64).reshape(1, -1, 3), feet[None], topic, order)[0]
+    tick = np.array([[getattr(message, "tick", np.nan)]], np.float64)
+    row = motor_values(np.array(values, np.float64).reshape(1, -1, 3), feet[None], tick, topic, order)[0]
     return joint_states(stamp_ns(message), row)
 
 
@@ -104,7 +105,7 @@ SPORT_MODE_STATE = {"stamp.sec": WHOLE, "stamp.nanosec": WHOLE} | _imu_of("imu_s
 
 def low_state_ways(topic: str, order: JointOrder) -> Ways:
     """LowState by columns."""
-    return [(wanted, _low_states(topic, order)) for wanted in (_GO, _LEGACY, _SNAKE)]
+    return [(wanted | {"tick": 1}, _low_states(topic, order)) for wanted in (_GO, _LEGACY, _SNAKE)]
 
 
 def high_state_ways(topic: str, order: JointOrder) -> Ways:
@@ -115,7 +116,7 @@ def high_state_ways(topic: str, order: JointOrder) -> Ways:
 
 def _low_states(topic: str, order: JointOrder) -> InColumns:
     def in_columns(_: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
-        joints, imu = _joint_columns(numbers, topic, order), _imu_columns(None, numbers)
+        joints, imu = _joint_columns(numbers[:, :-1], numbers[:, -1:], topic, order), _imu_columns(None, numbers)
         return [*joints, imu], np.full(len(numbers), bool(joints))
 
     return in_columns
@@ -125,7 +126,7 @@ def _high_states(topic: str, order: JointOrder) -> InColumns:
     def in_columns(_: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
         state, position_m, velocity_mps = numbers[:, :-7], numbers[:, -7:-4], numbers[:, -4:-1]
         linear_mps = velocity_mps * (1.0, 1.0, 0.0)
-        imu, joints = _imu_columns(None, state), _joint_columns(state, topic, order)
+        imu, joints = _imu_columns(None, state), _joint_columns(state, np.full((len(state), 1), np.nan), topic, order)
         odometry = _odometry_columns(imu, position_m, linear_mps, numbers[:, -1])
         return [odometry, imu, *joints], reachable_rows(position_m) & bool(joints)
 
@@ -148,11 +149,11 @@ def _imu_columns(stamps: Float | None, numbers: Float) -> Columns:
     return Columns(Imu, t_ns, np.concatenate([rate_radps, quat_xyzw], axis=1))
 
 
-def _joint_columns(numbers: Float, topic: str, order: JointOrder) -> list[Columns]:
+def _joint_columns(numbers: Float, tick: Float, topic: str, order: JointOrder) -> list[Columns]:
     """None where the order does not fit: what is wrong is raised by the way through single messages."""
     motors, feet = numbers[:, _IMU_NUMBERS:-4].reshape(len(numbers), -1, 3), numbers[:, -4:]
     try:
-        return [Columns(JointStates, None, motor_values(motors, feet, topic, order))]
+        return [Columns(JointStates, None, motor_values(motors, feet, tick, topic, order))]
     except DecodeError:
         return []
 

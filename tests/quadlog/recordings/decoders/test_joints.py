@@ -102,12 +102,12 @@ def decoded(ros: str, message: Any, order: JointOrder | None = None, *, embedded
 def same_columns(message: Any, columns: Columns) -> None:
     stamps = None if columns.stamp_ns is None else columns.stamp_ns[1]
     fields = {
-        JointStates: ("position_rad", "velocity_radps", "torque_nm", "foot_force_n"),
+        JointStates: ("position_rad", "velocity_radps", "torque_nm", "foot_force_n", "tick"),
         Odometry: ("position_m", "quat_xyzw", "linear_mps", "angular_radps"),
         Imu: ("angular_radps", "quat_xyzw"),
     }[type(message)]
     values = [np.full(4, np.nan) if (v := getattr(message, name)) is None else v for name in fields]
-    np.testing.assert_allclose(columns.values[1], np.concatenate(values), atol=1e-12)
+    np.testing.assert_allclose(columns.values[1], np.concatenate([np.atleast_1d(each) for each in values]), atol=1e-12)
     assert stamps == message.stamp_ns
 
 
