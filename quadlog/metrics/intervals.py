@@ -13,10 +13,11 @@ SHORTEST_S = 30.0
 FEWEST_IN_TIME = 20
 """With fewer values a series says nothing of how its mean could have been otherwise."""
 COVERAGE = (
-    "On walks of 30 to 300 s, 95 % intervals hold the truth in 0.93 to 0.98 (means), 0.97 to 0.99 (deviations) and 0.98 "
-    "to 0.99 (rms) of simulations whose errors are correlated over 0.1 to 2 s. On pieces of three simulated replays, not "
-    "those on which constants were chosen, they hold the whole replay's value in 0.93 (30 s) and 0.90 (60 s), and are 1.5 "
-    "and 1.7 times as wide as the pieces scatter (median of 13 metrics; of cells and costs of paths 2 to 4 times)."
+    "On walks of 30 to 300 s, 95 % intervals hold the truth in 0.93 to 0.98 (means), 0.97 to 0.99 (deviations) and "
+    "0.98 to 0.99 (rms) of simulations whose errors are correlated over 0.1 to 2 s. On pieces of three simulated "
+    "replays, not those on which constants were chosen, they hold the whole replay's value in 0.93 (30 s) and 0.90 "
+    "(60 s), and are 1.5 and 1.7 times as wide as the pieces scatter (median of 13 metrics; of cells and costs of "
+    "paths 2 to 4 times)."
 )
 """What tests/quadlog/metrics/test_summary.py measures; the page and docs/metrics.md state it."""
 
