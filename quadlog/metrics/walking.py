@@ -48,13 +48,12 @@ JOINTS = tuple(f"{leg} {joint}" for leg in LEGS for joint in ("hip", "thigh", "c
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Over all ticks: the joints' energy and the way walked, the largest torque, and the share of torques cut.
+    """Over all ticks: the joints' energy, the largest torque, and the share of torques cut.
 
     pitch_rms_rad, height_rms_m: of the body's tilt and height beside those that the ground under its feet asks for.
     """
 
     energy_j: float
-    distance_m: float
     torque_max_nm: float
     saturation_share: float
     pitch_rms_rad: float

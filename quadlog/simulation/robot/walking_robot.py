@@ -38,7 +38,7 @@ class WalkingRobot:
         self.model = model
         self.tick_s = float(model.model.opt.timestep)
         self.ticks, self._walked = 0, 0
-        self._sums: Float = np.zeros(6)
+        self._sums: Float = np.zeros(5)
         self.disturbances = Disturbances(disturbances, rng)
         self._settings = replace(settings, mass_error=disturbances.mass_error)
         self.start_at(start_pose)
@@ -107,11 +107,11 @@ class WalkingRobot:
 
     @property
     def effort(self) -> Effort:
-        """Energy, distance, torques and body errors of the walk so far."""
-        energy_j, distance_m, torque_max_nm, cut, pitch_squared, height_squared = self._sums.tolist()
+        """Energy, torques and body errors of the walk so far."""
+        energy_j, torque_max_nm, cut, pitch_squared, height_squared = self._sums.tolist()
         ticks = max(self._walked, 1)
         rms = (math.sqrt(pitch_squared / ticks), math.sqrt(height_squared / ticks))
-        return Effort(energy_j, distance_m, torque_max_nm, cut / (12 * ticks), *rms)
+        return Effort(energy_j, torque_max_nm, cut / (12 * ticks), *rms)
 
     @without_log()
     def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
@@ -159,8 +159,7 @@ def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-un
     pitch_error, height_error = now.rpy[1] - wanted.rpy[1], now.position_m[2] - wanted.position_m[2]
     for joint in range(12):
         sums[0] += abs(torques[joint] * now.qvel[6 + joint]) * tick_s
-        sums[2] = max(sums[2], abs(torques[joint]))
-        sums[3] += cut[joint]
-    sums[1] += math.hypot(now.qvel[0], now.qvel[1]) * tick_s
-    sums[4] += pitch_error * pitch_error
-    sums[5] += height_error * height_error
+        sums[1] = max(sums[1], abs(torques[joint]))
+        sums[2] += cut[joint]
+    sums[3] += pitch_error * pitch_error
+    sums[4] += height_error * height_error
