@@ -38,7 +38,6 @@ from quadlog.results.text import (
     count,
     interval_text,
     label_of,
-    sig,
     state_of,
     value_text,
 )
@@ -203,7 +202,7 @@ def compared_metrics(compared: Compared) -> Table:
         cells = [Cell(label_of(metric), below=metric)]
         for name in names:
             of, paired = found.get(name), compared.paired.get(name, {}).get(metric)
-            below = "" if of is None else interval_text(metric, of)
+            below = "" if of is None else interval_text(metric, of.interval, of.unit)
             below = below if paired is None else _difference_text(metric, paired)
             text, value = (NONE, None) if of is None else (value_text(metric, of.value, of.unit), of.value)
             cells.append(Cell(text, value, below, state=_judged(metric, paired)))
@@ -220,7 +219,8 @@ def _difference_text(name: str, paired: PairedDifference) -> str:
     if paired.same:
         return "the same"
     text = "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
-    return text if paired.interval is None else f"{text} [{sig(paired.interval[0], 2)}, {sig(paired.interval[1], 2)}]"
+    interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
+    return f"{text} [{interval}]" if interval else text
 
 
 def _judged(name: str, paired: PairedDifference | None) -> State:
@@ -306,7 +306,7 @@ def _settings_values(summary: SweepSummary) -> Table:
         cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
         for name in summary.varying:
             over = summary.over[name][number]
-            below = "" if over.interval is None else " to ".join(map(sig, over.interval))
+            below = interval_text(name, over.interval, CATALOGUE[name].unit)
             cell = _value_cell(name, over.mean, Bound("", "good" if summary.best.get(name) == number else ""))
             cells.append(cell._replace(below=below))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
