@@ -79,14 +79,22 @@ def label_of(name: str) -> str:
     return CATALOGUE[name].label if name in CATALOGUE else name
 
 
-def value_text(name: str, value: float, unit: str = "", digits: int = 3) -> str:
-    """A value with its unit: shares in percent, angles in degrees, factors with ×."""
+def unit_of(name: str, unit: str = "") -> tuple[float, str]:
+    """The unit in which readers see a metric, and how many of it are one of the saved unit: shares in percent,
+    angles in degrees, factors with ×.
+    """
     kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
     if kind == "share":
-        return percent(value, digits)
-    if unit == "rad":
-        return f"{sig(math.degrees(value), digits)}°"
-    return f"{sig(value, digits)} {'×' if kind == 'factor' else unit}".strip()
+        return 100.0, "%"
+    return (math.degrees(1), "°") if unit == "rad" else (1.0, "×" if kind == "factor" else unit)
+
+
+def value_text(name: str, value: float, unit: str = "", digits: int = 3) -> str:
+    """A value with its unit, as unit_of has it."""
+    factor, shown_unit = unit_of(name, unit)
+    text = sig(factor * value, digits)
+    gap = {"%": "\u202f", "°": "", "": ""}.get(shown_unit, " ")
+    return NONE if text == NONE else f"{text}{gap}{shown_unit}"
 
 
 def interval_text(name: str, interval: Interval | None, unit: str = "") -> str:
