@@ -82,8 +82,9 @@ quadlog metrics --explain eta_m                         # what it means
 quadlog metrics runs/yesterday --explain success_rate   # and when the run was at its worst
 ```
 
-Intervals allow for the correlation of neighbouring samples; counts, extremes and short walks have none. 95 % ellipses
-of positions (`uwb_coverage_95`) contained 0.98 to 1.00 of the true positions on two real logs: [Limits](limits.md).
+Intervals allow for the correlation of neighbouring samples. Counts, extremes and logs below 30 s have none, nor have
+position errors against a truth: biases last a whole log, and one log is one draw of them. 95 % ellipses
+(`uwb_coverage_95`) contained 0.98 to 1.00 of the true positions on two real logs: [Limits](limits.md).
 
 `x_i` is sample i of N; **n** is what the number of samples counts. Sources are keys of
 [Methods and papers](references.md); without one, the definition is quadlog's own.
@@ -137,8 +138,8 @@ def metrics_page() -> str:
         (_code(name), each.unit, each.meaning, _code(each.formula), each.source.replace(OWN, ""), each.counted)
         for name, each in CATALOGUE.items()
     ]
-    coverage = textwrap.fill(f"{COVERAGE} Shorter walks have none for rms and deviations.", 120)
-    return f"{METRICS}\n{coverage}\n\n" + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
+    text = f"{METRICS}\n{textwrap.fill(COVERAGE, 120)}\n\n"
+    return text + _table(("metric", "unit", "meaning", "formula", "source", "n"), rows)
 
 
 def _section(name: str, property_schema: dict[str, Any], models: dict[str, Any], brackets: str = "[]") -> str:

@@ -110,7 +110,7 @@ def measure_runs(
             problems.append(str(error))
             failing += [f"{path}: {each}: unknown, the run cannot be read" for each in conditions]
             continue
-        runs.append(MeasuredRun(path, label, measured))
+        runs.append(MeasuredRun(path, label, measured, run.record.recorded_s))
         records.append(run.record)
         problems += damage
         failing += _failing(path, measured, conditions)

@@ -91,8 +91,8 @@ class ReferenceErrors:
     """The samples of REFERENCE_METRICS, those that apply, and lines for people on how they were paired.
 
     summary: the reference's clock and the errors, in one line; warnings: a clock or a frame that is not the poses'.
-    dimensions: whether errors are those in the plane or in space, and why. mirrored: the warning of a reference that
-    fits only mirrored, None elsewhere.
+    dimensions: whether errors are those in the plane or in space, and why. in_any_frame: those of the warnings that
+    have nothing to do with frames.
     """
 
     samples: dict[str, Samples]
@@ -100,7 +100,7 @@ class ReferenceErrors:
     summary: str
     warnings: tuple[str, ...]
     dimensions: str
-    mirrored: str | None
+    in_any_frame: list[str]
 
 
 def compare_with_reference(run: Path, reference: Reference) -> ReferenceErrors:
@@ -137,7 +137,7 @@ def compare_trajectory(run: Path, reference: Reference) -> ReferenceErrors:
         said.append(
             f"heights differ by {apart_m:.3f} m rms, and errors include them; --project-to-plane xy leaves them out"
         )
-    return ReferenceErrors(compared.samples, tuple(said), summary, warnings, dimensions, compared.mirrored)
+    return ReferenceErrors(compared.samples, tuple(said), summary, warnings, dimensions, compared.in_any_frame)
 
 
 def _dimension_words(planar: bool, how: OnTime, why_planar: str) -> str:

@@ -91,7 +91,7 @@ def _ellipses(run: _Run) -> dict[str, Samples]:
     table = read_table(run.path, "uwb_errors", ["t_ns", "tag", "source", "error_x_m", "error_y_m", "bound_m"])
     own = (table["tag"] == run.robot.id) & (table["source"] == "track")
     t_ns, x_m, y_m, bound_m = (table[name][own] for name in ("t_ns", "error_x_m", "error_y_m", "bound_m"))
-    return ellipse_samples(t_ns, np.hypot(x_m, y_m), bound_m)
+    return ellipse_samples(t_ns, np.column_stack([x_m, y_m]), bound_m)
 
 
 def _lidar_against_uwb(run: _Run) -> dict[str, Samples]:

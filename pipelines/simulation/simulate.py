@@ -302,7 +302,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
         metrics["completion_time_s"] = Metric(completion_s, 1, "s")
     if walk.effort is not None:
         ticks = round(simulated.lasted_s / TIMESTEP_S)
-        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort)
+        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort, control)
     metrics["realtime_factor"] = Metric(simulated.lasted_s / simulated.seconds, 1, "")
     return metrics
 

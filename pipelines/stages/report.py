@@ -98,7 +98,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
 
 def _metrics(run: Path, done: Finished) -> Metrics:
     """What the saved tables give, and what the robot's body took, which they do not hold."""
-    plans = read_table(run, "plans", ["planner", "expanded"]) if has_table(run, "plans") else None
+    plans = read_table(run, "plans", ["t_ns", "planner", "expanded"]) if has_table(run, "plans") else None
     robot = RobotTag.among(list(done.facts.tags), done.config)
     incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
     # Of other planners, fallback_share would be a wrong number.
@@ -107,10 +107,12 @@ def _metrics(run: Path, done: Finished) -> Metrics:
     if errors:
         raise errors[0]
     body = done.body
-    effort = {} if body is None else effort_metrics(body.mass_kg, body.ticks, body.effort)
+    walk = {} if body is None else read_table(run, "control", ["t_ns", "x_m", "y_m"])
+    effort = {} if body is None else effort_metrics(body.mass_kg, body.ticks, body.effort, walk)
     metrics = metrics_of(samples) | _trajectory_metrics(run, done) | _of_bodies(run, done, effort)
     if plans is not None:
-        metrics |= ratio_to_astar(plans["expanded"], read_table(run, "astar", ["expanded"])["expanded"])
+        astar = read_table(run, "astar", ["expanded"])["expanded"]
+        metrics |= ratio_to_astar(plans["t_ns"], plans["expanded"], astar)
     return metrics | effort
 
 
@@ -147,7 +149,7 @@ def _trajectory_metrics(run: Path, done: Finished) -> Metrics:
         journal.note(f"errors against the reference are in {compared.dimensions}")
     else:
         journal.note(f"against the reference: {compared.summary}")
-    journal.warn(*(compared.warnings if not elsewhere else filter(None, [compared.mirrored])))
+    journal.warn(*(compared.in_any_frame if elsewhere else compared.warnings))
     return {name: each for name, each in metrics.items() if not elsewhere or name not in FRAME_METRICS}
 
 

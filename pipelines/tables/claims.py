@@ -100,6 +100,9 @@ class Claim:
             return replace(row, note=" ".join(filter(None, notes)))
         verdict = self.judge.verdict(values, self.statistic)
         notes.append(self.why_not if verdict is Verdict.NO and self.why_not else self.judge.why)
+        if self.statistic.is_drawn and self.judge.takes_interval and len(values) <= 2:
+            verdict = Verdict.NOT_COMPARABLE
+            notes.append("2 walks decide nothing." if len(values) == 2 else "1 walk decides nothing.")
         note = " ".join(filter(None, notes))
         return replace(row, paper=self.judge.printed, reproduces=verdict, note=note, claim=self.judge.said)
 

@@ -166,16 +166,16 @@ def number(printed: float, digit: float) -> Judge:
 def runs(of: Sequence[float], printed: float, contrary: float, said: str = "") -> Judge:
     """A statistic of printed runs (R,). contrary: what would be true if it were wrong, as 1 for a ratio.
 
-    No where ours and theirs are of one kind in fewer than 5 % of the cases. Yes where our interval holds what is
-    printed, and leaves out the contrary.
+    No where ours and theirs are of one kind in fewer than 5 % of the cases. Else yes where our interval leaves out the
+    contrary, on the side of what is printed.
     """
+    sign = 1 if printed > contrary else -1
 
     def rule(values: Float, statistic: Statistic) -> Verdict:
         if chance_of_one_kind(statistic.of, values, np.asarray(of, float)) < 0.05:
             return Verdict.NO
-        low, high = statistic.interval(values) or (-math.inf, math.inf)
-        is_clear = not low <= contrary <= high
-        return Verdict.YES if is_clear and low <= printed <= high else Verdict.UNDECIDED
+        ends = statistic.interval(values) or (-math.inf, math.inf)
+        return Verdict.YES if min(sign * (end - contrary) for end in ends) > 0 else Verdict.UNDECIDED
 
     return Judge(rule, printed, said)
 

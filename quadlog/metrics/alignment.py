@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.geometry import quat_from_yaw, yaw_from_quat
-from quadlog.messages import Float, Int, PoseSeries
+from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 
 
@@ -45,6 +45,8 @@ LEAST_MOVED_M = 0.25
 """The rms by which another frame moves a track: what moves it by less is its noise, as a turn of a robot that stood."""
 EXPLAINED = 0.5
 MIN_PAIRS = 10
+STRAIGHT = 0.7
+"""Share of a way that goes one way as the body sees it; a difference as large is that of 41 degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,24 @@ def mirror_words(position_m: Float, reference_m: Float) -> str | None:
         f"the reference fits the poses only mirrored (x and y swapped, as in NED against ENU): {fit.after_m:.2f} m "
         f"aligned, {mirrored.after_m:.2f} m mirrored; errors against it count that too"
     )
+
+
+def yaw_offset_words(estimate: PoseSeries, reference: PoseSeries) -> str | None:
+    """A warning where the reference's yaw lies otherwise to its course than that of the M poses; None elsewhere."""
+    ours, theirs = _course_in_body(estimate), _course_in_body(reference)
+    if abs(ours) < STRAIGHT or abs(theirs - ours) < STRAIGHT:
+        return None
+    off = f"{abs(np.degrees(np.angle(theirs / ours))):.0f} degrees off" if abs(theirs) >= STRAIGHT else "unrelated to"
+    return f"the reference's yaw is {off} its course, that of the poses is not; rpe_rmse_m counts that too"
+
+
+def _course_in_body(poses: PoseSeries) -> complex:
+    """Mean direction of N poses' steps of a second, x forward, of length 1 if it is always the same."""
+    ends = np.searchsorted(poses.t_ns, poses.t_ns + NS_PER_S)
+    begins = np.flatnonzero(ends < len(poses.t_ns))
+    steps_m = (poses.position_m[ends[begins], :2] - poses.position_m[begins, :2]) @ [1, 1j]
+    in_body_m = steps_m * np.exp(-1j * yaw_from_quat(poses.quat_xyzw)[begins])
+    return complex(in_body_m.sum() / max(np.abs(steps_m).sum(), 1e-9))
 
 
 def frame_offset_words(offset: FrameOffset) -> str | None:

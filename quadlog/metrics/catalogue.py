@@ -23,7 +23,8 @@ class MetricEntry:
     docs/references.md with the equation, or quadlog itself; counted: what n counts; worst_is_lowest: of the samples; 1
     and the largest of all are not bad. kind: of a run's value: shares are shown in percent, factors with ×; counts and
     yes or no have no interval. better: the lower or the higher value; empty where neither is better. alarm: the range
-    outside of which a page warns without any configuration.
+    outside of which a page warns without any configuration. one_draw: the biases of a log's links are drawn once, so
+    that no log alone shows how the value scatters; these have no interval.
     """
 
     name: str
@@ -37,6 +38,7 @@ class MetricEntry:
     kind: ValueKind = "quantity"
     better: Literal["lower", "higher", ""] = "lower"
     alarm: tuple[float, float] | None = None
+    one_draw: bool = False
 
 
 _OURS = "quadlog's own definition"
@@ -65,17 +67,17 @@ _LOGGED = [
 _POSITION = (
     MetricEntry("ate_rmse_m", "m", "position error",
         "absolute trajectory error, in 3-D where heights are known (no tag's is a default); evo_ape's rmse",
-        "√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+        "√( 1/N Σ |p_i − p_ref_i|² )", "[Sturm]", "pairs of poses within 0.01 s", one_draw=True),
     MetricEntry("uwb_coverage_95", "", "truth inside the 95 % ellipse",
         "share of the truth that lies in the 95 % ellipses of the robot's track", "share of eᵢᵀ Cᵢ⁻¹ eᵢ ≤ 5.99",
         _OURS, "positions of the robot's tag with a truth", worst_is_lowest=True, kind="share", better="",
-        alarm=(0.85, 1.0)),
+        alarm=(0.85, 1.0), one_draw=True),
     MetricEntry("uwb_rmse_m", "m", "error of single fixes",
         "root mean square distance of the robot's UWB fixes from the truth, unsmoothed",
-        "√( 1/N Σ |fix_i − truth_i|² )", _OURS, "fixes of the robot's tag with a truth"),
+        "√( 1/N Σ |fix_i − truth_i|² )", _OURS, "fixes of the robot's tag with a truth", one_draw=True),
     MetricEntry("ate_aligned_rmse_m", "m", "position error, aligned",
         "the same after the rigid motion that fits best; of the plane where heights lack",
-        "√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s"),
+        "√( 1/N Σ |R p_i + t − p_ref(t_i + offset)|² )", "[Umeyama]", "pairs of poses within 0.01 s", one_draw=True),
     MetricEntry("uwb_residual_m", "m", "range residual",
         "root mean square of the ranges of the robot's fixes less what the fixes predict",
         "√( Σ n_i residual_i² / Σ n_i ), n_i ranges in fix i", _OURS, "ranges"),
@@ -84,16 +86,16 @@ _POSITION = (
         "1/N Σ rᵢᵀ Sᵢ⁻¹ rᵢ / nᵢ, nᵢ ranges, by weight", "[BarShalom]", "instants of the robot's track", better=""),
     MetricEntry("uwb_nees", "", "NEES of the track (2 is consistent)",
         "mean normalised error squared of the robot's track; 2 if its covariance is consistent", "1/N Σ eᵢᵀ Cᵢ⁻¹ eᵢ",
-        "[BarShalom]", "positions of the robot's tag with a truth", better="", alarm=(1.0, 4.0)),
+        "[BarShalom]", "positions of the robot's tag with a truth", better="", alarm=(1.0, 4.0), one_draw=True),
     MetricEntry("uwb_bias_m", "m", "constant error of fixes",
         "length of the mean error of the robot's UWB fixes: what averaging would not remove",
-        "| 1/N Σ (fix_i − truth_i) |", _OURS, "fixes of the robot's tag with a truth"),
+        "| 1/N Σ (fix_i − truth_i) |", _OURS, "fixes of the robot's tag with a truth", one_draw=True),
     MetricEntry("rpe_rmse_m", "m", "relative pose error",
         "relative pose error from pair to pair, translation, in 3-D or 2-D as ate_rmse_m; as evo_rpe",
         "√( 1/N Σ |trans( (Q_i⁻¹ Q_i+1)⁻¹ (P_i⁻¹ P_i+1) )|² )", "[Sturm]", "steps between neighbouring pairs"),
     MetricEntry("ate_time_corrected_rmse_m", "m", "position error, clocks aligned",
         "ate_rmse_m with reference_time_offset_s added to the poses' times",
-        "√( 1/N Σ |p_i − p_ref(t_i + offset)|² )", "[Sturm]", "pairs of poses within 0.01 s"),
+        "√( 1/N Σ |p_i − p_ref(t_i + offset)|² )", "[Sturm]", "pairs of poses within 0.01 s", one_draw=True),
     MetricEntry("lidar_uwb_rmse_m", "m", "lidar track against UWB",
         "root mean square distance between the lidar's and UWB's tracks once aligned",
         "√( 1/N Σ |R lidar_i + t − uwb_i|² ), R and t a rigid motion in the plane", "[Umeyama]",
@@ -167,7 +169,8 @@ _WALKING = (
 )  # fmt: skip
 _OF_BODY = (
     MetricEntry("cost_of_transport", "", "cost of transport",
-        "energy of the joints per weight and distance; braking costs as driving does", "Σ |tau_ij ω_ij| Δt / (m g d)",
+        "energy of the joints per weight and way; braking costs as driving does",
+        "Σ |tau_ij ω_ij| Δt / (m g Σ v_i Δt), v_i over 1 s, 0 below 0.1 m/s",
         _OURS, _BODY),
     MetricEntry("torque_max_nm", "N·m", "largest torque", "largest joint torque", "max |tau_ij|", _OURS, _JOINTS),
     MetricEntry("torque_saturation_share", "", "torques at the limit",
@@ -182,7 +185,8 @@ _OF_BODY = (
     *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
         "cost_of_transport of the logged body, by the configured robot's mass",
-        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i 0 below 0.1 m/s", _OURS, "instants with known power and speed"),
+        "mean Σ_j |tau_ij ω_ij| / (m g mean v_i), v_i over 1 s, 0 below 0.1 m/s", _OURS,
+        "instants with known power and speed"),
     MetricEntry("logged_torque_max_nm", "N·m", "largest torque, logged", "largest joint torque of the logged body",
         "max |tau_ij|", _OURS, "instants with a known torque"),
 )  # fmt: skip

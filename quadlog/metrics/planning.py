@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from quadlog.messages import Float, Int
 from quadlog.metrics.intervals import Interval, median_interval, ratio_interval_in_time
-from quadlog.metrics.summary import Metric, Metrics, Samples, finite_samples
+from quadlog.metrics.summary import Metric, Metrics, Samples, finite_samples, is_short
 
 COUNTS = ("expanded", "generated", "touched")
 ROUNDING = 1e-9  # √2 summed in another order is the same cost
@@ -147,10 +147,11 @@ def _some(figure: Any, values: NDArray[Any] | Sequence[float]) -> float | None:
     return float(figure(values)) if len(values) else None
 
 
-def ratio_to_astar(expanded: Int, astar_expanded: Int) -> Metrics:
+def ratio_to_astar(t_ns: Int, expanded: Int, astar_expanded: Int) -> Metrics:
     """ratio_to_astar of N replans, from the cells (N,) that the planner and A* close; none where it closes none."""
     ratio = ratio_of(astar_expanded, expanded, np.zeros(len(expanded), np.int64))
-    return {} if ratio is None else {"ratio_to_astar": Metric(ratio.value, len(expanded), "", ratio.interval)}
+    interval = None if ratio is None or is_short(t_ns) else ratio.interval
+    return {} if ratio is None else {"ratio_to_astar": Metric(ratio.value, len(expanded), "", interval)}
 
 
 def search_samples(replans: Table) -> dict[str, Samples]:

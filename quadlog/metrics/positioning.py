@@ -6,7 +6,7 @@ import numpy as np
 
 from quadlog.geometry import rotation_from_quat, seconds_since
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
-from quadlog.metrics.summary import Samples, finite_samples
+from quadlog.metrics.summary import Samples
 from quadlog.positioning.ellipses import CHI2_95
 
 
@@ -22,20 +22,44 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
     direction = mean_m / length_m if length_m > 0 else np.array([1.0, 0.0])
     return {
         "uwb_rmse_m": Samples(t_ns, np.hypot(*error_m.T), "rms"),
-        "uwb_bias_m": Samples(t_ns, error_m @ direction, "length of mean"),
+        "uwb_bias_m": Samples(t_ns, error_m @ direction, "mean"),
     }
 
 
-def ellipse_samples(t_ns: Int, distance_m: Float, bound_m: Float) -> dict[str, Samples]:
-    """Of uwb_nees and uwb_coverage_95, from the lengths of errors (N,) and the reach of 95 % ellipses towards them.
+def ellipse_samples(t_ns: Int, error_xy_m: Float, bound_m: Float) -> dict[str, Samples]:
+    """Of uwb_nees and uwb_coverage_95, from errors (N, 2) and the reach (N,) of 95 % ellipses towards them.
 
     An error e with covariance C is e^T C^-1 e = CHI2_95 (distance/bound)^2.
     """
-    share = distance_m / bound_m
+    share = np.hypot(*error_xy_m.T) / bound_m
+    known = np.isfinite(share)
+    t_ns, share, seen = t_ns[known], share[known], errors_seen(error_xy_m[known] / bound_m[known, None])
     return {
-        "uwb_nees": finite_samples(t_ns, CHI2_95 * share**2, "mean"),
-        "uwb_coverage_95": finite_samples(t_ns, np.where(np.isfinite(share), share <= 1, np.nan), "mean"),
+        "uwb_nees": Samples(t_ns, CHI2_95 * share**2, "mean", seen),
+        "uwb_coverage_95": Samples(t_ns, 1.0 * (share <= 1), "mean", seen),
     }
+
+
+def errors_seen(error: Float) -> float:
+    """How many independent errors there are among errors (N, 2): 1 if they are all alike, N at most.
+
+    N over 1 + 2 times the sum of their autocorrelation about zero, as far as it is above a twentieth.
+    """
+    n = max(len(error), 1)
+    products = np.fft.irfft(np.abs(np.fft.rfft(error, 2 * n, axis=0)) ** 2, axis=0)[1:n].sum(axis=1)
+    alike = products / max((error**2).sum(), 1e-300)
+    last = np.argmax(np.append(alike <= 0.05, True))
+    return float(np.clip(n / (1 + 2 * alike[:last].sum()), 1, n))
+
+
+def by_chance(name: str, independent: float) -> tuple[float, float]:
+    """What uwb_nees, or uwb_coverage_95, of a right covariance exceeds in 99 of 100 logs, and stays below in 98."""
+    from scipy.special import bdtrik, chdtri  # slow to import
+
+    if name == "uwb_nees":
+        low, high = chdtri(2 * independent, [0.99, 0.02]) / independent
+        return float(low), float(high)
+    return float(bdtrik(0.01, independent, 0.95)) / independent, 1.0
 
 
 def residual_samples(t_ns: Int, residual_rms_m: Float, n_ranges: Int) -> dict[str, Samples]:

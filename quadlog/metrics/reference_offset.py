@@ -22,6 +22,7 @@ from quadlog.metrics.alignment import (
     project_to_plane,
     rigid_motion,
     rms,
+    yaw_offset_words,
 )
 from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
 from quadlog.metrics.positioning import associate, pair_samples, positions_at
@@ -237,10 +238,16 @@ class ReferenceComparison:
         """A line for a reference that fits only mirrored."""
         return mirror_words(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
 
+    @property
+    def in_any_frame(self) -> list[str]:
+        """That line, or else one for a reference whose yaw is that of another axis."""
+        words = self.mirrored or yaw_offset_words(self.corrected_estimate, self.corrected_truth)
+        return [] if words is None else [words]
+
     def warnings(self) -> list[str]:
         """A line for a clock, and one for a frame, that differ from the reference's by more than can be chance."""
         frame = find_frame_offset(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
-        words = [self.mirrored or (None if frame is None else frame_offset_words(frame))]
+        words = [*self.in_any_frame, None if frame is None or self.mirrored else frame_offset_words(frame)]
         if self.offset.differs_from(self.given_offset_s):
             words.insert(0, f"the reference's clock is not that of the poses: {self.summary()}")
         return [each for each in words if each is not None]

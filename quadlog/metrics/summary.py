@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,16 +13,9 @@ from numpy.typing import NDArray
 
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.metrics.intervals import Interval, mean_interval_in_time, positive_interval
+from quadlog.metrics.intervals import SHORTEST_S, Interval, mean_interval_in_time, positive_interval
 
-ELLIPSE_95_OF_AXIS = 1.249
-"""How far the 95 % ellipse of the plane reaches, of the 95 % interval of one axis: square root of 5.991 over 1.960."""
-
-_ROOTS_REACH_UP = 2.5
-SHORTEST_S = 11.5
-"""Of a walk of 12 s, whose first and last samples may be missing."""
-
-Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "length of mean"]
+Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +24,7 @@ class Metric:
 
     interval: 95 %, of the value; None where the samples are too few for one, or there are none. worst: the worst
     sample and its instant, None for metrics without samples in time. detail: as detail_of, empty where not read.
+    independent: how many independent errors its samples hold, None where that was not counted.
     """
 
     value: float
@@ -38,31 +33,31 @@ class Metric:
     interval: Interval | None = None
     worst: tuple[float, int] | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
+    independent: float | None = None
 
 
 Metrics = dict[str, Metric]
 
 
 def saved_metrics(metrics: Metrics) -> dict[str, dict[str, Any]]:
-    """The content of metrics.json: value, n and unit by name; low and high of an interval; worst and worst_t_ns."""
+    """The content of metrics.json by name: value, n, unit; low, high; worst, worst_t_ns; independent; if they apply."""
     return {
         name: {"value": each.value, "n": each.n, "unit": each.unit}
         | ({} if each.interval is None else {"low": each.interval[0], "high": each.interval[1]})
         | ({} if each.worst is None else {"worst": each.worst[0], "worst_t_ns": each.worst[1]})
+        | ({} if each.independent is None else {"independent": each.independent})
         for name, each in metrics.items()
     }
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What a value is made of: t_ns (N,) not falling, values (N,) finite, statistic: how they make the value.
-
-    "length of mean": of vectors whose components along their mean are the values.
-    """
+    """What a value is made of: t_ns (N,) not falling, values (N,) finite, and how; independent: as in Metric."""
 
     t_ns: Int
     values: Float
     statistic: Statistic
+    independent: float | None = None
 
 
 def finite_samples(t_ns: Int, values: NDArray[Any], statistic: Statistic) -> Samples:
@@ -76,14 +71,16 @@ def metrics_of(samples: Mapping[str, Samples]) -> Metrics:
     """The values of samples by the metric's name, with their intervals; none of too few samples."""
     known = {name: each for name, each in samples.items() if len(each.values) > (each.statistic == "std")}
     return {
-        name: Metric(value_of(of), len(of.values), CATALOGUE[name].unit, interval_of(of), _worst(name, of))
+        name: Metric(value_of(of), len(of.values), entry.unit, interval, _worst(name, of), independent=of.independent)
         for name, of in known.items()
+        for entry in [CATALOGUE[name]]
+        for interval in [None if entry.one_draw else interval_of(of)]
     }
 
 
 def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
     """The worst sample of a metric and its instant; None for totals and events, of which one is as bad as the next."""
-    if samples.statistic in ("sum", "length of mean") or np.isin(samples.values, (0.0, 1.0)).all():
+    if samples.statistic == "sum" or np.isin(samples.values, (0.0, 1.0)).all():
         return None
     rows = worst_of(name, samples, most=1)
     return (float(samples.values[rows[0]]), int(samples.t_ns[rows[0]])) if rows else None
@@ -105,7 +102,6 @@ _VALUES: dict[Statistic, Callable[[Float], Any]] = {
     "sum": np.sum,
     "min": np.min,
     "max": np.max,
-    "length of mean": np.mean,
 }
 
 
@@ -121,7 +117,7 @@ def effects(samples: Samples) -> Float | None:
     """
     x, value = samples.values, value_of(samples)
     match samples.statistic:
-        case "mean" | "length of mean":
+        case "mean":
             return x
         case "std" | "rms" if value > 0:
             squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
@@ -129,23 +125,24 @@ def effects(samples: Samples) -> Float | None:
     return None
 
 
+def is_short(t_ns: Int) -> bool:
+    """Whether samples at t_ns (N,) are of a log too short for an interval; for a second they may be missing."""
+    return len(t_ns) == 0 or bool(t_ns[-1] - t_ns[0] < (SHORTEST_S - 1) * NS_PER_S)
+
+
 def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
     It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
-    None of extremes, of counts, of too few samples, and of a deviation or a root mean square of less than SHORTEST_S.
+    None of extremes, of counts, of too few samples, and of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
-    found = None if series is None else mean_interval_in_time(series)
+    found = None if series is None or is_short(samples.t_ns) else mean_interval_in_time(series)
     if found is None:
         return None
     match samples.statistic:
         case "std" | "rms":
-            is_short = samples.t_ns[-1] - samples.t_ns[0] < SHORTEST_S * NS_PER_S
-            return None if is_short else positive_interval(value, found, _ROOTS_REACH_UP)
-        case "length of mean":
-            # The direction follows the noise: along it alone, a mean without bias would exclude 0 in 15 % of the logs.
-            return (found[0] if value > ELLIPSE_95_OF_AXIS * (found[1] - value) else 0.0, found[1])
+            return positive_interval(value, found, upwards=2.0)
         case _:
             # Nothing below 0 of samples that never are, nothing above 1 of a share.
             is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
@@ -160,6 +157,7 @@ class MeasuredRun:
     path: Path
     label: str
     metrics: Mapping[str, Metric]
+    recorded_s: float = math.inf
 
 
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:

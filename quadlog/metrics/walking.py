@@ -61,11 +61,11 @@ class Effort:
     height_rms_m: float
 
 
-def effort_metrics(mass_kg: float, ticks: int, effort: Effort) -> Metrics:
+def effort_metrics(mass_kg: float, ticks: int, effort: Effort, walk: Mapping[str, NDArray[Any]]) -> Metrics:
     """pitch_rms_rad, height_rms_m, torque_max_nm, torque_saturation_share and cost_of_transport; none without ticks.
 
     Over all ticks of the simulation, torques of all joints. The energy is the sum of |torque x joint speed|, so that
-    braking costs as much as driving, and is given per weight and distance walked.
+    braking costs as much as driving, and is given per weight and way, as in `gait`. walk: t_ns, x_m, y_m (T,).
     """
     if ticks == 0:
         return {}
@@ -75,8 +75,10 @@ def effort_metrics(mass_kg: float, ticks: int, effort: Effort) -> Metrics:
         "torque_max_nm": Metric(effort.torque_max_nm, ticks * len(JOINTS), "N·m"),
         "torque_saturation_share": Metric(effort.saturation_share, ticks * len(JOINTS), ""),
     }
-    if effort.distance_m > 0:
-        cost = effort.energy_j / (mass_kg * GRAVITY_MPS2 * effort.distance_m)
+    speed_mps = ground_speed(walk["t_ns"], walk["t_ns"], np.column_stack([walk["x_m"], walk["y_m"]]))
+    way_m = float((np.where(speed_mps >= MOVING_MPS, speed_mps, 0.0)[1:] * np.diff(walk["t_ns"])).sum()) / NS_PER_S
+    if way_m > 0:
+        cost = effort.energy_j / (mass_kg * GRAVITY_MPS2 * way_m)
         metrics["cost_of_transport"] = Metric(cost, ticks, "")
     return metrics
 

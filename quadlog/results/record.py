@@ -161,7 +161,7 @@ _Number = StrictInt | StrictFloat
 
 @dataclass(frozen=True, slots=True, config=ConfigDict(allow_inf_nan=False))
 class SavedMetric:
-    """A metric of metrics.json: value, number of samples, unit, 95 % interval, worst sample and its instant."""
+    """A metric of metrics.json: value, samples, unit, 95 % interval, worst sample and instant, independent errors."""
 
     value: _Number
     n: StrictInt = Field(0, ge=0)
@@ -170,6 +170,7 @@ class SavedMetric:
     high: _Number | None = None
     worst: _Number | None = None
     worst_t_ns: StrictInt | None = None
+    independent: _Number | None = None
 
     @property
     def interval(self) -> tuple[float, float] | None:

@@ -20,10 +20,12 @@ from rich.cells import cell_len
 from quadlog.errors import csv_table, printable
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.differences import over_runs
-from quadlog.metrics.intervals import Interval
+from quadlog.metrics.intervals import SHORTEST_S, Interval
+from quadlog.metrics.positioning import by_chance
 from quadlog.metrics.summary import MeasuredRun
 
 if TYPE_CHECKING:
+    from quadlog.results.record import SavedMetric
     from quadlog.results.run import Run
 
 NONE = "–"
@@ -107,10 +109,18 @@ def interval_text(name: str, interval: Interval | None, unit: str = "") -> str:
     )
 
 
-def is_alarming(name: str, value: float) -> bool:
-    """Whether the value is outside of the range that the catalogue takes as usual."""
+def interval_note(recorded_s: float) -> str:
+    """What the 95 % intervals of a run's values are, or why it has none."""
+    if recorded_s < SHORTEST_S:
+        return f"95 %: {sig(recorded_s)} s are too short for an interval ({SHORTEST_S:g} s at least)"
+    return "95 %: interval of the value, neighbours in time counted as dependent"
+
+
+def is_alarming(name: str, of: SavedMetric) -> bool:
+    """Whether a value is outside of what the catalogue takes as usual, and of what few independent errors explain."""
     alarm = CATALOGUE[name].alarm if name in CATALOGUE else None
-    return alarm is not None and not alarm[0] <= value <= alarm[1]
+    low, high = (math.inf, -math.inf) if of.independent is None else by_chance(name, of.independent)
+    return alarm is not None and not min(alarm[0], low) <= of.value <= max(alarm[1], high)
 
 
 class Bound(NamedTuple):
@@ -120,9 +130,9 @@ class Bound(NamedTuple):
     state: State
 
 
-def state_of(name: str, value: float, bound: Bound | None) -> State:
+def state_of(name: str, of: SavedMetric, bound: Bound | None) -> State:
     """How a value is coloured: by its bound, and without one by what is usual."""
-    return bound.state if bound is not None else "warn" if is_alarming(name, value) else ""
+    return bound.state if bound is not None else "warn" if is_alarming(name, of) else ""
 
 
 def bounds_of(run: Run) -> dict[str, Bound]:
@@ -284,7 +294,7 @@ def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = 
 MOST_BESIDE = 4
 """Runs that are shown side by side."""
 _LONGEST_LABEL = 10
-_ONE_RUN = "95 %: interval of the value, neighbours in time counted as dependent; quantiles of samples: --format csv."
+_ONE_RUN = "quantiles of samples: --format csv."
 _OF_RUNS = "95 %: interval of the mean over all such runs (Student; of falls Wilson); every run: --format csv."
 _CSV = ("run", "metric", "value", "unit", "n", "mean", "std", "p50", "p95", "low", "high")
 
@@ -311,7 +321,7 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         (run,) = runs
         found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
-        return print_tables(tables, to, [_ONE_RUN], terminal_width())
+        return print_tables(tables, to, [f"{interval_note(run.recorded_s)}; {_ONE_RUN}"], terminal_width())
     notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
     return values_text(values, to, notes, averaged=not differing)
 

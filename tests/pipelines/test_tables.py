@@ -84,6 +84,8 @@ def test_what_holds_by_construction_is_no_yes():
         "way of a stance with the centre of mass behind the diagonal (1)",
     }
     assert Verdict.YES not in torque.values()
+    on_sites = {of for name, of in verdicts("following-2").items() if "obstacle" in name}
+    assert on_sites == {Verdict.NOT_COMPARABLE}
 
 
 def test_nothing_is_confirmed_by_noise_of_the_printed_size_and_errata_are_found():
@@ -112,6 +114,8 @@ def test_a_claim_is_of_the_walks_that_have_the_factors_and_the_figure():
     assert row.low < 4.1 < row.high
     refused = Claim("m", "m", {"who": "b", "k": 0.5}, number(4.0, 0.1), note="Note.", why_not="Why.").row(WALKS)
     assert (refused.reproduces, refused.note) == (Verdict.NO, "Note. Why.")
+    two = Claim("m", "m", {"who": "b", "k": None, "fallen": 0.0}, number(4.0, 0.1)).row(WALKS)
+    assert (two.paper, two.reproduces, two.note) == (4.0, Verdict.NOT_COMPARABLE, "2 walks decide nothing.")
     assert Claim("m", "m", {"who": "c"}).row(WALKS) is None
     assert Claim("m", "not measured").row(WALKS) is None
 

@@ -22,6 +22,7 @@ from quadlog.results.text import (
     bounds_of,
     count,
     file_size,
+    interval_note,
     interval_text,
     label_of,
     percent,
@@ -105,7 +106,7 @@ def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
     small = expected or interval_text(name, metric.interval, metric.unit)
     value = value_text(name, metric.value, metric.unit)
     seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
-    return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric.value, bound), seconds)
+    return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric, bound), seconds)
 
 
 def metric_table(run: Run) -> Table:
@@ -118,7 +119,7 @@ def metric_table(run: Run) -> Table:
         meaning = f"{CATALOGUE[name].meaning if name in CATALOGUE else ''}."
         cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
         if metric is not None:
-            value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric.value, bound)
+            value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric, bound)
             interval, samples = Cell(interval_text(name, metric.interval, metric.unit)), Cell(count(metric.n), metric.n)
             cells = [Cell(value, metric.value, state=state), interval, samples]
         below = meaning if bound is None else f"{meaning} Expected {bound.words}."
@@ -127,7 +128,7 @@ def metric_table(run: Run) -> Table:
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
                Column("95 % interval", True, help=COVERAGE), Column("samples", True, True),
                Column("theme", wide=True)]  # fmt: skip
-    note = ("95 % interval of the value, corrected for autocorrelation; empty if the walk is too short for one. "
+    note = (f"{interval_note(run.record.recorded_s)}. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
     return Table(columns, rows, "all-metrics", note, sortable=True)
 

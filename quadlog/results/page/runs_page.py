@@ -21,6 +21,7 @@ from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.side_by_side import Paired, settings_table, sweep_blocks, tracks_and_curves
 from quadlog.results.page.verdict import verdict, walked_m
+from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.studies.sweep import read_sweep_table, summarise_sweep
 from quadlog.results.tables import read_table
@@ -117,6 +118,7 @@ def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str], brief:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
         worst = Sentence("", row.reason[:300], "bad") if row.run is None else verdict(row.run)[0]
+        saved = {} if row.run is None else row.run.metrics
         href = "" if row.run is None else _link(row.name, row.run)
         cells = [Cell(row.name, shlex.quote(row.name), _facts(row.run), href)]
         cells += [Cell(word, state=state)] * ends
@@ -124,7 +126,7 @@ def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str], brief:
             said = f"{worst.subject}: {worst.text}" if worst.subject else worst.text
             cells += [Cell("", track=_track(row.run)), Cell(said, STATES.index(worst.state), state=worst.state)]
         for metric in metrics:
-            cell = _value_cell(metric, row.metrics.get(metric), bounds.get(metric))
+            cell = _value_cell(metric, row.metrics.get(metric), bounds.get(metric), saved.get(metric))
             cells.append(cell if brief else cell._replace(bar=_bar(row, metric, tops[metric])))
         found.append((STATES.index(state), STATES.index(worst.state), cells))
     found.sort(key=lambda of: of[:2])
@@ -198,11 +200,12 @@ def _column(name: str) -> Column:
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
-def _value_cell(name: str, value: float | None, bound: Bound | None = None) -> Cell:
+def _value_cell(name: str, value: float | None, bound: Bound | None = None, saved: SavedMetric | None = None) -> Cell:
     if value is None or not math.isfinite(value):
         return Cell(NONE, state="" if bound is None else bound.state)
     unit = CATALOGUE[name].unit
-    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state_of(name, value, bound))
+    state = state_of(name, saved or SavedMetric(value, 0), bound)
+    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state)
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:

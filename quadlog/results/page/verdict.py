@@ -23,6 +23,8 @@ STEP_M, STEP_NOISES = 0.1, 8.0
 """The length of a walk is that of steps of at least this size, and of so many times the track's noise."""
 NOISE_OVER_S = 0.35
 """Noise is what third differences over this time hold; those of a walk are small."""
+FEWEST_ERRORS = 3.0
+"""With fewer independent errors a log says nothing of its bound, unless it is grossly wrong."""
 _SOURCES = {
     "uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
     "file": "a trajectory file",
@@ -171,7 +173,7 @@ def _positions(run: Run) -> Iterator[Sentence]:
     elif aligned_m is not None:
         text += f", {sig(aligned_m, 2)} m (rms) off the reference once aligned with it"
     if bound_m is not None:
-        text += f", ±{sig(bound_m, 2)} m (95 % bound)"
+        text += f", within {sig(bound_m, 2)} m in 95 of 100 cases by its bound"
     if coverage is not None:
         text += f", which holds the truth for {percent(coverage)} of the time"
     seldom, unlike = _alarms(run, "uwb_coverage_95"), _alarms(run, "uwb_nees")
@@ -181,6 +183,9 @@ def _positions(run: Run) -> Iterator[Sentence]:
         wide = not seldom and nees < 1
         text += ": the bound is wider than needed" if wide else ": do not trust the bound"
         state = "warn" if wide else "bad"
+    elif (seen := run.metrics["uwb_nees"].independent if "uwb_nees" in run.metrics else None) and seen < FEWEST_ERRORS:
+        few = f"about {seen:.0f} independent errors" if seen >= 1.5 else "one constant error"
+        text += f" ({few}: too little to judge the bound)"
     if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
     if doubts := _implausible(run):
@@ -190,8 +195,8 @@ def _positions(run: Run) -> Iterator[Sentence]:
 
 def _alarms(run: Run, name: str) -> bool:
     """Whether the metric is unusual and has no bound in [expect]."""
-    value = run.metric(name)
-    return value is not None and name not in bounds_of(run) and is_alarming(name, value)
+    of = run.metrics.get(name)
+    return of is not None and name not in bounds_of(run) and is_alarming(name, of)
 
 
 def _bound_m(run: Run) -> float | None:

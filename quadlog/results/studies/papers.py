@@ -27,7 +27,7 @@ class Verdict(StrEnum):
     """Whether what a paper prints reproduces.
 
     undecided: our interval holds both what the paper prints and its contrary. not comparable: the paper does not say
-    how its number came about, ours rests on that very number, or holds by construction.
+    how its number came about, ours rests on that very number or on two walks, or holds by construction.
     """
 
     YES = "yes"
@@ -230,7 +230,7 @@ LOOKS: dict[Verdict, tuple[str, State, str]] = {
     Verdict.NO: ("Do not", "bad", "print and ours are not of one kind, or ours is beyond the claim; a note says why"),
     Verdict.UNDECIDED: ("Undecided", "warn", "our interval holds it and its contrary, or settings disagree"),
     Verdict.YES: ("Reproduce", "good", "our interval holds the number and not its contrary, or is on the claim's side"),
-    Verdict.NOT_COMPARABLE: ("Not comparable", "", "of unknown origin, ours rests on it, or it holds by construction"),
+    Verdict.NOT_COMPARABLE: ("Not comparable", "", "of unknown origin, of two walks, or by construction"),
 }  # fmt: skip
 """Word, colour and rule of each verdict, worst first."""
 

@@ -76,8 +76,9 @@ def test_by_hand() -> None:
     samples = metrics_of(search_samples(mine))
     assert (samples.pop("fallback_share").value, samples["suboptimality_mean"].n) == (pytest.approx(2 / 7), 5)
     assert {name: each.value for name, each in samples.items()} == pytest.approx({name: row[name] for name in samples})
-    assert ratio_to_astar(mine["expanded"], table["expanded"][:8])["ratio_to_astar"].value == pytest.approx(640 / 1110)
-    assert ratio_to_astar(np.zeros(8, dtype=int), mine["expanded"]) == {}
+    astar = mine["t_ns"], mine["expanded"]
+    assert ratio_to_astar(*astar, table["expanded"][:8])["ratio_to_astar"].value == pytest.approx(640 / 1110)
+    assert ratio_to_astar(mine["t_ns"], np.zeros(8, dtype=int), mine["expanded"]) == {}
 
 
 def test_an_episode_without_cells_has_no_ratio_and_any_count_may_be_compared() -> None:

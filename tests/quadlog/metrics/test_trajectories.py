@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from quadlog.geometry import quat_from_yaw
 from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import find_frame_offset, frame_offset_words, mirror_words
 from quadlog.metrics.positioning import associate, positions_at
@@ -228,3 +229,18 @@ def test_a_mirrored_reference_is_told_from_a_turned_one_and_from_a_bend():
     along_m = np.linspace(0, 50, 200)
     bend_m = 0.5 * np.sin(along_m * np.pi / 50)
     assert mirror_words(np.column_stack([along_m, bend_m]), np.column_stack([along_m, -bend_m])) is None
+
+
+@pytest.mark.parametrize(("yaw_deg", "says"), [(0, None), (20, None), (180, "180 degrees off"), (-90, "90 degrees off"),
+                                               (None, "unrelated to its course")])  # fmt: skip
+def test_a_yaw_that_is_not_the_robots_is_said_whatever_the_frames_and_the_drift(yaw_deg, says):
+    t_ns, course_rad = np.arange(600) * (S // 10), np.linspace(0, 9, 600)
+    steps_m = np.stack([np.cos(course_rad), np.sin(course_rad), 0 * course_rad], axis=1)
+    place_m = 0.05 * steps_m.cumsum(axis=0) + np.random.default_rng(3).normal(0, [0.02, 0.02, 0], (600, 3))
+    yaw_rad = 0 * course_rad if yaw_deg is None else course_rad + np.radians(yaw_deg)
+    drift_rad = 2.0 + t_ns / 240e9
+    drifting_m = Rotation.from_rotvec(drift_rad[:, None] * [0, 0, 1]).apply(0.05 * steps_m).cumsum(axis=0)
+    estimate = PoseSeries(t_ns, drifting_m, quat_from_yaw(course_rad + drift_rad))
+    compared = compare_trajectories(PoseSeries(t_ns, place_m, quat_from_yaw(yaw_rad)), estimate)
+    words = " ".join(compared.in_any_frame)
+    assert (words == "") if says is None else (says in words and "rpe_rmse_m" in words)

@@ -19,11 +19,13 @@ from quadlog.results.text import STATES
 from tests.lab.runs import along_course, change, change_json, remove, until_ingest, with_gap, with_one_scan
 
 
-def measured(**values: float) -> Callable[[Path], None]:
-    """metrics.json with these values."""
+def measured(independent: float | None = None, **values: float) -> Callable[[Path], None]:
+    """metrics.json with these values, of so many independent errors."""
 
     def write(run: Path) -> None:
-        saved = {name: {"value": value, "n": 900, "unit": CATALOGUE[name].unit} for name, value in values.items()}
+        seen = {} if independent is None else {"independent": independent}
+        units = {name: CATALOGUE[name].unit for name in values}
+        saved = {name: {"value": of, "n": 900, "unit": units[name]} | seen for name, of in values.items()}
         change_json(run / "metrics.json", **saved)
 
     return write
@@ -87,6 +89,12 @@ CASES = {
     "coverage": ([measured(uwb_coverage_95=0.65, uwb_nees=5.1)], "Positions", "bad",
                  "the truth for 65 % of the time (NEES 5.1, 2 is consistent): do not trust the bound."),
     "bound too wide": ([measured(uwb_coverage_95=1.0, uwb_nees=0.4)], "Positions", "warn", "wider than needed"),
+    "one error": ([measured(1.0, uwb_coverage_95=0.6, uwb_nees=5.1)], "Positions", "good",
+                  "for 60 % of the time (one constant error: too little to judge the bound)."),
+    "two errors": ([measured(2.2, uwb_coverage_95=1.0, uwb_nees=0.5)], "Positions", "good", "about 2 independent err"),
+    "one gross error": ([measured(1.0, uwb_coverage_95=0.0, uwb_nees=9.0)], "Positions", "bad", "do not trust"),
+    "twenty errors": ([measured(20.0, uwb_coverage_95=0.8, uwb_nees=2.8)], "Positions", "good", "of the time."),
+    "claimed at half": ([measured(20.0, uwb_coverage_95=0.6, uwb_nees=6.0)], "Positions", "bad", "do not trust"),
     "as claimed": ([measured(uwb_coverage_95=0.95, uwb_nees=2.0)], "Positions", "good", "for 95 % of the time."),
     "NEES is expected": ([measured(uwb_nees=5.1), expecting(uwb_nees={"max": 6.0})], "Positions", "good", "From UWB"),
     "clearance": ([lambda run: remove(run, "contacts"), measured(clearance_min_m=0.02)], "Simulated walk", "warn",
