@@ -57,14 +57,14 @@ def left_out(count: int) -> list[str]:
 
 def show(text: str, to: str = "table") -> None:
     """Lines on stdout without control characters, in a terminal broken at spaces to its width; a format as it is."""
-    from quadlog.results.text import terminal_width, wrapped
+    from quadlog.results.text import ASCII, terminal_width, wrapped
 
     if to != "table":
         click.echo(text, nl=False)
         return
     lines = map(printable, text.removesuffix("\n").split("\n"))
     width = terminal_width() if sys.stdout.isatty() else math.inf
-    click.echo("\n".join(part for line in lines for part in wrapped(line, width, "    ")))
+    click.echo("\n".join(part for line in lines for part in wrapped(line, width, "    ")).translate(ASCII))
 
 
 def report_skipped(runs: Sequence[Path]) -> None:

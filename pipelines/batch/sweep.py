@@ -17,12 +17,12 @@ from quadlog.config.file import Configured, configure
 from quadlog.errors import AlreadyExists, CannotWrite, InvalidConfigValue, RunExists, UsageError, clipped
 from quadlog.pipelines.batch.batch import BatchOutcome, replay_all, trim_stores
 from quadlog.pipelines.batch.plan import existing_runs
+from quadlog.pipelines.evaluation.reports import write_sweep
 from quadlog.pipelines.executor.progress import BatchLines
 from quadlog.pipelines.replay import planned_keys, refuse_another
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
 from quadlog.pipelines.store import Store, log_key
 from quadlog.results.find_runs import refuse_existing, run_name
-from quadlog.results.page.runs_page import write_sweep_page
 from quadlog.results.studies.sweep import PAGE, TABLE, SweepRow, write_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
@@ -162,7 +162,7 @@ def sweep(
     trim_stores(batch)
     with new_folder(request.output):  # not there where every run failed before its folder
         write_sweep_table(request.output, rows)
-        write_sweep_page(request.output)
+        write_sweep(request.output)
     named = zip(request.grid, outcomes, strict=True)
     return rows, BatchOutcome(tuple(replace(outcome, recording=Path(each.name)) for each, outcome in named))
 

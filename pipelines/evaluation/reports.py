@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from quadlog.errors import UsageError
-from quadlog.metrics.differences import paired_differences
+from quadlog.errors import ExitCode, UsageError
+from quadlog.metrics.differences import PairedDifference, paired_differences
 from quadlog.pipelines.batch.summary import rebuild_summary
 from quadlog.pipelines.evaluation.samples import read_samples
 from quadlog.results.diff import diff_runs, first_moments
@@ -14,9 +14,11 @@ from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.find_runs import files_beside_runs, is_run, refuse_existing, run_labels
 from quadlog.results.page.blocks import write_page
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.page.runs_page import Compared, side_by_side_page, write_sweep_page
+from quadlog.results.page.runs_page import MOST_DRAWN, write_sweep_page
+from quadlog.results.page.side_by_side import Compared, side_by_side_page
+from quadlog.results.record import is_finished
 from quadlog.results.run import Run
-from quadlog.results.studies.sweep import TABLE
+from quadlog.results.studies.sweep import TABLE, read_sweep_table
 from quadlog.storage.atomic_write import new_folder
 
 
@@ -28,7 +30,7 @@ def rebuild_reports(runs: Sequence[Path]) -> Iterator[Path]:
     beside = files_beside_runs(runs)
     for path in (path for path in runs if path not in beside):
         if not is_run(path) and path.is_dir():
-            yield write_sweep_page(path) if (path / TABLE).is_file() else rebuild_summary(path)
+            yield write_sweep(path) if (path / TABLE).is_file() else rebuild_summary(path)
             continue
         run = Run(path)
         drawings = drawings_of(run)
@@ -54,8 +56,18 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
 def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
     """The runs by name, what differs between the first and each other one, and why runs cannot be paired."""
     runs = dict(zip(run_labels(paths), map(Run, paths), strict=True))
+    first, *others = runs.values()
+    paired, notes = pair_runs(runs)
+    moments = [
+        moment for name, run in runs.items() if name in paired for moment in first_moments(diff_runs(first, run), first)
+    ]
+    return Compared(runs, not notes and len(paired) == len(others), paired, moments), notes
+
+
+def pair_runs(runs: Mapping[str, Run]) -> tuple[dict[str, Mapping[str, PairedDifference]], list[str]]:
+    """Metrics of each run less those of the first, by name, and why runs are not paired."""
     (first_name, first), *others = runs.items()
-    paired, moments, notes = {}, [], []
+    paired, notes = {}, []
     own, errors = read_samples(first.path, first.metrics.keys())
     for name, run in others:
         if (why := why_not_paired(first, run)) is not None:
@@ -65,9 +77,19 @@ def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
         samples, more = read_samples(run.path, run.metrics.keys() & own.keys())
         errors += more
         paired[name] = paired_differences(own, samples)
-        moments += first_moments(diff_runs(first, run), first)
-    notes += [str(error) for error in errors]
-    return Compared(runs, not notes and len(paired) == len(others), paired, moments), notes
+    return paired, notes + [str(error) for error in errors]
+
+
+def write_sweep(folder: Path) -> Path:
+    """The page of a sweep; with one seed each run is paired with that of the first value.
+
+    Raises NotARun, CannotWrite.
+    """
+    rows = read_sweep_table(folder)
+    names = [row.run for row in rows if row.exit_code != ExitCode.FAILED and is_finished(folder / row.run)]
+    single = len({row.seed for row in rows}) == 1 and names[:1] == [rows[0].run]
+    paired = pair_runs({name: Run(folder / name) for name in names[:MOST_DRAWN]})[0] if single else {}
+    return write_sweep_page(folder, paired)
 
 
 def why_not_paired(a: Run, b: Run) -> str | None:

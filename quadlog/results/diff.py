@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +30,17 @@ MADE = "made"
 """The stage of how the runs were made, which is no difference of results."""
 TIMINGS = frozenset({"ms", "us", "realtime_factor"})
 """Not compared: they differ from machine to machine."""
+
+WORDS = {
+    "poses": "positions", "pose_uncertainty": "bounds of positions", "ranges": "ranges", "links": "biases",
+    "other_poses": "other positions", "target": "tracks of the person", "uwb_errors": "errors of UWB",
+    "joints": "joints", "scans": "scans", "cloud_samples": "points", "maps": "maps", "ground": "ground heights",
+    "plans": "replans", "paths": "planned paths", "astar": "replans by A*",
+    "resim_plans": "replans of the simulated walk",
+    "resim_paths": "paths of the simulated walk", "control": "simulated walks", "clearances": "distances to obstacles",
+    "contacts": "contacts", "body": "bodies", "gait": "gaits", "reference": "references", "fixes": "single fixes",
+}  # fmt: skip
+"""Results in words."""
 
 
 def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> DataFrame:
@@ -62,9 +75,14 @@ def first_moments(differences: DataFrame, run: Run) -> list[Moment]:
     timed = differences[differences["t_ns"].notna()].drop_duplicates("result")
     seconds = run.seconds(timed["t_ns"].to_numpy(np.int64)).tolist()
     return [
-        Moment(at, f"first difference of {row.result}", f"{row.column}: {_text(row.a)}, {_text(row.b)}")
+        Moment(at, f"{WORDS.get(row.result, row.result)} differ first", _values(row))
         for at, row in zip(seconds, timed.itertuples(), strict=True)
     ]
+
+
+def _values(row: Any) -> str:
+    """What differs, in both runs."""
+    return row.column if row.a is row.b is None else f"{row.column}: {_text(row.a)}, {_text(row.b)}"
 
 
 def diff_text(differences: DataFrame, start_ns: int) -> str:
@@ -111,10 +129,38 @@ def differing_settings(records: Sequence[RunRecord]) -> list[str]:
 
 
 def unlike_settings(records: Sequence[RunRecord], missing: str = "not set") -> dict[str, list[str]]:
-    """The keys of configuration and options in which runs differ, each with the value of each run."""
+    """The keys of configuration and options in which runs differ, each with the value of each run.
+
+    A list of tables is compared as a whole: the number of its entries, and a letter where equal numbers differ.
+    """
     runs = [_flat(of.config.model_dump(mode="json")) | _flat(of.options) | {"seed": of.seed} for of in records]
-    values = {key: [str(run.get(key, missing)) for run in runs] for of in runs for key in of}
+    lists = {key: key[: found.start()] for run in runs for key in run if (found := _ENTRY.search(key))}
+    wholes = {
+        whole: [{key: run[key] for key in run if lists.get(key) == whole} for run in runs]
+        for whole in dict.fromkeys(lists.values())
+    }
+    values = {key: [str(run.get(key, missing)) for run in runs] for of in runs for key in of if key not in lists}
+    values |= {whole: _counted(whole, of) for whole, of in wholes.items()}
     return {key: of for key, of in values.items() if len(set(of)) > 1}
+
+
+_ENTRY = re.compile(r"\.\d+(?=\.)")
+
+
+def _counted(whole: str, entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The number of entries of each run's list, with a letter for each kind among those of one number."""
+    counts = [len({key[len(whole) + 1 :].partition(".")[0] for key in of}) for of in entries]
+    kinds: dict[int, list[Mapping[str, Any]]] = {}
+    for number, of in zip(counts, entries, strict=True):
+        kinds.setdefault(number, []).extend([of] if of not in kinds.get(number, []) else [])
+    return [
+        "none"
+        if number == 0
+        else f"{number} ({ascii_uppercase[kinds[number].index(of) % 26]})"
+        if len(kinds[number]) > 1
+        else str(number)
+        for number, of in zip(counts, entries, strict=True)
+    ]
 
 
 def _origins(run: Run) -> dict[str, Any]:

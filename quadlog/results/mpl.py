@@ -138,8 +138,10 @@ def _draw_panel(axes: Axes, panel: view.Panel) -> None:
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
-    if panel.log:
-        axes.set(**{"xscale" if panel.rows else "yscale": "log"})
+    if panel.mark:
+        axes.annotate(panel.mark, (panel.marks[0], 1), (3, -1), upright, "offset points", va="top", color=soft)
+    if panel.log or panel.log_x:
+        axes.set(**{"xscale" if panel.rows or panel.log_x else "yscale": "log"})
     elif not panel.rows:
         axes.locator_params(nbins=5)
 

@@ -172,6 +172,11 @@ class SavedMetric:
     worst_t_ns: StrictInt | None = None
     independent: _Number | None = None
 
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """The ends, if both are known."""
+        return None if self.low is None or self.high is None else (self.low, self.high)
+
 
 _METRICS = TypeAdapter(dict[str, SavedMetric])
 

@@ -33,7 +33,7 @@ NONE = "–"
 
 
 def sig(value: float | None, digits: int = 3) -> str:
-    """Significant digits without trailing zeros; whole numbers and large ones in full; a true minus sign."""
+    """Significant digits without trailing zeros; whole numbers and large ones in full; a true minus sign in pages."""
     if value is None or not math.isfinite(value):
         return NONE
     if (value == int(value) or round(abs(value)) >= 10**digits) and abs(value) < 1e15:
@@ -42,8 +42,8 @@ def sig(value: float | None, digits: int = 3) -> str:
 
 
 def count(number: float) -> str:
-    """A whole number with thin spaces between its thousands."""
-    return minus(f"{int(number):,}".replace(",", "\u2009"))
+    """A whole number."""
+    return minus(str(int(number)))
 
 
 def percent(share: float | None, digits: int = 3) -> str:
@@ -81,24 +81,32 @@ def label_of(name: str) -> str:
     return CATALOGUE[name].label if name in CATALOGUE else name
 
 
-def value_text(name: str, value: float, unit: str = "", digits: int = 3) -> str:
-    """A value with its unit: shares in percent, angles in degrees, factors with ×."""
+def unit_of(name: str, unit: str = "") -> tuple[float, str]:
+    """The unit in which readers see a metric, and how many of it are one of the saved unit: shares in percent,
+    angles in degrees, factors with ×.
+    """
     kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
     if kind == "share":
-        return percent(value, digits)
-    if unit == "rad":
-        return f"{sig(math.degrees(value), digits)}°"
-    return f"{sig(value, digits)} {'×' if kind == 'factor' else unit}".strip()
+        return 100.0, "%"
+    return (math.degrees(1), "°") if unit == "rad" else (1.0, "×" if kind == "factor" else unit)
 
 
-def interval_text(name: str, metric: SavedMetric) -> str:
-    """The 95 % interval; empty without one, and for single events, of which it says nothing."""
+def value_text(name: str, value: float, unit: str = "", digits: int = 3) -> str:
+    """A value with its unit, as unit_of has it."""
+    factor, shown_unit = unit_of(name, unit)
+    text = sig(factor * value, digits)
+    gap = {"%": "\u202f", "°": "", "": ""}.get(shown_unit, " ")
+    return NONE if text == NONE else f"{text}{gap}{shown_unit}"
+
+
+def interval_text(name: str, interval: Interval | None, unit: str = "") -> str:
+    """A 95 % interval in the unit of value_text; empty without one, and for single events, of which it says nothing."""
     kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
-    if metric.low is None or metric.high is None or kind in ("count", "yes or no"):
+    if interval is None or kind in ("count", "yes or no"):
         return ""
-    factor = 100 if kind == "share" else math.degrees(1) if metric.unit == "rad" else 1
-    unit = "\u202f%" if kind == "share" else "°" if metric.unit == "rad" else ""
-    return f"{sig(factor * metric.low, 2)} to {sig(factor * metric.high, 2)}{unit}"
+    return " to ".join(
+        value_text(name, end, unit, 2).removesuffix(" ×" if kind == "factor" else f" {unit}") for end in interval
+    )
 
 
 def interval_note(recorded_s: float) -> str:
@@ -139,11 +147,13 @@ def bounds_of(run: Run) -> dict[str, Bound]:
 
 _STYLES = {"table": "plain", "plain": "plain", "markdown": "pipe", "latex": "latex_booktabs"}
 FORMATS = (*_STYLES, "csv", "json")
-_AMOUNT = r"[-+\u2212]?\d[\d.\u2009 ]*(e[-+]?\d+)?"
+_AMOUNT = r"[-+\u2212]?\d[\d. ]*(e[-+]?\d+)?"
 _NUMBER = re.compile(rf"{_AMOUNT}\*?(| s|[ \u202f]?%| to {_AMOUNT}[\u202f%°]*)")
 _FLAG = re.compile(r"""--[a-z]+ ('[^']*'|"[^"]*"|[^\s'";])+""")
 _NARROWEST = 12
-_LATEX = {0x2212: "$-$", 0x2009: r"\,", 0x202F: r"\,", 0xFFFD: "?"}  # what pdflatex has no glyph for
+ASCII = {0x2212: "-", 0x202F: " "}
+"""Numbers as awk and pandas read them: in terminals and Markdown."""
+_LATEX = {0x2212: "$-$", 0x202F: r"\,", 0xFFFD: "?"}  # what pdflatex has no glyph for
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_\[\]<>|~$&#])")
 _LIST_ITEM = re.compile(r"^(\d*)([-+.)])(?=[\s-]|$)")  # what a paragraph must not begin with
 
@@ -164,7 +174,7 @@ def print_table(
         text = csv_table([header, *([cell if _exists(cell) else "" for cell in row] for row in rows)])
         return text.encode("utf-8", "replace").decode()  # a file name may hold what is no text
     if _STYLES[to] == "plain":
-        return "".join(f"{line}\n" for lines in table_rows(header, rows, width) for line in lines)
+        return "".join(f"{line}\n".translate(ASCII) for lines in table_rows(header, rows, width) for line in lines)
     from tabulate import tabulate
 
     columns, right = _columns(header, rows, escape_markdown if to == "markdown" else printable)
@@ -174,7 +184,7 @@ def print_table(
     if to == "latex":
         # A bracket or star would be an option of the line end before it.
         text = re.sub(r"^ *(?=[\[*])", "{}", text.translate(_LATEX), flags=re.MULTILINE)
-    return "".join(f"{line.rstrip()}\n" for line in text.split("\n"))
+    return "".join(f"{line.rstrip()}\n" for line in text.translate(ASCII).split("\n"))
 
 
 def table_rows(header: Sequence[str], rows: Sequence[Sequence[Any]], width: float = math.inf) -> list[list[str]]:

@@ -61,7 +61,8 @@ class Panel:
     zero: the y axis begins at 0. lane: a low panel, one of many alike. robust: the y axis spans
     the 1st to the 99th percentile with a margin, and the number of samples beyond is shown. marks: instants at which
     the meaning of the curves changes, drawn as vertical lines. rows: names of rows, from the top: y of a curve is then
-    the number of a row. log: the axis of the values, x with rows and y without, is logarithmic.
+    the number of a row. log: the axis of the values, x with rows and y without, is logarithmic. log_x: x is.
+    mark: the name of the marks.
     """
 
     what: str
@@ -73,6 +74,8 @@ class Panel:
     marks: Array = field(default_factory=lambda: np.empty(0))
     rows: Sequence[str] = ()
     log: bool = False
+    log_x: bool = False
+    mark: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,10 +238,12 @@ class Spread(NamedTuple):
     color: str = "robot"
 
 
-def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float] = (), log: bool = False) -> Panel:
+def forest(
+    what: str, rows: Mapping[str, Spread], x: str, marks: Mapping[str, float] | None = None, log: bool = False
+) -> Panel:
     """A row for each name: dots (at most MOST_DOTS), a bar for the interval, a large dot for the value.
 
-    log: x is logarithmic where all of it is positive.
+    marks: a vertical line, by its name. log: x is logarithmic where all of it is positive.
     """
     series = []
     for place, (name, of) in enumerate(rows.items()):
@@ -252,7 +257,9 @@ def forest(what: str, rows: Mapping[str, Spread], x: str, marks: Sequence[float]
             if len(values)
         ]
     positive = log and all((one.x > 0).all() for one in series)
-    return Panel(what, series, x, marks=np.array(marks, float), rows=list(rows), log=positive)
+    named = dict(marks or {})
+    at = np.array(list(named.values()), float)
+    return Panel(what, series, x, marks=at, rows=list(rows), log=positive, mark=", ".join(named))
 
 
 def break_gaps(seconds: Array, *columns: Array, longest_s: float = GAP_S) -> list[Array]:
@@ -300,27 +307,72 @@ def extent_of(*points: tuple[Array, Array], margin: float = 0.5) -> tuple[float,
 
 
 def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
-    """The panels of several runs over each other: a colour for each run, a variant for each of its curves."""
+    """The panels of several runs over each other: a colour for each run, a variant for each of its curves.
+
+    Curves that are alike in all runs are drawn once, in grey; a panel without others is left out.
+    """
     merged: dict[str, Panel] = {}
-    for number, (name, panels) in enumerate(runs.items()):
+    curves: dict[str, dict[str, dict[str, Series]]] = {}
+    for name, panels in runs.items():
         for panel in panels:
-            one = merged.setdefault(panel.what, replace(panel, series=[], marks=np.empty(0)))
-            for place, series in enumerate(of for of in panel.series if of.style != "band"):
-                keep = thin_evenly(len(series.x), MOST_COMPARED)
-                look_of = {"color": look(number)["color"], "variant": place, "label": f"{name}: {series.label}"}
-                cast(list[Series], one.series).append(replace(series, x=series.x[keep], y=series.y[keep], **look_of))
-    return list(merged.values())
+            merged.setdefault(panel.what, replace(panel, series=[], marks=np.empty(0)))
+            for series in (of for of in panel.series if of.style != "band"):
+                curves.setdefault(panel.what, {}).setdefault(series.label, {})[name] = series
+    for what, of_panel in curves.items():
+        alike = {label: _alike([(of.x, of.y) for of in found.values()], len(runs)) for label, found in of_panel.items()}
+        shown = cast(list[Series], merged[what].series)
+        for place, (label, found) in enumerate(of_panel.items()):
+            for number, name in enumerate(list(runs)[:1] if alike[label] else runs):
+                if name not in found or all(alike.values()):
+                    continue
+                keep, one = thin_evenly(len(found[name].x), MOST_COMPARED), found[name]
+                color = "soft" if alike[label] else look(number)["color"]
+                label_of_run = label if alike[label] else f"{name}: {label}"
+                of: Any = {"color": color, "variant": place, "label": label_of_run, "x": one.x[keep], "y": one.y[keep]}
+                shown.append(replace(one, **of))
+    return [panel for panel in merged.values() if panel.series]
+
+
+def _alike(columns: Sequence[tuple[Array, ...]], runs: int) -> bool:
+    """Whether all runs have the same columns."""
+    first, *others = columns
+    return len(columns) == runs > 1 and all(
+        all(np.array_equal(one, other, equal_nan=True) for one, other in zip(first, each, strict=True))
+        for each in others
+    )
 
 
 def merge_scenes(runs: Mapping[str, Scene]) -> Scene:
-    """The tracks of several runs in one scene on the walls of the first, a colour for each run."""
+    """The tracks of several runs in one scene on the walls of the first, a colour for each run; those alike in grey."""
     first = next(iter(runs.values()))
     layers: list[Layer] = [layer for layer in first.layers if isinstance(layer, Raster)]
-    for number, (name, scene) in enumerate(runs.items()):
-        tracks = [layer for layer in scene.layers if isinstance(layer, Track)]
-        for place, track in enumerate(tracks):
-            label = name if len(tracks) == 1 else f"{name}: {track.label}"
-            layers.append(replace(track, label=label, color=look(number)["color"], variant=place))
+    found: dict[str, dict[str, Track]] = {}
+    for name, scene in runs.items():
+        for track in (layer for layer in scene.layers if isinstance(layer, Track)):
+            found.setdefault(track.label, {})[name] = track
+    same = [label for label, of in found.items() if _alike([(it.seconds, it.x, it.y) for it in of.values()], len(runs))]
+    layers += [replace(next(iter(found[label].values())), color="soft") for label in same]
+    differing = [label for label in found if label not in same]
+    for number, name in enumerate(runs):
+        for place, label in enumerate(label for label in differing if name in found[label]):
+            shown = name if len(differing) == 1 else f"{name}: {label}"
+            layers.append(replace(found[label][name], label=shown, color=look(number)["color"], variant=place))
     box = np.array([scene.extent for scene in runs.values()])
     extent = (float(box[:, 0].min()), float(box[:, 1].max()), float(box[:, 2].min()), float(box[:, 3].max()))
     return replace(first, layers=layers, extent=extent, moments=(), activity=())
+
+
+def farthest_apart(scene: Scene) -> Moment | None:
+    """The instant at which two runs' tracks of one thing, in a scene of several runs, are farthest apart."""
+    found: list[tuple[float, float, str]] = []
+    tracks = [layer for layer in scene.layers if isinstance(layer, Track) and layer.color != "soft"]
+    for other in tracks[1:]:
+        if other.shape != tracks[0].shape or other.variant != tracks[0].variant:
+            continue
+        x, y = (np.interp(other.seconds, tracks[0].seconds, of, np.nan, np.nan) for of in (tracks[0].x, tracks[0].y))
+        apart_m = np.hypot(other.x - x, other.y - y)
+        if np.isfinite(apart_m).any():
+            at = int(np.nanargmax(apart_m))
+            found.append((float(apart_m[at]), float(other.seconds[at]), f"{tracks[0].label} and {other.label}"))
+    apart, seconds, which = max(found, default=(0.0, 0.0, ""))
+    return Moment(seconds, f"farthest apart: {which}", f"{apart:.2f} m") if apart > 0 else None

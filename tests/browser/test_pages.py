@@ -73,6 +73,9 @@ def test_a_list_of_runs_is_sorted_and_unfolded(tmp_path: Path, probe: Probe) -> 
     assert say["rising"] == rising[:3]
     assert say["falling"] == [*rising[-2:-5:-1], "walk-3"]
     assert say["sorted"] == "descending"
+    above = {name for name, error_m in zip(names, ate_m, strict=True) if error_m > 6.095}
+    assert [set(say["filtered"][0]), say["filtered"][1], say["filtered"][2]] == [above, ["walk-119", "walk-112"], 120]
+    assert say["command"] == f"quadlog report --side-by-side {rising[-2]} {rising[-3]} -o side_by_side.html"
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])

@@ -46,7 +46,7 @@ def test_one_run_is_value_interval_unit_and_n_in_a_terminal(runs, ok):
     lines = ok("metrics", runs / "walk-0").splitlines()
     assert lines[0] == "Metrics of walk-0"
     assert lines[1].split() == ["metric", "value", "95", "%", "unit", "n"]
-    assert lines[2].split() == ["ate_rmse_m", "−0.001234", "−0.00123", "to", "0.0123", "N·m", "23520"]
+    assert lines[2].split() == ["ate_rmse_m", "-0.001234", "-0.00123", "to", "0.0123", "N·m", "23520"]
     assert len(lines[2 : lines.index("")]) == len(CATALOGUE)
     assert max(map(len, lines[: lines.index("")])) <= 80
 

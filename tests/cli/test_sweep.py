@@ -115,7 +115,7 @@ def test_seeds_give_intervals_and_share_all_that_draws_nothing(tmp_path, quadlog
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Means of 2 seeds with 95 % intervals" in page
     low, high = over_runs(np.array([row["eta_m"] for row in rows[2:]])).interval
-    assert f"{sig(low)} to {sig(high)}" in page
+    assert f"{sig(low, 2)} to {sig(high, 2)}" in page
 
 
 def test_a_folder_of_something_else_is_left_alone(tmp_path, quadlog):

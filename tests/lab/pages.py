@@ -9,11 +9,11 @@ from typing import Any
 
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.sources import CompareOptions
-from quadlog.pipelines.evaluation.reports import write_side_by_side
+from quadlog.pipelines.evaluation.reports import write_side_by_side, write_sweep
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.results.page.blocks import Page, write_page
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.page.runs_page import write_folder_page, write_sweep_page
+from quadlog.results.page.runs_page import write_folder_page
 from quadlog.results.run import Run
 from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict, papers_page
 from quadlog.results.studies.sweep import SweepRow, write_sweep_table
@@ -37,7 +37,7 @@ def _side_by_side(run: Path) -> Path:
 def _sweep(run: Path) -> Path:
     rows = [SweepRow({"grid.dilation_m": 0.1 * k}, 0, run.name, 0, "", {"eta_m": 0.1 + k}) for k in range(3)]
     write_sweep_table(run.parent, rows)
-    return write_sweep_page(run.parent)
+    return write_sweep(run.parent)
 
 
 def _planners(run: Path) -> Path:

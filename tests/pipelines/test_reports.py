@@ -66,10 +66,10 @@ def show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def row(page: str, name: str) -> list[tuple[str, str]]:
-    """The value in full and the line below it, of each run."""
+    """The value in full and the text of each run, and of the difference."""
     (found,) = re.findall(rf"<tr[^>]*>\s*<th[^>]*>[^<]*<small>{name}</small></th>(.*?)</tr>", page, re.DOTALL)
-    cells = re.findall(r'<td class="[^"]*"(?: data-value="([^"]*)")?>[^<]*(?:<small>([^<]*)</small>)?', found)
-    return [(value, html.unescape(below)) for value, below in cells]
+    cells = re.findall(r'<td class="[^"]*"(?: data-value="([^"]*)")?>([^<]*)', found)
+    return [(value, html.unescape(text)) for value, text in cells]
 
 
 def test_metrics_are_paired_on_common_instants_and_what_differs_is_named(runs, show, capsys):
@@ -77,16 +77,16 @@ def test_metrics_are_paired_on_common_instants_and_what_differs_is_named(runs, s
     a, b = (read_table(run, "control") for run in (runs.a, runs.b))
     _, in_a, in_b = np.intersect1d(a["t_ns"], b["t_ns"], return_indices=True)
     apart_m = float(np.nanmean(b["error_m"][in_b] - a["error_m"][in_a]))
-    assert value_text("eta_m", apart_m, "m", 2) in row(page, "eta_m")[1][1]
+    assert value_text("eta_m", apart_m, "m", 2) in row(page, "eta_m")[2][1]
     metrics = [json.loads((run / "metrics.json").read_text()) for run in (runs.a, runs.b)]
     for name in metrics[0].keys() & metrics[1].keys():
-        assert [float(value) for value, _ in row(page, name)] == [of[name]["value"] for of in metrics], name
-    assert row(page, "uwb_rmse_m")[1][1] == "the same"
+        assert [float(value) for value, _ in row(page, name)[:2]] == [of[name]["value"] for of in metrics], name
+    assert row(page, "uwb_rmse_m")[2][1] == "the same"
     assert run_cli(["diff", str(runs.a), str(runs.b), "--json"]) == 4
     made = {each["column"] for each in json.loads(capsys.readouterr().out) if each["stage"] == "made"}
     shown = set(re.findall(r"<code>([^<]*)</code></th>", page))
     assert {"planner.name", "simulation.controller"} <= {each.removeprefix("config.") for each in made} & shown
-    assert "first difference of plans" in page
+    assert "replans differ first" in page
     assert len(page.encode()) < 2_000_000  # of 3 s; the limit is 6 MB for 60 s
 
 
@@ -94,9 +94,9 @@ def test_a_copy_is_the_same_and_runs_that_lack_stages_or_are_of_other_recordings
     runs, located_run, show, tmp_path
 ):
     page = show(runs.a, Path(shutil.copytree(runs.a, tmp_path / "copy")))
-    assert {row(page, name)[1][1] for name in ("eta_m", "collisions", "expanded_mean")} == {"the same"}
-    assert "first difference of" not in page
-    assert [bool(value) for value, _ in row(show(runs.a, located_run.run), "eta_m")] == [True, False]
+    assert {row(page, name)[2][1] for name in ("eta_m", "collisions", "expanded_mean")} == {"the same"}
+    assert "differ first" not in page
+    assert [bool(value) for value, _ in row(show(runs.a, located_run.run), "eta_m")[:2]] == [True, False]
     other = Path(shutil.copytree(located_run.run, tmp_path / "other"))
     change_json(other / "run.json", input__sha256="0" * 64)
     assert re.search(r"is not paired with [^:<]*: they are of different recordings", show(other, runs.a))

@@ -78,7 +78,11 @@ class Column(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A cell. value: what its column is sorted by, if not the text. below: a smaller second line."""
+    """A cell. value: what its column is sorted by, if not the text. below: a smaller second line.
+
+    bar: where a bar begins and ends, and its interval, in percent of the column. track: polylines (colour, points) in
+    96 by 64, a single point being a mark.
+    """
 
     text: str
     value: float | str | None = None
@@ -87,10 +91,14 @@ class Cell(NamedTuple):
     state: State = ""
     code: bool = False
     seconds: float | None = None
+    bar: tuple[float, float, float, float] | None = None
+    track: Sequence[tuple[str, str]] = ()
 
 
 class Table(NamedTuple):
-    """Rows of cells under a title. folded: first row shown only on demand."""
+    """Rows of cells under a title. folded: first row shown only on demand. command: shown for the rows that a reader
+    chooses, which can be filtered, too; it takes the values of their first cells.
+    """
 
     columns: Sequence[Column]
     rows: Sequence[Sequence[Cell]]
@@ -99,6 +107,7 @@ class Table(NamedTuple):
     sortable: bool = False
     folded: int | None = None
     title: str = ""
+    command: str = ""
 
 
 class Drawn(NamedTuple):

@@ -103,7 +103,8 @@ def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
     expected = "" if bound is None else f"expected {bound.words}"
     if metric is None:
         return blocks.Shown(label_of(name), "not measured", expected, meaning, "bad", None)
-    small, value = expected or interval_text(name, metric), value_text(name, metric.value, metric.unit)
+    small = expected or interval_text(name, metric.interval, metric.unit)
+    value = value_text(name, metric.value, metric.unit)
     seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
     return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric, bound), seconds)
 
@@ -119,7 +120,7 @@ def metric_table(run: Run) -> Table:
         cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
         if metric is not None:
             value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric, bound)
-            interval, samples = Cell(interval_text(name, metric)), Cell(count(metric.n), metric.n)
+            interval, samples = Cell(interval_text(name, metric.interval, metric.unit)), Cell(count(metric.n), metric.n)
             cells = [Cell(value, metric.value, state=state), interval, samples]
         below = meaning if bound is None else f"{meaning} Expected {bound.words}."
         first = Cell(label_of(name), below=below, state=cells[0].state)

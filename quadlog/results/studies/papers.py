@@ -149,7 +149,7 @@ def table_panel(table: PaperTable) -> Panel | None:
         if (spread := _spread(row)) is not None:
             label = _label(row.quantity)
             rows[row.quantity if label in rows else label] = spread
-    return forest(table.name, rows, AXIS, marks=[0.0]) if rows else None
+    return forest(table.name, rows, AXIS, marks={"as printed": 0.0}) if rows else None
 
 
 def _spread(row: PaperRow) -> Spread | None:

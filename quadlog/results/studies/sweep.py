@@ -97,8 +97,9 @@ class Setting(NamedTuple):
 
 
 class SweepSummary(NamedTuple):
-    """varying: metrics that differ between runs. over: of each metric, by setting. best: metric -> setting that is best
-    beyond what seeds explain. seeded: metrics that differ between seeds.
+    """varying: metrics that differ between runs. over: of each metric, by setting. above: its difference to the first
+    setting, paired by seed. best: metric -> setting that is best beyond what seeds explain. seeded: metrics that differ
+    between seeds.
     """
 
     keys: tuple[str, ...]
@@ -106,13 +107,15 @@ class SweepSummary(NamedTuple):
     seeds: int
     varying: Sequence[str]
     over: Mapping[str, Sequence[OverRuns]]
+    above: Mapping[str, Sequence[OverRuns]]
     best: Mapping[str, int]
     seeded: frozenset[str]
 
     def notes(self) -> list[str]:
         """How far intervals and marks can be trusted, in sentences."""
         if self.seeds == 1:
-            return ["One seed: there are no intervals, and nothing is marked as best. --seeds N gives both."]
+            paired = "Intervals in the page are those of differences to the first value, sample by sample of one log"
+            return [f"One seed: nothing is marked as best. {paired}; --seeds N gives those of other draws."]
         if not self.seeded:
             why = "no stage that ran draws random numbers that reach a metric"
             return [f"The {self.seeds} seeds change nothing here: {why}. Nothing has an interval or a mark."]
@@ -135,11 +138,13 @@ def summarise_sweep(rows: Sequence[SweepRow]) -> SweepSummary:
     tables = {name: table for name in SWEEP_METRICS if np.isfinite(table := _table(settings, seeds, name)).any()}
     varying = [name for name, table in tables.items() if np.nanmin(table) < np.nanmax(table)]
     over = {name: [over_runs(values) for values in table] for name, table in tables.items()}
+    above = {name: [over_runs(values) for values in table - table[0]] for name, table in tables.items()}
     seeded = frozenset(name for name in varying if any(of.interval is not None for of in over[name]))
     better = {name: CATALOGUE[name].better for name in seeded if CATALOGUE[name].better}
     marks = {name: clear_best(tables[name], lower=side == "lower") for name, side in better.items()}
     best = {name: mark for name, mark in marks.items() if mark is not None}
-    return SweepSummary(tuple(rows[0].values) if rows else (), settings, len(seeds), varying, over, best, seeded)
+    keys = tuple(rows[0].values) if rows else ()
+    return SweepSummary(keys, settings, len(seeds), varying, over, above, best, seeded)
 
 
 def _table(settings: Sequence[Setting], seeds: Sequence[int], name: str) -> Float:

@@ -34,7 +34,7 @@ const openCurves = (places, { columns }) => {
         plot.replaceWith(element("p", { class: "only" }, panel.series.map(only).join(", ")));
         continue;
       }
-      const last = panel === panels.at(-1);
+      const last = panel === panels.at(-1) || panel.x !== TIME;
       const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + 56 : panel.lane ? HEIGHTS.lane : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
       plot.style.minHeight = `${height}px`;
       plot.open = () => {
@@ -58,7 +58,7 @@ const joined = (series, columns) => {
 // Points as small squares, one for each pixel.
 const pointPaths = (hollow, across) => (chart, number, first, last) => {
   const [xs, ys] = [chart.data[0], chart.data[number]];
-  const [path, size, known] = [new Path2D(), across * devicePixelRatio, new Set()];
+  const [path, size, known] = [new Path2D(), (xs.length < 50 ? 6 : across) * devicePixelRatio, new Set()];
   for (let at = first; at <= last; at++) {
     if (!Number.isFinite(ys[at])) continue;
     const [px, py] = [Math.round(chart.valToPos(xs[at], "x", true)), Math.round(chart.valToPos(ys[at], "y", true))];
@@ -75,7 +75,8 @@ const optionsOf = (panel, group, height, last, stretch) => {
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
   const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
-  const widened = ([low, high]) => panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)];
+  const far = (low, high, log) => (log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
+  const [logX, logY] = [rows ? panel.log : panel.log_x, !rows && panel.log];
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
   const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
   const looks = {
@@ -106,6 +107,9 @@ const optionsOf = (panel, group, height, last, stretch) => {
     }
     pen.stroke();
     pen.setLineDash([]);
+    if (panel.mark === "" || panel.instants.length === 0) return;
+    Object.assign(pen, { fillStyle: paint("soft"), font: `${12 * devicePixelRatio}px system-ui, sans-serif`, textAlign: "left", textBaseline: "top" });
+    pen.fillText(panel.mark, chart.valToPos(panel.instants[0], "x", true) + 4 * devicePixelRatio, chart.bbox.top);
   };
   const within = (_, low, high) => {
     const [from, to] = [panel.zero ? Math.min(0, low) : low, low === high && !(panel.zero && low > 0) ? high + (Math.abs(high) || 1) : high];
@@ -116,9 +120,9 @@ const optionsOf = (panel, group, height, last, stretch) => {
     series,
     bands,
     padding: [6, 8, 0, 0],
-    scales: { x: { time: false, distr: rows && panel.log ? 3 : 1, range: () => (rows ? widened(stretch.shown) : stretch.shown) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : panel.log ? { distr: 3 } : { range: panel.limits ? () => panel.limits : within } },
-    axes: [{ ...axis(last ? 34 : 6), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), values: numbers, space: panel.lane ? 18 : 26 }],
-    legend: { show: !panel.lane && !rows, markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
+    scales: { x: { time: false, distr: logX ? 3 : 1, range: () => (panel.x === TIME ? stretch.shown : far(...stretch.shown, logX)) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : logY ? { distr: 3, range: (_, low, high) => (low > 0 ? far(low, high, true) : [0.1, 1]) } : { range: panel.limits ? () => panel.limits : within } },
+    axes: [{ ...axis(last ? 34 : 6), ...(logX && decades), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
+    legend: { show: !panel.lane && !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
       y: false,
       drag: { x: true, y: false, setScale: false, dist: 4 },
@@ -141,6 +145,17 @@ const optionsOf = (panel, group, height, last, stretch) => {
       ],
     },
   };
+};
+
+// Readable ticks of a logarithmic axis: 1, 2, 3, 5 of each power of ten, and fewer where they are many.
+const decades = {
+  splits: (_, __, low, high) => {
+    const [first, last] = [Math.floor(Math.log10(low)), Math.ceil(Math.log10(high))];
+    const steps = last - first > 3 ? [1] : last - first > 1 ? [1, 3] : [1, 1.5, 2, 3, 5, 7];
+    const ticks = Array.from({ length: last - first + 1 }, (_, at) => steps.map((step) => step * 10 ** (first + at))).flat();
+    return ticks.filter((tick) => tick >= low && tick <= high);
+  },
+  filter: (_, ticks) => ticks,
 };
 
 // Each series is read off at its own nearest sample: others may have samples in between.

@@ -139,7 +139,7 @@ def test_all_bounds_that_were_not_measured_are_shown(tiny_run: Path) -> None:
     assert all((rows[name][2].text, rows[name][2].state) == ("not measured", "bad") for name in names[:-1])
 
 
-@given(st.floats(2, 60) | st.just(0.0), st.sampled_from([0.0, 0.005, 0.05, 0.15]), st.integers(0, 2**32 - 1))
+@given(st.floats(4, 60) | st.just(0.0), st.sampled_from([0.0, 0.005, 0.05, 0.15]), st.integers(0, 2**32 - 1))
 def test_noise_of_positions_adds_little_to_the_length_of_a_walk(length_m: float, std_m: float, seed: int) -> None:
     """Along an arc, for 60 s and with a day between its halves; noise that lasts for some rows, as in matched scans."""
     seconds, share = np.arange(1200) / 20, np.linspace(0, 1, 1200)

@@ -1,0 +1,234 @@
+"""Several runs over each other: tracks and curves, what differs in their metrics and settings, what a sweep changed.
+
+What is alike in all runs is drawn once, in grey, or left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from quadlog.errors import ExitCode
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
+from quadlog.metrics.differences import PairedDifference
+from quadlog.results.diff import unlike_settings
+from quadlog.results.figures import FIGURES
+from quadlog.results.page import blocks
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table
+from quadlog.results.page.pack import Pack
+from quadlog.results.page.verdict import status
+from quadlog.results.run import Run
+from quadlog.results.scenes import walk_scene
+from quadlog.results.studies.sweep import SweepSummary, text_of
+from quadlog.results.text import NONE, State, interval_text, label_of, unit_of, value_text
+from quadlog.results.view import (
+    Moment,
+    Panel,
+    Scene,
+    Series,
+    Spread,
+    farthest_apart,
+    forest,
+    merge_panels,
+    merge_scenes,
+)
+
+Paired = Mapping[str, Mapping[str, PairedDifference]]
+"""By run: each metric less that of the first run, on the instants that both have."""
+
+
+class Compared(NamedTuple):
+    """Runs that are drawn over each other: by name, whether they share a clock, and what differs between the first
+    and each other one. first_differences: instants at which results part.
+    """
+
+    runs: Mapping[str, Run]
+    shares_clock: bool
+    paired: Paired
+    first_differences: Sequence[Moment]
+
+
+def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> blocks.Page:
+    """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
+    pack = Pack()
+    drawn = tracks_and_curves(compared.runs, pack, compared.first_differences)
+    said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
+    statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
+    first: list[Any] = [blocks.Verdict([*_better(compared), *statuses])]
+    sections = [
+        blocks.Section("", first + ([blocks.Notes("Not comparable", notes)] if notes else [])),
+        blocks.Section("Paths and curves", drawn, pack.thinned),
+        blocks.Section("Metrics", [compared_metrics(compared)]),
+        blocks.Section("Settings that differ", settings_table(compared.runs)),
+    ]
+    facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
+    return blocks.Page(title, sections, facts, pack=pack)
+
+
+def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Moment]) -> list[Any]:
+    """The tracks of the runs in one player, which starts where they are farthest apart, beside their curves."""
+    short = [re.sub(r"[^,/=]+=", "", name) for name in runs]  # of a sweep the values alone
+    names = short if len(set(short)) == len(short) else list(runs)
+    named, charts = dict(zip(names, runs.values(), strict=True)), []
+    for figure in (figure for figure in FIGURES if figure.compared and figure.make is not walk_scene):
+        made = {name: figure.make(run) for name, run in named.items()}
+        panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
+        if panels and (merged := merge_panels(panels)):
+            pack.add(figure.name, merged)
+            charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
+    scenes = {name: scene for name, run in named.items() if (scene := walk_scene(run)) is not None}
+    if not scenes:
+        return charts
+    merged_scene = merge_scenes(scenes)
+    pack.add("paths", merged_scene)
+    apart = [moment for moment in [farthest_apart(merged_scene)] if moment is not None]
+    start = apart[0].seconds if apart else moments[0].seconds if moments else None
+    view = blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start)
+    return [blocks.Beside(view, charts)] if charts else [view]
+
+
+def compared_metrics(compared: Compared) -> Table:
+    """A row for each metric that a run has; after each run but the first its difference to that, with a bar about 0.
+
+    Differences are coloured only where they are beyond chance.
+    """
+    first, *others = compared.runs
+    rows: list[list[Cell]] = []
+    same: list[list[Cell]] = []
+    for metric in (metric for labels in THEMES.values() for metric in labels):
+        found = {name: run.metrics[metric] for name, run in compared.runs.items() if metric in run.metrics}
+        cells = [Cell(label_of(metric), below=metric)]
+        for name in compared.runs:
+            of = found.get(name)
+            text, value = (NONE, None) if of is None else (value_text(metric, of.value, of.unit), of.value)
+            below = "" if of is None else interval_text(metric, of.interval, of.unit)
+            cells.append(Cell(text, value, below))
+        cells += [_difference_cell(metric, compared.paired.get(name, {}).get(metric)) for name in others]
+        alike = len(found) == len(compared.runs) and len({of.value for of in found.values()}) == 1
+        if found:
+            (same if alike else rows).append(cells)
+    note = f"Below a value: its 95 % interval. Differences to {first} are those of the instants that both have, "
+    note += "coloured where they are beyond chance (all differences together, Bonferroni)."
+    columns = [Column("metric"), *(Column(name, True) for name in compared.runs)]
+    columns += [Column(f"{name} less {first}" if len(others) > 1 else "difference", True) for name in others]
+    return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
+
+
+def _difference_cell(name: str, paired: PairedDifference | None) -> Cell:
+    """The difference over its interval, with a bar from 0 in the middle."""
+    if paired is None or paired.same:
+        return Cell(NONE if paired is None else "the same")
+    low, high = paired.interval or (0.0, 0.0)
+    largest = max(abs(paired.difference), abs(low), abs(high)) or 1.0
+    at, low, high = (round(50 + 50 * of / largest, 1) for of in (paired.difference, low, high))
+    text, _, interval = _difference_text(name, paired).partition(" [")
+    bar = None if paired.interval is None else (min(at, 50.0), max(at, 50.0), low, high)
+    return Cell(text, paired.difference, interval.removesuffix("]"), state=_judged(name, paired), bar=bar)
+
+
+def _difference_text(name: str, paired: PairedDifference) -> str:
+    if paired.same:
+        return "the same"
+    text = "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
+    interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
+    return f"{text} [{interval}]" if interval else text
+
+
+def _judged(name: str, paired: PairedDifference | None) -> State:
+    better = CATALOGUE[name].better
+    if paired is None or not paired.clear or not better:
+        return ""
+    return "good" if (paired.difference > 0) == (better == "higher") else "bad"
+
+
+def _better(compared: Compared) -> list[Sentence]:
+    """In what the other runs are better or worse than the first, beyond chance."""
+    first, found = next(iter(compared.runs)), []
+    looks: dict[State, tuple[str, State]] = {"good": ("better", "good"), "bad": ("worse", "warn")}
+    for name, paired in compared.paired.items():
+        for judged, (word, state) in looks.items():
+            clear = [metric for metric in paired if _judged(metric, paired[metric]) == judged]
+            shown = [f"{label_of(metric)} ({_difference_text(metric, paired[metric])})" for metric in clear[:3]]
+            more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
+            if clear:
+                found.append(Sentence(name, f"{word} than {first} beyond chance in {', '.join(shown)}{more}.", state))
+    if compared.paired and not found:
+        found.append(Sentence("Metrics", f"No difference to {first} is beyond chance."))
+    return found
+
+
+def settings_table(runs: Mapping[str, Run]) -> list[Table]:
+    """Keys of configuration and options in which the runs differ, if there are any."""
+    unlike = unlike_settings([run.record for run in runs.values()], NONE)
+    rows = [[Cell(key, code=True), *(Cell(value[:80]) for value in of)] for key, of in unlike.items()]
+    return [Table([Column("key"), *map(Column, runs)], rows, "settings")] if rows else []
+
+
+DECADES = 30.0
+"""A key whose values lie farther apart than this factor has a logarithmic axis."""
+
+
+def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]:
+    """Each metric that varies over the swept key, as panels, and with its difference to the first value, as a table."""
+    panels, found = _sweep_panels(summary), []
+    for number, setting in enumerate(summary.settings):
+        failed = sum(row.exit_code == ExitCode.FAILED for row in setting.rows)
+        cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
+        for name in summary.varying:
+            over, above = summary.over[name][number], summary.above[name][number]
+            difference = paired.get(setting.rows[0].run, {}).get(name) if summary.seeds == 1 else None
+            if difference is None:
+                difference = PairedDifference(above.mean, above.interval, False, above.mean == 0)
+            text = NONE if over.runs == 0 else value_text(name, over.mean, CATALOGUE[name].unit)
+            differs = _difference_text(name, difference) if number and over.runs and above.runs else ""
+            interval = interval_text(name, over.interval, CATALOGUE[name].unit)
+            best = summary.best.get(name) == number
+            cells.append(
+                Cell(
+                    text,
+                    over.mean if over.runs else None,
+                    "; ".join(filter(None, [interval, differs])),
+                    state="good" if best else "",
+                )
+            )
+        found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
+    columns = [*map(Column, summary.keys), Column("failed", True)]
+    columns += [Column(label_of(name), True, help=f"{CATALOGUE[name].meaning} ({name})") for name in summary.varying]
+    note = "Below a value: its 95 % interval, and its difference to that of the first row."
+    table = Table(columns, found, "settings-values", note, sortable=True)
+    if panels:
+        pack.add("swept", panels, "swept")
+    drawn = [blocks.Drawn("swept", "Metrics over the values of the sweep")] if panels else []
+    return [*drawn, table, *map(blocks.Text, summary.notes())]
+
+
+def _sweep_panels(summary: SweepSummary) -> list[Panel]:
+    """A panel for each metric that varies: over the numbers of one key, else a row for each combination."""
+    values = [next(iter(setting.values.values()), None) for setting in summary.settings]
+    numeric = len(summary.keys) == 1 and all(isinstance(of, int | float) and not isinstance(of, bool) for of in values)
+    panels = []
+    for name in summary.varying:
+        factor, unit = unit_of(name, CATALOGUE[name].unit)
+        over, what = summary.over[name], f"{label_of(name)}{f' ({unit})' if unit else ''}"
+        if not numeric:
+            ends = [None if of.interval is None else (factor * of.interval[0], factor * of.interval[1]) for of in over]
+            rows = {
+                setting.label: Spread(factor * of.mean, interval)
+                for setting, of, interval in zip(summary.settings, over, ends, strict=True)
+                if of.runs
+            }
+            panels.append(forest(what, rows, what))
+            continue
+        order = np.argsort(np.array(values, float), kind="stable")
+        x, y = np.array(values, float)[order], factor * np.array([of.mean for of in over])[order]
+        low, high = factor * np.array([of.interval or (np.nan, np.nan) for of in over]).T[:, order]
+        series = [Series("mean" if summary.seeds > 1 else "value", "robot", x, y)]
+        series += [Series("value", "robot", x, y, "points")] if summary.seeds == 1 else []
+        if np.isfinite(low).any():
+            series.append(Series("95 % interval", "robot", x, low, "band", upper=high))
+        spans = x[0] > 0 and x[-1] > DECADES * x[0]
+        panels.append(Panel(what, series, summary.keys[0], log_x=bool(spans)))
+    return panels
