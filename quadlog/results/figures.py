@@ -57,27 +57,18 @@ def _points(table: DataFrame, column: str, label: str, color: str, events: bool 
     return [Series(label, color, seconds, values, "points", events=events)] if len(table) else []
 
 
+DASHED = {"text": 1, "olive": 2}
 RATE_OVER_S = 0.5
 """Speeds and rates are differences of positions so far apart."""
 
 
-def motion(run: Run) -> list[Panel] | None:
-    """How the recorded robot moved, by its positions, beside the simulated one, the truth and another estimate."""
-    return with_curves([*_moved(run, _RATES | _TILT), *_gait(run)])
-
-
-def place(run: Run) -> list[Panel] | None:
-    """Where it was, likewise."""
-    return with_curves(_moved(run, {"x (m)": "x_m", "y (m)": "y_m"}))
-
-
-_RATES = {"speed (m/s)": "speed", "yaw rate (°/s)": "yaw_rate_rad", "yaw (°)": "yaw_rad"}
-_DASHED = {"text": 1, "olive": 2}
-_TILT = {"height (m)": "z_m", "roll (°)": "roll_rad", "pitch (°)": "pitch_rad"}
+def moved(panels: Mapping[str, str], gait: bool = False) -> Callable[[Run], list[Panel] | None]:
+    """A maker of panels by quantity and column of poses: recorded, simulated, the truth and another estimate."""
+    return lambda run: with_curves([*_moved(run, panels), *(_gait(run) if gait else ())])
 
 
 def _moved(run: Run, wanted: Mapping[str, str]) -> Iterator[Panel]:
-    """Panels by quantity and column, of those in which the recorded robot moves."""
+    """Those in which the recorded robot moves."""
     poses = run.table("poses")
     if poses is None or run.simulated or set(poses["source"].unique()) == {"fixed"}:
         return
@@ -87,7 +78,7 @@ def _moved(run: Run, wanted: Mapping[str, str]) -> Iterator[Panel]:
     for what, column in wanted.items():
         if moved["recorded, robot"][column].nunique() > 1:
             curves_of = (_series(table, f"{column}, {look}") for look, table in moved.items() if column in table)
-            series = [replace(one, variant=_DASHED.get(one.color, 0)) for of in curves_of for one in of]
+            series = [replace(one, variant=DASHED.get(one.color, 0)) for of in curves_of for one in of]
             yield Panel(what, series, zero=column == "speed")
 
 
@@ -119,53 +110,42 @@ def _with_rates(table: DataFrame) -> DataFrame:
 def _gait(run: Run) -> Iterator[Panel]:
     """When each foot was on the ground, and how often it touched down."""
     joints, stances, strides = run.table("joints"), list[Series](), list[Series]()
-    if joints is None or not np.isfinite(joints[[*CONTACTS]].to_numpy()).any():
+    if joints is None or joints[[*CONTACTS]].isna().all(axis=None):
         return
-    bodies = ((joints, CONTACTS, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim"))
-    for below, (table, columns, label, color) in enumerate(bodies):
-        downs_s = []
-        for leg, column in enumerate(columns if table is not None else ()):
-            stands = table[column].to_numpy(float)  # type: ignore[index]
-            stands = np.where(np.isfinite(stands), stands > 0.5, np.nan)
-            seconds, stands = break_gaps(table["seconds"].to_numpy(), stands)  # type: ignore[index]
+    bodies = [(joints, CONTACTS, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
+    for below, (table, columns, label, color) in enumerate(of for of in bodies if of[0] is not None):
+        rates = []
+        for leg, column in enumerate(columns):
+            seconds, pressed = break_gaps(*(table[name].to_numpy() for name in ("seconds", column)))
+            stands = np.where(np.isfinite(pressed), pressed > 0.5, np.nan)
             row = np.where(stands == 1, leg + 0.25 * below, np.nan)
             stances.append(Series(f"{_LEGS[leg]}, {label}", color, seconds, row))
-            downs_s.append(seconds[1:][np.diff(stands) == 1])
-        at_s, rates_hz = (np.concatenate([np.empty(0), *of]) for of in
-                          ([down[1:] for down in downs_s], [1 / np.diff(down) for down in downs_s]))  # fmt: skip
-        if len(at_s):
-            order = np.argsort(at_s)
-            strides.append(Series(label, color, at_s[order], rates_hz[order], "points", events=True))
+            down_s = seconds[1:][np.diff(stands) == 1]
+            rates.append(np.stack([down_s[1:], 1 / np.diff(down_s)]))
+        at_s, often_hz = (found := np.concatenate(rates, axis=1))[:, found[0].argsort()]
+        strides += [Series(label, color, at_s, often_hz, "points", events=True)] if len(at_s) else []
     yield Panel("feet on the ground", stances, rows=_LEGS)
     yield Panel("strides (Hz)", strides, zero=True, robust=True)
 
 
-def tracking_error(run: Run) -> list[Panel] | None:
-    """Distance to the path with its mean and deviation."""
-    return _error_of(run, "error_m", "distance to the path (m)", "eta_m", "sigma_m")
+def error_curve(column: str, what: str, mean: str, deviation: str) -> Callable[[Run], list[Panel] | None]:
+    """A maker of a panel of a distance of control, with its mean and deviation."""
 
+    def make(run: Run) -> list[Panel] | None:
+        control = run.table("control")
+        series = [] if control is None else _series(control, f"{column}, distance, resim")
+        eta_m, sigma_m = run.metric(mean), run.metric(deviation)
+        if control is None or not series:
+            return None
+        if eta_m is not None and len(control) > 1:
+            ends, ones = control["seconds"].to_numpy()[[0, -1]], np.ones(2)
+            if sigma_m is not None:
+                low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
+                series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
+            series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
+        return [Panel(what, series, zero=True, marks=_reference_changes(run, control))]
 
-def other_errors(run: Run) -> list[Panel] | None:
-    """Errors to the side, in heading, and in time."""
-    panels = curves("control", {"cross-track error (m)": "cross_track_m, cross-track, resim",
-                                "heading error (°)": "heading_error_rad, heading, resim"})(run)  # fmt: skip
-    late = _error_of(run, "time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m")
-    return [*(panels or ()), *(late or ())] or None
-
-
-def _error_of(run: Run, column: str, what: str, mean: str, deviation: str) -> list[Panel] | None:
-    control = run.table("control")
-    if control is None:
-        return None
-    series = _series(control, f"{column}, distance, resim")
-    eta_m, sigma_m = run.metric(mean), run.metric(deviation)
-    if series and eta_m is not None and len(control) > 1:
-        ends, ones = control["seconds"].to_numpy()[[0, -1]], np.ones(2)
-        if sigma_m is not None:
-            low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
-            series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
-        series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
-    return with_curves([Panel(what, series, zero=True, marks=_reference_changes(run, control))])
+    return make
 
 
 def _reference_changes(run: Run, control: DataFrame) -> Array:
@@ -230,7 +210,9 @@ def uwb_error(run: Run) -> list[Panel] | None:
 FIGURES = (
     Figure("trajectory", "Trajectory over the map",
            "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene),
-    Figure("motion", "Motion", "From positions; speed and yaw rate over 0.5 s.", motion),
+    Figure("motion", "Motion", "From positions; speed and yaw rate over 0.5 s.",
+           moved({"speed (m/s)": "speed", "yaw rate (°/s)": "yaw_rate_rad", "yaw (°)": "yaw_rad",
+                  "height (m)": "z_m", "roll (°)": "roll_rad", "pitch (°)": "pitch_rad"}, gait=True)),
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].",
            curves("control", {
                "forward (m)": "x_m, forward, resim", "to the left (m)": "y_m, to the left, resim",
@@ -239,15 +221,19 @@ FIGURES = (
            }, metric="lateral_drift_m")),
     Figure("tracking_error", "Tracking error",
            "Of the simulated robot [Tracking, eqs 45–47]; dotted: its path is replaced.",
-           tracking_error),
+           error_curve("error_m", "distance to the path (m)", "eta_m", "sigma_m")),
     Figure("uwb_error", "Position error",
            "To the reference; below its bound for 95 % of the time if that is right.",
            uwb_error),
     Figure("clearance", "Clearance", "From the body to the nearest obstacle, and from the robot to its target.",
            curves("clearances", {"clearance (m)": "clearance_m, clearance, resim",
                                  "distance to the target (m)": "target_distance_m, distance, target"})),
-    Figure("cross_track", "Other errors of the walk", "To the left is positive [Tracking, eq. 47].", other_errors),
-    Figure("place", "Place", "Positions over time.", place),
+    Figure("cross_track", "Errors to the side and in heading", "To the left is positive [Tracking, eq. 47].",
+           curves("control", {"cross-track error (m)": "cross_track_m, cross-track, resim",
+                              "heading error (°)": "heading_error_rad, heading, resim"})),
+    Figure("schedule", "Error in time", "Distance to the point where the path is at that instant.",
+           error_curve("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m")),
+    Figure("place", "Place", "Positions over time.", moved({"x (m)": "x_m", "y (m)": "y_m"})),
     Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
            curves("control", {
                "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",

@@ -261,91 +261,72 @@ AGREES_M = 0.01
 
 def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
     """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
-    match name:
-        case "uwb_rmse_m" | "uwb_nees" | "uwb_coverage_95":
-            drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
-            worst = worst if name == "uwb_rmse_m" else np.nan
-        case "ate_rmse_m":
-            row, truth = _row(run.table("poses"), t_ns), run.trajectory("reference")
-            near = None if truth is None else truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin())].tolist()
-            drawn = {} if row is None or near is None else {"line": (row.x_m, row.y_m, near[0], near[1])}
-        case "max_error_m" | "eta_m" | "sigma_m" | "cross_track_rmse_m":
-            row = _row(run.table("control"), t_ns)
-            drawn = {} if row is None else {"line": (row.x_m, row.y_m, row.ref_x_m, row.ref_y_m)}
-        case "clearance_min_m":
-            drawn = _nearest_obstacle(run, worst, t_ns)
-            worst = max(worst, 0.0)
-        case _:
-            return {}
+    robot, body, truth = _row(run, "poses", t_ns), _row(run, "control", t_ns), run.trajectory("reference")
+    drawn: dict[str, Any] = {}
+    if name in ("uwb_rmse_m", "uwb_nees", "uwb_coverage_95"):
+        drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
+    elif name == "ate_rmse_m" and robot is not None and truth is not None:
+        nearest_m = truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin())].tolist()
+        drawn = {"line": (robot.x_m, robot.y_m, *nearest_m[:2])}
+    elif name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m") and body is not None:
+        drawn = {"line": (body.x_m, body.y_m, body.ref_x_m, body.ref_y_m)}
+    elif name == "clearance_min_m" and body is not None:
+        drawn, worst = _nearest_obstacle(run, worst, t_ns, body), max(worst, 0.0)
     x0, y0, x1, y1 = drawn.get("line", [np.nan] * 4)
-    off_m = abs(float(np.hypot(x1 - x0, y1 - y0)) - abs(worst))
-    return drawn if off_m <= AGREES_M or np.isnan(worst) else {}
+    agrees = abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M
+    return drawn if agrees or name in ("uwb_nees", "uwb_coverage_95") else {}
 
 
-def _row(table: DataFrame | None, t_ns: int, **equal: Any) -> Any:
-    """The first row of an instant in which the columns equal these, as a named tuple; None without one."""
-    if table is None:
-        return None
-    rows = table[table["t_ns"] == t_ns]
-    for column, value in equal.items():
-        rows = rows[rows[column] == value]
-    return next(rows.itertuples(), None)
+def _row(run: Run, name: str, t_ns: int, **equal: Any) -> Any:
+    """The first row of a table at an instant in which columns equal these, as a named tuple; None without one."""
+    table = run.table(name)
+    rows = iter(()) if table is None else table[table["t_ns"] == t_ns].itertuples()
+    return next((row for row in rows if all(getattr(row, key) == of for key, of in equal.items())), None)
 
 
-def _claimed_error(run: Run, source: str, t_ns: int, tag: int | None = None) -> dict[str, Any]:
+def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str, Any]:
     """From a fix, or the track, to the truth, and the 95 % ellipse that it claims."""
-    of_tag = {} if tag is None else {"tag": tag}
-    error = _row(run.table("uwb_errors"), t_ns, source=source, **of_tag)
-    if error is None:
-        return {}
-    if source == "fixes":
-        place = spread = _row(run.table("fixes"), t_ns, tag=error.tag)
-    else:
-        place, spread = _row(run.table("poses"), t_ns), _row(run.table("pose_uncertainty"), t_ns)
-    if place is None:
+    error = _row(run, "uwb_errors", t_ns, source=source, **of_tag)
+    place, spread = _row(run, "poses", t_ns), _row(run, "pose_uncertainty", t_ns)
+    if error is not None and source == "fixes":
+        place = spread = _row(run, "fixes", t_ns, tag=error.tag)
+    if error is None or place is None:
         return {}
     x_m, y_m = place.x_m, place.y_m
-    axes = (
-        () if spread is None else _axes_95(*(np.array([getattr(spread, f"cov_{of}_m2")]) for of in ("xx", "xy", "yy")))
-    )
-    ring = (x_m, y_m, *(float(axis[0]) for axis in axes))
+    axes_m = [np.nan] if spread is None else _axes_95(spread.cov_xx_m2, spread.cov_xy_m2, spread.cov_yy_m2)
+    ring = (x_m, y_m, *map(float, axes_m))
     line = (x_m, y_m, x_m - error.error_x_m, y_m - error.error_y_m)
-    return {"line": line, "ring": ring if len(ring) > 2 and np.isfinite(ring).all() else (), "hides": _FIXES}
+    return {"line": line, "ring": ring if np.isfinite(ring).all() else (), "hides": _FIXES}
 
 
-def _nearest_obstacle(run: Run, clearance_m: float, t_ns: int) -> dict[str, Any]:
+def _nearest_obstacle(run: Run, clearance_m: float, t_ns: int, body: Any) -> dict[str, Any]:
     """From the simulated body, a rectangle, to the cell that is as near as said; a point where that lies inside."""
-    row, maps, body = _row(run.table("control"), t_ns), run.maps, run.config.robot
+    maps, half = run.maps, (run.config.robot.length_m + 1j * run.config.robot.width_m) / 2
     at = -1 if maps is None else int(np.searchsorted(maps.t_ns, t_ns, side="right")) - 1
-    if row is None or maps is None or at < 0:
+    if maps is None or at < 0:
         return {}
     share, origin_m, cell_m = maps.occupancy
-    of_map, of_run = np.argwhere(maps.occupied(at)), np.argwhere(share > 0)
-    cells_m = np.concatenate([base + size * (cells[:, ::-1] + 0.5) for base, size, cells in
-                              ((maps.origin_m[at], maps.cell_m, of_map), (origin_m, cell_m, of_run))])  # fmt: skip
-    pose, turn, ahead_m, aside_m = row.x_m + 1j * row.y_m, np.exp(1j * row.yaw_rad), body.length_m / 2, body.width_m / 2
+    grids = (maps.origin_m[at], maps.cell_m, maps.occupied(at)), (origin_m, cell_m, share > 0)
+    cells_m = np.concatenate([base + size * (np.argwhere(of)[:, ::-1] + 0.5) for base, size, of in grids])
+    pose, turn = body.x_m + 1j * body.y_m, np.exp(1j * body.yaw_rad)
     seen = (cells_m @ [1, 1j] - pose) / turn  # x + iy in the frame of the body
-    edge = np.clip(seen.real, -ahead_m, ahead_m) + 1j * np.clip(seen.imag, -aside_m, aside_m)
-    depth_m = np.maximum(np.minimum(ahead_m - np.abs(seen.real), aside_m - np.abs(seen.imag)), 0.0)
+    edge = np.clip(seen.real, -half.real, half.real) + 1j * np.clip(seen.imag, -half.imag, half.imag)
+    depth_m = np.maximum(np.minimum(half.real - np.abs(seen.real), half.imag - np.abs(seen.imag)), 0.0)
     gap_m = np.abs(seen - edge) - depth_m - maps.cell_m / 2
-    off_m = np.abs(gap_m - clearance_m)
-    if off_m.min(initial=np.inf) > AGREES_M:
+    if not len(gap_m) or (off_m := np.abs(gap_m - clearance_m)).min() > AGREES_M:
         return {}
-    at = int(off_m.argmin())
-    length = max(gap_m[at], 0.0) / max(abs(seen[at] - edge[at]), 1e-9)
-    ends = pose + turn * (edge[at] + np.array([0.0, length]) * (seen[at] - edge[at]))
+    seen, edge, gap = (of[off_m.argmin()] for of in (seen, edge, gap_m))
+    ends = pose + turn * (edge + np.array([0, max(gap, 0.0) / max(abs(seen - edge), 1e-9)]) * (seen - edge))
     return {"line": (ends[0].real, ends[0].imag, ends[1].real, ends[1].imag)}
 
 
-def _gaps(run: Run) -> list[view.Moment]:
+def _gaps(run: Run) -> Iterator[view.Moment]:
     """Where positions are missing, the longest first."""
     rows = _located(run.table("poses"))
     seconds = np.zeros(1) if rows is None else rows["seconds"].to_numpy()
-    steps_s = np.diff(seconds)
-    longest = [at for at in np.argsort(-steps_s)[:MOST_CONTACTS].tolist() if steps_s[at] > view.GAP_S]
-    return [
-        view.Moment(float(seconds[at]), "no position for", f"{sig(float(steps_s[at]), 2)} s", "gap") for at in longest
-    ]
+    for at in np.argsort(-np.diff(seconds))[:MOST_CONTACTS].tolist():
+        if (gap_s := float(seconds[at + 1] - seconds[at])) > view.GAP_S:
+            yield view.Moment(float(seconds[at]), "no position for", f"{sig(gap_s, 2)} s", "gap")
 
 
 def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
@@ -357,18 +338,16 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
     t_ns, seconds, tags, bound_m, x_m, y_m = columns_of(track, "t_ns seconds tag bound_m error_x_m error_y_m")
     error_m = np.hypot(x_m, y_m)
     beyond = np.divide(error_m, bound_m, out=np.zeros(len(track)), where=bound_m > 0)
-    worst = [int(np.where(tags == tag, error_m, -1.0).argmax()) for tag in np.unique(tags).tolist()]
-    several = [
-        (at, f"worst error of tag {tags[at]}", f"{sig(float(error_m[at]))} m", f"tag {tags[at]}") for at in worst
-    ]
+    found = []
     if (most := float(beyond.max(initial=0.0))) > 1:
-        first = int(beyond.argmax()), "farthest outside of the 95 % bound", f"{sig(most, 2)} × the bound", "bound"
-        several = [first, *(several if len(several) > 1 else [])]
-    elif len(several) < 2:
-        return
-    for at, what, value, name in several:
-        drawn = _claimed_error(run, "track", int(t_ns[at]), int(tags[at]))
-        yield view.Moment(float(seconds[at]), what, value, name, (LATE,), **drawn)
+        found.append((beyond.argmax(), "farthest outside of the 95 % bound", f"{sig(most, 2)} × the bound", "bound"))
+    known = np.unique(tags).tolist()
+    for tag in known if len(known) > 1 else []:
+        at = np.where(tags == tag, error_m, -1.0).argmax()
+        found.append((at, f"worst error of tag {tag}", f"{sig(float(error_m[at]))} m", f"tag {tag}"))
+    for at, *words in found:
+        drawn = _claimed_error(run, "track", int(t_ns[at]), tag=int(tags[at]))
+        yield view.Moment(float(seconds[at]), *words, (LATE,), **drawn)
 
 
 _ROLES = {

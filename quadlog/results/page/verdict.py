@@ -59,16 +59,12 @@ _LACKING = ("stopped after position: no topic is fit to be the lidar", "no groun
 
 def matters(run: Run) -> list[str]:
     """The warnings that change what a reader may use: not what a log lacks, nor what holds of little of it."""
-    return [
-        text for text in run.record.warnings if not any(words in text for words in _LACKING) and not _is_little(text)
-    ]
+    return [of for of in run.record.warnings if not (any(words in of for words in _LACKING) or _is_little(of))]
 
 
 def _is_little(warning: str) -> bool:
     found = _SHARE.search(warning)
-    if found is None:
-        return False
-    part, whole = (int(found[1]), int(found[2])) if found[1] else (int(found[4]), int(found[3]))
+    part, whole = sorted(map(int, filter(None, found.groups()))) if found else (1, 1)
     return part <= LITTLE * whole
 
 
@@ -195,19 +191,20 @@ def _meaning(run: Run, control: DataFrame, clearances: DataFrame | None) -> str:
     poses, target = run.table("poses"), run.table("target")
     if poses is None or clearances is None or not _follows(target) or np.ptp(control["seconds"]) < 1:
         return ""
-    seconds, x_m, y_m = columns_of(target, "seconds x_m y_m")
-    at_s = poses["seconds"].to_numpy()
-    there_m = np.interp(at_s, seconds, x_m), np.interp(at_s, seconds, y_m)
-    ours_m = clearances["target_distance_m"].dropna().to_numpy()
-    theirs_m = np.hypot(poses["x_m"] - there_m[0], poses["y_m"] - there_m[1]).dropna().to_numpy()
-    ends = [float(np.median(of[rows])) for of in (ours_m, theirs_m) if len(of)
-            for rows in (slice(max(len(of) // 10, 1)), slice(-max(len(of) // 10, 1), None))]  # fmt: skip
-    if len(ends) < 4 or ends[1] - ends[0] - (ends[3] - ends[2]) < BEHIND_M:
+    away_m = [poses[axis] - np.interp(poses["seconds"], target["seconds"], target[axis]) for axis in ("x_m", "y_m")]
+    walks = [of[np.isfinite(of)] for of in (clearances["target_distance_m"].to_numpy(), np.hypot(*away_m).to_numpy())]
+    tenths = [max(len(of) // 10, 1) for of in walks]
+    if not all(map(len, walks)):
         return ""
-    ours, theirs = (walked_m(of) / max(_lasted_s(of), 1e-9) for of in (control, poses))
-    speeds = f"{sig(ours, 2)} and {sig(theirs, 2)} m/s"
-    apart = f"{sig(ends[0], 2)} m from its target at first, {sig(ends[1], 2)} m in the end"
-    return f" It falls behind the recorded robot ({speeds}): {apart}; the recorded one {sig(ends[3], 2)} m."
+    first_m, theirs_first_m = (float(np.median(of[:tenth])) for of, tenth in zip(walks, tenths, strict=True))
+    last_m, theirs_last_m = (float(np.median(of[-tenth:])) for of, tenth in zip(walks, tenths, strict=True))
+    if last_m - first_m - (theirs_last_m - theirs_first_m) < BEHIND_M:
+        return ""
+    ours, theirs = (sig(walked_m(of) / max(_lasted_s(of), 1e-9), 2) for of in (control, poses))
+    apart = f"{sig(first_m, 2)} m from its target at first, {sig(last_m, 2)} m in the end"
+    return (
+        f" It falls behind the recorded robot ({ours} and {theirs} m/s): {apart}; that one {sig(theirs_last_m, 2)} m."
+    )
 
 
 def _positions(run: Run) -> Iterator[Sentence]:
