@@ -64,22 +64,19 @@ const openScene = (place, scene, block) => {
   });
   addPointer(stage, view, changed, moves && clock);
   if (!moves) return null;
-  const groups = groupsOf(scene.moments);
+  // An open moment: its words and those of others at its instant; the view goes there, or stays for the first one.
   const openMoment = (moment, closely = true) => {
     const same = scene.moments.filter(({ seconds }) => Math.abs(seconds - moment.seconds) < 0.0015);
-    const drawn = moment.line.length ? moment : (same.find(({ line }) => line.length) ?? moment);
-    opened = { ...drawn, words: same.map(({ what, value }) => `${what} ${value}`).join("; "), ...(closely ? {} : { shows: [] }) };
-    if (closely) (view.open(moment), (fitted = false));
+    const drawn = [moment, ...same].find(({ line }) => line.length) ?? moment;
+    opened = { ...drawn, words: same.map(wordsOf).join("; "), ...(closely ? {} : { shows: [] }) };
+    if (closely) (view.open(drawn), (fitted = false));
     clock.pause();
     clock.set(moment.seconds);
   };
-  const momentAt = (instant) => scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
+  const groups = groupsOf(scene.moments);
   const turn = (by) => {
-    const near = (at) => Math.abs(groups[at][0].seconds - clock.now) < 0.0015;
-    const later = groups.findIndex(([{ seconds }]) => seconds > clock.now);
-    const next = later < 0 ? groups.length : later;
-    const at = by > 0 ? next : next - 1 - (next > 0 && near(next - 1) ? 1 : 0);
-    if (groups[at]) openMoment(groups[at][0]);
+    const beyond = groups.filter(([{ seconds }]) => by * (seconds - clock.now) > 0.0015);
+    if (beyond.length) openMoment(beyond.at(by > 0 ? 0 : -1)[0]);
   };
   const player = addTransport(timeline, scene, clock, groups, openMoment, turn);
   clock.listeners.push(draw);
@@ -89,11 +86,11 @@ const openScene = (place, scene, block) => {
     const shown = opened && claim.hidden === false;
     return { ...(fitted || shown ? {} : { view: view.place().map((value) => value.toFixed(2)).join() }), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
   };
-  const restore = (instant, { view: wanted, layers }) => {
-    const moment = momentAt(instant);
+  const restore = (instant, { view: wanted, layers }, closely = true) => {
+    const moment = scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
     if (layers) for (const layer of view.layers) layer.hidden = known.get(layer) !== layers.split("~").includes(layer.label);
     legend.mark();
-    if (moment && !wanted) openMoment(moment);
+    if (moment && !wanted) openMoment(moment, closely);
     else clock.set(instant);
     if (wanted) changed(() => view.place(wanted.split(",").map(Number)));
   };
@@ -102,13 +99,10 @@ const openScene = (place, scene, block) => {
     [claim.textContent, claim.hidden] = ["link copied", false];
   };
   const keys = { ...player, f: () => follow.click(), 0: () => walk.click(), a: () => whole.click(), c: copy, "[": () => turn(-1), "]": () => turn(1) };
-  const start = () => {
-    const instant = Number(place.dataset.start ?? from);
-    const moment = momentAt(instant);
-    if (clock.now === null) moment ? openMoment(moment, false) : clock.set(instant);
-  };
-  return { stage, keys, clock, state, restore, start };
+  return { stage, keys, clock, state, restore, start: () => clock.now ?? restore(Number(place.dataset.start ?? from), {}, false) };
 };
+
+const wordsOf = ({ what, value }) => `${what} ${value}`;
 
 // Moments within half a second of the first one are one dot of the timeline.
 const groupsOf = (moments) => {
@@ -226,8 +220,7 @@ const addTransport = (place, scene, clock, groups, openMoment, step) => {
       strip.append(mark);
     }
     for (const group of row ? [] : groups) {
-      const title = group.map(({ what, value }) => `${what} ${value}`).join("\n");
-      const mark = element("i", { class: "moment", title, onclick: () => openMoment(group[0]) });
+      const mark = element("i", { class: "moment", title: group.map(wordsOf).join("\n"), onclick: () => openMoment(group[0]) });
       mark.style.left = share(group[0].seconds);
       strip.append(mark);
     }

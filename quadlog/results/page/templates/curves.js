@@ -62,10 +62,11 @@ const openAxis = (column) => {
   const stretch = stretchOf(group, TIME);
   const place = element("div", { class: "axis", "aria-hidden": "true" });
   column.prepend(place);
-  const axis = { side: 0, stroke: () => paint("soft"), grid: { show: false }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 2, size: 18, values: seconds };
-  const none = { size: 48, values: () => [], grid: { show: false }, ticks: { show: false } };
+  const none = { show: false };
+  const bare = { stroke: () => paint("soft"), grid: none, ticks: none, font: "12px system-ui, sans-serif" };
+  const axes = [{ ...bare, side: 0, gap: 2, size: 18, values: seconds }, { ...bare, size: 48, values: () => [] }];
   const scales = { x: { time: false, range: () => stretch.shown }, y: { range: () => [0, 1] } };
-  const chart = new uPlot({ width: column.clientWidth, height: 20, padding: [0, 8, 0, 0], legend: { show: false }, cursor: { show: false }, scales, axes: [axis, none], series: [{}, {}] }, [stretch.whole, [null, null]], place);
+  const chart = new uPlot({ width: column.clientWidth, height: 20, padding: [0, 8, 0, 0], legend: none, cursor: none, scales, axes, series: [{}, {}] }, [stretch.whole, [null, null]], place);
   stretch.charts.push(chart);
   onWidth(place, (width) => chart.setSize({ width, height: 20 }));
   redraws.push(() => chart.redraw(false, true));
@@ -170,11 +171,7 @@ const optionsOf = (panel, group, height, last, stretch, over) => {
 };
 
 // The names of a legend are buttons that show and hide their curves.
-const nameSeries = (chart) => {
-  for (const name of chart.root.querySelectorAll(".u-label")) {
-    name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent));
-  }
-};
+const nameSeries = ({ root }) => root.querySelectorAll(".u-label").forEach((name) => name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent)));
 
 // Each series is read off at its own nearest sample: others may have samples in between. Where it has none near there is
 // no value: in and beside gaps, at single points farther than a gap, and of events at the instant of another sample.
