@@ -113,9 +113,10 @@ def _gait(run: Run) -> Iterator[Panel]:
     if joints is None or joints[[*CONTACTS]].isna().all(axis=None):
         return
     bodies = [(joints, CONTACTS, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
-    for below, (table, columns, label, color) in enumerate(of for of in bodies if of[0] is not None):
-        rates = []
-        for leg, column in enumerate(columns):
+    for below, (table, columns, label, color) in enumerate(bodies):
+        rates = [np.empty((2, 0))]
+        for leg, column in enumerate(columns if table is not None else ()):
+            assert table is not None
             seconds, pressed = break_gaps(*(table[name].to_numpy() for name in ("seconds", column)))
             stands = np.where(np.isfinite(pressed), pressed > 0.5, np.nan)
             row = np.where(stands == 1, leg + 0.25 * below, np.nan)

@@ -37,7 +37,8 @@ def walk_scene(run: Run) -> view.Scene | None:
         return None
     layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_errors(run), *_contacts(run)]
-    walked = [(way.x, way.y) for way in [*ways, *tracks]]
+    moved: list[view.Lines | view.Track] = [*ways, *tracks]
+    walked = [(way.x, way.y) for way in moved]
     left, right, bottom, top = view.extent_of(*walked, margin=0.0)
     side = max(right - left, top - bottom)
     extent = view.extent_of(*walked, margin=min(AROUND_M, max(AROUND_SHARE * side, 0.5)))
@@ -46,9 +47,8 @@ def walk_scene(run: Run) -> view.Scene | None:
     whole = view.extent_of(*walked, *seen, *places, margin=AROUND_M)  # type: ignore[arg-type]
     if walls and side < STANDS_M:
         extent = _filled(walls[0])
-    body = run.config.robot.length_m, run.config.robot.width_m
-    activity = list(_activity(run))
-    return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=activity)
+    body, known = (run.config.robot.length_m, run.config.robot.width_m), list(_activity(run))
+    return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=known)
 
 
 def _tracks(run: Run) -> Iterator[view.Track]:
@@ -345,9 +345,9 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
     for tag in known if len(known) > 1 else []:
         at = np.where(tags == tag, error_m, -1.0).argmax()
         found.append((at, f"worst error of tag {tag}", f"{sig(float(error_m[at]))} m", f"tag {tag}"))
-    for at, *words in found:
+    for at, what, value, name in found:
         drawn = _claimed_error(run, "track", int(t_ns[at]), tag=int(tags[at]))
-        yield view.Moment(float(seconds[at]), *words, (LATE,), **drawn)
+        yield view.Moment(float(seconds[at]), what, value, name, (LATE,), **drawn)
 
 
 _ROLES = {
