@@ -11,10 +11,11 @@ import numpy as np
 
 from quadlog.errors import CannotWrite
 from quadlog.geometry import yaw_from_quat
+from quadlog.metrics.walking import stance_where
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, scan_scene, walk_scene
-from quadlog.results.tables import CONTACTS
+from quadlog.results.tables import CONTACTS, FOOT_FORCES
 from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps, in_gaps
 from quadlog.storage.atomic_write import write_whole
 
@@ -108,24 +109,29 @@ def _with_rates(table: DataFrame) -> DataFrame:
 
 
 def _gait(run: Run) -> Iterator[Panel]:
-    """When each foot was on the ground, and how often it touched down."""
+    """When each foot was on the ground, by what it carries as in the metrics, and how often it touched down."""
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
+
     joints, stances, strides = run.table("joints"), list[Series](), list[Series]()
-    if joints is None or joints[[*CONTACTS]].isna().all(axis=None):
+    if joints is None:
         return
-    bodies = [(joints, CONTACTS, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
+    columns = CONTACTS if joints[[*FOOT_FORCES]].isna().all(axis=None) else FOOT_FORCES
+    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
     for below, (table, columns, label, color) in enumerate(bodies):
-        rates = [np.empty((2, 0))]
-        for leg, column in enumerate(columns if table is not None else ()):
-            assert table is not None
-            seconds, pressed = break_gaps(*(table[name].to_numpy() for name in ("seconds", column)))
-            stands = np.where(np.isfinite(pressed), pressed > 0.5, np.nan)
+        carried = np.empty((0, 4)) if table is None else table[[*columns]].to_numpy(float)
+        if table is None or np.isnan(carried).all():
+            continue
+        carried, least = (carried, 0.5) if columns is CONTACTS else (share_of_usual(carried), CARRIES_SHARE)
+        rates, stance = [], stance_where(table["t_ns"].to_numpy(), carried, least)
+        seconds, *legs = break_gaps(table["seconds"].to_numpy(), *stance.T)
+        for leg, stands in enumerate(legs):
             row = np.where(stands == 1, leg + 0.25 * below, np.nan)
             stances.append(Series(f"{_LEGS[leg]}, {label}", color, seconds, row))
             down_s = seconds[1:][np.diff(stands) == 1]
             rates.append(np.stack([down_s[1:], 1 / np.diff(down_s)]))
         at_s, often_hz = (found := np.concatenate(rates, axis=1))[:, found[0].argsort()]
         strides += [Series(label, color, at_s, often_hz, "points", events=True)] if len(at_s) else []
-    yield Panel("feet on the ground", stances, rows=_LEGS)
+    yield Panel("feet on the ground", stances, rows=("FL", "FR", "RL", "RR"))
     yield Panel("strides (Hz)", strides, zero=True, robust=True)
 
 

@@ -6,6 +6,7 @@ const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
 const TIME = "time (s)";
 
+const MOST_LETTERS = 75; // of a title and a legend in one line
 const inPrint = matchMedia("print");
 
 // Beside a map on a wide screen titles and values lie over the plots, and all have one time axis above them.
@@ -30,10 +31,12 @@ const openCurves = (places, { columns }) => {
   for (const place of places) {
     const { group, panels } = pageData.charts[place.dataset.chart];
     for (const panel of panels) {
+      const letters = panel.series.reduce((sum, { label, style }) => sum + (style === "band" || panel.rows.length ? 0 : label.length + 7), panel.what.length);
+      const over = liesOver(place) && letters < MOST_LETTERS;
       const words = element("p", { class: "what" }, panel.what);
       if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
       const plot = element("div", { class: "plot" });
-      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, words, plot));
+      place.append(element("div", { class: `panel${panel.lane ? " lane" : ""}${over ? " over" : ""}` }, words, plot));
       const few = panel.series.every(({ y }) => columns[y].filter(Number.isFinite).length < 2);
       if (few) {
         const only = ({ label, y }) => `${label} ${short(columns[y].find(Number.isFinite) ?? NaN, 3)}`;
@@ -41,7 +44,6 @@ const openCurves = (places, { columns }) => {
         continue;
       }
       const last = panel === panels.at(-1);
-      const over = liesOver(place);
       const plain = over ? HEIGHTS.over : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
       const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + (over ? 24 : 56) : panel.lane ? HEIGHTS.lane : plain;
       plot.style.minHeight = `${height}px`;
@@ -99,7 +101,7 @@ const optionsOf = (panel, group, height, last, stretch, over) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
-  const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
+  const names = rows && { ...axis(panel.x === TIME ? 48 : Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
   const widened = ([low, high]) => panel.log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)];
   const below = () => (last && (!over || inPrint.matches) ? (panel.x === TIME ? 20 : 34) : 6);
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
