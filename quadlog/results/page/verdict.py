@@ -46,7 +46,7 @@ def status(run: Run) -> tuple[str, State]:
     warnings = f", {warn} warning{'s' * (warn > 1)}" if warn else ""
     if bad:
         return f"{bad} thing{'s' * (bad > 1)} to look at{warnings}", "bad"
-    return (f"usable{warnings}", "warn") if warn else ("done", "good")
+    return f"usable{warnings}", "warn" if warn else "good"
 
 
 LITTLE = 0.05

@@ -111,20 +111,20 @@ MOUNT = "lidar.mount is neither configured nor in tf: the lidar is taken to sit 
 NO_LIDAR = "stopped after position: no topic is fit to be the lidar"
 NO_TARGET = "no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic"
 JUDGED = {
-    "fixture": ("done", ["tag 0: of 600 epochs, 2 with fewer than three ranges give no fix"]),
+    "fixture": ("usable", ["tag 0: of 600 epochs, 2 with fewer than three ranges give no fix"]),
     "many epochs without a fix": ("usable, 1 warning", ["tag 0: of 600 epochs, 60 with fewer than three ranges"]),
-    "jackal": ("done", [NO_LIDAR]),
-    "cleanest_avoid": ("done", ["5 of 269 scans: fewer than 20 points on the ground or on obstacles", FLAT, PLANE]),
+    "jackal": ("usable", [NO_LIDAR]),
+    "cleanest_avoid": ("usable", ["5 of 269 scans: fewer than 20 points on the ground or on obstacles", FLAT, PLANE]),
     "anlam_hallway": ("usable, 2 warnings", ["590 of 881 scans show surfaces that face one way", MOUNT, FLAT, PLANE]),
     "everardo_obst": ("usable, 1 warning", [FLAT, PLANE], 0.0045),
-    "evo_tf_example, husky_le, traj_toolkit": ("done", [NO_LIDAR]),
+    "evo_tf_example, husky_le, traj_toolkit": ("usable", [NO_LIDAR]),
     "gruhl_laser": ("usable, 3 warnings", [
         "13 of 867 scans have fewer than 10 returns or match nothing seen before: no pose is given there",
         "853 of 867 scans show surfaces that face one way", MOUNT, FLAT, PLANE,
         "13 scans are not in the map: no pose within 0.5 s of them"]),
-    "latched_pose": ("done", ["/amcl_pose: 1 stamp from outside of the log (latched, or wrong)", NO_LIDAR]),
+    "latched_pose": ("usable", ["/amcl_pose: 1 stamp from outside of the log (latched, or wrong)", NO_LIDAR]),
     "lidarme": ("usable, 2 warnings", ["366 of 485 scans show surfaces that face one way", MOUNT, FLAT, NO_TARGET]),
-    "obst_test": ("done", [FLAT, NO_TARGET]),
+    "obst_test": ("usable", [FLAT, NO_TARGET]),
     "philip_nav": ("usable, 2 warnings", [MOUNT, FLAT, PLANE], 0.018),
     "ron_map": ("usable, 1 warning", [MOUNT, FLAT, PLANE]),
     "shohei_data": ("usable, 1 warning", ["7 of 301 scans are not levelled: tilted by more than 40 degrees",
