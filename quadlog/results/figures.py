@@ -110,11 +110,11 @@ def _with_rates(table: DataFrame) -> DataFrame:
 
 def _gait(run: Run) -> Iterator[Panel]:
     """When each foot was on the ground, by what it carries as in the metrics, and how often it touched down."""
-    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual
-
     joints, stances, strides = run.table("joints"), list[Series](), list[Series]()
     if joints is None:
         return
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual  # slow to import
+
     columns = CONTACTS if joints[[*FOOT_FORCES]].isna().all(axis=None) else FOOT_FORCES
     bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
     for below, (table, columns, label, color) in enumerate(bodies):

@@ -261,27 +261,30 @@ AGREES_M = 0.01
 
 def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
     """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
-    robot, body, truth = _row(run, "poses", t_ns), _row(run, "control", t_ns), run.trajectory("reference")
+    walked = name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
+    body = _row(run, "control", t_ns) if walked else None
+    robot, truth = (_row(run, "poses", t_ns), run.trajectory("reference")) if name == "ate_rmse_m" else (None, None)
     drawn: dict[str, Any] = {}
     if name in ("uwb_rmse_m", "uwb_nees", "uwb_coverage_95"):
         drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
-    elif name == "ate_rmse_m" and robot is not None and truth is not None:
+    elif robot is not None and truth is not None:
         nearest_m = truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin())].tolist()
         drawn = {"line": (robot.x_m, robot.y_m, *nearest_m[:2])}
-    elif name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m") and body is not None:
-        drawn = {"line": (body.x_m, body.y_m, body.ref_x_m, body.ref_y_m)}
-    elif name == "clearance_min_m" and body is not None:
+    elif body is not None and name == "clearance_min_m":
         drawn, worst = _nearest_obstacle(run, worst, t_ns, body), max(worst, 0.0)
+    elif body is not None:
+        drawn = {"line": (body.x_m, body.y_m, body.ref_x_m, body.ref_y_m)}
     x0, y0, x1, y1 = drawn.get("line", [np.nan] * 4)
     agrees = abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M
     return drawn if agrees or name in ("uwb_nees", "uwb_coverage_95") else {}
 
 
 def _row(run: Run, name: str, t_ns: int, **equal: Any) -> Any:
-    """The first row of a table at an instant in which columns equal these, as a named tuple; None without one."""
+    """The first row of a table at an instant in which columns equal these; None without one."""
     table = run.table(name)
-    rows = iter(()) if table is None else table[table["t_ns"] == t_ns].itertuples()
-    return next((row for row in rows if all(getattr(row, key) == of for key, of in equal.items())), None)
+    at = np.empty(0, int) if table is None else np.flatnonzero(table["t_ns"].to_numpy() == t_ns)
+    rows = (table.iloc[k] for k in at.tolist() if all(table[key].iat[k] == of for key, of in equal.items()))  # type: ignore[union-attr,index]
+    return next(rows, None)
 
 
 def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str, Any]:

@@ -65,6 +65,8 @@ answer(async () => {
   point(canvas, "wheel", [0.3, 0.3], { deltaY: -300 });
   const after = [read([0.3, 0.3]), read([0.6, 0.6])];
   say.zoom = { fixed: before[0].map((value, axis) => value - after[0][axis]), factor: (before[1][0] - before[0][0]) / (after[1][0] - after[0][0]) };
+  await wait(600);
+  say.zoomed = location.hash;
   press("0");
   say.all = read([0.3, 0.3]).map((value, axis) => value - before[0][axis]);
 

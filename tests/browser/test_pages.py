@@ -50,6 +50,7 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert say["target"][1] == 0 < say["target"][0] == say["target"][2]
     assert say["zoom"]["fixed"] == pytest.approx([0, 0], abs=0.03)
     assert say["zoom"]["factor"] == pytest.approx(np.e, rel=0.05)
+    assert "view=" in say["zoomed"]
     assert say["all"] == pytest.approx([0, 0], abs=0.03)
     assert say["clicked"] == pytest.approx(3.98 / 4, abs=0.05)
     assert say["samples"] == 200

@@ -14,7 +14,7 @@ const openScene = (place, scene, block) => {
   const known = new Map(view.layers.map((layer) => [layer, layer.hidden ?? false])); // as they were at first
   const claim = element("output", { class: "tip claim", hidden: true });
   let opened = null;
-  let fitted = true;
+  let [fitted, own] = [true, false]; // whether the view is the first one, and whether the reader chose it
   const draw = () => {
     const instant = moves ? (clock.now ?? from) : until;
     const moment = opened && Math.abs(opened.seconds - instant) < 0.0015 ? opened : null;
@@ -23,7 +23,7 @@ const openScene = (place, scene, block) => {
     view.draw(instant, moment);
   };
   const changed = (act) => {
-    fitted = false;
+    [fitted, own] = [false, true];
     act();
     draw();
     follow.setAttribute("aria-pressed", String(view.follows()));
@@ -31,7 +31,7 @@ const openScene = (place, scene, block) => {
   };
   const fit = () => {
     view.fit(scene.extent);
-    fitted = true;
+    [fitted, own] = [true, false];
   };
   const follow = button("follow", "follow the robot (F)", () => changed(() => (view.follows() ? fit() : view.near(12))), { "aria-pressed": "false" });
   const walk = button("walk", "show the walk (0)", () => changed(fit));
@@ -69,7 +69,7 @@ const openScene = (place, scene, block) => {
     const same = scene.moments.filter(({ seconds }) => Math.abs(seconds - moment.seconds) < 0.0015);
     const drawn = [moment, ...same].find(({ line }) => line.length) ?? moment;
     opened = { ...drawn, words: same.map(wordsOf).join("; "), ...(closely ? {} : { shows: [] }) };
-    if (closely) (view.open(drawn), (fitted = false));
+    if (closely) (view.open(drawn), ([fitted, own] = [false, false]));
     clock.pause();
     clock.set(moment.seconds);
   };
@@ -83,8 +83,7 @@ const openScene = (place, scene, block) => {
   // What the address of the page says beside the instant.
   const state = () => {
     const toggled = view.layers.filter((layer) => (layer.hidden ?? false) !== known.get(layer)).map(({ label }) => label);
-    const shown = opened && claim.hidden === false;
-    return { ...(fitted || shown ? {} : { view: view.place().map((value) => value.toFixed(2)).join() }), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
+    return { ...(own ? { view: view.place().map((value) => value.toFixed(2)).join() } : {}), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
   };
   const restore = (instant, { view: wanted, layers }, closely = true) => {
     const moment = scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
