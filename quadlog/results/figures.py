@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.errors import CannotWrite
+from quadlog.geometry import yaw_from_quat
+from quadlog.metrics.walking import stance_where
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, scan_scene, walk_scene
-from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps
+from quadlog.results.tables import CONTACTS, FOOT_FORCES
+from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps, in_gaps
 from quadlog.storage.atomic_write import write_whole
 
 if TYPE_CHECKING:
@@ -48,33 +52,107 @@ def _series(table: DataFrame, curves: str) -> list[Series]:
     return found
 
 
-def _points(table: DataFrame, column: str, label: str, color: str) -> list[Series]:
+def _points(table: DataFrame, column: str, label: str, color: str, events: bool = False) -> list[Series]:
     """Points of a column of these rows; nothing without rows."""
     seconds, values = (table[name].to_numpy(float) for name in ("seconds", column))
-    return [Series(label, color, seconds, values, "points")] if len(table) else []
+    return [Series(label, color, seconds, values, "points", events=events)] if len(table) else []
 
 
-def tracking_error(run: Run) -> list[Panel] | None:
-    """Distances to path and schedule with their mean and deviation."""
-    control = run.table("control")
-    if control is None:
+DASHED = {"text": 1, "olive": 2}
+RATE_OVER_S = 0.5
+"""Speeds and rates are differences of positions so far apart."""
+
+
+def moved(panels: Mapping[str, str], gait: bool = False) -> Callable[[Run], list[Panel] | None]:
+    """A maker of panels by quantity and column of poses: recorded, simulated, the truth and another estimate."""
+    return lambda run: with_curves([*_moved(run, panels), *(_gait(run) if gait else ())])
+
+
+def _moved(run: Run, wanted: Mapping[str, str]) -> Iterator[Panel]:
+    """Those in which the recorded robot moves."""
+    poses = run.table("poses")
+    if poses is None or run.simulated or set(poses["source"].unique()) == {"fixed"}:
+        return
+    bodies = {"recorded, robot": poses, "simulated, resim": run.table("control"), "reference, text": _truth(run),
+              "other track, olive": run.table("other_poses")}  # fmt: skip
+    moved = {look: _with_rates(table) for look, table in bodies.items() if table is not None}
+    for what, column in wanted.items():
+        if moved["recorded, robot"][column].nunique() > 1:
+            curves_of = (_series(table, f"{column}, {look}") for look, table in moved.items() if column in table)
+            series = [replace(one, variant=DASHED.get(one.color, 0)) for of in curves_of for one in of]
+            yield Panel(what, series, zero=column == "speed")
+
+
+def _truth(run: Run) -> DataFrame | None:
+    """The reference as a table like poses; None without one in the same frame."""
+    from pandas import DataFrame
+
+    truth = run.trajectory("reference")
+    if truth is None or run.metric("ate_rmse_m") is None:
         return None
-    changes = _reference_changes(run, control)
-    panels = []
-    for column, what, mean, deviation in (
-        ("error_m", "distance to the path (m)", "eta_m", "sigma_m"),
-        ("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m"),
-    ):
-        series = _series(control, f"{column}, distance, resim")
+    places = dict(zip(("x_m", "y_m", "z_m"), truth.position_m.T, strict=True))
+    return DataFrame({"seconds": run.seconds(truth.t_ns), **places, "yaw_rad": yaw_from_quat(truth.quat_xyzw)})
+
+
+def _with_rates(table: DataFrame) -> DataFrame:
+    """A table of poses, yaw without jumps by turns, with speed and yaw_rate_rad over RATE_OVER_S, NaN in gaps."""
+    seconds, yaw_rad = table["seconds"].to_numpy(), table["yaw_rad"].to_numpy(float, copy=True)
+    known, rows = np.isfinite(yaw_rad), np.arange(len(table))
+    yaw_rad[known] = np.unwrap(yaw_rad[known])
+    side = max(1, round(RATE_OVER_S / 2 / max(np.median(np.diff(seconds)), 1e-3))) if len(rows) > 1 else 1
+    before, after = np.maximum(rows - side, 0), np.minimum(rows + side, len(rows) - 1)
+    step_s = seconds[after] - seconds[before]
+    step_s[in_gaps(step_s) | (step_s <= 0)] = np.nan
+    place_m = table["x_m"].to_numpy() + 1j * table["y_m"].to_numpy()
+    speed, rate = np.abs(place_m[after] - place_m[before]) / step_s, (yaw_rad[after] - yaw_rad[before]) / step_s
+    return table.assign(speed=speed, yaw_rad=yaw_rad, yaw_rate_rad=rate)
+
+
+def _gait(run: Run) -> Iterator[Panel]:
+    """When each foot was on the ground, by what it carries as in the metrics, and how often it touched down."""
+    joints, stances, strides = run.table("joints"), list[Series](), list[Series]()
+    if joints is None:
+        return
+    from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual  # slow to import
+
+    columns = CONTACTS if joints[[*FOOT_FORCES]].isna().all(axis=None) else FOOT_FORCES
+    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
+    for below, (table, columns, label, color) in enumerate(bodies):
+        carried = np.empty((0, 4)) if table is None else table[[*columns]].to_numpy(float)
+        if table is None or np.isnan(carried).all():
+            continue
+        carried, least = (carried, 0.5) if columns is CONTACTS else (share_of_usual(carried), CARRIES_SHARE)
+        rates, stance = [], stance_where(table["t_ns"].to_numpy(), carried, least)
+        seconds, *legs = break_gaps(table["seconds"].to_numpy(), *stance.T)
+        for leg, stands in enumerate(legs):
+            row = np.where(stands == 1, leg + 0.25 * below, np.nan)
+            stances.append(Series(f"{_LEGS[leg]}, {label}", color, seconds, row))
+            down_s = seconds[1:][np.diff(stands) == 1]
+            rates.append(np.stack([down_s[1:], 1 / np.diff(down_s)]))
+        at_s, often_hz = (found := np.concatenate(rates, axis=1))[:, found[0].argsort()]
+        strides += [Series(label, color, at_s, often_hz, "points", events=True)] if len(at_s) else []
+    yield Panel("feet on the ground", stances, rows=("FL", "FR", "RL", "RR"))
+    yield Panel("strides (Hz)", strides, zero=True, robust=True)
+
+
+def error_curve(column: str, what: str, mean: str, deviation: str) -> Callable[[Run], list[Panel] | None]:
+    """A maker of a panel of a distance of control, with its mean and deviation."""
+
+    def make(run: Run) -> list[Panel] | None:
+        control = run.table("control")
+        series = [] if control is None else _series(control, f"{column}, distance, resim")
         eta_m, sigma_m = run.metric(mean), run.metric(deviation)
-        if series and eta_m is not None and len(control) > 1:
+        if control is None or not series:
+            return None
+        if eta_m is not None and len(control) > 1:
             ends, ones = control["seconds"].to_numpy()[[0, -1]], np.ones(2)
             if sigma_m is not None:
                 low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
-        panels.append(Panel(what, series, zero=True, marks=changes))
-    return with_curves(panels)
+        return [Panel(what, series, zero=True, marks=_reference_changes(run, control))]
+
+    return make
 
 
 def _reference_changes(run: Run, control: DataFrame) -> Array:
@@ -88,6 +166,7 @@ def _reference_changes(run: Run, control: DataFrame) -> Array:
 
 
 _LEGS = ("front left", "front right", "rear left", "rear right")
+_FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 
 
 def search(run: Run) -> list[Panel] | None:
@@ -98,8 +177,8 @@ def search(run: Run) -> list[Panel] | None:
         if plans is None or run.simulated:
             continue
         series = _series(plans, "generated, generated, note; expanded, expanded, robot")
-        series += _points(plans[plans["from_scratch"]], "expanded", "from scratch", "target")
-        series += _points(plans[~plans["found"]], "expanded", "no path", "bad")
+        series += _points(plans[plans["from_scratch"]], "expanded", "from scratch", "target", True)
+        series += _points(plans[~plans["found"]], "expanded", "no path", "bad", True)
         panels.append(Panel(f"cells per replan, {walk}", series, zero=True))
     return with_curves(panels)
 
@@ -113,8 +192,8 @@ def ranges(run: Run) -> list[Panel] | None:
     several = table["tag"].nunique() > 1
     panels = []
     for (tag, anchor), link in table.groupby(["tag", "anchor"]):
-        series = _points(link[~link["late"]], "residual_m", "in line of sight", "robot")
-        series += _points(link[link["late"]], "residual_m", "late (NLOS)", "note")
+        series = _points(link[~link["late"]], "residual_m", "in line of sight", "robot", True)
+        series += _points(link[link["late"]], "residual_m", "late (NLOS)", "note", True)
         what = f"tag {tag}, anchor {anchor} (m)" if several else f"anchor {anchor} (m)"
         panels.append(Panel(what, series, lane=True, robust=True))
     return with_curves(panels)
@@ -130,14 +209,17 @@ def uwb_error(run: Run) -> list[Panel] | None:
     for tag, of_tag in errors.groupby("tag"):
         fixes, track = (of_tag[of_tag["source"] == source] for source in ("fixes", "track"))
         series = _points(fixes, "error_m", "fixes", "fix")
-        series += _series(track, "error_m, track, robot; bound_m, 95 % bound of the track, text")
-        panels.append(Panel(f"distance to the reference, tag {tag} (m)", series, zero=True, robust=True))
+        series += _series(track, "error_m, track, robot; bound_m, 95 % bound, text")
+        panels.append(Panel(f"position error, tag {tag} (m)", series, zero=True, robust=True))
     return with_curves(panels)
 
 
 FIGURES = (
     Figure("trajectory", "Trajectory over the map",
            "Robot, target and simulated robot over the cells that the maps had occupied.", walk_scene),
+    Figure("motion", "Motion", "From positions; speed and yaw rate over 0.5 s.",
+           moved({"speed (m/s)": "speed", "yaw rate (°/s)": "yaw_rate_rad", "yaw (°)": "yaw_rad",
+                  "height (m)": "z_m", "roll (°)": "roll_rad", "pitch (°)": "pitch_rad"}, gait=True)),
     Figure("trot", "Trot along x", "Displacement and Euler angles of the trunk [Foot, Figs 5–6].",
            curves("control", {
                "forward (m)": "x_m, forward, resim", "to the left (m)": "y_m, to the left, resim",
@@ -145,23 +227,26 @@ FIGURES = (
                "Euler angles (°)": "roll_rad, roll, target; pitch_rad, pitch, plan; yaw_rad, yaw, robot",
            }, metric="lateral_drift_m")),
     Figure("tracking_error", "Tracking error",
-           "Of the simulated robot to its reference path [Tracking, eqs 45–47]. Vertical lines: the path is replaced.",
-           tracking_error),
+           "Of the simulated robot [Tracking, eqs 45–47]; dotted: its path is replaced.",
+           error_curve("error_m", "distance to the path (m)", "eta_m", "sigma_m")),
+    Figure("uwb_error", "Position error",
+           "To the reference; below its bound for 95 % of the time if that is right.",
+           uwb_error),
+    Figure("clearance", "Clearance", "From the body to the nearest obstacle, and from the robot to its target.",
+           curves("clearances", {"clearance (m)": "clearance_m, clearance, resim",
+                                 "distance to the target (m)": "target_distance_m, distance, target"})),
     Figure("cross_track", "Errors to the side and in heading", "To the left is positive [Tracking, eq. 47].",
            curves("control", {"cross-track error (m)": "cross_track_m, cross-track, resim",
                               "heading error (°)": "heading_error_rad, heading, resim"})),
-    Figure("uwb_error", "Position error",
-           "To the reference. The track lies below its bound 95 % of the time if its covariance is right.",
-           uwb_error),
+    Figure("schedule", "Error in time", "Distance to the point where the path is at that instant.",
+           error_curve("time_error_m", "distance to the schedule (m)", "eta_time_m", "sigma_time_m")),
+    Figure("place", "Place", "Positions over time.", moved({"x (m)": "x_m", "y (m)": "y_m"})),
     Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
            curves("control", {
                "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
                "speed to the left (m/s)": "vy_mps, reached, resim",
                "yaw rate (rad/s)": "yaw_rate_radps, reached, resim; cmd_yaw_rate_radps, commanded, robot",
            })),
-    Figure("clearance", "Clearance", "From the body to the nearest obstacle, and from the robot to its target.",
-           curves("clearances", {"clearance (m)": "clearance_m, clearance, resim",
-                                 "distance to the target (m)": "target_distance_m, distance, target"})),
     Figure("lookahead", "Look-ahead", "Of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
            curves("control", {"look-ahead (m)": "lookahead_m, look-ahead, robot",
                               "gain": "k_v, k_v, plan; k_w, k_w, target"})),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +15,10 @@ from quadlog.results.text import sig, value_text
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-AROUND_M = 2.0
-"""Margin of the first view around the walk."""
+AROUND_M = 1.5
+"""Margin of the first view around the walk: so much, or less of a short one."""
+AROUND_SHARE = 0.1
+"""Of the longer side of the walk."""
 STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 NEAR_S = 1.0
@@ -35,23 +37,18 @@ def walk_scene(run: Run) -> view.Scene | None:
         return None
     layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_errors(run), *_contacts(run)]
-    extent = _extent(run, [*ways, *tracks], walls)
-    body = run.config.robot.length_m, run.config.robot.width_m
-    return view.Scene(layers, extent, body=body, moments=_moments(run), activity=list(_activity(run)))
-
-
-def _extent(
-    run: Run, ways: Sequence[view.Track | view.Lines], walls: Sequence[view.Raster]
-) -> tuple[float, float, float, float]:
-    """Around the ways and the anchors near them; around all that was seen by a robot that stands."""
-    walked = [(way.x, way.y) for way in ways]
-    left, right, bottom, top = view.extent_of(*walked, margin=AROUND_M)
+    moved: list[view.Lines | view.Track] = [*ways, *tracks]
+    walked = [(way.x, way.y) for way in moved]
+    left, right, bottom, top = view.extent_of(*walked, margin=0.0)
     side = max(right - left, top - bottom)
-    if walls and side < STANDS_M + 2 * AROUND_M:
-        return _filled(walls[0])
-    x_m, y_m = np.array([(anchor.x_m, anchor.y_m) for anchor in run.config.uwb.anchors]).reshape(-1, 2).T
-    near = (np.abs(x_m - (left + right) / 2) < side) & (np.abs(y_m - (bottom + top) / 2) < side)
-    return view.extent_of(*walked, (x_m[near], y_m[near]), margin=AROUND_M)
+    extent = view.extent_of(*walked, margin=min(AROUND_M, max(AROUND_SHARE * side, 0.5)))
+    seen = [((box[0], box[1]), (box[2], box[3])) for box in map(_filled, walls[:1])]
+    places = [([anchor.x_m], [anchor.y_m]) for anchor in run.config.uwb.anchors]
+    whole = view.extent_of(*walked, *seen, *places, margin=AROUND_M)  # type: ignore[arg-type]
+    if walls and side < STANDS_M:
+        extent = _filled(walls[0])
+    body, known = (run.config.robot.length_m, run.config.robot.width_m), list(_activity(run))
+    return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=known)
 
 
 def _tracks(run: Run) -> Iterator[view.Track]:
@@ -157,7 +154,7 @@ def _fixes(run: Run) -> Iterator[view.Layer]:
     seconds = fixes["seconds"].to_numpy()
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
     until = np.minimum(later, seconds + view.GAP_S)
-    yield _ellipses("95 % ellipse of the fix", "fix", fixes, seconds=seconds, until=until)
+    yield _ellipses(ELLIPSES, "fix", fixes, seconds=seconds, until=until)
 
 
 def _late_ranges(run: Run) -> Iterator[view.Layer]:
@@ -222,12 +219,12 @@ def _contacts(run: Run) -> Iterator[view.Layer]:
 
 
 def _moments(run: Run) -> list[view.Moment]:
-    """Contacts, collisions first, and the worst instant of each metric, tag and bound after the first of them."""
+    """Contacts, collisions first, and the worst instant of each metric, tag, bound and gap after the first of them."""
     contacts, table = [], run.table("contacts")
     if table is not None:
-        rows = zip(*columns_of(table, "seconds cause collision"), strict=True)
-        words, shows = ("no collision", "collision"), (OBSTACLES,)
-        contacts = [view.Moment(float(at), cause, words[bool(hit)], shows=shows) for at, cause, hit in rows]
+        words, shows = (("no collision", ""), ("collision", "collisions")), (OBSTACLES,)
+        for at, cause, hit, x_m, y_m in zip(*columns_of(table, "seconds cause collision x_m y_m"), strict=True):
+            contacts.append(view.Moment(float(at), cause, *words[bool(hit)], shows, (), (x_m, y_m, x_m, y_m)))
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
     for theme, names in THEMES.items():
@@ -235,24 +232,104 @@ def _moments(run: Run) -> list[view.Moment]:
             metric, label = run.metrics.get(name), CATALOGUE[name].label
             if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
                 continue
-            seconds = float(run.seconds(np.array([metric.worst_t_ns]))[0])
-            worst = "" if metric.worst is None else value_text(name, abs(metric.worst), metric.unit)
+            seconds, worst = float(run.seconds(np.array([metric.worst_t_ns]))[0]), metric.worst
+            value = "" if worst is None else value_text(name, abs(worst), metric.unit)
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
+            if name == "clearance_min_m" and worst is not None and worst < 0:
+                what, value = "body", f"{value} inside an obstacle"
+            drawn = {} if worst is None else _claim(run, name, float(worst), metric.worst_t_ns)
             # One for all metrics of one error.
-            known.setdefault(seconds, view.Moment(seconds, what, worst, name, _SHOWS.get(theme, ())))
-    worst_ones = [moment for moment in known.values() if moment.name]
-    return [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *contacts[MOST_CONTACTS:]]
+            known.setdefault(seconds, view.Moment(seconds, what, value, name, _SHOWS.get(theme, ()), **drawn))
+    worst_ones = list(known.values())[len(contacts) :]
+    several = [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *_gaps(run), *contacts[MOST_CONTACTS:]]
+    return several[:MOST_MOMENTS]
 
 
 _SHOWS = {"Position": (LATE,), "Walking": (OBSTACLES,)}
 """Layers that the worst instants of a theme show."""
-MOST_CONTACTS = 6
-"""Before the worst instants."""
+MOST_CONTACTS, MOST_MOMENTS = 6, 200
+"""Contacts before the worst instants, and all."""
 _AS_GOOD = frozenset({
     *("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m"),
     *("uwb_nis", "rpe_rmse_m", "reference_time_offset_s"),
 })  # fmt: skip
 """Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
+_FIXES = ("UWB fixes", "outlying fixes", ELLIPSES := "95 % ellipse of the fix")
+AGREES_M = 0.01
+"""A line is drawn for a value that differs from its length by no more."""
+
+
+def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
+    """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
+    walked = name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
+    body = _row(run, "control", t_ns) if walked else None
+    robot, truth = (_row(run, "poses", t_ns), run.trajectory("reference")) if name == "ate_rmse_m" else (None, None)
+    drawn: dict[str, Any] = {}
+    if name in ("uwb_rmse_m", "uwb_nees", "uwb_coverage_95"):
+        drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
+    elif robot is not None and truth is not None:
+        nearest_m = truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin())].tolist()
+        drawn = {"line": (robot.x_m, robot.y_m, *nearest_m[:2])}
+    elif body is not None and name == "clearance_min_m":
+        drawn, worst = _nearest_obstacle(run, worst, t_ns, body), max(worst, 0.0)
+    elif body is not None:
+        drawn = {"line": (body.x_m, body.y_m, body.ref_x_m, body.ref_y_m)}
+    x0, y0, x1, y1 = drawn.get("line", [np.nan] * 4)
+    agrees = abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M
+    return drawn if agrees or name in ("uwb_nees", "uwb_coverage_95") else {}
+
+
+def _row(run: Run, name: str, t_ns: int, **equal: Any) -> Any:
+    """The first row of a table at an instant in which columns equal these; None without one."""
+    table = run.table(name)
+    at = np.empty(0, int) if table is None else np.flatnonzero(table["t_ns"].to_numpy() == t_ns)
+    rows = (table.iloc[k] for k in at.tolist() if all(table[key].iat[k] == of for key, of in equal.items()))  # type: ignore[union-attr,index]
+    return next(rows, None)
+
+
+def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str, Any]:
+    """From a fix, or the track, to the truth, and the 95 % ellipse that it claims."""
+    error = _row(run, "uwb_errors", t_ns, source=source, **of_tag)
+    place, spread = _row(run, "poses", t_ns), _row(run, "pose_uncertainty", t_ns)
+    if error is not None and source == "fixes":
+        place = spread = _row(run, "fixes", t_ns, tag=error.tag)
+    if error is None or place is None:
+        return {}
+    x_m, y_m = place.x_m, place.y_m
+    axes_m = [np.nan] if spread is None else _axes_95(spread.cov_xx_m2, spread.cov_xy_m2, spread.cov_yy_m2)
+    ring = (x_m, y_m, *map(float, axes_m))
+    line = (x_m, y_m, x_m - error.error_x_m, y_m - error.error_y_m)
+    return {"line": line, "ring": ring if np.isfinite(ring).all() else (), "hides": _FIXES}
+
+
+def _nearest_obstacle(run: Run, clearance_m: float, t_ns: int, body: Any) -> dict[str, Any]:
+    """From the simulated body, a rectangle, to the cell that is as near as said; a point where that lies inside."""
+    maps, half = run.maps, (run.config.robot.length_m + 1j * run.config.robot.width_m) / 2
+    at = -1 if maps is None else int(np.searchsorted(maps.t_ns, t_ns, side="right")) - 1
+    if maps is None or at < 0:
+        return {}
+    share, origin_m, cell_m = maps.occupancy
+    grids = (maps.origin_m[at], maps.cell_m, maps.occupied(at)), (origin_m, cell_m, share > 0)
+    cells_m = np.concatenate([base + size * (np.argwhere(of)[:, ::-1] + 0.5) for base, size, of in grids])
+    pose, turn = body.x_m + 1j * body.y_m, np.exp(1j * body.yaw_rad)
+    seen = (cells_m @ [1, 1j] - pose) / turn  # x + iy in the frame of the body
+    edge = np.clip(seen.real, -half.real, half.real) + 1j * np.clip(seen.imag, -half.imag, half.imag)
+    depth_m = np.maximum(np.minimum(half.real - np.abs(seen.real), half.imag - np.abs(seen.imag)), 0.0)
+    gap_m = np.abs(seen - edge) - depth_m - maps.cell_m / 2
+    if not len(gap_m) or (off_m := np.abs(gap_m - clearance_m)).min() > AGREES_M:
+        return {}
+    seen, edge, gap = (of[off_m.argmin()] for of in (seen, edge, gap_m))
+    ends = pose + turn * (edge + np.array([0, max(gap, 0.0) / max(abs(seen - edge), 1e-9)]) * (seen - edge))
+    return {"line": (ends[0].real, ends[0].imag, ends[1].real, ends[1].imag)}
+
+
+def _gaps(run: Run) -> Iterator[view.Moment]:
+    """Where positions are missing, the longest first."""
+    rows = _located(run.table("poses"))
+    seconds = np.zeros(1) if rows is None else rows["seconds"].to_numpy()
+    for at in np.argsort(-np.diff(seconds))[:MOST_CONTACTS].tolist():
+        if (gap_s := float(seconds[at + 1] - seconds[at])) > view.GAP_S:
+            yield view.Moment(float(seconds[at]), "no position for", f"{sig(gap_s, 2)} s", "gap")
 
 
 def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
@@ -261,16 +338,19 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
     if errors is None:
         return
     track = errors[errors["source"] == "track"].dropna(subset=["error_x_m", "error_y_m"])
-    seconds, tags, bound_m, x_m, y_m = columns_of(track, "seconds tag bound_m error_x_m error_y_m")
+    t_ns, seconds, tags, bound_m, x_m, y_m = columns_of(track, "t_ns seconds tag bound_m error_x_m error_y_m")
     error_m = np.hypot(x_m, y_m)
     beyond = np.divide(error_m, bound_m, out=np.zeros(len(track)), where=bound_m > 0)
+    found = []
     if (most := float(beyond.max(initial=0.0))) > 1:
-        at, words = float(seconds[beyond.argmax()]), f"{sig(most, 2)} × the bound"
-        yield view.Moment(at, "farthest outside of the 95 % bound", words, "", (LATE,))
+        found.append((beyond.argmax(), "farthest outside of the 95 % bound", f"{sig(most, 2)} × the bound", "bound"))
     known = np.unique(tags).tolist()
     for tag in known if len(known) > 1 else []:
-        at, name = int(np.where(tags == tag, error_m, -1.0).argmax()), f"tag {tag}"
-        yield view.Moment(float(seconds[at]), f"worst error of {name}", f"{sig(float(error_m[at]))} m", name, (LATE,))
+        at = np.where(tags == tag, error_m, -1.0).argmax()
+        found.append((at, f"worst error of tag {tag}", f"{sig(float(error_m[at]))} m", f"tag {tag}"))
+    for at, what, value, name in found:
+        drawn = _claimed_error(run, "track", int(t_ns[at]), tag=int(tags[at]))
+        yield view.Moment(float(seconds[at]), what, value, name, (LATE,), **drawn)
 
 
 _ROLES = {
@@ -279,7 +359,7 @@ _ROLES = {
 
 
 def _activity(run: Run) -> Iterator[view.Activity]:
-    """When there was data of each role, contacts, and instants at which the reference path changes."""
+    """When there was data of each role."""
     for label, name in _ROLES.items():
         table = run.table(name)
         if table is not None and not run.simulated:
@@ -287,9 +367,6 @@ def _activity(run: Run) -> Iterator[view.Activity]:
             cut = np.flatnonzero(np.diff(seconds) > view.GAP_S)
             spans = zip(seconds[np.append(0, cut + 1)].tolist(), seconds[np.append(cut, -1)].tolist(), strict=True)
             yield view.Activity(label, spans=list(spans))
-    contacts = run.table("contacts")
-    if contacts is not None:
-        yield view.Activity("contacts", events=list(zip(*columns_of(contacts, "seconds cause"), strict=True)))
 
 
 def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0) -> view.Lines:
@@ -304,12 +381,17 @@ EPOCH_S = 0.02
 
 
 def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Marks:
-    x_m, y_m, xx_m2, xy_m2, yy_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
+    x_m, y_m, *spread_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
+    axes: dict[str, Any] = dict(zip(("along", "cross", "aside"), _axes_95(*spread_m2), strict=True))
+    return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
+
+
+def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[view.Array, view.Array, view.Array]:
+    """along, cross and aside (N,) of 95 % ellipses from their covariances (N,)."""
     along_m = np.sqrt(np.maximum(xx_m2, 1e-12))
     cross_m = xy_m2 / along_m
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
-    axes: dict[str, Any] = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
-    return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
+    return SCALE_95 * along_m, SCALE_95 * cross_m, SCALE_95 * aside_m
 
 
 def scan_scene(run: Run) -> view.Scene | None:

@@ -43,6 +43,7 @@ class Series:
     """A curve: x (N,) rising, y (N,).
 
     style: band fills between y and upper (N,). variant: 0 solid or filled, then dashed or hollow, and so on.
+    events: each sample is of its own instant alone, and has no value at others.
     """
 
     label: str
@@ -52,6 +53,7 @@ class Series:
     style: Literal["line", "points", "steps", "band"] = "line"
     variant: int = 0
     upper: Array | None = None
+    events: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,7 +169,8 @@ Layer = Raster | Windows | Lines | Marks | Track
 class Moment:
     """An instant worth a look: what happens, and its value with its unit. name: of the metric it is the worst of.
 
-    shows: labels of hidden layers that belong to it.
+    shows, hides: labels of layers that are on and off while it is open. line: x0, y0, x1, y1 of what has the value as
+    its length, or of one point twice. ring: x, y, along, cross, aside of an ellipse about it, as of Marks.
     """
 
     seconds: float
@@ -175,20 +178,22 @@ class Moment:
     value: str = ""
     name: str = ""
     shows: Sequence[str] = ()
+    hides: Sequence[str] = ()
+    line: Sequence[float] = ()
+    ring: Sequence[float] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """A row of the timeline: spans (start, end) in which there is data, and instants with a word each."""
+    """A row of the timeline: spans (start, end) in which there is data."""
 
     label: str
     spans: Sequence[tuple[float, float]] = ()
-    events: Sequence[tuple[float, str]] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Layers, lowest first, in metres. extent: left, right, bottom, top of the first view.
+    """Layers, lowest first, in metres. extent: left, right, bottom, top of the first view; whole: of all there is.
 
     body: length and width of the robot in metres.
     """
@@ -197,6 +202,7 @@ class Scene:
     extent: tuple[float, float, float, float]
     axes: tuple[str, str] = ("x (m)", "y (m)")
     body: tuple[float, float] | None = None
+    whole: tuple[float, float, float, float] | None = None
     moments: Sequence[Moment] = ()
     activity: Sequence[Activity] = ()
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quadlog.results.figures import drawings_of
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import write_folder_page
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, write_table
+from quadlog.results.view import GAP_S, Panel, Scene, Series
 from tests.lab.pages import PAGES
 from tests.lab.runs import with_many_anchors
 
@@ -25,6 +27,10 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     say = probe(write_run_page(Run(tiny_run)), "run", fragment="#t=1.85")
     assert say["opened"] == 1.85
     assert say["inSight"]
+    assert say["plots"] >= 6
+    assert say["first"][0] >= 500  # beside two lines that warn
+    assert say["first"][1] >= 0.5
+    assert max(say["lines"]) < 50
     assert say["share"] == pytest.approx(0.58, abs=0.02)
     assert say["sideways"] <= 0
     assert say["parts"] == ["range", "Play", True]
@@ -36,15 +42,43 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert say["end"] == [3.98, "Play"]
     assert say["linked"] == pytest.approx([0, 0])  # the same link twice
     assert say["hidden"] == 0 < say["shown"]  # rings of late ranges
+    assert "worst error of tag 1 0.199 m" in say["claim"][0]
+    assert say["claim"][1]
+    assert say["next"] == [True, False]
+    assert say["before"] == pytest.approx(0)
+    assert say["address"].startswith("#t=")
     assert say["target"][1] == 0 < say["target"][0] == say["target"][2]
     assert say["zoom"]["fixed"] == pytest.approx([0, 0], abs=0.03)
     assert say["zoom"]["factor"] == pytest.approx(np.e, rel=0.05)
+    assert "view=" in say["zoomed"]
     assert say["all"] == pytest.approx([0, 0], abs=0.03)
     assert say["clicked"] == pytest.approx(3.98 / 4, abs=0.05)
     assert say["samples"] == 200
     assert say["fits"] < 0.5
     assert say["whole"] == pytest.approx(1)
-    assert set(say["empty"]) <= {"clearance–"}  # infinite at most instants
+    assert say["wheel"] == pytest.approx(np.e, rel=0.01)
+    assert say["pressed"] == ["false", "true"]
+    panels = [each for of in drawings_of(Run(tiny_run)).values() if not isinstance(of, Scene) for each in of]
+    known = {(each.what, one.label): (each, one) for each in panels for one in each.series}
+    wrong = [row for row in say["read"] if not is_of_its_instant(row[0], row[3], *known[row[1], row[2]])]
+    assert len(say["read"]) >= 1000
+    assert wrong == []
+
+
+def is_of_its_instant(instant: float, text: str, panel: Panel, series: Series) -> bool:
+    """Whether the value is that of the nearest sample, and of none that is too far."""
+    away = np.abs(series.x - instant)
+    if text == "–":
+        others = min(np.abs(other.x - instant).min() for other in panel.series if len(other.x))
+        nearest_known = np.isfinite(series.y[np.isclose(away, away.min(), atol=2e-3)]).all()
+        return bool(away.min() > GAP_S or not nearest_known or (series.events and others < away.min() + 2e-3))
+    near, value = np.isclose(away, away.min(), atol=2e-3), float(text.replace("−", "-"))
+    span = np.ptp(series.y[np.isfinite(series.y)])
+    agrees = (np.abs(series.y[near] - value) <= 0.005 * np.abs(series.y[near]) + 2e-4 * span).any()
+    is_near = away.min() <= GAP_S if series.style == "points" else len(series.x) == 2 or away.min() <= GAP_S
+    if series.events:
+        is_near = all(away.min() <= np.abs(other.x - instant).min() + 2e-3 for other in panel.series)
+    return bool(agrees and is_near)
 
 
 KNOWN = {"one scan": [True, False, False, False], "gap": [True, True, False, True]}

@@ -275,7 +275,7 @@ CASES = {
     "odometry-interrupted": Case(
         interrupted, 3, "odometry", says=("25% of 8.0 s have no measured position",), nowhere_s=(3.0, 4.9)
     ),
-    "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf"),
+    "tf-odom-base_footprint": Case(tf("odom", "base_footprint"), 0, "tf", says=("log: usable\n",)),
     "tf-slashes": Case(tf("/odom", "/base_footprint"), 0, "tf"),
     "tf-prefix": Case(
         together(
@@ -294,7 +294,7 @@ CASES = {
     "mount-on-tf": Case(
         together(tf("odom", "base_footprint"), turned_scanner("laser", "base_footprint", "/tf")), 0, "tf", walls=True
     ),
-    "pose-alone": Case(pose_topics("/orb_slam3/camera_pose"), 0, "pose"),
+    "pose-alone": Case(pose_topics("/orb_slam3/camera_pose"), 0, "pose", says=("log: usable\n",)),
     "poses-two": Case(pose_topics("/vins/pose", "/slam/pose"), 0, None, says=("/vins/pose", "/slam/pose")),
     "truth-mirrored": Case(mirrored_truth, 0, "odometry", says=("mirror",)),
     "odometry-and-reference": Case(

@@ -127,7 +127,8 @@ class Pack:
     def _scene(self, scene: view.Scene) -> dict[str, Any]:
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
         activity = [asdict(row) for row in scene.activity]
-        return self._described(scene) | {"layers": layers, "activity": activity, "moments": (), "span": scene.span}
+        moments = [asdict(moment) for moment in scene.moments]
+        return self._described(scene) | {"layers": layers, "activity": activity, "moments": moments, "span": scene.span}
 
     def _layer(self, layer: view.Layer) -> dict[str, Any]:
         match layer:

@@ -15,7 +15,7 @@ from quadlog.results.figures import FIGURES, drawings_of
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.page.verdict import status, verdict
+from quadlog.results.page.verdict import matters, status, verdict
 from quadlog.results.run import Run
 from quadlog.results.text import (
     Bound,
@@ -36,6 +36,13 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _START = ("max_error_m", "eta_m", "ate_rmse_m", "uwb_rmse_m")
+_WORST = {
+    "Positions": (("bound", "uwb_nees", "uwb_coverage_95", "ate_rmse_m"), ("uwb_error", "ranges")),
+    "Simulated walk": (("collisions", "clearance_min_m"), ("clearance", "tracking_error")),
+    "Planning": (("success_rate", "suboptimality_mean"), ("expanded",)),
+    "Gaps": (("gap",), ("motion",)),
+}
+"""By subject of the worst sentence: metrics at whose worst instant the page opens, and figures that come first."""
 PER_CARD = 3
 MOST_ROWS = 200
 """Of a table on the page; the run's files have all rows."""
@@ -49,33 +56,39 @@ def write_run_page(run: Run, drawings: Mapping[str, Drawing] | None = None) -> P
 
 def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     """The page of a run and these drawings."""
-    pack, views = Pack(), dict[str, blocks.Drawn]()
-    for figure in (figure for figure in FIGURES if figure.name in drawings):
+    pack, views, sentences = Pack(), dict[str, blocks.Drawn](), verdict(run)
+    worst = _WORST.get(sentences[0].subject) if sentences and sentences[0].state in ("bad", "warn") else None
+    moments_of, first_ones = worst or ((), ())
+    places = {name: place for place, name in enumerate(first_ones)}
+    shown = sorted(FIGURES, key=lambda figure: places.get(figure.name, len(places)))  # others as they stand
+    for figure in (figure for figure in shown if figure.name in drawings):
         pack.add(figure.name, drawings[figure.name])
         views[figure.name] = blocks.Drawn(figure.name, figure.title, figure.caption)
-    first: list[Any] = [blocks.Verdict(verdict(run)), blocks.Cards(cards(run))]
+    first: list[Any] = [blocks.Verdict(sentences), blocks.Cards(cards(run))]
+    torques = [views.pop("torques")] if "torques" in views else []
     scene = drawings.get("trajectory")
     if isinstance(scene, Scene):
-        player = blocks.Drawn("trajectory", moments=scene.moments, start=_start(scene.moments))
+        start = _start(scene.moments, (*moments_of, *_START))
+        player = blocks.Drawn("trajectory", moments=scene.moments, start=start)
         timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         del views["trajectory"]
         curves = [views.pop(name) for name in timed]
         first.append(blocks.Beside(player, curves) if curves else player)
-    help_text = f"Drag in a chart to zoom, double-click to see all; a click moves the map there. {pack.thinned}"
+    help_text = f"Drag in a chart, or turn the wheel with Ctrl, to zoom; double-click to see all. {pack.thinned}"
     sections = [
         blocks.Section("", [*first, *_lost(run)]),
         blocks.Section("Sensors", [*_tables(run, "links"), *views.values()], help_text.strip()),
         blocks.Section("Metrics", [metric_table(run)] if run.metrics else []),
-        blocks.Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run)]),
+        blocks.Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run), *torques]),
         blocks.Section("Topics", list(_topics(run))),
         blocks.Section("How it was made", list(_made(run))),
     ]
     return blocks.Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
 
 
-def _start(moments: Sequence[Moment]) -> float | None:
+def _start(moments: Sequence[Moment], names: Sequence[str]) -> float | None:
     """The instant of the first view: the worst one of what matters most, which the map then draws."""
-    ranked = sorted(moments, key=lambda moment: _START.index(moment.name) if moment.name in _START else len(_START))
+    ranked = sorted(moments, key=lambda moment: names.index(moment.name) if moment.name in names else len(names))
     return ranked[0].seconds if ranked else None
 
 
@@ -93,7 +106,7 @@ def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
         shown = [_shown(run, name, bounds.get(name)) for name in labels if name in run.metrics or name in bounds]
         shown.sort(key=lambda one: one.state != "bad")
         most = max(PER_CARD, sum(one.state == "bad" for one in shown))
-        if shown:
+        if shown and (theme != "Computing" or shown[0].state):  # which the page's head has
             found.append((theme, shown[:most]))
     return found
 
@@ -112,7 +125,7 @@ def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
 def metric_table(run: Run) -> Table:
     """All metrics, by theme."""
     bounds = bounds_of(run)
-    known = {name: theme for theme, labels in THEMES.items() for name in labels}
+    known = [name for labels in THEMES.values() for name in labels]
     rows = []
     for name in [*(n for n in known if n in run.metrics or n in bounds), *(n for n in run.metrics if n not in known)]:
         metric, bound = run.metrics.get(name), bounds.get(name)
@@ -124,10 +137,9 @@ def metric_table(run: Run) -> Table:
             cells = [Cell(value, metric.value, state=state), interval, samples]
         below = meaning if bound is None else f"{meaning} Expected {bound.words}."
         first = Cell(label_of(name), below=below, state=cells[0].state)
-        rows.append([first, Cell(name, code=True), *cells, Cell(known.get(name, ""))])
+        rows.append([first, Cell(name, code=True), *cells])
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
-               Column("95 % interval", True, help=COVERAGE), Column("samples", True, True),
-               Column("theme", wide=True)]  # fmt: skip
+               Column("95 % interval", True, help=COVERAGE), Column("samples", True, True)]  # fmt: skip
     note = (f"{interval_note(run.record.recorded_s)}. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
     return Table(columns, rows, "all-metrics", note, sortable=True)
@@ -193,8 +205,11 @@ def _lost(run: Run) -> Iterator[Any]:
     ]
     if lines:
         yield blocks.Notes("Lost from the recording", lines, "bad")
-    if run.record.warnings or run.notes:
-        yield blocks.Notes("Warnings", [*run.record.warnings, *run.notes])
+    warnings = [*matters(run), *run.notes]
+    if warnings:
+        yield blocks.Notes("Warnings", warnings)
+    if rest := [text for text in run.record.warnings if text not in warnings]:
+        yield blocks.Notes("To know", rest, "")
 
 
 def _records(rows: Sequence[Mapping[str, Any]], name: str, note: str = "") -> list[Table]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
@@ -43,11 +44,30 @@ def status(run: Run) -> tuple[str, State]:
     found = verdict(run)
     bad = sum(sentence.state == "bad" for sentence in found)
     warn = sum(sentence.state == "warn" and sentence.subject != "Recording" for sentence in found)
-    warn += len(run.record.warnings)  # of which that sentence has the first
+    warn += len(matters(run))  # of which that sentence has the first
     warnings = f", {warn} warning{'s' * (warn > 1)}" if warn else ""
     if bad:
         return f"{bad} thing{'s' * (bad > 1)} to look at{warnings}", "bad"
-    return (f"usable{warnings}", "warn") if warn else ("done", "good")
+    return f"usable{warnings}", "warn" if warn else "good"
+
+
+LITTLE = 0.05
+"""A warning of a smaller share of anything is information."""
+_SHARE = re.compile(r"\b(\d+) of (\d+) |\bof (\d+) \S+, (\d+) ")
+_LACKING = ("stopped after position: no topic is fit to be the lidar", "no ground is found, as in a 2-D scan",
+            "no ground was seen", "no target: nothing is planned", ": 1 stamp from outside of the log")  # fmt: skip
+"""What a log does not have, or a part left out for it: what there is can be used as it is."""
+
+
+def matters(run: Run) -> list[str]:
+    """The warnings that change what a reader may use: not what a log lacks, nor what holds of little of it."""
+    return [of for of in run.record.warnings if not (any(words in of for words in _LACKING) or _is_little(of))]
+
+
+def _is_little(warning: str) -> bool:
+    found = _SHARE.search(warning)
+    part, whole = sorted(map(int, filter(None, found.groups()))) if found else (1, 1)
+    return part <= LITTLE * whole
 
 
 def walked_m(track: DataFrame) -> float:
@@ -86,8 +106,7 @@ def _recorded(run: Run) -> Iterator[Sentence]:
         stayed = f"{walk} stayed within {STANDS_M:g} m for {sig(_lasted_s(poses))} s."
         yield Sentence("Recorded walk", stayed, "bad" if _implausible(run) else "good")
     else:
-        follows = target is not None and bool(set(target["source"].unique()) - {"ahead", "fixed"})
-        did = "followed its target for" if follows else "walked"
+        did = "followed its target for" if _follows(target) else "walked"
         length_m, lasted_s = walked_m(poses), _lasted_s(poses)
         speed = f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else ""
         text = f"{walk} {did} {sig(length_m)} m in {sig(lasted_s)} s{speed}."
@@ -99,6 +118,11 @@ def _recorded(run: Run) -> Iterator[Sentence]:
         every = f"All {count(len(plans))} replans" if len(plans) > 1 else "The only replan"
         words = f"{count(failed)} of {count(len(plans))} replans found no path." if failed else f"{every} found a path."
         yield Sentence("Planning", words, "bad" if failed > 0.1 * len(plans) else "warn" if failed else "good")
+
+
+def _follows(target: DataFrame | None) -> TypeGuard[DataFrame]:
+    """Whether the target is one that moves by itself, not the robot's own future."""
+    return target is not None and bool(set(target["source"].unique()) - {"ahead", "fixed"})
 
 
 def _implausible(run: Run) -> list[str]:
@@ -157,7 +181,32 @@ def _simulated(run: Run) -> Iterator[Sentence]:
     if outside > 0:
         text += f"; outside of the recorded maps for {percent(outside, 2)} of the time"
         states.append("warn")
-    yield Sentence("Simulated walk", f"{text}.", min(states, key=STATES.index))
+    yield Sentence("Simulated walk", f"{text}.{_meaning(run, control, clearances)}", min(states, key=STATES.index))
+
+
+BEHIND_M = 0.5
+"""A distance to the target that grows by less is not worth a word."""
+
+
+def _meaning(run: Run, control: DataFrame, clearances: DataFrame | None) -> str:
+    """That the simulated robot falls behind the recorded one, which had the same target."""
+    poses, target = run.table("poses"), run.table("target")
+    if poses is None or clearances is None or not _follows(target) or np.ptp(control["seconds"]) < 1:
+        return ""
+    away_m = [poses[axis] - np.interp(poses["seconds"], target["seconds"], target[axis]) for axis in ("x_m", "y_m")]
+    walks = [of[np.isfinite(of)] for of in (clearances["target_distance_m"].to_numpy(), np.hypot(*away_m).to_numpy())]
+    tenths = [max(len(of) // 10, 1) for of in walks]
+    if not all(map(len, walks)):
+        return ""
+    first_m, theirs_first_m = (float(np.median(of[:tenth])) for of, tenth in zip(walks, tenths, strict=True))
+    last_m, theirs_last_m = (float(np.median(of[-tenth:])) for of, tenth in zip(walks, tenths, strict=True))
+    if last_m - first_m - (theirs_last_m - theirs_first_m) < BEHIND_M:
+        return ""
+    ours, theirs = (sig(walked_m(of) / max(_lasted_s(of), 1e-9), 2) for of in (control, poses))
+    apart = f"{sig(first_m, 2)} m from its target at first, {sig(last_m, 2)} m in the end"
+    return (
+        f" It falls behind the recorded robot ({ours} and {theirs} m/s): {apart}; that one {sig(theirs_last_m, 2)} m."
+    )
 
 
 def _positions(run: Run) -> Iterator[Sentence]:
@@ -182,7 +231,7 @@ def _positions(run: Run) -> Iterator[Sentence]:
         text += f" (NEES {sig(nees, 2)}, 2 is consistent)" * unlike
         wide = not seldom and nees < 1
         text += ": the bound is wider than needed" if wide else ": do not trust the bound"
-        state = "warn" if wide else "bad"
+        state = "good" if wide else "bad"
     elif (seen := run.metrics["uwb_nees"].independent if "uwb_nees" in run.metrics else None) and seen < FEWEST_ERRORS:
         few = f"about {seen:.0f} independent errors" if seen >= 1.5 else "one constant error"
         text += f" ({few}: too little to judge the bound)"
@@ -222,7 +271,7 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 
 def _losses(run: Run) -> Iterator[Sentence]:
-    causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), run.record.warnings
+    causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), matters(run)
     lost = f"Part was lost ({', '.join(causes[:3])})." if causes else "" if run.simulated else "Nothing was lost."
     of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
     warning = f"Warning: {warnings[0].rstrip('.')}{of}." if warnings else ""

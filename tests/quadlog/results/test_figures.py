@@ -19,7 +19,7 @@ from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
-from quadlog.results.tables import read_table
+from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors
@@ -121,6 +121,63 @@ def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
     moments = {moment.name: moment for moment in scene.moments}
     assert (moments["ate_rmse_m"].seconds, bool(moments["ate_rmse_m"].shows)) == (pytest.approx(2.0), True)
     assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ("obstacle points",))
+
+
+def test_a_moment_draws_what_it_claims(tiny_run: Path) -> None:
+    """The line is as long as the value says, whatever is thinned; a body inside an obstacle is not away from it."""
+    control, poses, fixes = (read_table(tiny_run, name) for name in ("control", "poses", "fixes"))
+    write_tum(tiny_run / "reference.tum", poses["t_ns"], poses["x_m"] + 0.1, poses["y_m"], poses["yaw_rad"])
+    error_m = np.linspace(0.1, 0.5, 40)
+    errors = {"t_ns": np.tile(poses["t_ns"], 2), "tag": np.zeros(80, int), "source": np.repeat(["fixes", "track"], 40)}
+    errors |= {"error_x_m": np.tile(error_m, 2), "error_y_m": np.zeros(80), "bound_m": np.full(80, 0.2)}
+    write_table(tiny_run / "uwb_errors.parquet", TABLES["uwb_errors"], errors)
+    worst = {
+        "ate_rmse_m": (0.1, poses["t_ns"][30]), "uwb_rmse_m": (error_m[27], poses["t_ns"][27]),
+        "eta_m": (control["error_m"][143], control["t_ns"][143]), "uwb_nees": (7.0, poses["t_ns"][21]),
+        "clearance_min_m": (-0.18, control["t_ns"][3]),
+    }  # fmt: skip
+    saved = {
+        name: {"value": 0.1, "n": 9, "unit": "m", "worst": float(of), "worst_t_ns": int(at)}
+        for name, (of, at) in worst.items()
+    }
+    change_json(tiny_run / "metrics.json", **saved)
+    scene = walk_scene(Run(tiny_run))
+    assert scene is not None
+    moments = {moment.name: moment for moment in scene.moments}
+    for name in ("ate_rmse_m", "uwb_rmse_m", "eta_m"):
+        x0, y0, x1, y1 = moments[name].line
+        assert np.hypot(x1 - x0, y1 - y0) == pytest.approx(worst[name][0], abs=1e-3), name
+    at = np.flatnonzero((fixes["t_ns"] == poses["t_ns"][27]) & (fixes["tag"] == 0))
+    assert moments["uwb_rmse_m"].line[:2] == pytest.approx([fixes["x_m"][at[0]], fixes["y_m"][at[0]]])
+    assert {"UWB fixes", "95 % ellipse of the fix"} <= set(moments["uwb_rmse_m"].hides)
+    assert len(moments["uwb_rmse_m"].ring) == len(moments["uwb_nees"].ring) == 5
+    assert (moments["clearance_min_m"].what, moments["clearance_min_m"].value) == ("body", "0.18 m inside an obstacle")
+    pack = Pack()
+    pack.add("trajectory", scene)
+    packed = pack.finish()["scenes"]["trajectory"]["moments"]
+    assert [list(moment["line"]) for moment in packed] == [list(moment.line) for moment in scene.moments]
+
+
+def test_the_recorded_robot_has_curves_of_its_own(tiny_run: Path) -> None:
+    """On a quarter circle of 3 m at an even pace; gait where the feet are known."""
+    t_ns = read_table(tiny_run, "poses")["t_ns"]
+    steps = dict.fromkeys(TABLES["joints"].names, np.full(40, np.nan)) | {"t_ns": t_ns}
+    steps |= {f"contact_{leg}": (np.arange(40) // 5 + leg) % 2 for leg in range(4)}
+    write_table(tiny_run / "joints.parquet", TABLES["joints"], steps)
+    panels = {panel.what: panel for panel in drawings_of(Run(tiny_run))["motion"]}  # type: ignore[union-attr]
+    known = {series.label: series for series in panels["speed (m/s)"].series}
+    assert known["recorded"].y[1:-1] == pytest.approx(3 * np.pi / 2 / 3.9, rel=0.01)
+    assert known["simulated"].color == "resim"
+    yaw_rate = panels["yaw rate (°/s)"].series[0].y
+    assert yaw_rate == pytest.approx(90 / 3.9, rel=0.01)
+    assert panels["yaw (°)"].series[0].y[-1] == pytest.approx(90)
+    assert panels["feet on the ground"].rows == ("FL", "FR", "RL", "RR")
+    assert panels["strides (Hz)"].series[0].y == pytest.approx(1.0)
+    assert {"x (m)", "y (m)"} == {panel.what for panel in drawings_of(Run(tiny_run))["place"]}  # type: ignore[union-attr]
+    with_gap(tiny_run)
+    speed = {s.label: s for s in panels_of(tiny_run, "motion")[0].series}["recorded"]
+    assert np.isnan(speed.y).sum() > 1
+    assert speed.y[np.isfinite(speed.y)] == pytest.approx(3 * np.pi / 2 / 3.9, rel=0.02)  # and none across the gap
 
 
 def test_a_long_track_is_thinned_with_a_note_a_curve_never_and_both_have_the_pages_colours() -> None:

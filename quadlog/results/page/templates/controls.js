@@ -2,7 +2,7 @@
 // The controls of a scene: legend, zoom, clock, timeline and keys. A scene without a time has no clock.
 const SPEEDS = [0.5, 1, 2, 5, 10, 20];
 
-const HELP = "player. Space plays and stops, left and right arrow step, plus and minus change the speed, home and end go to start and end, F follows the robot, 0 shows all.";
+const HELP = "player. Space plays and stops, left and right arrow step, plus and minus change the speed, home and end go to start and end, brackets to the moment before and after, F follows the robot, 0 shows the walk, A all, C copies the link.";
 
 const openScene = (place, scene, block) => {
   const [from, until] = scene.span ?? [0, 0];
@@ -11,20 +11,38 @@ const openScene = (place, scene, block) => {
   const canvas = element("canvas", { role: "img", "aria-label": place.dataset.name });
   const stage = element("div", { class: "stage" }, canvas);
   const view = openView(scene, canvas, block);
-  const draw = () => view.draw(moves ? (clock.now ?? from) : until);
+  const known = new Map(view.layers.map((layer) => [layer, layer.hidden ?? false])); // as they were at first
+  const claim = element("output", { class: "tip claim", hidden: true });
+  let opened = null;
+  let [fitted, own] = [true, false]; // whether the view is the first one, and whether the reader chose it
+  const draw = () => {
+    const instant = moves ? (clock.now ?? from) : until;
+    const moment = opened && Math.abs(opened.seconds - instant) < 0.0015 ? opened : null;
+    claim.hidden = !moment;
+    if (moment) claim.textContent = moment.words;
+    view.draw(instant, moment);
+  };
   const changed = (act) => {
+    [fitted, own] = [false, true];
     act();
     draw();
     follow.setAttribute("aria-pressed", String(view.follows()));
+    if (moves) clock.rest();
   };
-  const follow = button("follow", "follow the robot (F)", () => changed(() => (view.follows() ? view.whole() : view.near(12))), { "aria-pressed": "false" });
-  const whole = button("all", "show all (0)", () => changed(view.whole));
+  const fit = () => {
+    view.fit(scene.extent);
+    [fitted, own] = [true, false];
+  };
+  const follow = button("follow", "follow the robot (F)", () => changed(() => (view.follows() ? fit() : view.near(12))), { "aria-pressed": "false" });
+  const walk = button("walk", "show the walk (0)", () => changed(fit));
+  const whole = button("all", "show all, with anchors and walls (A)", () => changed(() => view.fit(scene.whole ?? scene.extent)));
   const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
   const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
-  const legend = legendOf(view.layers, draw);
+  const legend = legendOf(view.layers, () => (draw(), moves && clock.rest()));
   const timeline = element("div", { class: "timeline", role: "group", "aria-label": HELP });
-  stage.append(element("div", { class: "tools" }, closer, farther, whole, ...(moves ? [follow] : [])));
-  place.append(stage, legend, ...(moves ? [timeline] : []));
+  stage.append(element("div", { class: "tools" }, closer, farther, walk, ...(scene.whole ? [whole] : []), ...(moves ? [follow] : [])));
+  stage.append(claim);
+  place.append(stage, element("div", { class: "legend" }, legend), ...(moves ? [timeline] : []));
   place.classList.add("open");
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
@@ -32,11 +50,12 @@ const openScene = (place, scene, block) => {
     const isWide = place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
     // Beside curves the map ends with the screen: what lies above it, legend and timeline have their place there too.
     const above = Math.min(stage.getBoundingClientRect().top + scrollY, innerHeight / 2);
-    const rest = innerHeight - above - (place.offsetHeight - stage.offsetHeight) - 12;
+    const rest = innerHeight - above - (place.parentElement.offsetHeight - stage.offsetHeight) - 8;
+    if (isWide) place.closest(".beside").style.setProperty("--high", `${Math.max(innerHeight - above - 8, 320)}px`);
     const height = Math.round(Math.max(isWide ? rest : fitting, 280)); // print may have no height
     canvas.style.height = `${height}px`;
     view.resize(width, height);
-    if (!view.follows()) view.whole();
+    if (fitted) fit();
     draw();
   });
   redraws.push(() => {
@@ -45,15 +64,53 @@ const openScene = (place, scene, block) => {
   });
   addPointer(stage, view, changed, moves && clock);
   if (!moves) return null;
-  const player = addTransport(timeline, scene, clock);
-  clock.listeners.push(draw);
-  const show = (labels) => {
-    for (const layer of view.layers) layer.hidden &&= !labels.includes(layer.label);
-    legend.mark();
-    draw();
+  // An open moment: its words and those of others at its instant; the view goes there, or stays for the first one.
+  const openMoment = (moment, closely = true) => {
+    const same = scene.moments.filter(({ seconds }) => Math.abs(seconds - moment.seconds) < 0.0015);
+    const drawn = [moment, ...same].find(({ line }) => line.length) ?? moment;
+    opened = { ...drawn, words: same.map(wordsOf).join("; "), ...(closely ? {} : { shows: [] }) };
+    if (closely) (view.open(drawn), ([fitted, own] = [false, false]));
+    clock.pause();
+    clock.set(moment.seconds);
   };
-  const keys = { ...player, f: () => follow.click(), 0: () => whole.click() };
-  return { stage, keys, show, start: () => clock.now ?? clock.set(Number(place.dataset.start ?? from)) };
+  const groups = groupsOf(scene.moments);
+  const turn = (by) => {
+    const beyond = groups.filter(([{ seconds }]) => by * (seconds - clock.now) > 0.0015);
+    if (beyond.length) openMoment(beyond.at(by > 0 ? 0 : -1)[0]);
+  };
+  const player = addTransport(timeline, scene, clock, groups, openMoment, turn);
+  clock.listeners.push(draw);
+  // What the address of the page says beside the instant.
+  const state = () => {
+    const toggled = view.layers.filter((layer) => (layer.hidden ?? false) !== known.get(layer)).map(({ label }) => label);
+    return { ...(own ? { view: view.place().map((value) => value.toFixed(2)).join() } : {}), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
+  };
+  const restore = (instant, { view: wanted, layers }, closely = true) => {
+    const moment = scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
+    if (layers) for (const layer of view.layers) layer.hidden = known.get(layer) !== layers.split("~").includes(layer.label);
+    legend.mark();
+    if (moment && !wanted) openMoment(moment, closely);
+    else clock.set(instant);
+    if (wanted) changed(() => view.place(wanted.split(",").map(Number)));
+  };
+  const copy = () => {
+    navigator.clipboard?.writeText(location.href);
+    [claim.textContent, claim.hidden] = ["link copied", false];
+  };
+  const keys = { ...player, f: () => follow.click(), 0: () => walk.click(), a: () => whole.click(), c: copy, "[": () => turn(-1), "]": () => turn(1) };
+  return { stage, keys, clock, state, restore, start: () => clock.now ?? restore(Number(place.dataset.start ?? from), {}, false) };
+};
+
+const wordsOf = ({ what, value }) => `${what} ${value}`;
+
+// Moments within half a second of the first one are one dot of the timeline.
+const groupsOf = (moments) => {
+  const groups = [];
+  for (const moment of [...moments].sort((a, b) => a.seconds - b.seconds)) {
+    if (groups.length && moment.seconds - groups.at(-1)[0].seconds < 0.5) groups.at(-1).push(moment);
+    else groups.push([moment]);
+  }
+  return groups;
 };
 
 const GLYPHS = { area: "■", line: "━", dashed: "╍", dot: "●", triangle: "▲", cross: "✕", ring: "○" };
@@ -118,7 +175,7 @@ const addPointer = (stage, view, changed, clock) => {
 };
 
 // Play button, slider and speed, and above the slider when there was data of each role.
-const addTransport = (place, scene, clock) => {
+const addTransport = (place, scene, clock, groups, openMoment, step) => {
   const [from, until] = scene.span;
   let [playing, before, owed, shown, turn] = [false, null, 0, 0, 0];
   const seek = (instant, turn) => clock.set(Math.min(Math.max(instant, from), until), turn);
@@ -152,21 +209,25 @@ const addTransport = (place, scene, clock) => {
   const slider = element("input", { type: "range", min: from, max: until, step: 0.001, "aria-label": "time", oninput: () => seek(Number(slider.value)) });
   const time = element("output", { class: "clock" });
   const speed = element("select", { "aria-label": "speed" }, ...SPEEDS.map((times) => element("option", { value: times, selected: times === 1 }, `${times} ×`)));
-  const rows = scene.activity.map(({ label, spans, events }) => {
+  const share = (instant) => `${(100 * (Math.min(Math.max(instant, from), until) - from)) / (until - from)}%`;
+  const rows = [{ label: groups.length ? "moments" : "", spans: [] }, ...scene.activity].map(({ label, spans }, row) => {
     const strip = element("div", { class: "strip" });
-    const add = (start, end, kind, title) => {
-      const mark = element("i", { class: kind, title });
-      mark.style.left = `${(100 * (start - from)) / (until - from)}%`;
-      mark.style.width = `${Math.max((100 * (end - start)) / (until - from), 0)}%`;
+    strip.addEventListener("click", (event) => event.target === strip && seek(from + ((until - from) * event.offsetX) / strip.clientWidth));
+    for (const [start, end] of spans) {
+      const mark = element("i", { class: "span" });
+      Object.assign(mark.style, { left: share(start), right: `calc(100% - ${share(end)})` });
       strip.append(mark);
-    };
-    spans.forEach(([start, end]) => add(Math.max(start, from), Math.min(end, until), "span", ""));
-    events.forEach(([instant, text]) => add(instant, instant, "event", text));
-    strip.addEventListener("click", (event) => seek(from + ((until - from) * event.offsetX) / strip.clientWidth));
-    return [element("span", { class: "role" }, label), strip];
+    }
+    for (const group of row ? [] : groups) {
+      const mark = element("i", { class: "moment", title: group.map(wordsOf).join("\n"), onclick: () => openMoment(group[0]) });
+      mark.style.left = share(group[0].seconds);
+      strip.append(mark);
+    }
+    return label ? [element("span", { class: "role" }, label), strip] : [];
   });
   const activity = element("div", { class: "activity", "aria-hidden": "true" }, ...rows.flat());
-  place.append(play, element("div", { class: "tracks" }, slider, activity), time, speed);
+  const steps = groups.length ? [button("\u2039", "moment before ([)", () => step(-1)), button("\u203a", "next moment (])", () => step(1))] : [];
+  place.append(play, element("div", { class: "tracks" }, slider, activity), ...steps, time, speed);
   clock.pause = () => playing && setPlaying(false);
   clock.listeners.push((instant) => {
     slider.value = instant;

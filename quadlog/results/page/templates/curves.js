@@ -1,10 +1,16 @@
 "use strict";
 // Curves by uPlot with every sample; it draws the least and the largest of each pixel column.
 // Those of a group with one x axis show the same stretch of it and the instant of the group's clock.
-const HEIGHTS = { panel: 150, lane: 56, narrow: 104, row: 17 };
+const HEIGHTS = { panel: 150, lane: 56, narrow: 104, over: 88, row: 17 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
 const TIME = "time (s)";
+
+const MOST_LETTERS = 75; // of a title and a legend in one line
+const inPrint = matchMedia("print");
+
+// Beside a map on a wide screen titles and values lie over the plots, and all have one time axis above them.
+const liesOver = (place) => place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
 
 const openCurves = (places, { columns }) => {
   for (const place of places) {
@@ -17,6 +23,7 @@ const openCurves = (places, { columns }) => {
     }
   }
   for (const stretch of Object.values(stretches)) stretch.shown = [...stretch.whole];
+  for (const column of document.querySelectorAll(".beside .curves")) if (liesOver(column)) openAxis(column);
   // A chart is made when it comes near the screen, so that a page of thirty opens at once.
   const near = new IntersectionObserver((seen) => {
     for (const { isIntersecting, target } of seen) if (isIntersecting) target.open();
@@ -24,10 +31,12 @@ const openCurves = (places, { columns }) => {
   for (const place of places) {
     const { group, panels } = pageData.charts[place.dataset.chart];
     for (const panel of panels) {
+      const letters = panel.series.reduce((sum, { label, style }) => sum + (style === "band" || panel.rows.length ? 0 : label.length + 7), panel.what.length);
+      const over = liesOver(place) && letters < MOST_LETTERS;
       const words = element("p", { class: "what" }, panel.what);
       if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
       const plot = element("div", { class: "plot" });
-      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, words, plot));
+      place.append(element("div", { class: `panel${panel.lane ? " lane" : ""}${over ? " over" : ""}` }, words, plot));
       const few = panel.series.every(({ y }) => columns[y].filter(Number.isFinite).length < 2);
       if (few) {
         const only = ({ label, y }) => `${label} ${short(columns[y].find(Number.isFinite) ?? NaN, 3)}`;
@@ -35,18 +44,36 @@ const openCurves = (places, { columns }) => {
         continue;
       }
       const last = panel === panels.at(-1) || panel.x !== TIME;
-      const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + 56 : panel.lane ? HEIGHTS.lane : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
+      const plain = over ? HEIGHTS.over : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
+      const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + (over ? 24 : 56) : panel.lane ? HEIGHTS.lane : plain;
       plot.style.minHeight = `${height}px`;
       plot.open = () => {
         near.unobserve(plot);
         plot.open = () => {};
-        openCurve(plot, panel, group, height + (last ? 24 : 0), last, columns); // for the axis
+        openCurve(plot, panel, group, height + (last && !over ? 24 : 0), last, columns, over); // for the axis
       };
       near.observe(plot);
     }
   }
   addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
 };
+
+// The time axis of a column of curves, which stays in sight.
+const openAxis = (column) => {
+  const { group } = pageData.charts[column.querySelector("[data-chart]").dataset.chart];
+  const stretch = stretchOf(group, TIME);
+  const place = element("div", { class: "axis", "aria-hidden": "true" });
+  column.prepend(place);
+  const none = { show: false };
+  const bare = { stroke: () => paint("soft"), grid: none, ticks: none, font: "12px system-ui, sans-serif" };
+  const axes = [{ ...bare, side: 0, gap: 2, size: 18, values: seconds }, { ...bare, size: 48, values: () => [] }];
+  const scales = { x: { time: false, range: () => stretch.shown }, y: { range: () => [0, 1] } };
+  const chart = new uPlot({ width: column.clientWidth, height: 20, padding: [0, 8, 0, 0], legend: none, cursor: none, scales, axes, series: [{}, {}] }, [stretch.whole, [null, null]], place);
+  stretch.charts.push(chart);
+  onWidth(place, (width) => chart.setSize({ width, height: 20 }));
+  redraws.push(() => chart.redraw(false, true));
+};
+const seconds = (_, values) => values.map((value) => (value === null ? "" : `${short(value)} s`));
 
 // Columns over one x. NaN becomes null, a gap; where another series has a sample and this one has none is undefined.
 const joined = (series, columns) => {
@@ -70,13 +97,14 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
 };
 
-const optionsOf = (panel, group, height, last, stretch) => {
+const optionsOf = (panel, group, height, last, stretch, over) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
-  const names = rows && { ...axis(Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
+  const names = rows && { ...axis(panel.x === TIME ? 48 : Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
   const far = (low, high, log) => (log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
   const [logX, logY] = [rows ? panel.log : panel.log_x, !rows && panel.log];
+  const below = () => (last && (!over || inPrint.matches) ? (panel.x === TIME ? 20 : 34) : 6);
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
   const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
   const looks = {
@@ -85,10 +113,10 @@ const optionsOf = (panel, group, height, last, stretch) => {
     band: () => ({ width: 0 }),
     line: ({ variant }) => ({ dash: rows ? [] : DASHES[variant % 4] }),
   };
-  const look = (one) => ({ label: one.label, stroke: () => paint(one.color), width: rows ? 4 : 1.5, points: { show: false }, value: (_, value) => short(value, 3), ...looks[one.style](one) });
+  const look = (one) => ({ label: one.label, stroke: () => paint(one.color), width: rows ? 4 : 1.5, points: { show: false }, value: (_, value) => short(value, 3), single: one.style === "points", events: one.events, ...looks[one.style](one) });
   const [series, bands] = [[{ label: panel.x, class: "unseen", value: (_, value) => short(value) }], []];
   for (const one of panel.series) {
-    series.push(look(one));
+    series.push({ ...look(one), ...(over && one.style === "band" && { class: "unseen" }) });
     if (one.style !== "band") continue;
     series.at(-1).value = (chart, low, number, at) => (at === null ? "–" : `${short(low, 3)} to ${short(chart.data[number + 1][at], 3)}`);
     series.push({ ...look(one), class: "unseen" });
@@ -119,10 +147,10 @@ const optionsOf = (panel, group, height, last, stretch) => {
     height,
     series,
     bands,
-    padding: [6, 8, 0, 0],
+    padding: [over ? 17 : 6, 8, 0, 0],
     scales: { x: { time: false, distr: logX ? 3 : 1, range: () => (panel.x === TIME ? stretch.shown : far(...stretch.shown, logX)) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : logY ? { distr: 3, range: (_, low, high) => (low > 0 ? far(low, high, true) : [0.1, 1]) } : { range: panel.limits ? () => panel.limits : within } },
-    axes: [{ ...axis(last ? 34 : 6), ...(logX && decades), values: last ? numbers : () => [], ...(last && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
-    legend: { show: !panel.lane && !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
+    axes: [{ ...axis(below), ...(logX && decades), values: (...all) => (below() > 6 ? (panel.x === TIME ? seconds : numbers)(...all) : []), ...(last && panel.x !== TIME && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
+    legend: { show: !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
     cursor: {
       y: false,
       drag: { x: true, y: false, setScale: false, dist: 4 },
@@ -134,7 +162,8 @@ const optionsOf = (panel, group, height, last, stretch) => {
     hooks: {
       setCursor: [(chart) => chart.cursor.left < 0 && chart.head?.()], // the pointer has left: back to the clock's instant
       draw: [marks],
-      ready: [(chart) => setTimeout(() => chart.head?.())],
+      ready: [nameSeries, (chart) => setTimeout(() => chart.head?.())],
+      setSeries: [(chart, number) => chart.root.querySelectorAll(".u-label button")[number]?.setAttribute("aria-pressed", String(chart.series[number].show))],
       setSelect: [
         (chart) => {
           const { left, width } = chart.select;
@@ -158,21 +187,28 @@ const decades = {
   filter: (_, ticks) => ticks,
 };
 
-// Each series is read off at its own nearest sample: others may have samples in between.
-const nearestSample = (chart, number, index) => {
-  const ys = chart.data[number];
-  if (number === 0 || ys[index] !== undefined) return index;
+// The names of a legend are buttons that show and hide their curves.
+const nameSeries = ({ root }) => root.querySelectorAll(".u-label").forEach((name) => name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent)));
+
+// Each series is read off at its own nearest sample: others may have samples in between. Where it has none near there is
+// no value: in and beside gaps, at single points farther than a gap, and of events at the instant of another sample.
+const nearestSample = (chart, number, index, instant) => {
+  const [xs, ys] = [chart.data[0], chart.data[number]];
+  if (number === 0) return index;
+  const { events, single } = chart.series[number];
+  if (events && ys[index] === undefined) return null;
   let [before, after] = [index, index];
-  while (before >= 0 && ys[before] === undefined) before--;
-  while (after < ys.length && ys[after] === undefined) after++;
-  if (before < 0 || after >= ys.length) return before < 0 ? Math.min(after, ys.length - 1) : before;
-  const xs = chart.data[0];
-  return xs[index] - xs[before] <= xs[after] - xs[index] ? before : after;
+  while (before >= 0 && (ys[before] === undefined || xs[before] > instant)) before--;
+  while (after < ys.length && (ys[after] === undefined || xs[after] < instant)) after++;
+  const known = [before, after].filter((at) => Number.isFinite(ys[at]));
+  const near = known.length > 1 && instant - xs[before] > xs[after] - instant ? after : known[0];
+  const joined = known.length > 1 && !single;
+  return near !== undefined && (joined || Math.abs(xs[near] - instant) <= pageData.gap_s) ? near : null;
 };
 
-const openCurve = (plot, panel, group, height, last, columns) => {
+const openCurve = (plot, panel, group, height, last, columns, over) => {
   const stretch = stretchOf(group, panel.x);
-  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(panel, group, height, last, stretch) }, joined(panel.series, columns), plot);
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(panel, group, height, last, stretch, over) }, joined(panel.series, columns), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
   if (panel.x === TIME) addHead(chart, clockOf(group), stretch);
@@ -205,6 +241,12 @@ const addHead = (chart, clock, stretch) => {
   }).observe(chart.root);
   clock.listeners.push((_, turn) => chart.head(turn));
   chart.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
+  chart.over.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey) return;
+    event.preventDefault();
+    const [at, [first, until], factor] = [chart.posToVal(event.offsetX, "x"), stretch.shown, Math.exp(event.deltaY / 300)];
+    showStretch(stretch, at - (at - first) * factor, at + (until - at) * factor);
+  }, { passive: false });
   chart.over.addEventListener("click", (event) => {
     if (pressed !== event.clientX) return;
     clock.pause();

@@ -180,11 +180,8 @@ const openView = (scene, canvas, block) => {
         for (let at = 0; at < xs.length; at++) {
           if (t && (t[at] > instant || until[at] <= instant)) continue;
           const [px, py] = [x(xs[at]), y(ys[at])];
-          if (shape === "ring") {
-            const placed = new Path2D();
-            placed.addPath(RING, new DOMMatrix([along[at] * view.scale, -cross[at] * view.scale, 0, -aside[at] * view.scale, px, py]));
-            pen.stroke(placed);
-          } else if (px < -20 || py < -20 || px > size.x + 20 || py > size.y + 20) continue;
+          if (shape === "ring") ring(xs[at], ys[at], along[at], cross[at], aside[at]);
+          else if (px < -20 || py < -20 || px > size.x + 20 || py > size.y + 20) continue;
           else if (shape === "dot") pen.fillRect(px - half, py - half, 2 * half, 2 * half);
           else shapeAt(shape, px, py, half);
           if (names[at]) label(names[at], px + half + 4, py + half, color);
@@ -231,8 +228,25 @@ const openView = (scene, canvas, block) => {
     drawn = layers.map((layer) => ({ layer, below: layer.kind === "raster" || layer.kind === "windows", parts: prepare[layer.kind](layer) }));
     known = "";
   };
+  // A moment that is open shows what it claims, and no other thing of that kind.
+  let claim = null;
+  const isHidden = ({ hidden, label: name, measured }) => claim ? claim.hides.includes(name) || measured || (hidden && !claim.shows.includes(name)) : hidden;
   const drawParts = (part, below, instant) => {
-    for (const one of drawn) if (one.below === below && !one.layer.hidden) one.parts[part]?.(instant);
+    for (const one of drawn) if (one.below === below && !isHidden(one.layer)) one.parts[part]?.(instant);
+  };
+  const ring = (left, up, along, cross, aside) => {
+    const placed = new Path2D();
+    placed.addPath(RING, new DOMMatrix([along * view.scale, -cross * view.scale, 0, -aside * view.scale, x(left), y(up)]));
+    pen.stroke(placed);
+  };
+  const drawClaim = ({ line: [x0, y0, x1, y1], ring: axes, value }) => {
+    if (axes.length) (stroke("fix", 1.5), ring(...axes));
+    if (x0 === undefined) return;
+    stroke("bad", 2);
+    outline([[x(x0), y(y0)], [x(x1), y(y1)]]).stroke();
+    dot(x(x0), y(y0), 3, paint("bad"));
+    dot(x(x1), y(y1), 4, paint("bad"), paint("back"));
+    if (/ m($| )/.test(value)) label(value, (x(x0) + x(x1)) / 2 + 8, (y(y0) + y(y1)) / 2 - 6, "bad");
   };
   const drawStills = (sharp) => {
     for (const still of stills) {
@@ -252,11 +266,12 @@ const openView = (scene, canvas, block) => {
     layers,
     recolor,
     world,
-    draw: (instant) => {
+    draw: (instant, moment = null) => {
+      claim = moment;
       const followed = follow && poseAt(walker, instant);
       if (followed) view = { ...view, x: followed.x, y: followed.y };
       const sharp = canvas.width / size.x;
-      const wanted = JSON.stringify([view, size, sharp, layers.map(({ hidden }) => hidden)]);
+      const wanted = JSON.stringify([view, size, sharp, layers.map(isHidden)]);
       if (wanted !== known) drawStills(sharp);
       known = wanted;
       for (const [at, still] of stills.entries()) {
@@ -265,15 +280,27 @@ const openView = (scene, canvas, block) => {
         pen.setTransform(sharp, 0, 0, sharp, 0, 0);
         drawParts(1, at === 0, instant);
       }
+      if (claim) drawClaim(claim);
     },
-    whole: () => {
+    fit: ([left, right, bottom, top]) => {
       follow = false;
-      const [left, right, bottom, top] = scene.extent;
       view = { x: (left + right) / 2, y: (bottom + top) / 2, scale: Math.min(size.x / (right - left), size.y / (top - bottom)) };
     },
     near: (across) => {
       follow = true;
       view.scale = Math.min(size.x, size.y) / across;
+    },
+    // About the line, the ellipse or the robot of a moment.
+    open: ({ line, ring: [left, up, ...axes], seconds }) => {
+      const robot = poseAt(walker, seconds) ?? view;
+      const [x0, y0, x1, y1] = line.length ? line : [left ?? robot.x, up ?? robot.y, left ?? robot.x, up ?? robot.y];
+      const across = Math.max(4, 2.5 * Math.hypot(x1 - x0, y1 - y0), 2.5 * Math.max(0, ...axes));
+      follow = false;
+      view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.min(size.x, size.y) / across };
+    },
+    place: (wanted) => {
+      if (wanted) [follow, view] = [false, { x: wanted[0], y: wanted[1], scale: size.x / wanted[2] }];
+      return [view.x, view.y, size.x / view.scale];
     },
     follows: () => follow,
     resize: (width, height) => {

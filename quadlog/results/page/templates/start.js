@@ -1,5 +1,5 @@
 "use strict";
-// Opens the scenes and curves of the page. Keys work anywhere; #t=18.08 opens an instant.
+// Opens the scenes and curves of the page. Keys work anywhere; #t=18.08 opens an instant, and the address follows it.
 (async () => {
   const block = await unpack();
   const places = [...document.querySelectorAll("[data-scene]")];
@@ -10,16 +10,21 @@
   players.push(...places.filter((place) => !place.classList.contains("open")).map(open));
   const moving = players.filter(Boolean);
   const goTo = (address) => {
-    const wanted = /^#t=(-?[\d.]+)$/.exec(address);
-    if (!wanted) return false;
-    const instant = Number(wanted[1]);
-    for (const clock of Object.values(clocks)) (clock.pause(), clock.set(instant));
-    const moment = [...document.querySelectorAll("[data-shows]")].find(({ hash }) => Math.abs(Number(hash.slice(3)) - instant) < 0.01);
-    if (moment) moving[0]?.show(JSON.parse(moment.dataset.shows));
+    const { t, ...more } = Object.fromEntries(new URLSearchParams(address.slice(1)));
+    if (t === undefined || !Number.isFinite(Number(t))) return false;
+    for (const clock of Object.values(clocks)) (clock.pause(), clock.set(Number(t)));
+    moving[0]?.restore(Number(t), more);
     return true;
   };
   if (!goTo(location.hash)) moving.forEach(({ start }) => start());
   addEventListener("hashchange", () => goTo(location.hash));
+  // Once the clock rests: a browser refuses an address a frame.
+  let waiting = 0;
+  const follow = ({ clock, state }) => {
+    const say = () => history.replaceState(null, "", `#${new URLSearchParams({ t: clock.now.toFixed(3), ...state() })}`);
+    clock.rest = () => (clearTimeout(waiting), (waiting = setTimeout(say, 400)));
+  };
+  if (moving.length) follow(moving[0]);
   addEventListener("click", (event) => {
     const link = event.target.closest('a[href^="#t="]');
     if (!link || !goTo(link.hash)) return; // a second click on a link changes no hash

@@ -33,9 +33,11 @@ const clockOf = (group) =>
     now: null,
     listeners: [],
     pause: () => {},
+    rest: () => {}, // called when it has been set, or what is shown has changed
     set(seconds, turn) {
       this.now = seconds;
       this.listeners.forEach((listen) => listen(seconds, turn));
+      this.rest();
     },
   });
 

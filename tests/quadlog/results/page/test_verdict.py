@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from markupsafe import escape
 from pandas import DataFrame
 
 from quadlog.metrics.catalogue import CATALOGUE
-from quadlog.results.page.run_page import cards, metric_table
+from quadlog.results.page.run_page import cards, metric_table, write_run_page
 from quadlog.results.page.verdict import status, verdict, walked_m
 from quadlog.results.run import Run
 from quadlog.results.text import STATES
@@ -88,7 +89,7 @@ CASES = {
     "log goes on": ([lasting(60.0, 56_100)], "Gaps", "bad", "No position for 56 s (94 % of the log)."),
     "coverage": ([measured(uwb_coverage_95=0.65, uwb_nees=5.1)], "Positions", "bad",
                  "the truth for 65 % of the time (NEES 5.1, 2 is consistent): do not trust the bound."),
-    "bound too wide": ([measured(uwb_coverage_95=1.0, uwb_nees=0.4)], "Positions", "warn", "wider than needed"),
+    "bound too wide": ([measured(uwb_coverage_95=1.0, uwb_nees=0.4)], "Positions", "good", "wider than needed"),
     "one error": ([measured(1.0, uwb_coverage_95=0.6, uwb_nees=5.1)], "Positions", "good",
                   "for 60 % of the time (one constant error: too little to judge the bound)."),
     "two errors": ([measured(2.2, uwb_coverage_95=1.0, uwb_nees=0.5)], "Positions", "good", "about 2 independent err"),
@@ -99,6 +100,9 @@ CASES = {
     "NEES is expected": ([measured(uwb_nees=5.1), expecting(uwb_nees={"max": 6.0})], "Positions", "good", "From UWB"),
     "clearance": ([lambda run: remove(run, "contacts"), measured(clearance_min_m=0.02)], "Simulated walk", "warn",
                   "nearest obstacle 0.02 m away"),
+    "falls behind": ([lambda run: change(run, "clearances", target_distance_m=np.linspace(2, 4, 200))],
+                     "Simulated walk", "bad", "2.1 m from its target at first, 3.9 m in the end; that one 2 m."),
+    "keeps its distance": ([], "Simulated walk", "bad", "first at 1.8 s."),
     "outside of the maps": ([outside], "Simulated walk", "warn", "outside of the recorded maps for 50 % of the time"),
     "fall": ([fallen], "Simulated walk", "bad", "along line and fell at 3.0 s."),
     "not arrived": ([along_course], "Simulated walk", "bad", "did not reach its end"),
@@ -107,6 +111,50 @@ CASES = {
     "not measured": ([expecting(eta_m={"max": 0.2}, ate_rmse_m={"max": 1}, uwb_nees={"max": 3})], "Expected", "bad",
                      "2 of 3 bounds do not hold: position error (not measured), NEES of the track"),
 }  # fmt: skip
+
+
+FLAT = "287 of 287 scans: no ground is found, as in a 2-D scan; heights are measured from base as configured"
+PLANE = "no ground was seen: the re-simulated robot walks on a plane"
+MOUNT = "lidar.mount is neither configured nor in tf: the lidar is taken to sit in base, looking forward"
+NO_LIDAR = "stopped after position: no topic is fit to be the lidar"
+NO_TARGET = "no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic"
+JUDGED = {
+    "fixture": ("usable", ["tag 0: of 600 epochs, 2 with fewer than three ranges give no fix"]),
+    "many epochs without a fix": ("usable, 1 warning", ["tag 0: of 600 epochs, 60 with fewer than three ranges"]),
+    "jackal": ("usable", [NO_LIDAR]),
+    "cleanest_avoid": ("usable", ["5 of 269 scans: fewer than 20 points on the ground or on obstacles", FLAT, PLANE]),
+    "anlam_hallway": ("usable, 2 warnings", ["590 of 881 scans show surfaces that face one way", MOUNT, FLAT, PLANE]),
+    "everardo_obst": ("usable, 1 warning", [FLAT, PLANE], 0.0045),
+    "evo_tf_example, husky_le, traj_toolkit": ("usable", [NO_LIDAR]),
+    "gruhl_laser": ("usable, 3 warnings", [
+        "13 of 867 scans have fewer than 10 returns or match nothing seen before: no pose is given there",
+        "853 of 867 scans show surfaces that face one way", MOUNT, FLAT, PLANE,
+        "13 scans are not in the map: no pose within 0.5 s of them"]),
+    "latched_pose": ("usable", ["/amcl_pose: 1 stamp from outside of the log (latched, or wrong)", NO_LIDAR]),
+    "lidarme": ("usable, 2 warnings", ["366 of 485 scans show surfaces that face one way", MOUNT, FLAT, NO_TARGET]),
+    "obst_test": ("usable", [FLAT, NO_TARGET]),
+    "philip_nav": ("usable, 2 warnings", [MOUNT, FLAT, PLANE], 0.018),
+    "ron_map": ("usable, 1 warning", [MOUNT, FLAT, PLANE]),
+    "shohei_data": ("usable, 1 warning", ["7 of 301 scans are not levelled: tilted by more than 40 degrees",
+                    "13 of 301 scans: fewer than 20 points on the ground or on obstacles", FLAT, PLANE], 0.012),
+    "topic_of_32_characters": ("usable, 1 warning", [
+        "no position was found: the robot is taken to stand at the origin; lidar: no topic is fit", NO_LIDAR]),
+    "lias_fast": ("usable, 1 warning", ["/mocap: 145 of 17234 messages have the stamp of another; they are dropped",
+                                        "heading std is 7.6 degrees, an error of 1.33 m at 10 m", NO_LIDAR]),
+}  # fmt: skip
+"""What a log's warnings, and the clearance of its simulated walk, let a reader use, judged by hand."""
+
+
+@pytest.mark.parametrize("log", JUDGED)
+def test_a_run_is_amber_only_for_what_changes_its_use(tiny_run: Path, log: str) -> None:
+    remove(tiny_run, "contacts")
+    change(tiny_run, "plans", found=True)
+    words, warnings, *clearance_m = JUDGED[log]
+    measured(clearance_min_m=clearance_m[0] if clearance_m else 0.3)(tiny_run)
+    change_json(tiny_run / "run.json", losses=[], warnings=warnings)
+    assert status(Run(tiny_run))[0] == words
+    if log == "fixture":
+        assert escape(warnings[0]) in write_run_page(Run(tiny_run)).read_text()
 
 
 @pytest.mark.parametrize("case", CASES)
