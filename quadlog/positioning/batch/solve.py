@@ -17,7 +17,7 @@ from quadlog.positioning.batch import robust
 from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps
 from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
-ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
+ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS, BLOCKED_ROUNDS = 24, 3, 6, 3
 SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
 NEAR_KNOTS, WALKING_MPS = 5, 0.2
 """A body slower than this over so many knots to either side stands, the more so the slower it is."""
@@ -135,7 +135,7 @@ class Problem:
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
     range_std_m: of ranges in sight, None: estimated for each link. past: what earlier ranges say of the globals: values
     (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the probability of line of sight, for
-    knots and globals.
+    knots and globals. calibrated: links may have biases of their own.
     """
 
     timeline: Timeline
@@ -147,6 +147,7 @@ class Problem:
     others: tuple[Steps, ...] = ()
     past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
+    calibrated: bool = True
 
     @cached_property
     def sampling(self) -> Sampling:
@@ -249,14 +250,33 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
-def weigh(problem: Problem, residual_m: Float, std_m: Float, lasts: Float) -> Weights:
-    """Robust weights from residuals (R,)."""
+def weigh(problem: Problem, residual_m: Float, std_m: Float, lasts: Float, shared: Float | None = None) -> Weights:
+    """Robust weights from residuals (R,); shared (R,): where paths are blocked, how many ranges say as much of a delay
+    as one.
+    """
     slots, std_of_range_m = problem.slots, std_m[problem.slots.range_link]
-    if problem.in_sight:
-        sight = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_of_range_m)[0]
-        return Weights(sight, sight, std_m, lasts)
     late = robust.lateness_weights(problem.windows, residual_m, std_of_range_m)
-    return Weights(late, robust.symmetric_weights(residual_m, slots.range_link, std_of_range_m), std_m, lasts)
+    if shared is None and not problem.in_sight:
+        return Weights(late, robust.symmetric_weights(residual_m, slots.range_link, std_of_range_m), std_m, lasts)
+    shared = np.ones(len(late)) if shared is None else shared
+    sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_of_range_m, shared)
+    return Weights(sight if problem.in_sight else late * (sight + odd), sight, std_m, lasts)
+
+
+def are_blocked(problem: Problem, residual_m: Float, std_m: Float, lasts: Float | None) -> bool:
+    """Whether blocked paths explain late ranges; lasts (R,): of the errors of those in sight, None before it is known.
+
+    Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a link whose
+    bias is its own seems late.
+    """
+    slots, timeline = problem.slots, problem.timeline
+    excess = robust.late_excess(residual_m / std_m[slots.range_link])
+    if lasts is None:
+        able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
+        return able and excess > robust.BLOCKED_SHARE
+    walked_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), 1e-3)
+    white = max(robust.WHITE_S * len(residual_m) / len(np.unique(slots.link)) / walked_s, robust.WHITE_RANGES)
+    return bool(np.median(lasts) <= white) or excess > robust.MOSTLY_SHARE
 
 
 def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Float:
@@ -331,24 +351,39 @@ def solve(
 ) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
-    One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, the std of ranges being
-    estimated, errors taken as white; then the persistence of the errors is estimated once and kept. It is not estimated
+    One-sided weights would shift a bias, unless paths are blocked: then the median of a link may be late, and ranges
+    count by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of
+    ranges being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the
+    errors is estimated once and kept. It is not estimated
     again, because motion that a stiffer track cannot follow would look like persistent errors. warm: the start is near
     enough for robust weights. noise: std (L,) and persistence (R,), if they are known; then the start is warm, and a
     move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
     std_m, lasts = noise or (np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n))
+    due, shared = WHITE_ROUNDS, None
     weights, linear, settled = Weights(np.ones(n), np.ones(n), std_m, lasts), linearise(problem, knots, values), False
     for index in range(rounds):
         if warm or noise or index >= PLAIN_ROUNDS:
             if problem.range_std_m is None and not noise and not settled:
                 prior = robust.USUAL_STD_M, robust.USUAL_RANGES
                 std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links, prior)
-            weights = weigh(problem, linear.residual_m, std_m, lasts)
-            if not noise and not settled and index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS):
+            weights = weigh(problem, linear.residual_m, std_m, lasts, shared)
+            near = index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS)
+            if (
+                near
+                and not noise
+                and not settled
+                and shared is None
+                and are_blocked(problem, linear.residual_m, std_m, None)
+            ):
+                due, shared = index + BLOCKED_ROUNDS, lasts
+                weights = weigh(problem, linear.residual_m, std_m, lasts, shared)
+            elif near and not noise and not settled:
                 settled, lasts = True, persistence(problem, linear.residual_m, weights, knots)
                 weights = replace(weights, lasts=lasts)
+                if shared is not None and not are_blocked(problem, linear.residual_m, std_m, lasts):
+                    shared = lasts
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         step = for_knots.step_of_knots(global_step)

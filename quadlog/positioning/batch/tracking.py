@@ -109,7 +109,8 @@ class Body:
             mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
             priors = np.array([block_diag(prior, own) for prior in priors])
         model, slots = RangeModel(self.axes, self.anchors_m), self.ranges.slots(self.timeline.t_s)
-        return Problem(self.timeline, model, slots, self.settings.range_std_m, mean, priors, others)
+        std_m, calibrated = self.settings.range_std_m, self.settings.calibrate
+        return Problem(self.timeline, model, slots, std_m, mean, priors, others, calibrated=calibrated)
 
     def knots_from(self, starts: Starts, timeline: Timeline) -> Float:
         """(K, 2, D) knots that stand at their places between starts."""
