@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Timeline, Track
 from quadlog.positioning.batch.robust import USUAL_RANGES, USUAL_STD_M, lateness_weights, link_stds, link_windows
-from quadlog.positioning.batch.solve import Estimate, solve
+from quadlog.positioning.batch.solve import Estimate, solve, walking_clock
 from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
 STEP_S = 0.1
@@ -22,6 +22,8 @@ ROUNDS = 5
 """At most, of each step; one is enough where the last one was near."""
 LASTS_S = 0.6
 """How long errors of a link are taken to last: a log so far shows it too badly."""
+STANDING_SHARE = 0.5
+"""By a clock that stops with the body: where it stands, up to so much of a window's ranges share an error."""
 STAMP_STD_S = 0.05
 """How well the stamps of ranges are known: radios, drivers and references have clocks of their own, unknown to the
 ranges. Real recordings were 0.08 and 0.11 s off."""
@@ -153,7 +155,9 @@ def _step(
         slots, timeline = problem.slots, problem.timeline
         knots, values = _guess(body, timeline, starts, last), last.values if last else problem.mean
         span_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), KNOT_S)
-        lasts = max(1.0, LASTS_S * len(slots.range_m) / len(np.unique(slots.link)) / span_s)
+        walked_s, usual = float(walking_clock(timeline, knots)[-1]), LASTS_S / span_s
+        share = np.clip(LASTS_S / max(walked_s, 1e-3), usual, max(STANDING_SHARE, usual))
+        lasts = max(1.0, share * len(slots.range_m) / len(np.unique(slots.link)))
         noise = np.full(slots.n_links, body.settings.range_std_m), np.full(len(slots.range_m), lasts)
         estimate = solve(problem, knots, values, noise, ROUNDS)
         jumps_s = cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)

@@ -279,16 +279,20 @@ def are_blocked(problem: Problem, residual_m: Float, std_m: Float, lasts: Float 
     return bool(np.median(lasts) <= white) or excess > robust.MOSTLY_SHARE
 
 
+def walking_clock(timeline: Timeline, knots: Float) -> Float:
+    """(K,) seconds at the knots by a clock that slows down with the body, and goes on between segments."""
+    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline))
+    before, after = (at - NEAR_KNOTS).clip(0), (at + NEAR_KNOTS).clip(max=len(t_s) - 1)
+    speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
+    return np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
+
+
 def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Float:
     """(R,) how many ranges of a link share an error.
 
     By a clock that slows down with the body: errors depend on the place, so those of a body that stands last.
     """
-    slots, t_s, place_m = problem.slots, problem.timeline.t_s, knots[:, 0, :2]
-    before, after = np.arange(len(t_s)) - NEAR_KNOTS, np.arange(len(t_s)) + NEAR_KNOTS
-    before, after = before.clip(0), after.clip(max=len(t_s) - 1)
-    speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
-    walked_s = np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
+    slots, t_s, walked_s = problem.slots, problem.timeline.t_s, walking_clock(problem.timeline, knots)
     link, weight, heard = slots.range_link, weights.globals, len(np.unique(slots.link))
     std_m = weights.std_m[link]
     if problem.in_sight:  # Of ranges in sight alone errors seem to be white, of all to last for seconds.
