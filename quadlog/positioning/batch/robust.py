@@ -25,8 +25,10 @@ DELAYS_STD, ODD_SHARE, ODD_SPAN_M = (2.0, 5.0, 12.5), 0.01, 20.0
 a span."""
 LATE_BY_STD, BLOCKED_SHARE, MOSTLY_SHARE, WHITE_S, WHITE_RANGES = 3.0, 0.03, 0.16, 0.25, 3.0
 """Paths are blocked where, of ranges off by more std, so many more are late than early. Errors of the ranges in sight
-that last no longer are white; others are reflections, unless so many more ranges are late. On seeds 501 and 502, 300 to
-305 and real logs walks came to 0.18 s or 0.17, the others to 0.46 s and 0.10."""
+that last no longer are white; others are reflections, unless so many more ranges are late. Chosen on walks of seeds
+501 and 502 and on real logs, which came to 0.18 s or less, and to 0.46 s or more with a share up to 0.10. Not so
+delays that are constant for each anchor: they came to 1.3 s with 0.07, and are then taken for reflections.
+"""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
