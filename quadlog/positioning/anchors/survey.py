@@ -327,8 +327,8 @@ def _anchors(
     ranges, slots, n = solution.walk.ranges, solution.estimate.problem.slots, solution.walk.ranges.n_anchors
     bias_m = solution.estimate.values[: ranges.n_links].reshape(-1, n).mean(axis=0)
     among = relative_covariance(covariance, anchors_m, np.arange(n))
-    counts = np.bincount(ranges.anchor, minlength=n)
-    late = np.bincount(slots.range_link % n, 1 - solution.estimate.weights.knots, n) / counts
+    counts, anchor_of = np.bincount(ranges.anchor, minlength=n), slots.range_link % n
+    late = np.bincount(anchor_of, 1 - solution.estimate.weights.knots, n) / np.bincount(anchor_of, minlength=n)
     anchors = []
     for anchor, number in enumerate(index.tolist()):
         rows, links = slice(3 * anchor, 3 * anchor + 3), 3 * n + anchor + n * np.arange(len(ranges.lever_m))

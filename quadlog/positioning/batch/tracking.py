@@ -146,17 +146,19 @@ class Tracked:
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""
-        problem, weights = self.last.problem, self.last.weights
-        slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
-        pose, _, covariance = self.poses(slots.t_s)
+        problem, weights, given = self.last.problem, self.last.weights, self.body.ranges
+        slots, size, of = problem.slots, len(problem.model.axes), problem.slots.of_given
+        pose, rate, covariance = self.poses(slots.t_s)
         _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
-        known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.spread
+        known = np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope) / self.spread
         variance_m2 = weights.std_m[slots.range_link] ** 2
         fitted = float((weights.knots * known[slots.slot] / (weights.lasts * variance_m2)).mean())
         trust = max(float(weights.knots.mean()), 1e-3) * (1 - min(fitted, 0.9))
-        found = np.empty((3, len(residual_m)))
-        found[:, slots.order] = residual_m, weights.knots, weights.knots * residual_m**2 / (variance_m2 * trust)
-        return found[0], found[1], found[2]
+        speed_mps = np.einsum("ni,ni->n", slope, rate)[slots.slot]
+        residual_m = self.last.linear.residual_m - slots.range_m + speed_mps * slots.range_t_s
+        residual_m = residual_m[of] + given.range_m - speed_mps[of] * given.t_s
+        weight = weights.knots[of]
+        return residual_m, weight, weight * residual_m**2 / (variance_m2[of] * trust)
 
     def biases(self) -> tuple[Float, Float]:
         """Of all links (L,), and their std."""
