@@ -176,17 +176,24 @@ class Problem:
         return found
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """Of R ranges: for the knots and for the globals (R,); lasts (R,): how many ranges of a link share an error.
+@dataclass(frozen=True)
+class Noise:
+    """Of R ranges: std_m (L,) of those in sight of each link; lasts (R,): how many ranges of a link share an error.
 
-    std_m: (L,) of the ranges in sight of each link.
+    shared (R,): where paths are blocked, how many ranges say as much of a delay as one; None where they are not.
     """
+
+    std_m: Float
+    lasts: Float
+    shared: Float | None
+
+
+@dataclass(frozen=True)
+class Weights(Noise):
+    """For the knots and for the globals (R,), with the noise that they are due to."""
 
     knots: Float
     globals: Float
-    std_m: Float
-    lasts: Float
 
     def information(self, slots: Slots) -> tuple[Float, Float]:
         """(R,) of each range, for the knots and for the globals."""
@@ -250,33 +257,36 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
-def weigh(problem: Problem, residual_m: Float, std_m: Float, lasts: Float, shared: Float | None = None) -> Weights:
-    """Robust weights from residuals (R,); shared (R,): where paths are blocked, how many ranges say as much of a delay
-    as one.
-    """
-    slots, std_of_range_m = problem.slots, std_m[problem.slots.range_link]
-    late = robust.lateness_weights(problem.windows, residual_m, std_of_range_m)
+def weigh(problem: Problem, residual_m: Float, noise: Noise) -> Weights:
+    """Robust weights from residuals (R,)."""
+    slots, shared, std_m = problem.slots, noise.shared, noise.std_m[problem.slots.range_link]
+    late = robust.lateness_weights(problem.windows, residual_m, std_m)
     if shared is None and not problem.in_sight:
-        return Weights(late, robust.symmetric_weights(residual_m, slots.range_link, std_of_range_m), std_m, lasts)
-    shared = np.ones(len(late)) if shared is None else shared
-    sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_of_range_m, shared)
-    return Weights(sight if problem.in_sight else late * (sight + odd), sight, std_m, lasts)
+        alike = robust.symmetric_weights(residual_m, slots.range_link, std_m)
+        return Weights(noise.std_m, noise.lasts, None, late, alike)
+    each = np.ones(len(late)) if shared is None else shared
+    sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m, each)
+    return Weights(noise.std_m, noise.lasts, shared, sight if problem.in_sight else late * (sight + odd), sight)
 
 
-def are_blocked(problem: Problem, residual_m: Float, std_m: Float, lasts: Float | None) -> bool:
-    """Whether blocked paths explain late ranges; lasts (R,): of the errors of those in sight, None before it is known.
+def are_blocked(problem: Problem, residual_m: Float, noise: Noise) -> bool:
+    """Whether blocked paths may explain late ranges.
 
     Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a link whose
     bias is its own seems late.
     """
-    slots, timeline = problem.slots, problem.timeline
-    excess = robust.late_excess(residual_m / std_m[slots.range_link])
-    if lasts is None:
-        able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
-        return able and excess > robust.BLOCKED_SHARE
+    able = problem.calibrated and not problem.in_sight and len(np.unique(problem.slots.anchor)) > 3
+    return able and robust.late_excess(residual_m / noise.std_m[problem.slots.range_link]) > robust.BLOCKED_SHARE
+
+
+def lasting(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Weights:
+    """With the persistence of errors; where it is long, late ranges may be reflections, whose delays last as well."""
+    slots, timeline, lasts = problem.slots, problem.timeline, persistence(problem, residual_m, weights, knots)
     walked_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), 1e-3)
     white = max(robust.WHITE_S * len(residual_m) / len(np.unique(slots.link)) / walked_s, robust.WHITE_RANGES)
-    return bool(np.median(lasts) <= white) or excess > robust.MOSTLY_SHARE
+    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
+    reflected = np.median(lasts) > white and excess <= robust.MOSTLY_SHARE
+    return replace(weights, lasts=lasts, shared=lasts if weights.shared is not None and reflected else weights.shared)
 
 
 def walking_clock(timeline: Timeline, knots: Float) -> Float:
@@ -348,7 +358,7 @@ def solve(
     problem: Problem,
     knots: Float,
     values: Float,
-    noise: tuple[Float, Float] | None = None,
+    known: Noise | None = None,
     rounds: int = ROUNDS,
     *,
     warm: bool = False,
@@ -358,45 +368,37 @@ def solve(
     One-sided weights would shift a bias, unless paths are blocked: then the median of a link may be late, and ranges
     count by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of
     ranges being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the
-    errors is estimated once and kept. It is not estimated
-    again, because motion that a stiffer track cannot follow would look like persistent errors. warm: the start is near
-    enough for robust weights. noise: std (L,) and persistence (R,), if they are known; then the start is warm, and a
-    move of NEAR_M is the last.
+    errors is estimated once and kept. It is not estimated again, because motion that a stiffer track cannot follow
+    would look like persistent errors. warm: the start is near enough for robust weights. known: the noise; then the
+    start is warm, and a move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
-    std_m, lasts = noise or (np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n))
-    due, shared = WHITE_ROUNDS, None
-    weights, linear, settled = Weights(np.ones(n), np.ones(n), std_m, lasts), linearise(problem, knots, values), False
+    noise = known or Noise(np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n), None)
+    weights = Weights(noise.std_m, noise.lasts, None, np.ones(n), np.ones(n))
+    linear = linearise(problem, knots, values)
+    settled, due = known is not None, WHITE_ROUNDS
     for index in range(rounds):
-        if warm or noise or index >= PLAIN_ROUNDS:
-            if problem.range_std_m is None and not noise and not settled:
+        if warm or known or index >= PLAIN_ROUNDS:
+            if problem.range_std_m is None and not settled:
                 prior = robust.USUAL_STD_M, robust.USUAL_RANGES
                 std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links, prior)
-            weights = weigh(problem, linear.residual_m, std_m, lasts, shared)
-            near = index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS)
-            if (
-                near
-                and not noise
-                and not settled
-                and shared is None
-                and are_blocked(problem, linear.residual_m, std_m, None)
-            ):
-                due, shared = index + BLOCKED_ROUNDS, lasts
-                weights = weigh(problem, linear.residual_m, std_m, lasts, shared)
-            elif near and not noise and not settled:
-                settled, lasts = True, persistence(problem, linear.residual_m, weights, knots)
-                weights = replace(weights, lasts=lasts)
-                if shared is not None and not are_blocked(problem, linear.residual_m, std_m, lasts):
-                    shared = lasts
+                noise = replace(noise, std_m=std_m)
+            weights = weigh(problem, linear.residual_m, noise)
+            if not settled and index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS):
+                if noise.shared is None and are_blocked(problem, linear.residual_m, noise):
+                    noise, due = replace(noise, shared=noise.lasts), index + BLOCKED_ROUNDS
+                    weights = weigh(problem, linear.residual_m, noise)
+                else:
+                    settled, noise = True, (weights := lasting(problem, linear.residual_m, weights, knots))
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         step = for_knots.step_of_knots(global_step)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
-        if not noise and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
+        if not known and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
             global_step = 0.0 * global_step  # what is left of a way is not gone: equations are those at the solution
             break
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
-        if noise and moved_m < NEAR_M:
+        if known and moved_m < NEAR_M:
             break
     return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots, global_step)
