@@ -112,7 +112,9 @@ def measure_motion(
             share = f"its motion is off by {100 * missed / way:.0f} % of UWB's"
             return refused(std, f"{share}, its length {ratio:.2f} times UWB's")
     leg_mps, yaw_rad = missed_m / np.sqrt(2 * LEG_S), np.unwrap(motion.yaw_rad)
-    std_mps = np.where(leg_mps > SLIP_STD * max(usual, std), leg_mps, std)
+    if causal:
+        usual = std = _usual_so_far(t_s, leg_mps)
+    std_mps = np.where(leg_mps > SLIP_STD * np.maximum(usual, std), leg_mps, std)
     map_rad = yaw_rad + np.unwrap(offset_rad)
     if causal:
         std_mps = np.hypot(std_mps, offset_std * np.hypot(*map_mps.T))
@@ -120,6 +122,18 @@ def measure_motion(
     else:
         odometry = Odometry(Way(t_s, summed(t_s, own_mps), yaw_rad), std_mps, in_map=False)
     return MeasuredMotion(odometry, map_rad, std, motion.source)
+
+
+def _usual_so_far(t_s: Float, leg_mps: Float) -> Float:
+    """(M,) the median of the legs that were compared by then, M with NaN; UNTRIED_STD_MPS counts as one leg."""
+    usual_mps, tried = np.full(len(t_s), UNTRIED_STD_MPS), np.flatnonzero(np.isfinite(leg_mps))
+    if len(tried):
+        number = ((t_s - t_s[tried[0]]) / LEG_S).astype(np.int64) + (t_s >= t_s[tried[0]])
+        for n in range(2, int(number.max()) + 1):
+            so_far = leg_mps[tried[number[tried] < n]] / np.sqrt(np.log(2))
+            median_mps = max(float(np.median(so_far)), LEAST_STD_MPS)
+            usual_mps[number == n] = median_mps ** (1 - 1 / n) * UNTRIED_STD_MPS ** (1 / n)
+    return usual_mps
 
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:

@@ -160,6 +160,12 @@ class Problem:
         return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
 
     @cached_property
+    def heard(self) -> tuple[float, float]:
+        """Seconds of the timeline without its gaps, and ranges of each link."""
+        span_s = float(np.diff(self.timeline.t_s)[self.timeline.connected].sum())
+        return max(span_s, 1e-3), len(self.slots.range_m) / len(np.unique(self.slots.link))
+
+    @cached_property
     def prior_information(self) -> Float:
         """(P, M, M) inverse of the priors."""
         return np.linalg.inv(self.priors)
@@ -281,12 +287,11 @@ def are_blocked(problem: Problem, residual_m: Float, noise: Noise) -> bool:
 
 def lasting(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Weights:
     """With the persistence of errors; where it is long, late ranges may be reflections, whose delays last as well."""
-    slots, timeline, lasts = problem.slots, problem.timeline, persistence(problem, residual_m, weights, knots)
-    walked_s = max(float(np.diff(timeline.t_s)[timeline.connected].sum()), 1e-3)
-    white = max(robust.WHITE_S * len(residual_m) / len(np.unique(slots.link)) / walked_s, robust.WHITE_RANGES)
-    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
-    reflected = np.median(lasts) > white and excess <= robust.MOSTLY_SHARE
-    return replace(weights, lasts=lasts, shared=lasts if weights.shared is not None and reflected else weights.shared)
+    lasts, (span_s, n) = persistence(problem, residual_m, weights, knots), problem.heard
+    excess = robust.late_excess(residual_m / weights.std_m[problem.slots.range_link])
+    white = np.median(lasts) <= max(robust.WHITE_S * n / span_s, robust.WHITE_RANGES)
+    keeps = weights.shared is None or white or excess > robust.MOSTLY_SHARE
+    return replace(weights, lasts=lasts, shared=weights.shared if keeps else lasts)
 
 
 def walking_clock(timeline: Timeline, knots: Float) -> Float:
