@@ -224,8 +224,7 @@ def _misfit(estimate: Estimate, lasts: Float) -> float:
     alike = replace(estimate.weights, lasts=lasts)
     arrow = assemble(problem, estimate.linear, alike, estimate.knots, values)[0]
     std_m = estimate.weights.std_m[slots.range_link]
-    seen = slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m
-    against = sight_probabilities(*seen, np.ones(len(lasts)))[2]
+    against = sight_probabilities(slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m)[2]
     cost = (against / lasts).sum() + problem.stress(estimate.knots).sum() / 2
     for each in problem.others:
         rows, weight = each.linearise(estimate.knots, values)

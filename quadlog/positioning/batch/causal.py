@@ -109,14 +109,12 @@ class _Step(NamedTuple):
 
 
 class _Back(NamedTuple):
-    """What looking back at t_s showed: see Problem.past; how long errors last; where paths are blocked, whether delays
-    last as long (0 or 1), None where they are not.
-    """
+    """What looking back at t_s showed: see Problem.past; how long errors last; whether paths are blocked."""
 
     t_s: float
     past: tuple[Float, Float, Float] | None
     lasts_s: float
-    delays: float | None
+    blocked: bool | None
 
 
 def follow(body: Body, starts: Starts) -> Known:
@@ -176,11 +174,10 @@ def _look_back(body: Body, now_s: float, steps: list[_Step], found: list[tuple[f
     starts = Starts(np.array([step.t_s for step in steps]), np.array([step.state[kept] for step in steps]))
     problem = replace(body.problem(), past=before.past if before else None)
     estimate = solve(problem, body.knots_from(starts, problem.timeline), steps[-1].values)
-    weights, (span_s, n) = estimate.weights, problem.heard
-    lasts_s = float(np.median(weights.lasts)) * span_s / n
+    span_s, n = problem.heard
+    lasts_s = float(np.median(estimate.weights.lasts)) * span_s / n
     lasts_s = (LASTS_S * LASTS_KNOWN_S + lasts_s * span_s) / (LASTS_KNOWN_S + span_s)
-    delays = None if weights.shared is None else float(weights.shared.max() > 1)
-    return _Back(now_s, estimate.past(), lasts_s, delays)
+    return _Back(now_s, estimate.past(), lasts_s, estimate.weights.blocked)
 
 
 def _step(
@@ -203,8 +200,7 @@ def _step(
         walked_s, usual = float(walking_clock(timeline, knots)[-1]), back.lasts_s / span_s
         share = np.clip(back.lasts_s / max(walked_s, 1e-3), usual, max(STANDING_SHARE, usual))
         lasts = np.full(len(slots.range_m), max(1.0, share * n))
-        shared = None if back.delays is None else lasts**back.delays
-        noise = Noise(np.full(slots.n_links, body.settings.range_std_m), lasts, shared)
+        noise = Noise(np.full(slots.n_links, body.settings.range_std_m), lasts, back.blocked)
         estimate = solve(problem, knots, values, noise, ROUNDS)
         jumps_s = cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)
         if len(jumps_s) == 0:

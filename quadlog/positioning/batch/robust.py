@@ -40,7 +40,7 @@ ALIKE = 1.5
 """Links whose stds differ by less from the usual one have that: link by link tracks err by up to 10 % more."""
 
 
-def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int]) -> Float:
+def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int], *, by_zero: bool = True) -> Float:
     """(L,) std of the ranges in sight of each link, from residuals (N,) by link.
 
     From the early half about the mode, or about zero where that is narrower: blocked paths lengthen the late one, and
@@ -53,7 +53,7 @@ def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, in
             some = min(max(int(MODE_SHARE * n), MODE_RANGES), n // 2)
             first = int(np.argmin(part_m[some:] - part_m[:-some]))
             mode_m = float(np.median(part_m[first : first + some + 1]))
-            halves = [at_m - part_m[part_m <= at_m] for at_m in (mode_m, 0.0)]
+            halves = [at_m - part_m[part_m <= at_m] for at_m in ((mode_m, 0.0) if by_zero else (mode_m,))]
             early.append(min((each for each in halves if len(each) > EARLY_SHARE * n), key=np.median))
             own_m[k] = np.median(early[-1])
     prior_m, n_prior = prior
@@ -112,26 +112,22 @@ def _late_density() -> tuple[Float, Float]:
 _LATE = _late_density()
 
 
-def sight_probabilities(
-    t_s: Float, link: Int, residual_m: Float, std_m: Float, lasts: Float
-) -> tuple[Float, Float, Float]:
+def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float, Float]:
     """(N,) probabilities that a range was in line of sight, and that it was anything; -log likelihoods.
 
     In sight it is Gaussian, else late by an exponential delay of several lengths, or anything. The share of late ranges
-    of each link and SHARE_S is found by expectation-maximisation. lasts (N,): ranges that share an error say as much
-    of a delay as one.
+    of each link and SHARE_S is found by expectation-maximisation.
     """
     slot = ((t_s - t_s.min()) / SHARE_S).astype(np.int64)
     _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)
-    n, x = np.bincount(window, 1 / lasts), residual_m / std_m
+    n, x = np.bincount(window), residual_m / std_m
     gauss, odd = np.exp(-0.5 * x**2 - 0.5 * np.log(2 * np.pi)), ODD_SHARE / ODD_SPAN_M * std_m
     late = np.exp(np.interp(x, *_LATE))
-    late = np.maximum(((late + odd) / (gauss + odd)) ** (1 / lasts) * (gauss + odd) - odd, 0.0)
     share = np.full(len(n), 0.2)
     for _ in range(8):
         sight, delayed = (1 - share[window]) * gauss, share[window] * late
         total = sight + delayed + odd
-        share = (np.bincount(window, delayed / total / lasts, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
+        share = (np.bincount(window, delayed / total, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
     return sight / total, odd / total, -np.log(total / std_m)
 
 

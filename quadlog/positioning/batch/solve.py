@@ -186,12 +186,12 @@ class Problem:
 class Noise:
     """Of R ranges: std_m (L,) of those in sight of each link; lasts (R,): how many ranges of a link share an error.
 
-    shared (R,): where paths are blocked, how many ranges say as much of a delay as one; None where they are not.
+    blocked: whether paths are blocked, so that many ranges are late; None where that was not found out.
     """
 
     std_m: Float
     lasts: Float
-    shared: Float | None
+    blocked: bool | None
 
 
 @dataclass(frozen=True)
@@ -265,33 +265,33 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
 
 def weigh(problem: Problem, residual_m: Float, noise: Noise) -> Weights:
     """Robust weights from residuals (R,)."""
-    slots, shared, std_m = problem.slots, noise.shared, noise.std_m[problem.slots.range_link]
+    slots, std_m = problem.slots, noise.std_m[problem.slots.range_link]
     late = robust.lateness_weights(problem.windows, residual_m, std_m)
-    if shared is None and not problem.in_sight:
+    if noise.blocked or problem.in_sight:
+        sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
+        late, alike = sight if problem.in_sight else late * (sight + odd), sight
+    else:
         alike = robust.symmetric_weights(residual_m, slots.range_link, std_m)
-        return Weights(noise.std_m, noise.lasts, None, late, alike)
-    each = np.ones(len(late)) if shared is None else shared
-    sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m, each)
-    return Weights(noise.std_m, noise.lasts, shared, sight if problem.in_sight else late * (sight + odd), sight)
+    return Weights(noise.std_m, noise.lasts, noise.blocked, late, alike)
 
 
-def are_blocked(problem: Problem, residual_m: Float, noise: Noise) -> bool:
-    """Whether blocked paths may explain late ranges.
+def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> tuple[Noise, bool]:
+    """The noise by what rounds so far show, and whether that is all.
 
-    Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a link whose
-    bias is its own seems late.
+    More ranges that are late than early show blocked paths; but where errors last, only if most are late: others are
+    reflections. Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a
+    link whose bias is its own seems late.
     """
-    able = problem.calibrated and not problem.in_sight and len(np.unique(problem.slots.anchor)) > 3
-    return able and robust.late_excess(residual_m / noise.std_m[problem.slots.range_link]) > robust.BLOCKED_SHARE
-
-
-def lasting(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Weights:
-    """With the persistence of errors; where it is long, late ranges may be reflections, whose delays last as well."""
-    lasts, (span_s, n) = persistence(problem, residual_m, weights, knots), problem.heard
-    excess = robust.late_excess(residual_m / weights.std_m[problem.slots.range_link])
+    slots, (span_s, n) = problem.slots, problem.heard
+    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
+    able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
+    if weights.blocked is None and able and excess > robust.BLOCKED_SHARE:
+        return replace(weights, blocked=True), False
+    lasts = persistence(problem, residual_m, weights, knots)
     white = np.median(lasts) <= max(robust.WHITE_S * n / span_s, robust.WHITE_RANGES)
-    keeps = weights.shared is None or white or excess > robust.MOSTLY_SHARE
-    return replace(weights, lasts=lasts, shared=weights.shared if keeps else lasts)
+    if weights.blocked and not white and excess <= robust.MOSTLY_SHARE:
+        return replace(weights, blocked=False), False
+    return replace(weights, lasts=lasts), True
 
 
 def walking_clock(timeline: Timeline, knots: Float) -> Float:
@@ -379,22 +379,17 @@ def solve(
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
     noise = known or Noise(np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n), None)
-    weights = Weights(noise.std_m, noise.lasts, None, np.ones(n), np.ones(n))
-    linear = linearise(problem, knots, values)
-    settled, due = known is not None, WHITE_ROUNDS
+    weights = Weights(noise.std_m, noise.lasts, noise.blocked, np.ones(n), np.ones(n))
+    linear, settled, due = linearise(problem, knots, values), known is not None, WHITE_ROUNDS
     for index in range(rounds):
         if warm or known or index >= PLAIN_ROUNDS:
             if problem.range_std_m is None and not settled:
-                prior = robust.USUAL_STD_M, robust.USUAL_RANGES
-                std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links, prior)
-                noise = replace(noise, std_m=std_m)
+                seen = linear.residual_m, problem.slots.range_link, n_links, (robust.USUAL_STD_M, robust.USUAL_RANGES)
+                noise = replace(noise, std_m=robust.link_stds(*seen, by_zero=noise.blocked is not False))
             weights = weigh(problem, linear.residual_m, noise)
             if not settled and index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS):
-                if noise.shared is None and are_blocked(problem, linear.residual_m, noise):
-                    noise, due = replace(noise, shared=noise.lasts), index + BLOCKED_ROUNDS
-                    weights = weigh(problem, linear.residual_m, noise)
-                else:
-                    settled, noise = True, (weights := lasting(problem, linear.residual_m, weights, knots))
+                noise, settled = judge(problem, linear.residual_m, weights, knots)
+                weights, due = weigh(problem, linear.residual_m, noise), index + BLOCKED_ROUNDS
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         step = for_knots.step_of_knots(global_step)
