@@ -13,8 +13,8 @@ HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
 ERRORS_LAST_S = 1.0
 """Correlation time of an odometry's errors: this much time counts as one measurement."""
-MOST_IN_SLOT = 12
-"""More ranges of a link, 60 a second between knots, are averaged: their errors last longer, and they cost time."""
+MOST_IN_SLOT = 10
+"""More ranges of a link, 50 a second between knots, are averaged: their errors last longer, and they cost time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from quadlog.positioning.batch import robust
 from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps
 from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
-ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS, BLOCKED_ROUNDS = 24, 3, 6, 3
-SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
+ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS, BLOCKED_ROUNDS = 24, 2, 5, 3
+SETTLED_M, NEAR_M, FAR_M = 2e-3, 0.02, 0.1
 NEAR_KNOTS, WALKING_MPS = 5, 0.2
 """A body slower than this over so many knots to either side stands, the more so the slower it is."""
 TAKEN_SHARE, LEAST_FREE = 0.9, 0.2
