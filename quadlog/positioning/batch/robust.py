@@ -29,6 +29,8 @@ that last no longer are white; others are reflections, unless so many more range
 501 and 502 and on real logs, which came to 0.18 s or less, and to 0.46 s or more with a share up to 0.10. Not so
 delays that are constant for each anchor: they came to 1.3 s with 0.07, and are then taken for reflections.
 """
+LEAST_SURE = 0.1
+"""Of what ranges in sight show where it is unknown which they are, at least so much is left."""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
@@ -129,6 +131,18 @@ def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) 
         total = sight + delayed + odd
         share = (np.bincount(window, delayed / total, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
     return sight / total, odd / total, -np.log(total / std_m)
+
+
+def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
+    """(N,) of what ranges in sight of a link would show, how much is left as it is unknown which these are [Louis].
+
+    x (N,): residuals in std. What is missing is the variance, over what a range may be, of the slope of the log
+    likelihood.
+    """
+    late, slope = 1 - sight - odd, np.interp(x, _LATE[0], np.gradient(*_LATE[::-1]))
+    missing = sight * x**2 + late * slope**2 - (late * slope - sight * x) ** 2
+    left = 1 - np.bincount(link, missing) / np.maximum(np.bincount(link, sight), 1e-12)
+    return left.clip(LEAST_SURE, 1.0)[link]
 
 
 def late_excess(x: Float) -> float:

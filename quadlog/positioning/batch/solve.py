@@ -291,6 +291,10 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     white = np.median(lasts) <= max(robust.WHITE_S * n / span_s, robust.WHITE_RANGES)
     if weights.blocked and not white and excess <= robust.MOSTLY_SHARE:
         return replace(weights, blocked=False), False
+    if weights.blocked:
+        std_m = weights.std_m[slots.range_link]
+        sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
+        lasts = lasts / robust.sure_share(slots.range_link, residual_m / std_m, sight, odd)
     return replace(weights, lasts=lasts), True
 
 
