@@ -26,7 +26,7 @@ JUMP_STRESS, JUMP_SHORT_SHARE, SHORT_STD = 20.0, 0.1, 4.0
 nothing in the way makes ranges short. Bursts on three anchors reach 6 and 0.01, jumps of 2 m 23 and 0.12."""
 JUMP_FIXES, JUMP_STD, JUMP_SCATTER, MOST_REPEATS = 4, 10.0, 3.0, 2
 """The means of so many fixes before and after a jump are at least so many std of a range apart, and so many times as
-far as these scatter."""
+far as these scatter. So a jump is believed after four fixes, a causal track errs until then."""
 
 HARDLY_LATE_STD = 0.05
 """By so much of a std late ranges that seem to be in sight move biases. Chosen on walks of seeds 501 and 502."""
