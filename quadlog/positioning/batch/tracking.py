@@ -29,7 +29,7 @@ JUMP_FIXES, JUMP_STD, JUMP_SCATTER, MOST_REPEATS = 4, 10.0, 3.0, 2
 far as these scatter. So a jump is believed after four fixes, a causal track errs until then."""
 
 HARDLY_LATE_STD = 0.05
-"""By so much of a std late ranges that seem to be in sight move biases. Chosen on walks of seeds 501 and 502."""
+"""By so much of a std late ranges that seem to be in sight move biases. Chosen on seeds 501, 502, 711 and 712."""
 
 
 @dataclass(frozen=True, slots=True)
