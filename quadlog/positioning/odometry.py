@@ -100,26 +100,39 @@ def measure_motion(
     compared = np.isfinite(missed_m)
     if not compared.any():
         return refused(np.inf, f"it and the track never overlap for {LEG_S:.0f} s")
-    usual, std = UNTRIED_STD_MPS, UNTRIED_STD_MPS
+    leg_mps = missed_m / np.sqrt(2 * LEG_S)
+    usual = std = _usual_so_far(t_s, leg_mps) if causal else np.zeros(1)
     if not causal:
         missed, way = (max(float(np.median(each[compared])), 1e-9) for each in (missed_m, way_m))
         # Slips do not move the median, which of a squared Rayleigh variable is 2 ln 2 variances.
-        usual = float(missed / np.sqrt(2 * np.log(2) * LEG_S))
+        usual = np.array([missed / np.sqrt(2 * np.log(2) * LEG_S)])
         track_m2 = float((np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess).mean())
-        std = float(np.sqrt(max(usual**2 - track_m2 / LEG_S, LEAST_STD_MPS**2)))
+        std = np.sqrt(np.maximum(usual**2 - track_m2 / LEG_S, LEAST_STD_MPS**2))
         if missed > BELIEVED_SHARE * way:
             ratio = own_way_m[compared].sum() / max(float(way_m[compared].sum()), 1e-9)
             share = f"its motion is off by {100 * missed / way:.0f} % of UWB's"
-            return refused(std, f"{share}, its length {ratio:.2f} times UWB's")
-    leg_mps, yaw_rad = missed_m / np.sqrt(2 * LEG_S), np.unwrap(motion.yaw_rad)
-    std_mps = np.where(leg_mps > SLIP_STD * max(usual, std), leg_mps, std)
+            return refused(float(std[0]), f"{share}, its length {ratio:.2f} times UWB's")
+    yaw_rad = np.unwrap(motion.yaw_rad)
+    std_mps = np.where(leg_mps > SLIP_STD * np.maximum(usual, std), leg_mps, std)
     map_rad = yaw_rad + np.unwrap(offset_rad)
     if causal:
         std_mps = np.hypot(std_mps, offset_std * np.hypot(*map_mps.T))
         odometry = Odometry(Way(t_s, summed(t_s, map_mps), map_rad), std_mps, in_map=True)
     else:
         odometry = Odometry(Way(t_s, summed(t_s, own_mps), yaw_rad), std_mps, in_map=False)
-    return MeasuredMotion(odometry, map_rad, std, motion.source)
+    return MeasuredMotion(odometry, map_rad, float(std[-1]), motion.source)
+
+
+def _usual_so_far(t_s: Float, leg_mps: Float) -> Float:
+    """(M,) the median of the legs that were compared by then, M with NaN; UNTRIED_STD_MPS counts as one leg."""
+    usual_mps, tried = np.full(len(t_s), UNTRIED_STD_MPS), np.flatnonzero(np.isfinite(leg_mps))
+    if len(tried):
+        number = ((t_s - t_s[tried[0]]) / LEG_S).astype(np.int64) + (t_s >= t_s[tried[0]])
+        for n in range(2, int(number.max()) + 1):
+            so_far = leg_mps[tried[number[tried] < n]] / np.sqrt(np.log(2))
+            median_mps = max(float(np.median(so_far)), LEAST_STD_MPS)
+            usual_mps[number == n] = median_mps ** (1 - 1 / n) * UNTRIED_STD_MPS ** (1 / n)
+    return usual_mps
 
 
 def _turn(motion: BodyMotion, own_mps: Float, track: Track, *, causal: bool) -> tuple[Float, Float]:

@@ -214,7 +214,6 @@ def _placed(
         priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
     )
     values = np.append(estimate.values, np.zeros(3 * n))
-    noise = estimate.weights.std_m, estimate.weights.lasts
-    solved = solve(freed, estimate.knots, values, noise, ROUNDS)
+    solved = solve(freed, estimate.knots, values, estimate.weights, ROUNDS)
     placed_m = anchors_m + solved.values[m:].reshape(-1, 3)
     return placed_m, solved.covariance[m:, m:]

@@ -224,7 +224,7 @@ def _misfit(estimate: Estimate, lasts: Float) -> float:
     alike = replace(estimate.weights, lasts=lasts)
     arrow = assemble(problem, estimate.linear, alike, estimate.knots, values)[0]
     std_m = estimate.weights.std_m[slots.range_link]
-    against = sight_probabilities(slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m)[1]
+    against = sight_probabilities(slots.range_t_s, slots.range_link, estimate.linear.residual_m, std_m)[2]
     cost = (against / lasts).sum() + problem.stress(estimate.knots).sum() / 2
     for each in problem.others:
         rows, weight = each.linearise(estimate.knots, values)
@@ -326,8 +326,8 @@ def _anchors(
     ranges, slots, n = solution.walk.ranges, solution.estimate.problem.slots, solution.walk.ranges.n_anchors
     bias_m = solution.estimate.values[: ranges.n_links].reshape(-1, n).mean(axis=0)
     among = relative_covariance(covariance, anchors_m, np.arange(n))
-    counts = np.bincount(ranges.anchor, minlength=n)
-    late = np.bincount(slots.range_link % n, 1 - solution.estimate.weights.knots, n) / counts
+    counts, anchor_of = np.bincount(ranges.anchor, minlength=n), slots.range_link % n
+    late = np.bincount(anchor_of, 1 - solution.estimate.weights.knots, n) / np.bincount(anchor_of, minlength=n)
     anchors = []
     for anchor, number in enumerate(index.tolist()):
         rows, links = slice(3 * anchor, 3 * anchor + 3), 3 * n + anchor + n * np.arange(len(ranges.lever_m))

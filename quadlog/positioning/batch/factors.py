@@ -13,6 +13,8 @@ HOLD_S = 0.5
 """A sensor that is silent for longer says nothing of the interval."""
 ERRORS_LAST_S = 1.0
 """Correlation time of an odometry's errors: this much time counts as one measurement."""
+MOST_IN_SLOT = 10
+"""More ranges of a link, 50 a second between knots, are averaged: their errors last longer, and they cost time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +58,12 @@ class Axes:
 
 @dataclass(frozen=True, slots=True)
 class Slots:
-    """N means of one link's ranges over a slot each, in time order, and the R single ranges, by link, then time.
+    """N means of one link's ranges over a slot each, in time order, and the R ranges, by link, then time.
 
     t_s (N,): mean time; link, anchor (N,); lever_m (N, 2): the tag in base; height_m (N,): of the tag. slot (R,): which
     slot a range belongs to; begin (N,): at which range another slot begins; late_s (R,): by how much a range is later
-    than its slot; range_m (R,). order (R,): the ranges as they were given.
+    than its slot; range_m (R,): of neighbours the mean where a slot has more than MOST_IN_SLOT. of_given: which of
+    these each of the ranges is, or is in, as they were given.
     """
 
     t_s: Float
@@ -72,7 +75,7 @@ class Slots:
     begin: Int
     late_s: Float
     range_m: Float
-    order: Int
+    of_given: Int
     n_links: int
 
     @property
@@ -117,21 +120,27 @@ class TagRanges:
         t_s, tag, anchor, range_m = self.t_s[rows], self.tag[rows], self.anchor[rows], self.range_m[rows]
         return replace(self, t_s=t_s, tag=tag, anchor=anchor, range_m=range_m)
 
-    def slots(self, edges_s: Float) -> Slots:
-        """Means of each link's ranges between rising edges."""
+    def slots(self, edges_s: Float, most: int = MOST_IN_SLOT) -> Slots:
+        """Means of each link's ranges between rising edges, of which there are at most so many."""
         link = self.tag * self.n_anchors + self.anchor
-        order = np.lexsort((self.t_s, link))
+        order, of_given = np.lexsort((self.t_s, link)), np.empty(len(link), np.int64)
         t_s, link = self.t_s[order], link[order]
         cell = np.searchsorted(edges_s, t_s, side="right") * self.n_links + link
         begin = np.flatnonzero(np.diff(cell, prepend=-1))
-        n, of_slot = np.diff(begin, append=len(cell)), link[begin]
+        n = np.diff(begin, append=len(cell))
+        part = (np.arange(len(cell)) - np.repeat(begin, n)) * np.repeat(np.minimum(n, most), n) // np.repeat(n, n)
+        first = np.flatnonzero((np.diff(cell, prepend=-1) != 0) | (np.diff(part, prepend=-1) != 0))
+        some = np.diff(first, append=len(cell))
+        of_given[order] = np.repeat(np.arange(len(first)), some)
+        t_s, range_m = (np.add.reduceat(each, first) / some for each in (t_s, self.range_m[order]))
+        begin, n, of_slot = np.searchsorted(first, begin), np.minimum(n, most), link[begin]
         mean_s = np.add.reduceat(t_s, begin) / n
         in_time = np.argsort(mean_s, kind="stable")
         slot, late_s = np.repeat(np.argsort(in_time), n), t_s - np.repeat(mean_s, n)
         mean_s, of_slot = mean_s[in_time], of_slot[in_time]
         tag, anchor = np.divmod(of_slot, self.n_anchors)
         place = self.lever_m[tag], self.height_m[tag]
-        return Slots(mean_s, of_slot, anchor, *place, slot, begin, late_s, self.range_m[order], order, self.n_links)
+        return Slots(mean_s, of_slot, anchor, *place, slot, begin, late_s, range_m, of_given, self.n_links)
 
     def single(self) -> Slots:
         """Each range by itself, in time order."""

@@ -20,22 +20,33 @@ CLIP_STD = 4.0
 HALF_TRUST_STD = 2.5
 SHARE_S, SHARE_PRIOR = 2.0, (0.3, 0.5)
 """Over how long the share of late ranges of a link is taken for constant, and pseudo-counts of late and other ones."""
-DELAY_M, ODD_SHARE, ODD_SPAN_M = 0.4, 0.01, 20.0
-"""Mean delay of a late range; a range may be anything with this probability, over so wide a span."""
+DELAYS_STD, ODD_SHARE, ODD_SPAN_M = (2.0, 5.0, 12.5), 0.01, 20.0
+"""Mean delays of late ranges, in std of ranges in sight; a range may be anything with this probability, over so wide
+a span."""
+LATE_BY_STD, BLOCKED_SHARE, MOSTLY_SHARE, WHITE_S, WHITE_RANGES = 3.0, 0.03, 0.16, 0.25, 3.0
+"""Paths are blocked where, of ranges off by more std, so many more are late than early. Errors of the ranges in sight
+that last no longer are white; others are reflections, unless so many more ranges are late. Chosen on walks of seeds
+501 and 502 and on real logs, which came to 0.18 s or less, and to 0.46 s or more with a share up to 0.10. Not so
+delays that are constant for each anchor: they came to 1.3 s with 0.07, and are then taken for reflections.
+"""
+LEAST_SURE = 0.1
+"""Of what ranges in sight show where it is unknown which they are, at least so much is left."""
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
 """Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what the ranges of a log may say."""
-FEWEST_RANGES, MODE_SHARE, MODE_RANGES = 6, 0.25, 20
-"""Of a link that shows a std; and so much of it, or so many if that is more, lie closest together about the mode."""
+FEWEST_RANGES, MODE_SHARE, MODE_RANGES, EARLY_SHARE = 6, 0.25, 20, 0.1
+"""Of a link that shows a std; and so much of it, or so many if that is more, lie closest together about the mode. A
+half about the mode has always more of it than the last."""
 ALIKE = 1.5
 """Links whose stds differ by less from the usual one have that: link by link tracks err by up to 10 % more."""
 
 
-def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int]) -> Float:
+def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, int], *, by_zero: bool = True) -> Float:
     """(L,) std of the ranges in sight of each link, from residuals (N,) by link.
 
-    From the early half about the mode: blocked paths lengthen the late one. prior: a std, and how many ranges it is.
+    From the early half about the mode, or about zero where that is narrower: blocked paths lengthen the late one, and
+    the mode may be theirs. prior: a std, and how many ranges it is.
     """
     count, early, own_m = np.bincount(link, minlength=n_links), list[Float](), np.full(n_links, np.nan)
     for k, part_m in enumerate(np.split(residual_m, np.cumsum(count)[:-1])):
@@ -43,8 +54,9 @@ def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, in
             part_m, n = np.sort(part_m), len(part_m)
             some = min(max(int(MODE_SHARE * n), MODE_RANGES), n // 2)
             first = int(np.argmin(part_m[some:] - part_m[:-some]))
-            mode_m = np.median(part_m[first : first + some + 1])
-            early.append(mode_m - part_m[part_m <= mode_m])
+            mode_m = float(np.median(part_m[first : first + some + 1]))
+            halves = [at_m - part_m[part_m <= at_m] for at_m in ((mode_m, 0.0) if by_zero else (mode_m,))]
+            early.append(min((each for each in halves if len(each) > EARLY_SHARE * n), key=np.median))
             own_m[k] = np.median(early[-1])
     prior_m, n_prior = prior
     if not early:
@@ -88,25 +100,54 @@ def _middle(value: Float) -> float:
     return float(np.partition(value, len(value) // 2)[len(value) // 2])
 
 
-def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float]:
-    """(N,) probability that a range was in line of sight, Gaussian, or late by an exponential delay; -log likelihoods.
+def _late_density() -> tuple[Float, Float]:
+    """Residuals in std, and the logarithm of the density of late ones: normal noise and an exponential delay."""
+    x = np.arange(-10.0, 200.0, 0.05)
+    total = np.zeros(len(x))
+    for mean in DELAYS_STD:
+        z = (1 / mean - x) / np.sqrt(2)
+        falling = np.exp(np.minimum(0.5 / mean**2 - x / mean, 50.0)) * erfc(z)
+        total += np.where(z < 0, falling, np.exp(-0.5 * x**2) * erfcx(z.clip(0.0))) / (2 * mean * len(DELAYS_STD))
+    return x, np.log(total)
 
-    The share of late ranges of each link and SHARE_S is found by expectation-maximisation.
+
+_LATE = _late_density()
+
+
+def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float, Float]:
+    """(N,) probabilities that a range was in line of sight, and that it was anything; -log likelihoods.
+
+    In sight it is Gaussian, else late by an exponential delay of several lengths, or anything. The share of late ranges
+    of each link and SHARE_S is found by expectation-maximisation.
     """
     slot = ((t_s - t_s.min()) / SHARE_S).astype(np.int64)
     _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)
-    n = np.bincount(window)
-    z = (std_m / DELAY_M - residual_m / std_m) / np.sqrt(2)
-    gauss = np.exp(-0.5 * (residual_m / std_m) ** 2)
-    falling = np.exp(np.minimum(0.5 * (std_m / DELAY_M) ** 2 - residual_m / DELAY_M, 50.0)) * erfc(z)
-    late = np.where(z < 0, falling, gauss * erfcx(z.clip(0.0))) / (2 * DELAY_M)
-    gauss = gauss / (std_m * np.sqrt(2 * np.pi))
+    n, x = np.bincount(window), residual_m / std_m
+    gauss, odd = np.exp(-0.5 * x**2 - 0.5 * np.log(2 * np.pi)), ODD_SHARE / ODD_SPAN_M * std_m
+    late = np.exp(np.interp(x, *_LATE))
     share = np.full(len(n), 0.2)
     for _ in range(8):
         sight, delayed = (1 - share[window]) * gauss, share[window] * late
-        total = sight + delayed + ODD_SHARE / ODD_SPAN_M
+        total = sight + delayed + odd
         share = (np.bincount(window, delayed / total, len(n)) + SHARE_PRIOR[0]) / (n + sum(SHARE_PRIOR))
-    return sight / total, -np.log(total)
+    return sight / total, odd / total, -np.log(total / std_m)
+
+
+def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
+    """(N,) of what ranges in sight of a link would show, how much is left as it is unknown which these are [Louis].
+
+    x (N,): residuals in std. What is missing is the variance, over what a range may be, of the slope of the log
+    likelihood.
+    """
+    late, slope = 1 - sight - odd, np.interp(x, _LATE[0], np.gradient(*_LATE[::-1]))
+    missing = sight * x**2 + late * slope**2 - (late * slope - sight * x) ** 2
+    left = 1 - np.bincount(link, missing) / np.maximum(np.bincount(link, sight), 1e-12)
+    return left.clip(LEAST_SURE, 1.0)[link]
+
+
+def late_excess(x: Float) -> float:
+    """By how much the share of late ones of residuals (N,), in std, exceeds that of early ones."""
+    return float(np.mean(x > LATE_BY_STD) - np.mean(x < -LATE_BY_STD))
 
 
 def persistence(t_s: Float, link: Int, pull: Float, free: float) -> Float:

@@ -17,8 +17,8 @@ from quadlog.positioning.batch import robust
 from quadlog.positioning.batch.factors import RangeModel, Rows, Slots, Steps
 from quadlog.positioning.batch.motion import Sampling, Timeline, motion_information
 
-ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS = 24, 3, 6
-SETTLED_M, NEAR_M, FAR_M = 1e-3, 0.02, 0.1
+ROUNDS, PLAIN_ROUNDS, WHITE_ROUNDS, BLOCKED_ROUNDS = 24, 2, 5, 3
+SETTLED_M, NEAR_M, FAR_M = 2e-3, 0.02, 0.1
 NEAR_KNOTS, WALKING_MPS = 5, 0.2
 """A body slower than this over so many knots to either side stands, the more so the slower it is."""
 TAKEN_SHARE, LEAST_FREE = 0.9, 0.2
@@ -135,7 +135,7 @@ class Problem:
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
     range_std_m: of ranges in sight, None: estimated for each link. past: what earlier ranges say of the globals: values
     (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the probability of line of sight, for
-    knots and globals.
+    knots and globals. calibrated: links may have biases of their own.
     """
 
     timeline: Timeline
@@ -147,6 +147,7 @@ class Problem:
     others: tuple[Steps, ...] = ()
     past: tuple[Float, Float, Float] | None = None
     in_sight: bool = False
+    calibrated: bool = True
 
     @cached_property
     def sampling(self) -> Sampling:
@@ -157,6 +158,12 @@ class Problem:
     def windows(self) -> tuple[Int, Int]:
         """Of the ranges."""
         return robust.link_windows(self.slots.range_t_s, self.slots.range_link)
+
+    @cached_property
+    def heard(self) -> tuple[float, float]:
+        """Seconds of the timeline without its gaps, and ranges of each link."""
+        span_s = float(np.diff(self.timeline.t_s)[self.timeline.connected].sum())
+        return max(span_s, 1e-3), len(self.slots.range_m) / len(np.unique(self.slots.link))
 
     @cached_property
     def prior_information(self) -> Float:
@@ -175,17 +182,24 @@ class Problem:
         return found
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """Of R ranges: for the knots and for the globals (R,); lasts (R,): how many ranges of a link share an error.
+@dataclass(frozen=True)
+class Noise:
+    """Of R ranges: std_m (L,) of those in sight of each link; lasts (R,): how many ranges of a link share an error.
 
-    std_m: (L,) of the ranges in sight of each link.
+    blocked: whether paths are blocked, so that many ranges are late; None where that was not found out.
     """
+
+    std_m: Float
+    lasts: Float
+    blocked: bool | None
+
+
+@dataclass(frozen=True)
+class Weights(Noise):
+    """For the knots and for the globals (R,), with the noise that they are due to."""
 
     knots: Float
     globals: Float
-    std_m: Float
-    lasts: Float
 
     def information(self, slots: Slots) -> tuple[Float, Float]:
         """(R,) of each range, for the knots and for the globals."""
@@ -249,14 +263,47 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
-def weigh(problem: Problem, residual_m: Float, std_m: Float, lasts: Float) -> Weights:
+def weigh(problem: Problem, residual_m: Float, noise: Noise) -> Weights:
     """Robust weights from residuals (R,)."""
-    slots, std_of_range_m = problem.slots, std_m[problem.slots.range_link]
-    if problem.in_sight:
-        sight = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_of_range_m)[0]
-        return Weights(sight, sight, std_m, lasts)
-    late = robust.lateness_weights(problem.windows, residual_m, std_of_range_m)
-    return Weights(late, robust.symmetric_weights(residual_m, slots.range_link, std_of_range_m), std_m, lasts)
+    slots, std_m = problem.slots, noise.std_m[problem.slots.range_link]
+    late = robust.lateness_weights(problem.windows, residual_m, std_m)
+    if noise.blocked or problem.in_sight:
+        sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
+        late, alike = sight if problem.in_sight else late * (sight + odd), sight
+    else:
+        alike = robust.symmetric_weights(residual_m, slots.range_link, std_m)
+    return Weights(noise.std_m, noise.lasts, noise.blocked, late, alike)
+
+
+def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> tuple[Noise, bool]:
+    """The noise by what rounds so far show, and whether that is all.
+
+    More ranges that are late than early show blocked paths; but where errors last, only if most are late: others are
+    reflections. Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a
+    link whose bias is its own seems late.
+    """
+    slots, (span_s, n) = problem.slots, problem.heard
+    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
+    able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
+    if weights.blocked is None and able and excess > robust.BLOCKED_SHARE:
+        return replace(weights, blocked=True), False
+    lasts = persistence(problem, residual_m, weights, knots)
+    white = np.median(lasts) <= max(robust.WHITE_S * n / span_s, robust.WHITE_RANGES)
+    if weights.blocked and not white and excess <= robust.MOSTLY_SHARE:
+        return replace(weights, blocked=False), False
+    if weights.blocked:
+        std_m = weights.std_m[slots.range_link]
+        sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
+        lasts = lasts / robust.sure_share(slots.range_link, residual_m / std_m, sight, odd)
+    return replace(weights, lasts=lasts), True
+
+
+def walking_clock(timeline: Timeline, knots: Float) -> Float:
+    """(K,) seconds at the knots by a clock that slows down with the body, and goes on between segments."""
+    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline))
+    before, after = (at - NEAR_KNOTS).clip(0), (at + NEAR_KNOTS).clip(max=len(t_s) - 1)
+    speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
+    return np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
 
 
 def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> Float:
@@ -264,11 +311,7 @@ def persistence(problem: Problem, residual_m: Float, weights: Weights, knots: Fl
 
     By a clock that slows down with the body: errors depend on the place, so those of a body that stands last.
     """
-    slots, t_s, place_m = problem.slots, problem.timeline.t_s, knots[:, 0, :2]
-    before, after = np.arange(len(t_s)) - NEAR_KNOTS, np.arange(len(t_s)) + NEAR_KNOTS
-    before, after = before.clip(0), after.clip(max=len(t_s) - 1)
-    speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
-    walked_s = np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
+    slots, t_s, walked_s = problem.slots, problem.timeline.t_s, walking_clock(problem.timeline, knots)
     link, weight, heard = slots.range_link, weights.globals, len(np.unique(slots.link))
     std_m = weights.std_m[link]
     if problem.in_sight:  # Of ranges in sight alone errors seem to be white, of all to last for seconds.
@@ -324,40 +367,42 @@ def solve(
     problem: Problem,
     knots: Float,
     values: Float,
-    noise: tuple[Float, Float] | None = None,
+    known: Noise | None = None,
     rounds: int = ROUNDS,
     *,
     warm: bool = False,
 ) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
-    One-sided weights would shift a bias. Rounds: all ranges with weight one; robust weights, the std of ranges being
-    estimated, errors taken as white; then the persistence of the errors is estimated once and kept. It is not estimated
-    again, because motion that a stiffer track cannot follow would look like persistent errors. warm: the start is near
-    enough for robust weights. noise: std (L,) and persistence (R,), if they are known; then the start is warm, and a
-    move of NEAR_M is the last.
+    One-sided weights would shift a bias, unless paths are blocked: then the median of a link may be late, and ranges
+    count by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of
+    ranges being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the
+    errors is estimated once and kept. It is not estimated again, because motion that a stiffer track cannot follow
+    would look like persistent errors. warm: the start is near enough for robust weights. known: the noise; then the
+    start is warm, and a move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
-    std_m, lasts = noise or (np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n))
-    weights, linear, settled = Weights(np.ones(n), np.ones(n), std_m, lasts), linearise(problem, knots, values), False
+    noise = known or Noise(np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n), None)
+    weights = Weights(noise.std_m, noise.lasts, noise.blocked, np.ones(n), np.ones(n))
+    linear, settled, due = linearise(problem, knots, values), known is not None, WHITE_ROUNDS
     for index in range(rounds):
-        if warm or noise or index >= PLAIN_ROUNDS:
-            if problem.range_std_m is None and not noise and not settled:
-                prior = robust.USUAL_STD_M, robust.USUAL_RANGES
-                std_m = robust.link_stds(linear.residual_m, problem.slots.range_link, n_links, prior)
-            weights = weigh(problem, linear.residual_m, std_m, lasts)
-            if not noise and not settled and index >= WHITE_ROUNDS and (moved_m < FAR_M or index >= 2 * WHITE_ROUNDS):
-                settled, lasts = True, persistence(problem, linear.residual_m, weights, knots)
-                weights = replace(weights, lasts=lasts)
+        if warm or known or index >= PLAIN_ROUNDS:
+            if problem.range_std_m is None and not settled:
+                seen = linear.residual_m, problem.slots.range_link, n_links, (robust.USUAL_STD_M, robust.USUAL_RANGES)
+                noise = replace(noise, std_m=robust.link_stds(*seen, by_zero=noise.blocked is not False))
+            weights = weigh(problem, linear.residual_m, noise)
+            if not settled and index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS):
+                noise, settled = judge(problem, linear.residual_m, weights, knots)
+                weights, due = weigh(problem, linear.residual_m, noise), index + BLOCKED_ROUNDS
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         step = for_knots.step_of_knots(global_step)
         moved_m = max(np.abs(step[:, 0]).max(), np.abs(global_step).max(initial=0.0))
-        if not noise and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
+        if not known and (index == rounds - 1 or (settled and moved_m < SETTLED_M)):
             global_step = 0.0 * global_step  # what is left of a way is not gone: equations are those at the solution
             break
         knots, values = knots + step, values + global_step
         linear = linearise(problem, knots, values)
-        if noise and moved_m < NEAR_M:
+        if known and moved_m < NEAR_M:
             break
     return Estimate(problem, knots, values, covariance, shares, weights, linear, for_globals, for_knots, global_step)

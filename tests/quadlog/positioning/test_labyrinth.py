@@ -57,10 +57,10 @@ def read_rows(name: str, kind: str) -> Float:
 
 @pytest.mark.parametrize(
     ("calibrate", "smooth", "fixes_m", "limit_m"),
-    [(False, True, 0.21, 0.078), (True, True, 0.145, 0.078), (True, False, 0.165, 0.13)],
+    [(False, True, 0.21, 0.078), (True, True, 0.15, 0.07), (True, False, 0.165, 0.13)],
 )
 def test_fixes_from_rounds_and_tracks(lab, labyrinth, calibrate, smooth, fixes_m, limit_m):
-    """The robot moves within a round, which a fix cannot know. Tracks measured 0.075, 0.076 and 0.126 m."""
+    """The robot moves within a round, which a fix cannot know. Tracks measured 0.075, 0.066 and 0.126 m."""
     tag = labyrinth.locate(calibrate=calibrate, smooth=smooth)
     fixed, track = tag.fixes.solved, tag.track
     assert fixed.sum() >= 58
@@ -72,14 +72,16 @@ def test_fixes_from_rounds_and_tracks(lab, labyrinth, calibrate, smooth, fixes_m
 
 
 def test_biases_without_the_truth_are_those_that_the_truth_shows(labyrinth):
-    """Late ranges of 0.4 m and more among them: medians of the excess, 0.07 to 0.15 m."""
+    """Late ranges of 0.4 m and more among them: what the shortest half of the excess lies about, 0.02 to 0.13 m."""
     bias = labyrinth.locate().bias
     assert bias is not None
     assert (bias.n > 0).all()
     place = np.searchsorted(labyrinth.anchors.ids, labyrinth.ranges.anchor)
     offset_m = labyrinth.truth_at(labyrinth.ranges.t_ns) - labyrinth.anchors.position_m[place, :2]
     excess_m = labyrinth.ranges.range_m - np.linalg.norm(offset_m, axis=1)
-    true_m = [np.median(excess_m[place == k]) for k in range(4)]
+    parts_m = [np.sort(excess_m[place == k]) for k in range(4)]
+    halves_m = [np.lib.stride_tricks.sliding_window_view(part_m, len(part_m) // 2) for part_m in parts_m]
+    true_m = [half_m[np.argmin(np.ptp(half_m, axis=1))].mean() for half_m in halves_m]
     np.testing.assert_allclose(bias.bias_m, true_m, atol=0.05)
 
 

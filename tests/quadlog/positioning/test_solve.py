@@ -54,7 +54,7 @@ def test_it_is_least_squares_over_the_whole_log(monkeypatch):
     """Against scipy, which solves for all knots and globals at once, and inverts densely; weights are one."""
     problem, knots, values = problem_of()
     ones = np.ones(len(problem.slots.range_m))
-    monkeypatch.setattr(module, "weigh", lambda *_: Weights(ones, ones, 0.1 + 0 * values, ones))
+    monkeypatch.setattr(module, "weigh", lambda *_: Weights(0.1 + 0 * values, ones, None, ones, ones))
     solved = solve(problem, knots, values)
     roots = np.linalg.cholesky(problem.motion + 1e-12 * np.eye(16)).transpose(0, 2, 1)
     prior = np.linalg.inv(np.linalg.cholesky(problem.priors[0]))
