@@ -113,6 +113,10 @@ class TagResult:
     shared_m: float = 0.0
     velocity: MeasuredMotion | None = None
 
+    def without_scale(self, range_m: Float) -> Float:
+        """Ranges divided by their scale, as estimated."""
+        return range_m if self.bias is None else range_m / (1 + self.bias.scale)
+
 
 @dataclass(frozen=True, slots=True)
 class Located:
@@ -168,8 +172,9 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
         result = replace(with_track(result, tracked, of_ranges, 0, tracked.known, row), velocity=velocity)
         bias_m, std_m = tracked.biases()
         if settings.calibrate:
-            bias = AnchorBias(bias_m, std_m, np.bincount(column, minlength=len(bias_m)), tracked.last.shares)
-            known_m = known_m - tracked.biases_at(seconds_since(epochs.last_ns, first_ns))
+            n = np.bincount(column, minlength=len(bias_m))
+            bias = AnchorBias(bias_m, std_m, n, tracked.last.shares, *tracked.scale())
+            known_m = tracked.corrected(seconds_since(epochs.last_ns, first_ns), known_m)
             result = replace(result, bias=bias)
         else:
             result = replace(result, shared_m=float(bias_m.mean()))
@@ -193,8 +198,7 @@ def steadied(
     body: Body, starts: Starts, t_ns: Int, tag: TagInfo, *, smooth: bool
 ) -> tuple[Tracked | Known, MeasuredMotion | None]:
     """The track of a body from its ranges at t_ns (R,), and again with the odometry of what carries the tag, if any."""
-    solve = track_body if smooth else follow
-    tracked = solve(body, starts)
+    tracked = track_body(body, starts, final=tag.body_motion is None) if smooth else follow(body, starts)
     if tag.body_motion is None:
         return tracked, None
     first_ns = int(t_ns[0]) - round(body.ranges.t_s[0] * 1e9)
@@ -208,7 +212,7 @@ def steadied(
         t_s = tracked.body.timeline.t_s
         yaw_rad = np.interp(t_s, motion.odometry.way.t_s, motion.yaw_rad)
         body, starts = replace(body, yaw=True), Starts(t_s, np.column_stack([tracked.last.knots[:, 0, :2], yaw_rad]))
-    return solve(body, starts), motion
+    return track_body(body, starts) if smooth else follow(body, starts), motion
 
 
 def with_track(

@@ -43,8 +43,10 @@ def check_located(
     if located.on_line:
         return SurveyFaults()
     logs = [
-        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
-        for result in located.tags
+        TagEpochs(
+            replace(each.epochs, range_m=each.without_scale(each.epochs.range_m - anchors.known_bias_m)), each.height_m
+        )
+        for each in located.tags
     ]
     return check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
 
@@ -63,7 +65,9 @@ def _by_odometry(
         seconds_since(np.concatenate([each.ranges.t_ns for each in tags]), start_ns),
         np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
         np.concatenate(index),
-        np.concatenate([each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]),
+        np.concatenate(
+            [each.without_scale(each.ranges.range_m - anchors.known_bias_m[k]) for each, k in zip(tags, index, strict=True)]
+        ),
         np.array([levers_m[each.tag] for each in tags]),
         np.array([each.height_m for each in tags]),
         len(anchors.ids),

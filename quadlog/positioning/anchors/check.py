@@ -202,7 +202,7 @@ def _placed(
     ranges = TagRanges(t_s[at], tag, anchor, range_m[at, anchor], np.zeros((1, 2)), own, n)
     settings = TrackSettings(range_std_m, acceleration_std_mps2, 0.0, calibrate=True)
     starts = Starts(t_s[fixes.solved], fixes.position_m[fixes.solved, :2])
-    tracked = track_body(Body(ranges, anchors_m, settings, np.empty(0)), starts)
+    tracked = track_body(Body(ranges, anchors_m, settings, np.empty(0), scaled=False), starts)
     if np.sqrt(tracked.poses(t_s)[0].var(axis=0).sum()) < MIN_WALK_M:
         return None
     estimate, problem, m = tracked.last, tracked.last.problem, len(tracked.last.values)

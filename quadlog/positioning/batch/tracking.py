@@ -11,9 +11,10 @@ from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, RangeModel, Steps, TagRanges, Way
-from quadlog.positioning.batch.links import bias_priors, delete_anchors
+from quadlog.positioning.batch.links import delete_anchors, range_priors
 from quadlog.positioning.batch.motion import Timeline, lifting, make_timeline, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Problem, solve
+from quadlog.positioning.batch.robust import USUAL_RANGES, USUAL_STD_M, link_stds
+from quadlog.positioning.batch.solve import Estimate, Problem, posterior_of_globals, solve
 
 KNOT_S = 0.2
 """Between knots; ranges of a link are averaged from each to the next."""
@@ -27,6 +28,12 @@ nothing in the way makes ranges short. Bursts on three anchors reach 6 and 0.01,
 JUMP_FIXES, JUMP_STD, JUMP_SCATTER, MOST_REPEATS = 4, 10.0, 3.0, 2
 """The means of so many fixes before and after a jump are at least so many std of a range apart, and so many times as
 far as these scatter."""
+
+MUCH_FITTED, MOST_REFITS, SETTLED_STD = 0.15, 4, 0.05
+"""Where a track takes up more of its ranges' squared errors, their std is estimated for that; and until it settles."""
+LEAST_SCALE, SCALE_STDS = 0.01, 7.0
+"""A scale is taken for real if it is larger, by so many std, leaving out anchors included: far ranges are late more often,
+which looks like a scale of up to 6.6 std."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +92,7 @@ class Body:
     cuts_s: Float
     yaw: bool = False
     motion: Odometry | None = None
+    scaled: bool | None = None
 
     @cached_property
     def timeline(self) -> Timeline:
@@ -100,15 +108,16 @@ class Body:
         return Axes(tuple(motions), 2 if lifted else None, len(motions) - 1 if self.yaw else None)
 
     def problem(self) -> Problem:
-        """All measurements; globals are the biases of the links, then those of its motion."""
+        """All measurements; globals are the biases of the links, the scale of their ranges, then those of its motion."""
         n = self.ranges.n_links
-        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Steps, ...]()
+        priors = range_priors(n, self.settings.calibrate, bool(self.scaled))
+        mean, others = np.zeros(n + 1), tuple[Steps, ...]()
         if self.motion is not None:
-            others = self.motion.steps(self.timeline, self.axes, n)
+            others = self.motion.steps(self.timeline, self.axes, n + 1)
         if self.motion is not None and not self.motion.in_map:  # its scale, and the drift of its yaw
             mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
             priors = np.array([block_diag(prior, own) for prior in priors])
-        model, slots = RangeModel(self.axes, self.anchors_m), self.ranges.slots(self.timeline.t_s)
+        model, slots = RangeModel(self.axes, self.anchors_m, scale=n), self.ranges.slots(self.timeline.t_s)
         std_m, calibrated = self.settings.range_std_m, self.settings.calibrate
         return Problem(self.timeline, model, slots, std_m, mean, priors, others, calibrated=calibrated)
 
@@ -147,13 +156,9 @@ class Tracked:
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""
         problem, weights = self.last.problem, self.last.weights
-        slots, axes, residual_m = problem.slots, problem.model.axes, self.last.linear.residual_m
-        pose, _, covariance = self.poses(slots.t_s)
-        _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
-        known = np.einsum("ni,nij,nj->n", slope, covariance[:, : len(axes), : len(axes)], slope) / self.spread
+        slots, residual_m = problem.slots, self.last.linear.residual_m
         variance_m2 = weights.std_m[slots.range_link] ** 2
-        fitted = float((weights.knots * known[slots.slot] / (weights.lasts * variance_m2)).mean())
-        trust = max(float(weights.knots.mean()), 1e-3) * (1 - min(fitted, 0.9))
+        trust = max(float(weights.knots.mean()), 1e-3) * (1 - self.last.fitted_share())
         found = np.empty((3, len(residual_m)))
         found[:, slots.order] = residual_m, weights.knots, weights.knots * residual_m**2 / (variance_m2 * trust)
         return found[0], found[1], found[2]
@@ -171,13 +176,21 @@ class Tracked:
             variance_m2 = variance_m2 + (count - 1) / count * np.nansum(off_m**2, axis=0)
         return self.last.values[:n], np.sqrt(variance_m2)
 
-    def biases_at(self, t_s: Float) -> Float:
-        """(N, L) of all links, as they are used at instants (N,)."""
-        return np.broadcast_to(self.biases()[0], (len(t_s), self.body.ranges.n_links))
+    def scale(self) -> tuple[float, float]:
+        """Of all ranges less one, and its std."""
+        n, without = self.body.ranges.n_links, self.without[1]
+        off = without[:, n] - without[:, n].mean() if len(without) else np.zeros(1)
+        variance = self.last.covariance[n, n] + (len(off) - 1) / len(off) * float(off @ off)
+        return float(self.last.values[n]), float(np.sqrt(variance))
+
+    def corrected(self, t_s: Float, range_m: Float) -> Float:
+        """Ranges (N, L) of all links at instants (N,) without biases and scale."""
+        n = self.body.ranges.n_links
+        return (range_m - self.last.values[:n]) / (1 + self.last.values[n])
 
 
-def track_body(body: Body, starts: Starts) -> Tracked:
-    """The track of a body from F > 0 starts.
+def track_body(body: Body, starts: Starts, *, final: bool = True) -> Tracked:
+    """The track of a body from F > 0 starts; final: not one that odometry is to steady.
 
     Jumps are looked for where no yaw is tracked, of a tag by itself; what has a yaw starts from a track without them.
     """
@@ -190,6 +203,25 @@ def track_body(body: Body, starts: Starts) -> Tracked:
         if len(jumps_s) == 0:
             break
         body = replace(body, cuts_s=np.union1d(body.cuts_s, jumps_s))
+    if final and problem.range_std_m is None and (taken := estimate.fitted_share()) > MUCH_FITTED:
+        estimate = _refined(estimate, estimate.weights.std_m / np.sqrt(1 - taken))
+    tracked = _tracked(replace(body, scaled=bool(body.scaled)), estimate)
+    if body.scaled is not None or not body.settings.calibrate:
+        return tracked
+    scaled = replace(body, scaled=True)
+    if not _scale_matters(estimate, scaled.problem().priors):
+        return tracked
+    problem = replace(estimate.problem, priors=scaled.problem().priors)
+    other = solve(replace(problem, range_std_m=estimate.weights.std_m), estimate.knots, estimate.values, warm=True)
+    if body.settings.range_std_m is None:
+        other = _refined(other, estimate.weights.std_m)
+    found = _tracked(scaled, other)
+    off, std = found.scale()
+    return found if abs(off) > max(LEAST_SCALE, SCALE_STDS * std) else tracked
+
+
+def _tracked(body: Body, estimate: Estimate) -> Tracked:
+    """With covariances that are raised by what single anchors change."""
     size, own = len(body.axes), estimate.knot_covariances()
     raised, (anchors, knots, values) = own.copy(), delete_anchors(estimate)
     if len(anchors):
@@ -202,6 +234,28 @@ def track_body(body: Body, starts: Starts) -> Tracked:
     spread = np.trace(raised[:, :2, :2].mean(axis=0)) / np.trace(own[:, :2, :2].mean(axis=0))
     known = np.ones(len(body.ranges.t_s), dtype=bool)
     return Tracked(body, known, body.cuts_s, estimate, raised, float(spread), (anchors, values))
+
+
+def _refined(estimate: Estimate, std_m: Float) -> Estimate:
+    """Solved again with a std of each link's ranges (L,), for the part of their errors that a fit takes up."""
+    for _ in range(MOST_REFITS):
+        problem = replace(estimate.problem, range_std_m=std_m)
+        estimate = solve(problem, estimate.knots, estimate.values, warm=True)
+        slots, prior = problem.slots, (USUAL_STD_M, USUAL_RANGES)
+        own_m = link_stds(estimate.linear.residual_m, slots.range_link, slots.n_links, prior)
+        own_m /= np.sqrt(1 - estimate.fitted_share())
+        if np.abs(own_m / std_m - 1).max() < SETTLED_STD:
+            break
+        std_m = own_m
+    return estimate
+
+
+def _scale_matters(estimate: Estimate, priors: Float) -> bool:
+    """Whether the ranges favour priors with a scale, one step from an estimate without."""
+    n = estimate.problem.slots.n_links
+    both = replace(estimate.problem, priors=np.concatenate([estimate.problem.priors, priors]))
+    step, _, shares = posterior_of_globals(both, estimate.for_globals, estimate.values)
+    return bool(shares[len(shares) // 2 :].sum() > 0.5 and abs(step[n]) > LEAST_SCALE / 2)
 
 
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:
