@@ -69,13 +69,12 @@ class Known:
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals by the pose known with a range, weights, squared innovations over their due variance."""
         problem, slots, size = self.last.problem, self.body.ranges.single(), len(self.body.axes)
-        n, found = slots.n_links, []
+        found = []
         for before in (False, True):
             pose, _, covariance = self.poses(slots.t_s, before=before)
             at = self._steps(slots.t_s, before=before)
             values, std_m = self.values[at], self.range_std_m[at]
             predicted_m, slope, _, _ = problem.model.predict(slots, pose, np.zeros(values.shape[1]))
-            predicted_m, slope = predicted_m * (1 + values[:, n]), slope * (1 + values[:, n, None])
             residual_m = slots.range_m - predicted_m - values[np.arange(len(values)), slots.link]
             variance_m2 = std_m**2 + np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope)
             found.append((residual_m, variance_m2))
@@ -91,15 +90,13 @@ class Known:
         return self.values[-1, :n], np.sqrt(np.diag(self.last.covariance)[:n])
 
     def scale(self) -> tuple[float, float]:
-        """Of all ranges less one, as it is known in the end, and its std."""
-        n = self.body.ranges.n_links
-        return float(self.values[-1, n]), float(np.sqrt(self.last.covariance[n, n]))
+        """None is estimated: a log so far shows it too badly."""
+        return 0.0, 0.0
 
     def corrected(self, t_s: Float, range_m: Float) -> Float:
         """Ranges (N, L) of all links without biases and scale as they were known at instants (N,)."""
         n, known = self.body.ranges.n_links, t_s[:, None] >= self.t_s[0]
-        values = np.where(known, self.values[self._steps(t_s)], 0.0)
-        return (range_m - values[:, :n]) / (1 + values[:, n : n + 1])
+        return range_m - np.where(known, self.values[self._steps(t_s), :n], 0.0)
 
 
 class _Step(NamedTuple):

@@ -57,7 +57,7 @@ class AnchorBias:
     """Measured minus true range of one tag's links to A anchors, as estimated with its track.
 
     bias_m, std_m: (A,); n: (A,) ranges of each link in the log. shares: (P,) of each of PRIORS in the estimate, by how
-    likely the ranges are under it. scale: measured per true distance less one, scale_std: how well it is known.
+    likely the ranges are under it. scale: of the ranges less one, with its std; zero where they show none.
     """
 
     bias_m: Float

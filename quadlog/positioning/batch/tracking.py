@@ -177,7 +177,9 @@ class Tracked:
         return self.last.values[:n], np.sqrt(variance_m2)
 
     def scale(self) -> tuple[float, float]:
-        """Of all ranges less one, and its std."""
+        """Of all ranges less one, and its std; zero where they show none."""
+        if not self.body.scaled:
+            return 0.0, 0.0
         n, without = self.body.ranges.n_links, self.without[1]
         off = without[:, n] - without[:, n].mean() if len(without) else np.zeros(1)
         variance = self.last.covariance[n, n] + (len(off) - 1) / len(off) * float(off @ off)
