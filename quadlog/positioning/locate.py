@@ -20,6 +20,8 @@ from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
+FEW_FIXES = 0.1
+"""Share of good fixes below which ranges are tried for a scale."""
 HEIGHT_STD_M = 0.5
 """Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
 
@@ -56,7 +58,8 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate a constant bias of each link and subtract it; without, one that all links share.
+    calibrate: estimate a constant bias of each link and subtract it, and a scale of all ranges where it is clear; without,
+    one bias that all links share.
     smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 
@@ -140,8 +143,19 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     return Located(tuple(_locate(usable, anchors, tag, settings, on_line) for tag in tags), counts, on_line)
 
 
-def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings, on_line: bool) -> TagResult:
-    """Fixes to start from, the track, then fixes with its biases."""
+def _locate(
+    ranges: RangeSeries,
+    anchors: Anchors,
+    tag: TagInfo,
+    settings: LocateSettings,
+    on_line: bool,
+    *,
+    may_scale: bool = True,
+) -> TagResult:
+    """Fixes to start from, the track, then fixes with its biases.
+
+    Where nearly all fixes are outliers, the track starts from them, and counts if the ranges turn out to have a scale.
+    """
     epochs, epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
     known_m = epochs.range_m - anchors.known_bias_m
     start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
@@ -154,6 +168,8 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
     result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0), unknown_m)
 
     fixed, fix_ns = start.solved & ~start.outlier, epochs.t_ns if settings.smooth else epochs.last_ns
+    rescued = may_scale and settings.smooth and not on_line and fixed.sum() < FEW_FIXES * start.solved.sum()
+    fixed = start.solved if rescued else fixed
     row = np.flatnonzero(_in_segments_with_a_fix(mine.t_ns, fix_ns[fixed]))
     if len(row):
         first_ns, column = int(mine.t_ns[0]), anchors.columns_of(mine.anchor)
@@ -168,6 +184,8 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
             known = follow(body, starts)
             starts = Starts(known.t_s, known.state[:, :2])
         tracked, velocity = steadied(body, starts, mine.t_ns[row], tag, smooth=settings.smooth)
+        if rescued and tracked.scale()[0] == 0:
+            return _locate(ranges, anchors, tag, settings, on_line, may_scale=False)
         of_ranges, row = tracked.of_ranges(), row[tracked.known]
         result = replace(with_track(result, tracked, of_ranges, 0, tracked.known, row), velocity=velocity)
         bias_m, std_m = tracked.biases()
