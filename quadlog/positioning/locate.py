@@ -58,8 +58,8 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate a constant bias of each link and subtract it, and a scale of all ranges where it is clear; without,
-    one bias that all links share.
+    calibrate: estimate a constant bias of each link and subtract it, and a scale of all ranges where it is clear;
+    without, one bias that all links share.
     smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 

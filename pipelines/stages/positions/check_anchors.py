@@ -86,7 +86,10 @@ def _by_odometry(
         np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
         np.concatenate(index),
         np.concatenate(
-            [each.without_scale(each.ranges.range_m - anchors.known_bias_m[k]) for each, k in zip(tags, index, strict=True)]
+            [
+                each.without_scale(each.ranges.range_m - anchors.known_bias_m[k])
+                for each, k in zip(tags, index, strict=True)
+            ]
         ),
         np.array([levers_m[each.tag] for each in tags]),
         np.array([each.height_m for each in tags]),

@@ -19,8 +19,8 @@ from quadlog.positioning.epochs import Epochs, thin_rows
 from quadlog.positioning.fixes import Fixes, solve_fixes
 
 SIGNIFICANT_STD, MATTERS_M = 3.2, 0.6
-"""A fault must explain more than this, and a displacement must be longer: delays of blocked paths that last look like one
-of up to 0.57 m, on walks of 40 s of seeds 800 to 803."""
+"""A fault must explain more than this, and a displacement must be longer: delays of blocked paths that last look like
+one of up to 0.57 m, on walks of 40 s of seeds 800 to 803."""
 RIVAL_CHI2 = 6.0
 """Faults whose misfits differ by less are alternatives: the likelihoods' ratio is below 20."""
 EXPLAINED_CHI2, UNFIT_CHI2 = 5.0, 20.0

@@ -32,8 +32,8 @@ delays that are constant for each anchor: they came to 1.3 s with 0.07, and are 
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
-"""Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what those of a link may say, which is
-no more unless all links together do."""
+"""Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what those of a link may say,
+which is no more unless all links together do."""
 FEWEST_RANGES, MODE_SHARE, MODE_RANGES, EARLY_SHARE = 6, 0.25, 20, 0.1
 """Of a link that shows a std; and so much of it, or so many if that is more, lie closest together about the mode. A
 half about the mode has always more of it than the last."""

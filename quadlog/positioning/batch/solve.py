@@ -133,9 +133,9 @@ class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    range_std_m: of ranges in sight, of all links or each (L,), None: estimated for each link. past: what earlier ranges say of the globals: values
-    (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the probability of line of sight, for
-    knots and globals. calibrated: links may have biases of their own.
+    range_std_m: of ranges in sight, of all links or each (L,), None: estimated for each link. past: what earlier ranges
+    say of the globals: values (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the
+    probability of line of sight, for knots and globals. calibrated: links may have biases of their own.
     """
 
     timeline: Timeline

@@ -75,8 +75,11 @@ def test_ranges_with_a_scale_are_divided_by_it_and_others_are_left_alone(lab, sc
 
 def test_of_noisy_ranges_the_std_is_estimated_for_what_the_track_takes_up(lab):
     """Few ranges of a walker: their residuals are far smaller than their errors."""
-    simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, 5, duration_s=60, rate_hz=4, std_m=0.4)
-    assert np.median(lab.locate_tag(simulated.series, lab.SQUARE_M).range_std_m) == pytest.approx(0.4, rel=0.1)
+    found = []
+    for seed in (5, 6):
+        simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, seed, duration_s=60, rate_hz=2, std_m=0.1)
+        found.append(np.median(lab.locate_tag(simulated.series, lab.SQUARE_M).range_std_m))
+    assert np.mean(found) == pytest.approx(0.1, rel=0.15)
 
 
 def test_the_share_of_weak_first_paths_is_over_what_is_known_of_a_link():
