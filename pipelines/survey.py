@@ -192,8 +192,8 @@ def _tell(journal: Journal, outcome: SurveyOutcome, speed_mps: float) -> None:
         )
     if abs(survey.turn_scale - 1) > MOST_TURN_SCALE:
         journal.warn(
-            f"the ranges fit only if the odometry turns {survey.turn_scale:.2f} times as far as it says: if it does not, the "
-            "ranges are wrong, and places are off by more than their bounds"
+            f"the ranges fit only if the odometry turns {survey.turn_scale:.2f} times as far as it says: if it does "
+            "not, the ranges are wrong, and places are off by more than their bounds"
         )
     if survey.range_std_m > POOR_FIT_M:
         journal.warn(

@@ -157,7 +157,7 @@ def _locate(
     Where nearly all fixes are outliers, the track starts from them, and counts if the ranges turn out to have a scale.
     """
     epochs, epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
-    known_m = epochs.range_m - anchors.known_bias_m
+    known_m: Float = epochs.range_m - anchors.known_bias_m
     start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
     height_solved = settings.height == "solved" and not on_line
     if settings.height == "auto" and not on_line:
