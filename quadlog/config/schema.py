@@ -117,7 +117,8 @@ class UwbConfig(Section):
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
     calibrate: bool = Field(
         True,
-        description="constant bias of each link, estimated with the track, where the ranges show one",
+        description="constant bias of each link, estimated with the track, where the ranges show one; with uwb.smooth "
+        "also a scale of all ranges, where it is clear",
     )
     smooth: bool = Field(
         True,

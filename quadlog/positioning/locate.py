@@ -20,6 +20,8 @@ from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
 
+FEW_FIXES = 0.1
+"""Share of good fixes below which ranges are tried for a scale."""
 HEIGHT_STD_M = 0.5
 """Std of the given height of a tag whose height is tracked: what a person lifts or lowers it by."""
 
@@ -56,7 +58,8 @@ class LocateSettings:
 
     method, height, mirror: as the configuration's section `uwb` explains them.
     epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate a constant bias of each link and subtract it; without, one that all links share.
+    calibrate: estimate a constant bias of each link and subtract it, and a scale of all ranges where it is clear;
+    without, one bias that all links share.
     smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
     """
 
@@ -113,6 +116,10 @@ class TagResult:
     shared_m: float = 0.0
     velocity: MeasuredMotion | None = None
 
+    def without_scale(self, range_m: Float) -> Float:
+        """Ranges divided by their scale, as estimated."""
+        return range_m if self.bias is None else range_m / (1 + self.bias.scale)
+
 
 @dataclass(frozen=True, slots=True)
 class Located:
@@ -136,10 +143,21 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     return Located(tuple(_locate(usable, anchors, tag, settings, on_line) for tag in tags), counts, on_line)
 
 
-def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: LocateSettings, on_line: bool) -> TagResult:
-    """Fixes to start from, the track, then fixes with its biases."""
+def _locate(
+    ranges: RangeSeries,
+    anchors: Anchors,
+    tag: TagInfo,
+    settings: LocateSettings,
+    on_line: bool,
+    *,
+    may_scale: bool = True,
+) -> TagResult:
+    """Fixes to start from, the track, then fixes with its biases.
+
+    Where nearly all fixes are outliers, the track starts from them, and counts if the ranges turn out to have a scale.
+    """
     epochs, epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
-    known_m = epochs.range_m - anchors.known_bias_m
+    known_m: Float = epochs.range_m - anchors.known_bias_m
     start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
     height_solved = settings.height == "solved" and not on_line
     if settings.height == "auto" and not on_line:
@@ -150,6 +168,8 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
     result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0), unknown_m)
 
     fixed, fix_ns = start.solved & ~start.outlier, epochs.t_ns if settings.smooth else epochs.last_ns
+    rescued = may_scale and settings.smooth and not on_line and fixed.sum() < FEW_FIXES * start.solved.sum()
+    fixed = start.solved if rescued else fixed
     row = np.flatnonzero(_in_segments_with_a_fix(mine.t_ns, fix_ns[fixed]))
     if len(row):
         first_ns, column = int(mine.t_ns[0]), anchors.columns_of(mine.anchor)
@@ -164,12 +184,15 @@ def _locate(ranges: RangeSeries, anchors: Anchors, tag: TagInfo, settings: Locat
             known = follow(body, starts)
             starts = Starts(known.t_s, known.state[:, :2])
         tracked, velocity = steadied(body, starts, mine.t_ns[row], tag, smooth=settings.smooth)
+        if rescued and tracked.scale()[0] == 0:
+            return _locate(ranges, anchors, tag, settings, on_line, may_scale=False)
         of_ranges, row = tracked.of_ranges(), row[tracked.known]
         result = replace(with_track(result, tracked, of_ranges, 0, tracked.known, row), velocity=velocity)
         bias_m, std_m = tracked.biases()
         if settings.calibrate:
-            bias = AnchorBias(bias_m, std_m, np.bincount(column, minlength=len(bias_m)), tracked.last.shares)
-            known_m = known_m - tracked.biases_at(seconds_since(epochs.last_ns, first_ns))
+            n = np.bincount(column, minlength=len(bias_m))
+            bias = AnchorBias(bias_m, std_m, n, tracked.last.shares, *tracked.scale())
+            known_m = tracked.corrected(seconds_since(epochs.last_ns, first_ns), known_m)
             result = replace(result, bias=bias)
         else:
             result = replace(result, shared_m=float(bias_m.mean()))
@@ -193,8 +216,7 @@ def steadied(
     body: Body, starts: Starts, t_ns: Int, tag: TagInfo, *, smooth: bool
 ) -> tuple[Tracked | Known, MeasuredMotion | None]:
     """The track of a body from its ranges at t_ns (R,), and again with the odometry of what carries the tag, if any."""
-    solve = track_body if smooth else follow
-    tracked = solve(body, starts)
+    tracked = track_body(body, starts, final=tag.body_motion is None) if smooth else follow(body, starts)
     if tag.body_motion is None:
         return tracked, None
     first_ns = int(t_ns[0]) - round(body.ranges.t_s[0] * 1e9)
@@ -208,7 +230,7 @@ def steadied(
         t_s = tracked.body.timeline.t_s
         yaw_rad = np.interp(t_s, motion.odometry.way.t_s, motion.yaw_rad)
         body, starts = replace(body, yaw=True), Starts(t_s, np.column_stack([tracked.last.knots[:, 0, :2], yaw_rad]))
-    return solve(body, starts), motion
+    return track_body(body, starts) if smooth else follow(body, starts), motion
 
 
 def with_track(

@@ -36,17 +36,39 @@ def check_located(
     levers_m: Mapping[int, tuple[float, float]],
     odometry: PoseSeries | None,
 ) -> SurveyFaults:
-    """What the ranges say against the anchors' places. levers_m: x_m, y_m in base of the tags on the robot."""
+    """What the ranges say against the anchors' places. levers_m: x_m, y_m in base of the tags on the robot.
+
+    Wrong places may look like a scale of the ranges: what is wrong with it is looked for without it as well.
+    """
+    found = _check(located, anchors, settings, levers_m, odometry)
+    if found == SurveyFaults() or all(each.bias is None or each.bias.scale == 0 for each in located.tags):
+        return found
+    unscaled = replace(located, tags=tuple(replace(each, bias=None) for each in located.tags))
+    named = _check(unscaled, anchors, settings, levers_m, odometry)
+    return named if named.swapped or named.shifted else found
+
+
+def _check(
+    located: Located,
+    anchors: Anchors,
+    settings: LocateSettings,
+    levers_m: Mapping[int, tuple[float, float]],
+    odometry: PoseSeries | None,
+) -> SurveyFaults:
+    """With the scale of the ranges taken out."""
     found = None if odometry is None else _by_odometry(located, anchors, levers_m, odometry)
-    if found is not None:
+    if found is not None and not found.unfit:
         return found
     if located.on_line:
-        return SurveyFaults()
+        return found or SurveyFaults()
     logs = [
-        TagEpochs(replace(result.epochs, range_m=result.epochs.range_m - anchors.known_bias_m), result.height_m)
-        for result in located.tags
+        TagEpochs(
+            replace(each.epochs, range_m=each.without_scale(each.epochs.range_m - anchors.known_bias_m)), each.height_m
+        )
+        for each in located.tags
     ]
-    return check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
+    named = check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
+    return named if found is None or named.swapped or named.shifted else found
 
 
 def _by_odometry(
@@ -63,7 +85,12 @@ def _by_odometry(
         seconds_since(np.concatenate([each.ranges.t_ns for each in tags]), start_ns),
         np.concatenate([np.full(len(each.ranges.t_ns), k) for k, each in enumerate(tags)]),
         np.concatenate(index),
-        np.concatenate([each.ranges.range_m - anchors.known_bias_m[of] for each, of in zip(tags, index, strict=True)]),
+        np.concatenate(
+            [
+                each.without_scale(each.ranges.range_m - anchors.known_bias_m[k])
+                for each, k in zip(tags, index, strict=True)
+            ]
+        ),
         np.array([levers_m[each.tag] for each in tags]),
         np.array([each.height_m for each in tags]),
         len(anchors.ids),
@@ -89,6 +116,11 @@ def fault_warnings(faults: SurveyFaults, anchors: Anchors) -> list[str]:
         texts.append(
             f"anchor {ids[shifted.anchor]} seems to stand at x_m = {x_m:.2f}, y_m = {y_m:.2f}, "
             f"{shifted.distance_m:.2f} +- {shifted.distance_std_m:.2f} m from where [[uwb.anchors]] has it"
+        )
+    if faults.unfit:
+        texts.append(
+            f"the ranges do not fit the places in [[uwb.anchors]], and one wrong anchor does not explain it; those of "
+            f"{' and '.join(str(ids[k]) for k in faults.unfit)} fit worst: measure these again"
         )
     if len(texts) > 1:
         texts.append("one of these is wrong, the first most likely: the ranges cannot distinguish them")

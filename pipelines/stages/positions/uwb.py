@@ -53,6 +53,13 @@ def located_warnings(located: Located, config: Config, first_ns: int) -> list[st
             "set uwb.calibrate = true, or take another method"
         )
     described = _described(located, config)
+    biases = {each.tag: each.bias for each in described if each.bias is not None and each.bias.scale != 0}
+    if biases:
+        words = ", ".join(f"tag {tag} {1 + bias.scale:.3f} +- {bias.scale_std:.3f}" for tag, bias in biases.items())
+        texts.append(
+            f"ranges are measured with a wrong scale, by which they are divided: {words}; check unit and clock of the "
+            "radios, or leave the ranges as they are by  --set uwb.calibrate=false"
+        )
     texts += [text for result in described for text in _tag_warnings(result, config, first_ns)]
     if len(described) < len(located.tags):
         texts.append(

@@ -39,6 +39,8 @@ MOST_DRIFT_M, MOST_DRIFT_RAD = 0.1, 0.1
 """With more random drift after 1 m of way the ranges contradict the odometry."""
 MOST_SCALE_STD = 8.0
 """And if its turns are off by more: in std of what is usual."""
+MOST_LATE = 0.7
+"""Nor do ranges fit any places of which more count as NLOS: on simulated walks it is up to 0.55."""
 BLIND_SHARE = 0.8
 """A height is unobserved if its bound is still this share of the prior's."""
 BIAS_MEAN_M, COMMON_BIAS_STD_M, ANCHOR_BIAS_STD_M, LINK_BIAS_STD_M = 0.15, 0.15, 0.1, 0.05
@@ -167,7 +169,13 @@ def _check_walk(walk: Walk) -> None:
 
 
 def _check_odometry(solution: _Solution) -> None:
-    """Raises AnchorsNotObserved for ranges that fit the walk only if it is far from what the odometry says."""
+    """Raises AnchorsNotObserved for ranges that fit the walk badly, or only if it is far from what odometry says."""
+    late = 1 - float(solution.estimate.weights.knots.mean())
+    if late > MOST_LATE:
+        raise AnchorsNotObserved(
+            f"the ranges do not fit the walk: {late:.0%} of them count as NLOS wherever the anchors are placed",
+            "check unit and scale of the ranges, or choose another odometry by topics.position",
+        )
     drift_m, drift_rad = solution.drift
     turn_scale = float(solution.estimate.values[-3])
     off_std = abs(turn_scale - 1) / solution.walk.odometry.turn_scale_std

@@ -92,9 +92,14 @@ class Known:
         n = self.body.ranges.n_links
         return self.values[-1, :n], np.sqrt(np.diag(self.last.covariance)[:n])
 
-    def biases_at(self, t_s: Float) -> Float:
-        """(N, L) of all links as they were known at instants (N,), zero before the first step."""
-        return np.where(t_s[:, None] >= self.t_s[0], self.values[self._steps(t_s), : self.body.ranges.n_links], 0.0)
+    def scale(self) -> tuple[float, float]:
+        """None is estimated: a log so far shows it too badly."""
+        return 0.0, 0.0
+
+    def corrected(self, t_s: Float, range_m: Float) -> Float:
+        """Ranges (N, L) of all links without biases and scale as they were known at instants (N,)."""
+        n, known = self.body.ranges.n_links, t_s[:, None] >= self.t_s[0]
+        return range_m - np.where(known, self.values[self._steps(t_s), :n], 0.0)
 
 
 class _Step(NamedTuple):
@@ -140,7 +145,7 @@ def follow(body: Body, starts: Starts) -> Known:
             before = before._replace(past=back.past)
         own = replace(body, settings=replace(body.settings, range_std_m=std_m))
         last = _step(own, starts, now_s, (before, last, back), found)
-        state, covariance = last.knots[-1].ravel(), last.knot_covariances()[-1]
+        state, covariance = last.knots[-1].ravel(), last.knot_covariances[-1]
         steps.append(_Step(now_s, state, covariance, last.values, std_m, last.past()))
         if body.settings.range_std_m is None:
             # A range is in many windows.

@@ -152,16 +152,17 @@ class TagRanges:
 
 @dataclass(frozen=True, slots=True)
 class RangeModel:
-    """range = |tag - anchor| + bias of the link, of a body with these axes among anchors (A, 3).
+    """range = (1 + scale) |tag - anchor| + bias of the link, of a body with these axes among anchors (A, 3).
 
     The first global unknowns are the biases of the links. free: the first column of 3A displacements of the anchors,
-    None where they stay; delay: the column of the ranges' stamps, if any.
+    None where they stay; delay, scale: the column of the ranges' stamps, and of their scale, if any.
     """
 
     axes: Axes
     anchors_m: Float
     free: int | None = None
     delay: int | None = None
+    scale: int | None = None
 
     def predict(self, slots: Slots, pose: Float, values: Float) -> tuple[Float, Float, Int, Float]:
         """Predictions (N,), slopes by the pose (N, D), and by globals: columns (G, N), slopes (G, N).
@@ -176,7 +177,8 @@ class RangeModel:
         if axes.z is not None:
             apart_m[2] += pose[:, axes.z]
         distance_m = np.sqrt(np.einsum("in,in->n", apart_m, apart_m))
-        unit = apart_m / np.maximum(distance_m, 1e-6)
+        factor = 1.0 if self.scale is None else 1 + values[self.scale]
+        unit = factor * apart_m / np.maximum(distance_m, 1e-6)
         by_pose = np.zeros((len(axes), len(pose)))
         by_pose[:2] = unit[:2]
         if axes.z is not None:
@@ -187,7 +189,9 @@ class RangeModel:
         if first is not None:
             columns += [first + 3 * slots.anchor + axis for axis in range(3)]
             slopes += list(-unit)
-        return distance_m + values[slots.link], by_pose.T, np.array(columns), np.array(slopes)
+        if self.scale is not None:
+            columns, slopes = [*columns, np.full(len(distance_m), self.scale)], [*slopes, distance_m]
+        return factor * distance_m + values[slots.link], by_pose.T, np.array(columns), np.array(slopes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.batch.robust import USUAL_RANGES, link_stds
@@ -23,12 +24,17 @@ PRIORS = ("no biases", "one bias of all links", "one of all links, and small one
 """Biases that are possible a priori, and the std of those of each link; real sets lie within 0 and 0.4 m, and links of
 one make share most of it."""
 NO_BIAS_M = 1e-3
+SCALE_STD, NO_SCALE = 0.05, 1e-5
+"""Of the ranges' scale less one, where they have one and where not."""
 
 
-def bias_priors(n_links: int, calibrate: bool) -> Float:
-    """(P, L, L) covariances of the links' biases that are possible a priori; without calibration the first two."""
+def range_priors(n_links: int, calibrate: bool, scaled: bool) -> Float:
+    """(P, L + 1, L + 1) covariances of the links' biases and the ranges' scale that are possible a priori; without
+    calibration the first two.
+    """
     stds_m = np.maximum(LINK_STDS_M if calibrate else LINK_STDS_M[:2], NO_BIAS_M)[:, None, None]
-    return np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
+    biases = np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
+    return np.array([block_diag(each, (SCALE_STD if scaled else NO_SCALE) ** 2) for each in biases])
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +57,15 @@ class AnchorBias:
     """Measured minus true range of one tag's links to A anchors, as estimated with its track.
 
     bias_m, std_m: (A,); n: (A,) ranges of each link in the log. shares: (P,) of each of PRIORS in the estimate, by how
-    likely the ranges are under it.
+    likely the ranges are under it. scale: of the ranges less one, with its std; zero where they show none.
     """
 
     bias_m: Float
     std_m: Float
     n: Int
     shares: Float
+    scale: float
+    scale_std: float
 
     @property
     def applied_m(self) -> Float:

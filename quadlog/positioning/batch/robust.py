@@ -34,7 +34,8 @@ LEAST_SURE = 0.1
 BLOCKS_S, FEWEST_BLOCKS = (0.5, 1.0, 2.0, 4.0), 5
 """Over how long residuals of a link are summed to see how much of them lasts."""
 USUAL_STD_M, USUAL_RANGES, STD_BOUNDS_M = 0.1, 100, (0.02, 0.3)
-"""Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what the ranges of a log may say."""
+"""Of a range in sight [Following, Fig. 9], as many ranges as that counts for, and what those of a link may say,
+which is no more unless all links together do."""
 FEWEST_RANGES, MODE_SHARE, MODE_RANGES, EARLY_SHARE = 6, 0.25, 20, 0.1
 """Of a link that shows a std; and so much of it, or so many if that is more, lie closest together about the mode. A
 half about the mode has always more of it than the last."""
@@ -65,7 +66,7 @@ def link_stds(residual_m: Float, link: Int, n_links: int, prior: tuple[float, in
     apart = np.log(np.nan_to_num(1.4826 * own_m / usual_m, nan=1.0).clip(1e-3))
     apart = np.sign(apart) * (np.abs(apart) - np.log(ALIKE)).clip(0.0) * count / (count + n_prior)
     usual_m = np.sqrt((n * usual_m**2 + n_prior * prior_m**2) / (n + n_prior))
-    return (usual_m * np.exp(apart)).clip(*STD_BOUNDS_M)
+    return (usual_m * np.exp(apart)).clip(STD_BOUNDS_M[0], max(STD_BOUNDS_M[1], usual_m))
 
 
 def link_windows(t_s: Float, link: Int) -> tuple[Int, Int]:

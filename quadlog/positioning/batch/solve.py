@@ -133,15 +133,15 @@ class Problem:
     """All measurements and priors.
 
     mean (M,), priors (P, M, M): of the globals, and covariances that are possible a priori. others: beside the ranges.
-    range_std_m: of ranges in sight, None: estimated for each link. past: what earlier ranges say of the globals: values
-    (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the probability of line of sight, for
-    knots and globals. calibrated: links may have biases of their own.
+    range_std_m: of ranges in sight, of all links or each (L,), None: estimated for each link. past: what earlier ranges
+    say of the globals: values (M,), and information (M, M) and pull (M,) there. in_sight: ranges count by the
+    probability of line of sight, for knots and globals. calibrated: links may have biases of their own.
     """
 
     timeline: Timeline
     model: RangeModel
     slots: Slots
-    range_std_m: float | None
+    range_std_m: float | Float | None
     mean: Float
     priors: Float
     others: tuple[Steps, ...] = ()
@@ -221,7 +221,7 @@ class Linearised:
         return replace(self.rows, residual=mean_m), total
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Estimate:
     """knots (K, 2, D), values (M,) of the globals with covariance (M, M), and the share (P,) of each prior in them.
 
@@ -244,9 +244,20 @@ class Estimate:
         information, pull = self.for_globals.reduced
         return self.values, information, pull - information @ self.last_step
 
+    @cached_property
     def knot_covariances(self) -> Float:
         """(K, 2D, 2D) of the knots' coordinates and rates."""
         return self.for_knots.covariances(self.covariance)
+
+    def fitted_share(self) -> float:
+        """Share of the squared errors of the ranges that the knots take up, 0.9 at most."""
+        problem, weights, axes = self.problem, self.weights, self.problem.model.axes
+        slots, sampling, size = problem.slots, problem.sampling, len(axes)
+        _, slope, _, _ = problem.model.predict(slots, sampling.of(self.knots)[0], self.values)
+        after, covariance = sampling.value[2][:, None, None], self.knot_covariances[:, :size, :size]
+        covariance = (1 - after) * covariance[sampling.interval] + after * covariance[sampling.interval + 1]
+        known = np.einsum("ni,nij,nj->n", slope, covariance, slope)[slots.slot]
+        return min(float((weights.knots * known / (weights.lasts * weights.std_m[slots.range_link] ** 2)).mean()), 0.9)
 
 
 def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
@@ -382,7 +393,8 @@ def solve(
     start is warm, and a move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
-    noise = known or Noise(np.full(n_links, problem.range_std_m or robust.USUAL_STD_M), np.ones(n), None)
+    given_m = robust.USUAL_STD_M if problem.range_std_m is None else problem.range_std_m
+    noise = known or Noise(np.full(n_links, given_m), np.ones(n), None)
     weights = Weights(noise.std_m, noise.lasts, noise.blocked, np.ones(n), np.ones(n))
     linear, settled, due = linearise(problem, knots, values), known is not None, WHITE_ROUNDS
     for index in range(rounds):

@@ -11,9 +11,10 @@ from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, RangeModel, Steps, TagRanges, Way
-from quadlog.positioning.batch.links import bias_priors, delete_anchors
+from quadlog.positioning.batch.links import delete_anchors, range_priors
 from quadlog.positioning.batch.motion import Timeline, lifting, make_timeline, turning, walking
-from quadlog.positioning.batch.solve import Estimate, Problem, solve
+from quadlog.positioning.batch.robust import USUAL_RANGES, USUAL_STD_M, link_stds
+from quadlog.positioning.batch.solve import Estimate, Problem, posterior_of_globals, solve
 
 KNOT_S = 0.2
 """Between knots; ranges of a link are averaged from each to the next."""
@@ -30,6 +31,12 @@ far as these scatter. So a jump is believed after four fixes, a causal track err
 
 HARDLY_LATE_STD = 0.05
 """By so much of a std late ranges that seem to be in sight move biases. Chosen on seeds 501, 502, 711 and 712."""
+
+MUCH_FITTED, MOST_REFITS, SETTLED_STD = 0.15, 4, 0.05
+"""Where a track takes up more of its ranges' squared errors, their std is estimated for that; and until it settles."""
+LEAST_SCALE, SCALE_STDS = 0.01, 10.0
+"""A scale is taken for real if it is larger, by so many std, leaving out anchors included: far ranges are late more
+often, which looked like a scale of up to 9.1 std on simulated walks; a real one of 7 % was clear by 10.5."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +95,7 @@ class Body:
     cuts_s: Float
     yaw: bool = False
     motion: Odometry | None = None
+    scaled: bool | None = None
 
     @cached_property
     def timeline(self) -> Timeline:
@@ -103,15 +111,16 @@ class Body:
         return Axes(tuple(motions), 2 if lifted else None, len(motions) - 1 if self.yaw else None)
 
     def problem(self) -> Problem:
-        """All measurements; globals are the biases of the links, then those of its motion."""
+        """All measurements; globals are the biases of the links, the scale of the ranges, then those of its motion."""
         n = self.ranges.n_links
-        priors, mean, others = bias_priors(n, self.settings.calibrate), np.zeros(n), tuple[Steps, ...]()
+        priors = range_priors(n, self.settings.calibrate, bool(self.scaled))
+        mean, others = np.zeros(n + 1), tuple[Steps, ...]()
         if self.motion is not None:
-            others = self.motion.steps(self.timeline, self.axes, n)
+            others = self.motion.steps(self.timeline, self.axes, n + 1)
         if self.motion is not None and not self.motion.in_map:  # its scale, and the drift of its yaw
             mean, own = np.append(mean, [1.0, 0.0]), np.diag([SCALE_STD**2, DRIFT_STD_RADPS**2])
             priors = np.array([block_diag(prior, own) for prior in priors])
-        model, slots = RangeModel(self.axes, self.anchors_m), self.ranges.slots(self.timeline.t_s)
+        model, slots = RangeModel(self.axes, self.anchors_m, scale=n), self.ranges.slots(self.timeline.t_s)
         std_m, calibrated = self.settings.range_std_m, self.settings.calibrate
         return Problem(self.timeline, model, slots, std_m, mean, priors, others, calibrated=calibrated)
 
@@ -150,18 +159,15 @@ class Tracked:
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals, weights, and squares over their due variance, for a mean weight of one."""
         problem, weights, given = self.last.problem, self.last.weights, self.body.ranges
-        slots, size, of = problem.slots, len(problem.model.axes), problem.slots.of_given
-        pose, rate, covariance = self.poses(slots.t_s)
+        slots, of = problem.slots, problem.slots.of_given
+        pose, rate, _ = self.poses(slots.t_s)
         _, slope, _, _ = problem.model.predict(slots, pose, self.last.values)
-        known = np.einsum("ni,nij,nj->n", slope, covariance[:, :size, :size], slope) / self.spread
-        variance_m2 = weights.std_m[slots.range_link] ** 2
-        fitted = float((weights.knots * known[slots.slot] / (weights.lasts * variance_m2)).mean())
-        trust = max(float(weights.knots.mean()), 1e-3) * (1 - min(fitted, 0.9))
+        trust = max(float(weights.knots.mean()), 1e-3) * (1 - self.last.fitted_share())
         speed_mps = np.einsum("ni,ni->n", slope, rate)[slots.slot]
         residual_m = self.last.linear.residual_m - slots.range_m + speed_mps * slots.range_t_s
         residual_m = residual_m[of] + given.range_m - speed_mps[of] * given.t_s
-        weight = weights.knots[of]
-        return residual_m, weight, weight * residual_m**2 / (variance_m2[of] * trust)
+        weight, variance_m2 = weights.knots[of], weights.std_m[slots.range_link[of]] ** 2
+        return residual_m, weight, weight * residual_m**2 / (variance_m2 * trust)
 
     def biases(self) -> tuple[Float, Float]:
         """Of all links (L,), and their std."""
@@ -178,13 +184,23 @@ class Tracked:
             variance_m2 = variance_m2 + (count - 1) / count * np.nansum(off_m**2, axis=0)
         return self.last.values[:n], np.sqrt(variance_m2)
 
-    def biases_at(self, t_s: Float) -> Float:
-        """(N, L) of all links, as they are used at instants (N,)."""
-        return np.broadcast_to(self.biases()[0], (len(t_s), self.body.ranges.n_links))
+    def scale(self) -> tuple[float, float]:
+        """Of all ranges less one, and its std; zero where they show none."""
+        if not self.body.scaled:
+            return 0.0, 0.0
+        n, without = self.body.ranges.n_links, self.without[1]
+        off = without[:, n] - without[:, n].mean() if len(without) else np.zeros(1)
+        variance = self.last.covariance[n, n] + (len(off) - 1) / len(off) * float(off @ off)
+        return float(self.last.values[n]), float(np.sqrt(variance))
+
+    def corrected(self, t_s: Float, range_m: Float) -> Float:
+        """Ranges (N, L) of all links at instants (N,) without biases and scale."""
+        n = self.body.ranges.n_links
+        return (range_m - self.last.values[:n]) / (1 + self.last.values[n])
 
 
-def track_body(body: Body, starts: Starts) -> Tracked:
-    """The track of a body from F > 0 starts.
+def track_body(body: Body, starts: Starts, *, final: bool = True) -> Tracked:
+    """The track of a body from F > 0 starts; final: not one that odometry is to steady.
 
     Jumps are looked for where no yaw is tracked, of a tag by itself; what has a yaw starts from a track without them.
     """
@@ -197,7 +213,26 @@ def track_body(body: Body, starts: Starts) -> Tracked:
         if len(jumps_s) == 0:
             break
         body = replace(body, cuts_s=np.union1d(body.cuts_s, jumps_s))
-    size, own = len(body.axes), estimate.knot_covariances()
+    if final and problem.range_std_m is None and (taken := estimate.fitted_share()) > MUCH_FITTED:
+        estimate = _refined(estimate, estimate.weights.std_m / np.sqrt(1 - taken))
+    tracked = _tracked(replace(body, scaled=bool(body.scaled)), estimate)
+    if body.scaled is not None or not body.settings.calibrate:
+        return tracked
+    scaled = replace(body, scaled=True)
+    if not _scale_matters(estimate, scaled.problem().priors):
+        return tracked
+    problem = replace(estimate.problem, priors=scaled.problem().priors)
+    other = solve(replace(problem, range_std_m=estimate.weights.std_m), estimate.knots, estimate.values, warm=True)
+    if body.settings.range_std_m is None:
+        other = _refined(other, estimate.weights.std_m)
+    found = _tracked(scaled, other)
+    off, std = found.scale()
+    return found if abs(off) > max(LEAST_SCALE, SCALE_STDS * std) else tracked
+
+
+def _tracked(body: Body, estimate: Estimate) -> Tracked:
+    """With covariances that are raised by what single anchors change."""
+    size, own = len(body.axes), estimate.knot_covariances
     raised, (anchors, knots, values) = own.copy(), delete_anchors(estimate)
     if len(anchors):
         # Jackknife, (m - 1)/m sum (q - mean)^2, less what it overstates: each of m anchors has a share of 2/m in a
@@ -209,6 +244,28 @@ def track_body(body: Body, starts: Starts) -> Tracked:
     spread = np.trace(raised[:, :2, :2].mean(axis=0)) / np.trace(own[:, :2, :2].mean(axis=0))
     known = np.ones(len(body.ranges.t_s), dtype=bool)
     return Tracked(body, known, body.cuts_s, estimate, raised, float(spread), (anchors, values))
+
+
+def _refined(estimate: Estimate, std_m: Float) -> Estimate:
+    """Solved again with a std of each link's ranges (L,), for the part of their errors that a fit takes up."""
+    for _ in range(MOST_REFITS):
+        problem = replace(estimate.problem, range_std_m=std_m)
+        estimate = solve(problem, estimate.knots, estimate.values, warm=True)
+        slots, prior = problem.slots, (USUAL_STD_M, USUAL_RANGES)
+        own_m = link_stds(estimate.linear.residual_m, slots.range_link, slots.n_links, prior)
+        own_m /= np.sqrt(1 - estimate.fitted_share())
+        if np.abs(own_m / std_m - 1).max() < SETTLED_STD:
+            break
+        std_m = own_m
+    return estimate
+
+
+def _scale_matters(estimate: Estimate, priors: Float) -> bool:
+    """Whether the ranges favour priors with a scale, one step from an estimate without."""
+    n = estimate.problem.slots.n_links
+    both = replace(estimate.problem, priors=np.concatenate([estimate.problem.priors, priors]))
+    step, _, shares = posterior_of_globals(both, estimate.for_globals, estimate.values)
+    return bool(shares[len(shares) // 2 :].sum() > 0.5 and abs(step[n]) > LEAST_SCALE / 2)
 
 
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:

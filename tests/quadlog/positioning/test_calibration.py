@@ -61,6 +61,27 @@ def test_what_all_links_share_is_a_state_of_the_smoother_alone(lab):
     assert np.median(got.ranges.weight) > 0.9
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.96, 1.07])
+def test_ranges_with_a_scale_are_divided_by_it_and_others_are_left_alone(lab, scale):
+    anchors_m = 3 * lab.SQUARE_M
+    simulated = lab.simulate(lambda t_s: 3 * lab.walk_figure_eight(t_s), anchors_m, 4, duration_s=40, rate_hz=10)
+    simulated.series.range_m[:] = scale * simulated.series.range_m + 0.1
+    got = lab.locate_tag(simulated.series, anchors_m)
+    assert abs(1 + got.bias.scale - scale) <= max(3 * got.bias.scale_std, 1e-9)
+    assert lab.rmse(got.track.position_m - simulated.truth_at(got.track.t_ns)) < 0.15
+    fixed = got.fixes.solved & ~got.fixes.outlier
+    assert lab.rmse((got.fixes.position_m - simulated.truth_at(got.epochs.t_ns))[fixed]) < 0.25
+
+
+def test_of_noisy_ranges_the_std_is_estimated_for_what_the_track_takes_up(lab):
+    """Few ranges of a walker: their residuals are far smaller than their errors."""
+    found = []
+    for seed in (5, 6):
+        simulated = lab.simulate(lab.walk_figure_eight, lab.SQUARE_M, seed, duration_s=60, rate_hz=2, std_m=0.1)
+        found.append(np.median(lab.locate_tag(simulated.series, lab.SQUARE_M).range_std_m))
+    assert np.mean(found) == pytest.approx(0.1, rel=0.15)
+
+
 def test_the_share_of_weak_first_paths_is_over_what_is_known_of_a_link():
     series = RangeSeries(np.arange(6), np.array([0, 0, 0, 0, 1, 0]), np.array([7, 7, 7, 3, 3, 7]), np.ones(6))
     gap_db = np.array([5.9, 6.1, 20.0, np.nan, 9.0, np.nan])

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 
 from quadlog.positioning.batch import solve as module
 from quadlog.positioning.batch.factors import Axes, RangeModel, Steps, TagRanges, Way
-from quadlog.positioning.batch.links import bias_priors
+from quadlog.positioning.batch.links import range_priors
 from quadlog.positioning.batch.motion import (
     lifting,
     make_timeline,
@@ -38,11 +38,17 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
         Steps(timeline, way, AXES, (n, n + 1, n + 2), (variance, variance / 2)),
         Steps(timeline, way, AXES, (), (variance, variance)),
     )
-    mean = np.concatenate([np.zeros(n), [1.0, 0.0, 1.0], np.zeros(15)])
-    prior = np.diag(np.concatenate([np.ones(n), np.square([0.1, 0.01, 0.1] + 5 * [1.0, 1.0, 0.1])]))
-    prior[:n, :n] = bias_priors(n, True)[-1]
+    mean = np.concatenate([np.zeros(n), [1.0, 0.0, 1.0], np.zeros(16)])
+    prior = np.diag(np.concatenate([np.ones(n), np.square([0.1, 0.01, 0.1] + 5 * [1.0, 1.0, 0.1] + [0.05])]))
+    prior[:n, :n] = range_priors(n, True, scaled=True)[-1, :n, :n]
     problem = Problem(
-        timeline, RangeModel(AXES, ANCHORS_M, n + 3), ranges.slots(timeline.t_s), 0.1, mean, prior[None], others
+        timeline,
+        RangeModel(AXES, ANCHORS_M, n + 3, scale=n + 18),
+        ranges.slots(timeline.t_s),
+        0.1,
+        mean,
+        prior[None],
+        others,
     )
     knots = 0.1 * rng.standard_normal((len(timeline), 2, 4))
     knots[:, 0, 0] += 3 + 0.5 * timeline.t_s
@@ -76,7 +82,7 @@ def test_it_is_least_squares_over_the_whole_log(monkeypatch):
     dense = np.linalg.inv(best.jac.T @ best.jac)
     np.testing.assert_allclose(solved.covariance, dense[knots.size :, knots.size :], rtol=0.05, atol=1e-5)
     blocks = [dense[k : k + 8, k : k + 8] for k in range(0, knots.size, 8)]
-    np.testing.assert_allclose(solved.knot_covariances(), blocks, rtol=0.05, atol=1e-4)
+    np.testing.assert_allclose(solved.knot_covariances, blocks, rtol=0.05, atol=1e-4)
 
 
 def test_motion_is_the_exact_discretisation():
