@@ -1,4 +1,8 @@
-"""UWB ranges from a tag to anchors: noise, a constant bias for each anchor, late first paths where sight is blocked."""
+"""UWB ranges from a tag to anchors: noise, a constant bias for each anchor, late first paths where sight is blocked.
+
+A late path is a way around or through something, so that its delay belongs to the place: who stands keeps it, and who
+comes back has it again.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import gamma, norm
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, UwbRanges
@@ -15,10 +20,18 @@ from quadlog.simulation.sensors.trajectory import Walk, position_in_map
 
 @dataclass(frozen=True, slots=True)
 class UwbErrors:
-    """How ranges err: range_std_m as in [Following, Fig. 9]; a blocked path is longer by an exponential delay."""
+    """How ranges err: range_std_m as in [Following, Fig. 9].
+
+    A blocked path is longer by a delay of a gamma distribution (shape nlos_shape), whose mean each anchor draws from
+    nlos_means_m. It is alike within about nlos_reach_m: .3 to 1 s of walking. With nlos_constant_share it is the same
+    everywhere behind an anchor.
+    """
 
     range_std_m: float = 0.08
-    nlos_mean_m: float = 0.4
+    nlos_means_m: tuple[float, ...] = (0.15, 0.4, 1.0)
+    nlos_shape: float = 2.0
+    nlos_reach_m: float = 0.3
+    nlos_constant_share: float = 0.25
     dropout_share: float = 0.02
     period_ns: int = 20_000_000
 
@@ -76,6 +89,21 @@ def measure_ranges(
     ends_m = np.broadcast_to(anchors_m, (*shape, 3)).reshape(-1, 3)
     line_of_sight = caster.line_of_sight(np.repeat(tag_m, shape[1], axis=0), ends_m).reshape(shape)
     range_m = true_m + bias_m + rng.normal(0.0, uwb.range_std_m, shape)
-    range_m += np.where(line_of_sight, 0.0, rng.exponential(uwb.nlos_mean_m, shape))
+    range_m += np.where(line_of_sight, 0.0, _delays_m(uwb, tag_m, shape[1], rng))
     range_m[rng.random(shape) < uwb.dropout_share] = np.nan
     return TagRanges(tag.id, t_ns, np.maximum(range_m, 0.01), true_m, line_of_sight)
+
+
+_WAVES = 32
+
+
+def _delays_m(uwb: UwbErrors, place_m: Float, n_anchors: int, rng: np.random.Generator) -> Float:
+    """(T, A) delays of blocked paths from places (T, 3): a random field of plane waves for each anchor."""
+    wave = rng.normal(0.0, 1 / uwb.nlos_reach_m, (n_anchors, 2, _WAVES))
+    wave[rng.random(n_anchors) < uwb.nlos_constant_share] = 0.0
+    phase, mean_m = rng.uniform(0.0, 2 * np.pi, (n_anchors, _WAVES)), rng.choice(uwb.nlos_means_m, n_anchors)
+    x_m, y_m = place_m[:, :2, None].transpose(1, 0, 2)
+    height = [np.cos(x_m * x + y_m * y + at).sum(axis=1) for (x, y), at in zip(wave, phase, strict=True)]
+    level = norm.cdf(np.column_stack(height) * np.sqrt(2 / _WAVES))
+    delay_m: Float = gamma.ppf(level, uwb.nlos_shape, scale=mean_m / uwb.nlos_shape)
+    return delay_m
