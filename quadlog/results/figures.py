@@ -14,9 +14,9 @@ from quadlog.geometry import yaw_from_quat
 from quadlog.metrics.walking import stance_where
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
-from quadlog.results.scenes import is_late, scan_scene, walk_scene
+from quadlog.results.scenes import is_late, line, walk_scene
 from quadlog.results.tables import CONTACTS, FOOT_FORCES
-from quadlog.results.view import Array, Drawing, Figure, Panel, Series, break_gaps, in_gaps
+from quadlog.results.view import Array, Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
 from quadlog.storage.atomic_write import write_whole
 
 if TYPE_CHECKING:
@@ -212,6 +212,32 @@ def uwb_error(run: Run) -> list[Panel] | None:
         series += _series(track, "error_m, track, robot; bound_m, 95 % bound, text")
         panels.append(Panel(f"position error, tag {tag} (m)", series, zero=True, robust=True))
     return with_curves(panels)
+
+
+CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
+"""Colours of the classes of points; all others are soft."""
+
+
+def scan_scene(run: Run) -> Scene | None:
+    """The middle one of the saved scans from above, in the frame base, by class, the rarest last."""
+    saved = run.arrays("cloud_samples")
+    if saved is None or not len(saved["t_ns"]):
+        return None
+    number = len(saved["t_ns"]) // 2
+    rows = slice(*saved["offset"][number : number + 2])
+    every, label = saved["xyz_m"][rows, :2].astype(float), saved["label"][rows]
+    every, label = every[finite := np.isfinite(every).all(axis=1)], label[finite]
+    points = {str(name).lower(): every[label == k] for k, name in enumerate(saved["classes"])}
+    layers: list[Layer] = [
+        Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1])
+        for name, of in sorted(points.items(), key=lambda item: -len(item[1])) if len(of)
+    ]  # fmt: skip
+    if not layers:
+        return None
+    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
+    layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
+    reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
+    return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
 
 
 FIGURES = (

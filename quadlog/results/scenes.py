@@ -1,4 +1,4 @@
-"""The scenes of a run, seen from above: the walk over its maps, and one scan."""
+"""The walk of a run over its maps, seen from above, and the moments that are worth a look."""
 
 from __future__ import annotations
 
@@ -15,10 +15,8 @@ from quadlog.results.text import sig, value_text
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-AROUND_M = 1.5
-"""Margin of the first view around the walk: so much, or less of a short one."""
-AROUND_SHARE = 0.1
-"""Of the longer side of the walk."""
+AROUND_M, AROUND_SHARE = 1.5, 0.1
+"""Margin of the first view around the walk: so much, or a share of the longer side of a short one."""
 STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 NEAR_S = 1.0
@@ -26,8 +24,6 @@ NEAR_S = 1.0
 MOST_OBSTACLES = 6000
 """Obstacle points of all saved scans together."""
 LATE, OBSTACLES = "late ranges (NLOS)", "obstacle points"
-CLASSES = {"ground": "fix", "obstacle": "target", "outlier": "note"}
-"""Colours of the classes of points; all others are soft."""
 
 
 def walk_scene(run: Run) -> view.Scene | None:
@@ -42,9 +38,9 @@ def walk_scene(run: Run) -> view.Scene | None:
     left, right, bottom, top = view.extent_of(*walked, margin=0.0)
     side = max(right - left, top - bottom)
     extent = view.extent_of(*walked, margin=min(AROUND_M, max(AROUND_SHARE * side, 0.5)))
-    seen = [((box[0], box[1]), (box[2], box[3])) for box in map(_filled, walls[:1])]
-    places = [([anchor.x_m], [anchor.y_m]) for anchor in run.config.uwb.anchors]
-    whole = view.extent_of(*walked, *seen, *places, margin=AROUND_M)  # type: ignore[arg-type]
+    places: Any = [([anchor.x_m], [anchor.y_m]) for anchor in run.config.uwb.anchors]
+    places += [(box[:2], box[2:]) for box in map(_filled, walls[:1])]
+    whole = view.extent_of(*walked, *places, margin=AROUND_M)
     if walls and side < STANDS_M:
         extent = _filled(walls[0])
     body, known = (run.config.robot.length_m, run.config.robot.width_m), list(_activity(run))
@@ -227,6 +223,7 @@ def _moments(run: Run) -> list[view.Moment]:
             contacts.append(view.Moment(float(at), cause, *words[bool(hit)], shows, (), (x_m, y_m, x_m, y_m)))
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
+    before = len(known)
     for theme, names in THEMES.items():
         for name in names:
             metric, label = run.metrics.get(name), CATALOGUE[name].label
@@ -240,19 +237,16 @@ def _moments(run: Run) -> list[view.Moment]:
             drawn = {} if worst is None else _claim(run, name, float(worst), metric.worst_t_ns)
             # One for all metrics of one error.
             known.setdefault(seconds, view.Moment(seconds, what, value, name, _SHOWS.get(theme, ()), **drawn))
-    worst_ones = list(known.values())[len(contacts) :]
-    several = [*contacts[:MOST_CONTACTS], *worst_ones, *_worst_of_tags(run), *_gaps(run), *contacts[MOST_CONTACTS:]]
-    return several[:MOST_MOMENTS]
+    worst_ones = [*list(known.values())[before:], *_worst_of_tags(run), *_gaps(run)]
+    return [*contacts[:MOST_CONTACTS], *worst_ones, *contacts[MOST_CONTACTS:]][:MOST_MOMENTS]
 
 
 _SHOWS = {"Position": (LATE,), "Walking": (OBSTACLES,)}
 """Layers that the worst instants of a theme show."""
 MOST_CONTACTS, MOST_MOMENTS = 6, 200
 """Contacts before the worst instants, and all."""
-_AS_GOOD = frozenset({
-    *("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m"),
-    *("uwb_nis", "rpe_rmse_m", "reference_time_offset_s"),
-})  # fmt: skip
+_AS_GOOD = ("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m",
+            "uwb_nis", "rpe_rmse_m", "reference_time_offset_s")  # fmt: skip
 """Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
 _FIXES = ("UWB fixes", "outlying fixes", ELLIPSES := "95 % ellipse of the fix")
 AGREES_M = 0.01
@@ -261,19 +255,17 @@ AGREES_M = 0.01
 
 def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
     """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
+    truth, drawn = run.trajectory("reference") if name == "ate_rmse_m" else None, dict[str, Any]()
     walked = name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
-    body = _row(run, "control", t_ns) if walked else None
-    robot, truth = (_row(run, "poses", t_ns), run.trajectory("reference")) if name == "ate_rmse_m" else (None, None)
-    drawn: dict[str, Any] = {}
+    row = _row(run, "control" if walked else "poses", t_ns) if walked or truth is not None else None
     if name in ("uwb_rmse_m", "uwb_nees", "uwb_coverage_95"):
         drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
-    elif robot is not None and truth is not None:
-        nearest_m = truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin())].tolist()
-        drawn = {"line": (robot.x_m, robot.y_m, *nearest_m[:2])}
-    elif body is not None and name == "clearance_min_m":
-        drawn, worst = _nearest_obstacle(run, worst, t_ns, body), max(worst, 0.0)
-    elif body is not None:
-        drawn = {"line": (body.x_m, body.y_m, body.ref_x_m, body.ref_y_m)}
+    elif row is not None and truth is not None:
+        drawn = {"line": (row.x_m, row.y_m, *truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin()), :2].tolist())}
+    elif row is not None and name == "clearance_min_m":
+        drawn, worst = _nearest_obstacle(run, worst, t_ns, row), max(worst, 0.0)
+    elif row is not None:
+        drawn = {"line": (row.x_m, row.y_m, row.ref_x_m, row.ref_y_m)}
     x0, y0, x1, y1 = drawn.get("line", [np.nan] * 4)
     agrees = abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M
     return drawn if agrees or name in ("uwb_nees", "uwb_coverage_95") else {}
@@ -392,25 +384,3 @@ def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[v
     cross_m = xy_m2 / along_m
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
     return SCALE_95 * along_m, SCALE_95 * cross_m, SCALE_95 * aside_m
-
-
-def scan_scene(run: Run) -> view.Scene | None:
-    """The middle one of the saved scans from above, in the frame base, by class, the rarest last."""
-    saved = run.arrays("cloud_samples")
-    if saved is None or not len(saved["t_ns"]):
-        return None
-    number = len(saved["t_ns"]) // 2
-    rows = slice(*saved["offset"][number : number + 2])
-    every, label = saved["xyz_m"][rows, :2].astype(float), saved["label"][rows]
-    every, label = every[finite := np.isfinite(every).all(axis=1)], label[finite]
-    points = {str(name).lower(): every[label == k] for k, name in enumerate(saved["classes"])}
-    layers: list[view.Layer] = [
-        view.Marks(f"{name} ({len(of)})", CLASSES.get(name, "soft"), of[:, 0], of[:, 1])
-        for name, of in sorted(points.items(), key=lambda item: -len(item[1])) if len(of)
-    ]  # fmt: skip
-    if not layers:
-        return None
-    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
-    layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
-    reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
-    return view.Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
