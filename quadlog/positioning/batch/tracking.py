@@ -223,11 +223,11 @@ def track_body(body: Body, starts: Starts, *, final: bool = True) -> Tracked:
         return tracked
     problem = replace(estimate.problem, priors=scaled.problem().priors)
     other = solve(replace(problem, range_std_m=estimate.weights.std_m), estimate.knots, estimate.values, warm=True)
-    if body.settings.range_std_m is None:
-        other = _refined(other, estimate.weights.std_m)
     found = _tracked(scaled, other)
     off, std = found.scale()
-    return found if abs(off) > max(LEAST_SCALE, SCALE_STDS * std) else tracked
+    if abs(off) <= max(LEAST_SCALE, SCALE_STDS * std):
+        return tracked
+    return _tracked(scaled, _refined(other, estimate.weights.std_m)) if body.settings.range_std_m is None else found
 
 
 def _tracked(body: Body, estimate: Estimate) -> Tracked:
