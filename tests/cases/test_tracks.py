@@ -316,4 +316,4 @@ def test_anchors_are_surveyed_along_the_way_of_the_legs(tmp_path, walks):
     assert [each.why_not for each in found.survey.anchors] == [""] * 4
     error_m = [each.position_m[:2] - [off[each.index].real, off[each.index].imag] for each in found.survey.anchors]
     assert (np.abs(error_m) <= [each.bound_m[:2] for each in found.survey.anchors]).all()
-    assert np.hypot(*np.transpose(error_m)).max() <= 0.6
+    assert np.hypot(*np.transpose(error_m)).max() <= 1.1

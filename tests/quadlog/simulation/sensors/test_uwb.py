@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from quadlog.simulation.sensors.uwb import TagRanges
+from quadlog.simulation.sensors.uwb import TagRanges, UwbErrors, measure_ranges
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedRecording
 
@@ -40,14 +42,40 @@ def test_in_sight_the_error_is_the_anchors_bias_and_gaussian_noise(recording):
     assert ((recording.bias_m > 0.05) & (recording.bias_m < 0.3)).all()
 
 
-def test_out_of_sight_the_path_is_longer_by_an_exponential_delay(recording):
-    for ranges in both_tags(recording):
-        error = (ranges.range_m - ranges.true_m - recording.bias_m)[~ranges.line_of_sight]
-        error = error[np.isfinite(error)]
-        assert len(error) > 1000
-        assert error.min() > -4.5 * 0.08
-        mixed = stats.exponnorm(K=0.4 / 0.08, loc=0, scale=0.08)
-        assert stats.kstest(error, mixed.cdf).pvalue > 1e-3
+class Blocked:
+    """Hides every anchor."""
+
+    def line_of_sight(self, start_m, end_m):
+        return np.zeros(len(start_m), dtype=bool)
+
+
+def test_out_of_sight_the_path_is_longer_by_a_delay_that_belongs_to_the_place(recording):
+    uwb, t_ns = UwbErrors(range_std_m=0.0, dropout_share=0.0), START_NS + np.arange(0, 30_000, 20) * 1_000_000
+    anchors_m, none = np.tile([50.0, 0.0, 1.0], (600, 1)), np.zeros(600)
+    there = measure_ranges(uwb, recording.tags[0], anchors_m, none, Blocked(), START_NS, t_ns, np.random.default_rng(3))
+    delay_m = there.range_m - there.true_m
+    assert (delay_m > 0).all()
+    single = [stats.gamma(2, scale=mean / 2).cdf for mean in (0.15, 0.4, 1.0)]
+    assert stats.kstest(delay_m[0], lambda m: sum(cdf(m) for cdf in single) / 3).pvalue > 1e-3
+    constant = np.ptp(delay_m, axis=0) < 1e-9
+    assert stats.binomtest(int(constant.sum()), 600, 0.25).pvalue > 1e-3
+    # One step of the walk changes it little, a metre makes another of it.
+    place_m = recording.tags[0].position_m((t_ns - START_NS) * 1e-9)[:, :2]
+    moved = delay_m[:, ~constant] / delay_m[:, ~constant].mean(axis=0)
+    far = np.hypot(*(place_m - place_m[0]).T) > 1.0
+    assert np.abs(np.diff(moved, axis=0)).mean() < 0.1
+    assert abs(np.corrcoef(moved[0], moved[np.flatnonzero(far)[0]])[0, 1]) < 0.2
+
+
+def test_who_stands_keeps_the_delay(recording):
+    class Standing:
+        def at(self, t_s):
+            return recording.site.robot.at(0 * t_s)
+
+    uwb, t_ns = UwbErrors(range_std_m=0.0, dropout_share=0.0), START_NS + np.arange(0, 1000, 20) * 1_000_000
+    tag = replace(recording.tags[0], walk=Standing())
+    seen = measure_ranges(uwb, tag, follow.ANCHORS_M, np.zeros(4), Blocked(), START_NS, t_ns, np.random.default_rng(3))
+    assert np.ptp(seen.range_m, axis=0).max() < 1e-9
 
 
 def test_ranges_drop_out_at_the_given_share(recording):
