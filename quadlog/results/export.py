@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from quadlog.errors import NotARun, QuadlogError, UnknownName, csv_cell
 from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
+from quadlog.storage.remote_path import RemotePath
 
 if TYPE_CHECKING:
     from quadlog.results.run import Run
+    from quadlog.results.view import Drawing
 
 Files = Mapping[Path, Callable[[Path], object]]
 """The files of an export, and what writes each of them whole."""
@@ -26,15 +28,90 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
     NotARun when the run is unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that
     is a file of a run, QuadlogError without ffmpeg, CannotWrite.
     """
-    from quadlog.results.find_runs import refuse_existing
     from quadlog.results.run import load_run
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    (find, suffix), loaded = EXPORTERS[to], load_run(run)
+    find, suffix = EXPORTERS[to]
+    loaded = load_run(run)
     files = find(loaded, output or Path(f"{loaded.path.resolve().name}-{suffix}"), **options)
+    return _write(files, [run], force, recording=to == "mcap")
+
+
+def export_figures(
+    sources: Sequence[Path], output: Path | None = None, force: bool = False, only: Sequence[str] = (), **look: Any
+) -> list[Path]:
+    """Figures for a paper, of one run, of several over each other, or of a comparison of planners; returns the files.
+
+    sources: run folders, folders of runs, or one of compare-planners. look: picture (pdf, svg, png), and width_in,
+    height_in and font as of mpl.render. Raises as export_run, and UnknownName for a figure that is not among them.
+    """
+    from quadlog.results.mpl import render
+
+    drawings = _drawings(sources)
+    for name in only:
+        if name not in drawings:
+            raise UnknownName("figure", name, drawings)
+    picture = look.pop("picture", "pdf")
+    folder = output or Path(f"{sources[0].resolve().name}-figures")
+
+    def write(path: Path) -> None:
+        write_whole(path, render(drawings[path.stem], picture, **{"width_in": 3.5, "point_size": 8.0, **look}))
+
+    return _write({folder / f"{name}.{picture}": write for name in only or drawings}, sources, force)
+
+
+def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
+    """The figures of one run; of several those that differ, and of a sweep its metrics; or of compared planners."""
+    from quadlog.results.figures import drawings_of
+    from quadlog.results.find_runs import find_runs, run_labels
+    from quadlog.results.page.side_by_side import short_names, sweep_panels
+    from quadlog.results.run import load_run
+    from quadlog.results.scenes import error_scene
+
+    drawings: dict[str, Drawing] = {}
+    if (sources[0] / "planners.parquet").is_file():
+        from quadlog.results.studies.planners import saved_figures
+
+        return {**saved_figures(sources[0])}
+    if (sources[0] / "sweep.parquet").is_file():
+        from quadlog.results.studies.sweep import read_sweep_table, summarise_sweep
+
+        summary = summarise_sweep(read_sweep_table(sources[0]))
+        named = zip(summary.varying, sweep_panels(summary), strict=True)
+        drawings |= {f"swept_{name}": [panel] for name, panel in named}
+    places = [found for path in sources for found in ([path] if isinstance(path, RemotePath) else find_runs([path]))]
+    runs = [load_run(place) for place in places]
+    made = dict(zip(short_names(run_labels(places)), map(drawings_of, runs), strict=True))
+    if len(runs) > 1:
+        return {name: drawing for name, drawing in (drawings | _merged(made)).items() if drawing}
+    drawings |= made.popitem()[1]
+    if scene := error_scene(runs[0]):
+        drawings["error_map"] = scene
+    if not drawings:
+        raise NotARun(places[0], "has nothing to draw")
+    return drawings
+
+
+def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
+    """The figures of several runs over each other; without those of one run alone."""
+    from quadlog.results.figures import FIGURES
+    from quadlog.results.view import Scene, merge_panels, merge_scenes
+
+    merged: dict[str, Drawing] = {}
+    for name in (figure.name for figure in FIGURES if figure.compared):
+        found = {run: drawings[name] for run, drawings in made.items() if name in drawings}
+        scenes = {run: drawing for run, drawing in found.items() if isinstance(drawing, Scene)}
+        panels = {run: drawing for run, drawing in found.items() if not isinstance(drawing, Scene)}
+        merged[name] = merge_scenes(scenes) if scenes else merge_panels(panels)
+    return merged
+
+
+def _write(files: Files, sources: Sequence[Path], force: bool, recording: bool = False) -> list[Path]:
+    from quadlog.results.find_runs import refuse_existing
+
     for path in files:
-        refuse_existing(path, force, [run], recording=to == "mcap")
+        refuse_existing(path, force, sources, recording=recording)
     for path, write in files.items():
         with new_folder(path.parent):
             write(path)
@@ -102,22 +179,8 @@ def _film(run: Run, output: Path, to: str) -> Files:
     return {output: write}
 
 
-def _figures(run: Run, output: Path, picture: Literal["png", "pdf", "svg"] = "pdf", width_in: float = 3.5) -> Files:
-    """Every figure of the run, for a paper: 8 pt, no titles, width_in inches wide."""
-    from quadlog.results.figures import drawings_of
-    from quadlog.results.mpl import render
-
-    def write(path: Path) -> None:
-        write_whole(path, render(drawings[path.stem], picture, width_in, point_size=8.0))
-
-    if not (drawings := drawings_of(run)):
-        raise NotARun(run.path, "has nothing to draw")
-    return {output / f"{name}.{picture}": write for name in drawings}
-
-
 EXPORTERS: dict[str, tuple[Callable[..., Files], str]] = {
     "csv": (_csv, "csv"),
-    "figures": (_figures, "figures"),
     "gif": (partial(_film, to="gif"), "walk.gif"),
     "mcap": (_mcap, "derived.mcap"),
     "mp4": (partial(_film, to="mp4"), "walk.mp4"),
