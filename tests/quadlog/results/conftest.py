@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -120,7 +121,8 @@ def decode_mcap(path: Path) -> dict[str, list[tuple[int, Any]]]:
     with path.open("rb") as file:
         for schema, channel, message in SeekingReader(file, validate_crcs=True).iter_messages():
             assert message.publish_time == message.log_time
-            decoder = decode.decoder_for(channel.message_encoding, schema)
+            is_json = (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+            decoder = json.loads if is_json else decode.decoder_for(channel.message_encoding, schema)
             assert decoder is not None
             found.setdefault(channel.topic, []).append((message.log_time, decoder(message.data)))
     return found
