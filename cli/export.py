@@ -26,8 +26,8 @@ def length_in(text: str) -> float:
     "export",
     "runs/walk --to tum -o walk.tum",
     "runs/walk --to rosmap -o map",
-    "runs/walk --to figures --only trajectory,uwb_error --font serif",
-    "runs/coarse runs/fine --to figures --format pdf --width 3.5in -o figures",
+    "runs/walk --to figures --only uwb_error --font serif",
+    "runs/coarse runs/fine --to figures --width 7in",
 )
 @click.argument("runs", nargs=-1, required=True, metavar="RUN...", type=options.PATH_OR_URL)
 @click.option("--to", type=click.Choice(sorted([*EXPORTERS, "figures"])), required=True, help="Format to write.")
