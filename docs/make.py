@@ -15,7 +15,7 @@ from typing import Any
 import tomli_w
 from messages import troubleshooting_page
 
-from quadlog.config.file import PRESETS
+from quadlog.config.file import PRESETS, SCHEMA
 from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import COVERAGE
@@ -97,6 +97,7 @@ def main() -> int:
     for name, write in PAGES.items():
         (HERE / name).write_text(write(), encoding="utf-8")
         sys.stdout.write(f"docs/{name}\n")
+    SCHEMA.write_text(schema_text(), encoding="utf-8")
     return build_site(Path(sys.argv[1])) if len(sys.argv) > 1 else 0
 
 
@@ -121,6 +122,11 @@ def build_site(site: Path) -> int:
     return build_main(
         ["-W", "--keep-going", "-q", "-j", "auto", "-d", f"{ROOT / 'build' / 'doctrees'}", f"{HERE}", f"{site}"]
     )
+
+
+def schema_text() -> str:
+    """The JSON schema of quadlog.toml, for editors."""
+    return json.dumps(Config.model_json_schema(), separators=(",", ":")) + "\n"
 
 
 def configuration_page() -> str:

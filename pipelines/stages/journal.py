@@ -14,7 +14,8 @@ from quadlog.recordings.containers.container import Loss
 class Journal:
     """Filled by one stage, kept with its result, and added to that of the whole replay.
 
-    choices: those of the notes that come first. losses: of the recording and of positions. topics: role -> topics that were used in it, empty for those detected.
+    choices: those of the notes that come first. losses: of the recording and of positions. topics: role -> topics that
+    were used in it, empty for those detected.
     clock: the stage's time and memory. progress: gets every line once; shown: those it has got.
     """
 

@@ -64,6 +64,7 @@ def test_a_condition_that_holds_is_exit_code_4(runs, quadlog):
     ("arguments", "words"),
     [
         (["--fail-if", "eta>0.3"], "unknown metric 'eta'; did you mean eta_m?"),
+        (["--explain", "ate"], "unknown metric 'ate'; did you mean ate_rmse_m?"),
         (["--fail-if", "eta_m ~ 0.3"], "condition 'eta_m ~ 0.3': write NAME OPERATOR NUMBER"),
         (["--explain", "eta_m", "--format", "json"], "--explain prints text"),
     ],

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from quadlog.config.file import SCHEMA
 from quadlog.config.schema import Config
 from quadlog.config.section import Section
 
@@ -29,6 +30,10 @@ def make():
 def test_the_committed_page_is_what_make_docs_writes(make, name):
     """Of troubleshooting.md this fails for a message, an error class or a cause of loss without an entry, too."""
     assert (DOCS / name).read_text() == make.PAGES[name](), "run  python docs/make.py"
+
+
+def test_the_schema_for_editors_is_that_of_the_models(make):
+    assert SCHEMA.read_text() == make.schema_text(), "run  python docs/make.py"
 
 
 def test_an_entry_for_a_message_that_nothing_prints_is_refused(make, monkeypatch):
