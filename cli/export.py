@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +9,7 @@ import click
 
 from quadlog.cli import options
 from quadlog.errors import UsageError
-from quadlog.results.export import EXPORTERS, export_figures, export_run
-
-
-def length_in(text: str) -> float:
-    """A length in inches, centimetres or millimetres, as inches between 1 and 20."""
-    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(in|cm|mm)", text.strip())
-    inches = 0.0 if match is None else float(match[1]) / {"in": 1.0, "cm": 2.54, "mm": 25.4}[match[2]]
-    if not 1 <= inches <= 20:
-        raise click.BadParameter(f"{text!r} is no length between 1in and 20in, as in 3.5in or 89mm")
-    return inches
+from quadlog.results.export import EXPORTERS, export_figures, export_run, length_in
 
 
 @options.command(
@@ -34,10 +24,8 @@ def length_in(text: str) -> float:
 @options.output_option("File (tum, mcap, gif, mp4) or folder (csv, rosmap, figures) to write.")
 @click.option("--only", metavar="NAME,...", help="Figures to write, by name. Default: all.")
 @click.option("--format", "picture", type=click.Choice(["pdf", "svg", "png"]), help="Format of figures. Default: pdf.")
-@click.option("--width", "width_in", type=length_in, metavar="WIDTH", help="Width of figures. Default: 3.5in.")
-@click.option(
-    "--height", "height_in", type=length_in, metavar="HEIGHT", help="Height of figures whose panels allow it."
-)
+@click.option("--width", "width_in", metavar="WIDTH", help="Width of figures. Default: 3.5in.")
+@click.option("--height", "height_in", metavar="HEIGHT", help="Height of figures whose panels allow it.")
 @click.option("--font", type=click.Choice(["sans", "serif"]), help="Letters of figures. Default: sans.")
 @options.FORCE
 def command(runs: tuple[Path, ...], to: str, output: Path | None, force: bool, **look: Any) -> int:
@@ -51,6 +39,7 @@ def command(runs: tuple[Path, ...], to: str, output: Path | None, force: bool, *
     Without -o the result is written to the current folder, named after the run folder RUN.
     """
     look = {name: value for name, value in look.items() if value is not None}
+    look |= {name: length_in(look[name]) for name in ("width_in", "height_in") if name in look}
     if to == "figures":
         only = [name.strip() for name in look.pop("only", "").split(",") if name.strip()]
         written = export_figures(runs, output, force, only, **look)

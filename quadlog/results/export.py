@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -9,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from quadlog.errors import NotARun, QuadlogError, UnknownName, csv_cell
+from quadlog.errors import NotARun, QuadlogError, UnknownName, UsageError, csv_cell
 from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
 from quadlog.storage.remote_path import RemotePath
 
@@ -49,16 +50,34 @@ def export_figures(
     from quadlog.results.mpl import render
 
     drawings = _drawings(sources)
-    for name in only:
-        if name not in drawings:
-            raise UnknownName("figure", name, drawings)
+    drawings = {name: _chosen(drawings, name) for name in only or drawings}
     picture = look.pop("picture", "pdf")
     folder = output or Path(f"{sources[0].resolve().name}-figures")
 
     def write(path: Path) -> None:
         write_whole(path, render(drawings[path.stem], picture, **{"width_in": 3.5, "point_size": 8.0, **look}))
 
-    return _write({folder / f"{name}.{picture}": write for name in only or drawings}, sources, force)
+    return _write({folder / f"{name}.{picture}": write for name in drawings}, sources, force)
+
+
+def length_in(text: str) -> float:
+    """A length in inches, centimetres or millimetres, as inches between 1 and 20. Raises UsageError."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(in|cm|mm)", text.strip())
+    inches = 0.0 if match is None else float(match[1]) / {"in": 1.0, "cm": 2.54, "mm": 25.4}[match[2]]
+    if not 1 <= inches <= 20:
+        raise UsageError(f"{text!r} is no length between 1in and 20in, as in 3.5in or 89mm")
+    return inches
+
+
+def figure_of(run: Run, name: str) -> Drawing:
+    """A figure of one run, for a paper. Raises UnknownName for one that it does not have."""
+    return _chosen(_drawings_of(run), name)
+
+
+def _chosen(drawings: Mapping[str, Drawing], name: str) -> Drawing:
+    if name not in drawings:
+        raise UnknownName("figure", name, drawings)
+    return drawings[name]
 
 
 def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
@@ -67,7 +86,6 @@ def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
     from quadlog.results.find_runs import find_runs, run_labels
     from quadlog.results.page.side_by_side import short_names, sweep_panels
     from quadlog.results.run import load_run
-    from quadlog.results.scenes import error_scene
 
     drawings: dict[str, Drawing] = {}
     if (sources[0] / "planners.parquet").is_file():
@@ -82,15 +100,22 @@ def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
         drawings |= {f"swept_{name}": [panel] for name, panel in named}
     places = [found for path in sources for found in ([path] if isinstance(path, RemotePath) else find_runs([path]))]
     runs = [load_run(place) for place in places]
-    made = dict(zip(short_names(run_labels(places)), map(drawings_of, runs), strict=True))
-    if len(runs) > 1:
-        return {name: drawing for name, drawing in (drawings | _merged(made)).items() if drawing}
-    drawings |= made.popitem()[1]
-    if scene := error_scene(runs[0]):
-        drawings["error_map"] = scene
+    if len(runs) == 1:
+        drawings |= _drawings_of(runs[0])
+    else:
+        made = dict(zip(short_names(run_labels(places)), map(drawings_of, runs), strict=True))
+        drawings |= {name: drawing for name, drawing in _merged(made).items() if drawing}
     if not drawings:
         raise NotARun(places[0], "has nothing to draw")
     return drawings
+
+
+def _drawings_of(run: Run) -> dict[str, Drawing]:
+    from quadlog.results.figures import drawings_of
+    from quadlog.results.scenes import error_scene
+
+    scene = error_scene(run)
+    return drawings_of(run) | ({} if scene is None else {"error_map": scene})
 
 
 def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
@@ -130,6 +155,13 @@ def _copy(source: Path, path: Path) -> None:
     write_whole(path, source.read_bytes())
 
 
+def _with_tables(run: Run) -> Run:
+    """Raises NotARun for one without tables."""
+    if not run.tables:
+        raise NotARun(run.path, "has no tables")
+    return run
+
+
 def _csv(run: Run, output: Path) -> Files:
     """Every table, numbers in full precision, an empty field where there is no value."""
     from pandas import DataFrame
@@ -143,22 +175,13 @@ def _csv(run: Run, output: Path) -> Files:
         with whole_file(path) as part:
             DataFrame(table).to_csv(part, index=False, lineterminator="\n")
 
-    return {output / f"{name}.csv": write for name in _tables(run)}
-
-
-def _tables(run: Run) -> list[str]:
-    """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.tables import TABLES
-
-    if names := [name for name in TABLES if run.has(f"{name}.parquet")]:
-        return names
-    raise NotARun(run.path, "has no tables")
+    return {output / f"{name}.csv": write for name in _with_tables(run).tables}
 
 
 def _mcap(run: Run, output: Path) -> Files:
     from quadlog.results.foxglove import write_derived
 
-    return {output: partial(write_derived, run)} if _tables(run) else {}
+    return {output: partial(write_derived, _with_tables(run))}
 
 
 def _film(run: Run, output: Path, to: str) -> Files:

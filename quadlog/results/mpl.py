@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -70,14 +71,19 @@ def render(
     height_in: of the whole, which is higher where panels would be lower than LEAST of their own height; None: that.
     """
     content = io.BytesIO()
-    with rc_context({**_STYLE, "font.size": point_size, "font.family": FONTS[font]}):
+    with styled(point_size, font):
         picture = picture_of(drawing, width_in, point_size, height_in)
         picture.savefig(content, format=to, dpi=PIXELS / width_in, **_SAVED[to])
     return content.getvalue()
 
 
+def styled(point_size: float, font: Literal["sans", "serif"] = "sans") -> AbstractContextManager[None]:
+    """Matplotlib's settings for pictures."""
+    return rc_context({**_STYLE, "font.size": point_size, "font.family": FONTS[font]})
+
+
 def picture_of(drawing: view.Drawing, width_in: float, point_size: float, height_in: float | None = None) -> Picture:
-    """As render, a figure of matplotlib's in the style that is set."""
+    """As render, a figure of matplotlib's, to be made within `styled`."""
     make: Any = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
     made: Picture = make(drawing, width_in, point_size / POINT_SIZE, height_in)
     return made
@@ -450,7 +456,7 @@ def film(scene: view.Scene, path: Path) -> None:
     still = replace(scene, layers=[layer for layer in scene.layers if layer not in moving])
     left, right, bottom, top = scene.extent
     start, end = scene.span or (0.0, 0.0)
-    with rc_context({**_STYLE, "font.size": POINT_SIZE, "font.family": FONTS["sans"]}):
+    with styled(POINT_SIZE):
         picture = Picture(figsize=(6.4, float(np.clip(6.4 * (top - bottom) / (right - left), 3, 8))))
         FigureCanvasAgg(picture)
         axes = picture.subplots(gridspec_kw={"left": 0.09, "right": 0.99, "bottom": 0.1, "top": 0.94})

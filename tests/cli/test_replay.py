@@ -34,7 +34,7 @@ def test_results_go_to_stdout_and_messages_to_stderr(tmp_path, quadlog, ok):
     first = [line for line in err.splitlines() if not line.startswith("warning: ")]
     assert [line.split(" from ")[0] for line in first if "compiling" not in line][-1:] == ["robot position"]
     assert len(first) <= 3
-    assert "scans classified" in quadlog(*arguments, "-v", "--force").err
+    assert "ranges corrected by" in quadlog(*arguments, "-v", "--force").err
     (row,) = json.loads(ok(*arguments, "--json", "--force"))
     assert (row["run"], row["exit_code"]) == (str(tmp_path / "runs" / "follow"), 0)
     assert (type(row["uwb_residual_m"]), "eta_m" in row) == (float, False)
