@@ -14,6 +14,7 @@ from typing import Any
 
 import tomli_w
 from messages import troubleshooting_page
+from samples import update_samples
 
 from quadlog.config.file import PRESETS, SCHEMA
 from quadlog.config.schema import Config
@@ -59,6 +60,8 @@ quadlog replay yesterday.bag -c quadlog.toml -o runs/coarse --set grid.cell_m=0.
 - A key's unit is the end of its name, in SI; angles are degrees. **unset**: no value.
 - **allowed**: bounds or choices; [ ] inclusive, ( ) exclusive.
 - Sources are in brackets, as listed in [Methods and papers](references.md); **ours**, or no source: chosen by quadlog.
+- The first line that `quadlog init` writes, `#:schema`, names the JSON schema of the installed version, by which editors
+  with TOML support (Even Better TOML, taplo) complete and check keys.
 - `config.toml` in a run folder is the effective configuration: `-c` on it gives the same run.
 """
 
@@ -93,12 +96,18 @@ OWN = "quadlog's own definition"
 
 
 def main() -> int:
-    """Write every page there is a writer for; with a folder as argument, also build the site there; exit code."""
+    """Write every page there is a writer for, and the schema; with a folder as argument, printed samples and the site.
+
+    Returns its exit code.
+    """
     for name, write in PAGES.items():
         (HERE / name).write_text(write(), encoding="utf-8")
         sys.stdout.write(f"docs/{name}\n")
     SCHEMA.write_text(schema_text(), encoding="utf-8")
-    return build_site(Path(sys.argv[1])) if len(sys.argv) > 1 else 0
+    if len(sys.argv) == 1:
+        return 0
+    update_samples()
+    return build_site(Path(sys.argv[1]))
 
 
 def build_site(site: Path) -> int:

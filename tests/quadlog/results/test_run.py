@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun, TooLarge, UnknownName
+from quadlog.results.page.verdict import status
 from quadlog.results.record import RunRecord, SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES
@@ -123,7 +124,7 @@ def test_values_beyond_all_measure_are_missing_with_a_note(tiny_run: Path) -> No
 def test_a_notebook_shows_what_a_run_is_and_has_and_draws_its_figures(tiny_run: Path) -> None:
     run = Run(tiny_run)
     assert run.tables == [name for name in TABLES if (tiny_run / f"{name}.parquet").exists()]
-    assert all(word in repr(run) for word in ("walk", "usable", " s, tables: ", "poses"))
+    assert all(word in repr(run) for word in ("Run walk: ", status(run)[0], " s, tables: ", "poses"))
     page = run._repr_html_()
     assert all(word in page for word in ("Recorded walk", "position error", "control"))
     (tiny_run / "control.parquet").write_bytes(b"damaged")
