@@ -60,8 +60,8 @@ quadlog replay yesterday.bag -c quadlog.toml -o runs/coarse --set grid.cell_m=0.
 - A key's unit is the end of its name, in SI; angles are degrees. **unset**: no value.
 - **allowed**: bounds or choices; [ ] inclusive, ( ) exclusive.
 - Sources are in brackets, as listed in [Methods and papers](references.md); **ours**, or no source: chosen by quadlog.
-- The first line that `quadlog init` writes, `#:schema`, names the JSON schema of the installed version, by which editors
-  with TOML support (Even Better TOML, taplo) complete and check keys.
+- The first line that `quadlog init` writes, `#:schema`, names the JSON schema of the installed version: editors with
+  Even Better TOML or taplo complete and check keys by it.
 - `config.toml` in a run folder is the effective configuration: `-c` on it gives the same run.
 """
 

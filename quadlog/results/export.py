@@ -50,7 +50,9 @@ def export_figures(
     from quadlog.results.mpl import render
 
     drawings = _drawings(sources)
-    drawings = {name: _chosen(drawings, name) for name in only or drawings}
+    if unknown := [name for name in only if name not in drawings]:
+        raise UnknownName("figure", unknown[0], drawings)
+    drawings = {name: drawings[name] for name in only or drawings}
     picture = look.pop("picture", "pdf")
     folder = output or Path(f"{sources[0].resolve().name}-figures")
 
@@ -70,19 +72,29 @@ def length_in(text: str) -> float:
 
 
 def figure_of(run: Run, name: str) -> Drawing:
-    """A figure of one run, for a paper. Raises UnknownName for one that it does not have."""
-    return _chosen(_drawings_of(run), name)
+    """A figure of one run, for a paper. Raises UnknownName, and NotARun for a run without its data."""
+    makers = _makers()
+    if name not in makers:
+        raise UnknownName("figure", name, makers)
+    if drawing := makers[name](run):
+        return drawing
+    raise NotARun(run.path, f"has no data for the figure {name}")
 
 
-def _chosen(drawings: Mapping[str, Drawing], name: str) -> Drawing:
-    if name not in drawings:
-        raise UnknownName("figure", name, drawings)
-    return drawings[name]
+def _makers() -> dict[str, Callable[[Run], Drawing | None]]:
+    """What makes each figure of a paper."""
+    from quadlog.results.figures import FIGURES
+    from quadlog.results.scenes import error_scene
+
+    return {**{figure.name: figure.make for figure in FIGURES}, "error_map": error_scene}
+
+
+MOST_RUNS = 16
+"""In one figure; of a larger sweep only its metrics are drawn."""
 
 
 def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
     """The figures of one run; of several those that differ, and of a sweep its metrics; or of compared planners."""
-    from quadlog.results.figures import drawings_of
     from quadlog.results.find_runs import find_runs, run_labels
     from quadlog.results.page.side_by_side import short_names, sweep_panels
     from quadlog.results.run import load_run
@@ -99,23 +111,16 @@ def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
         named = zip(summary.varying, sweep_panels(summary), strict=True)
         drawings |= {f"swept_{name}": [panel] for name, panel in named}
     places = [found for path in sources for found in ([path] if isinstance(path, RemotePath) else find_runs([path]))]
+    if len(places) > MOST_RUNS and not drawings:
+        raise UsageError(f"{len(places)} runs in one figure cannot be read: name at most {MOST_RUNS}")
+    if len(places) > MOST_RUNS:
+        return drawings
     runs = [load_run(place) for place in places]
-    if len(runs) == 1:
-        drawings |= _drawings_of(runs[0])
-    else:
-        made = dict(zip(short_names(run_labels(places)), map(drawings_of, runs), strict=True))
-        drawings |= {name: drawing for name, drawing in _merged(made).items() if drawing}
+    made = [{name: drawing for name, make in _makers().items() if (drawing := make(run))} for run in runs]
+    drawings |= made[0] if len(runs) == 1 else _merged(dict(zip(short_names(run_labels(places)), made, strict=True)))
     if not drawings:
         raise NotARun(places[0], "has nothing to draw")
     return drawings
-
-
-def _drawings_of(run: Run) -> dict[str, Drawing]:
-    from quadlog.results.figures import drawings_of
-    from quadlog.results.scenes import error_scene
-
-    scene = error_scene(run)
-    return drawings_of(run) | ({} if scene is None else {"error_map": scene})
 
 
 def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
@@ -129,7 +134,7 @@ def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
         scenes = {run: drawing for run, drawing in found.items() if isinstance(drawing, Scene)}
         panels = {run: drawing for run, drawing in found.items() if not isinstance(drawing, Scene)}
         merged[name] = merge_scenes(scenes) if scenes else merge_panels(panels)
-    return merged
+    return {name: drawing for name, drawing in merged.items() if drawing}
 
 
 def _write(files: Files, sources: Sequence[Path], force: bool, recording: bool = False) -> list[Path]:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import heapq
 import json
-import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain, islice, repeat
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import foxglove.messages as fox
 import numpy as np
@@ -143,26 +143,24 @@ def _by_name(table: DataFrame, names: Any, values: Any) -> DataFrame:
     return rows.pivot_table("value", "t_ns", "name", aggfunc="first").reset_index()
 
 
-class _Numbers:
-    """A message of numbers, as JSON, with a schema that has the fields of all messages of its topic."""
+class _Numbers(NamedTuple):
+    """A message of numbers as JSON, without what is not finite; the tables have more digits."""
 
-    def __init__(self, topic: str, names: Sequence[str], values: Sequence[float]) -> None:
-        self._topic, self._names, self._values = topic, names, values
+    topic: str
+    values: Mapping[str, float]
 
     def get_schema(self) -> Schema:
-        form = {"type": "object", "properties": {name: {"type": "number"} for name in self._names}}
-        return Schema(name=self._topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
+        form = {"type": "object", "properties": {key: {"type": "number"} for key in self.values}}
+        return Schema(name=self.topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
 
     def encode(self) -> bytes:
-        """Without what is not finite; the tables have more digits."""
-        known = zip(self._names, self._values, strict=True)
-        return json.dumps({name: round(value, 6) for name, value in known if math.isfinite(value)}).encode()
+        return json.dumps({key: round(value, 6) for key, value in self.values.items() if isfinite(value)}).encode()
 
 
 def _values(table: DataFrame, topic: str) -> Stream:
-    names = [name for name in table.columns if name != "t_ns"]
-    for t, values in zip(table["t_ns"].tolist(), table[names].to_numpy(float).tolist(), strict=True):
-        yield t, _Numbers(topic, names, values)
+    t_ns = table["t_ns"].tolist()
+    rows = table.drop(columns="t_ns").astype(float).to_dict("records")
+    return ((t, _Numbers(topic, row)) for t, row in zip(t_ns, rows, strict=True))
 
 
 def _position_errors(run: Run) -> DataFrame | None:

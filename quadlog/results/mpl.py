@@ -20,6 +20,7 @@ from matplotlib.figure import Figure as Picture
 from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
+from matplotlib.transforms import Bbox
 
 from quadlog.results import view
 
@@ -249,8 +250,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     marks = [of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")]
     flow, above_in = _flow(picture, [(_glyph(of), of.color, of.label) for of in marks], text)
     scales = [of.values[0] for of in scene.layers if isinstance(of, view.Track) and of.values is not None]
-    bar_in = 2 * ROW_IN * text * (len(scales))
-    above_in = max(above_in, 0.1 * text) + bar_in
+    above_in = max(above_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)
     high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
     high_in = high_in if height_in is None else max(height_in - below_in - above_in, 0.3)
     height_in = below_in + high_in + above_in
@@ -260,22 +260,18 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     x, y, across, along = (left + right) / 2, (bottom + top) / 2, more * wide_in, more * high_in
     draw_scene(axes, replace(scene, extent=(x - across, x + across, y - along, y + along)))
     if scales:
-        box = (
-            0.45,
-            (below_in + high_in + 0.08 * text) / height_in,
-            0.55 - RIGHT_IN / width_in,
-            0.09 * text / height_in,
-        )
-        bar = picture.colorbar(axes.collections[-1], picture.add_axes(box), orientation="horizontal")
-        bar.ax.xaxis.set_ticks_position("top")
-        picture.text(EDGE_IN / width_in, box[1], scales[0], color=view.COLORS["text"])
+        y, thick = (below_in + high_in + 0.08 * text) / height_in, 0.09 * text / height_in
+        place = picture.add_axes((0.45, y, 0.55 - RIGHT_IN / width_in, thick))
+        picture.colorbar(axes.collections[-1], place, orientation="horizontal", ticklocation="top")
+        picture.text(EDGE_IN / width_in, y, scales[0], color=view.COLORS["text"])
     _write_legend(picture, flow)
     _write_names(axes, scene)
     return picture
 
 
 MOST_INK, PLACES = 1000, 24
-"""Points of a layer that names avoid, and places along a line that are tried, from its end: each is worth one point."""
+"""Points of a layer that names avoid; places along a line that are tried, those at its end first."""
+SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 
 
 def _write_names(axes: Axes, scene: view.Scene) -> None:
@@ -293,28 +289,27 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
     for name, color, points, has_name in [*lines, *map(_line_of, axes.collections)]:
         ink.append(points)
         named += [(name, color, points)] * (has_name and name[:1] not in ("", "_"))
-    to_pixels, (x0, y0, x1, y1) = axes.transData.transform, axes.bbox.extents
+    picture, area, taken, to_pixels = axes.figure, axes.bbox, list[Bbox](), axes.transData.transform
     drawn = [to_pixels(of[np.isfinite(of).all(axis=1)]) for of in ink]
-    covered = np.concatenate([*(of[view.thin_evenly(len(of), MOST_INK)] for of in drawn)])
-    taken, picture = np.zeros((0, 4)), axes.figure
+    covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in drawn])
+
+    def cost(place: tuple[int, Bbox]) -> float:
+        order, box = place
+        outside = not (area.contains(*box.min) and area.contains(*box.max))
+        return order / len(SIDES) + box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
+
     for name, color, points in named:
         at = to_pixels(points[np.isfinite(points).all(axis=1)])
-        at = at[((at >= (x0, y0)) & (at <= (x1, y1))).all(axis=1)]
-        at, size, gap = at[view.thin_evenly(len(at), PLACES)][::-1], np.array(_size(picture, name)), 0.05 * picture.dpi
-        places = [at + (size / 2 + gap) * side for side in np.argwhere(np.ones((3, 3))) - 1 if side.any()]
-        middle = np.concatenate(places)
-        boxes = np.column_stack([middle - size / 2 - gap / 2, middle + size / 2 + gap / 2])
-        inside = ((boxes[:, :2] >= (x0, y0)) & (boxes[:, 2:] <= (x1, y1))).all(axis=1)
-        within = [(boxes[:, None, k] < covered[:, k]) & (covered[:, k] < boxes[:, None, k + 2]) for k in (0, 1)]
-        apart = [(boxes[:, None, k] < taken[:, k + 2]) & (taken[:, k] < boxes[:, None, k + 2]) for k in (0, 1)]
-        cost = (within[0] & within[1]).sum(axis=1) + 1e4 * (apart[0] & apart[1]).any(axis=1) + 1e6 * ~inside
-        cost += np.tile(np.arange(len(at)), len(places))
-        if len(cost) and cost.min() < 1e4:
-            best = int(cost.argmin())
-            taken = np.vstack([taken, boxes[best]])
-            axes.text(
-                *axes.transData.inverted().transform(middle[best]), name, ha="center", va="center", **_haloed(color)
-            )
+        at = [point for point in at[view.thin_evenly(len(at), PLACES)][::-1] if area.contains(*point)]
+        size, gap = np.array(_size(picture, name)), 0.05 * picture.dpi
+        corners = [
+            (order, point + (size / 2 + gap) * side - size / 2) for order, point in enumerate(at) for side in SIDES
+        ]
+        places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in corners]
+        if places and cost(best := min(places, key=cost)) < 1e4:
+            taken.append(best[1].padded(gap))
+            x, y = axes.transData.inverted().transform(best[1].get_points().mean(axis=0))
+            axes.text(x, y, name, ha="center", va="center", **_haloed(color))
 
 
 def _line_of(lines: LineCollection) -> tuple[str, Any, view.Array, bool]:

@@ -104,7 +104,7 @@ class Run:
     ) -> Figure:
         """A figure for a paper, as of `quadlog export --to figures`, of matplotlib. width, height: as in 3.5in or 89mm.
 
-        Raises UnknownName, also for a figure of which the run has no data, and UsageError for no length.
+        Raises UnknownName, NotARun for a run without its data, UsageError for no length.
         """
         from quadlog.results.export import figure_of, length_in
         from quadlog.results.mpl import picture_of, styled

@@ -126,7 +126,7 @@ def test_a_notebook_shows_what_a_run_is_and_has_and_draws_its_figures(tiny_run: 
     assert run.tables == [name for name in TABLES if (tiny_run / f"{name}.parquet").exists()]
     assert all(word in repr(run) for word in ("Run walk: ", status(run)[0], " s, tables: ", "poses"))
     page = run._repr_html_()
-    assert all(word in page for word in ("Recorded walk", "position error", "control"))
+    assert all(word in page for word in ("Simulated walk", "contacts", "control"))
     (tiny_run / "control.parquet").write_bytes(b"damaged")
     assert "control" in repr(Run(tiny_run))
     picture = Run(tiny_run).figure("uwb_error", width="89mm", height="2in", font="serif")
