@@ -63,8 +63,7 @@ class LazyGroup(click.Group):
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
             meant = nearest(args[0], COMMANDS)
-            error.message += f" Did you mean {meant}?" if meant else ""
-            raise
+            raise (click.UsageError(f"{error.message} Did you mean {meant}?", ctx) if meant else error) from None
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the command. Raises Interrupted in place of a KeyboardInterrupt, for which click prints an empty line."""

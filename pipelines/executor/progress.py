@@ -153,7 +153,7 @@ class BatchLines(Progress):
         threading.Thread(target=self._go_on_saying, daemon=True).start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, value: BaseException | None, trace: object) -> None:
         self._ended.set()
 
     def _go_on_saying(self) -> None:

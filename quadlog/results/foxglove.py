@@ -159,7 +159,7 @@ class _Numbers(NamedTuple):
 
 def _values(table: DataFrame, topic: str) -> Stream:
     t_ns = table["t_ns"].tolist()
-    rows = table.drop(columns="t_ns").astype(float).to_dict("records")
+    rows: Any = table.drop(columns="t_ns").astype(float).to_dict("records")
     return ((t, _Numbers(topic, row)) for t, row in zip(t_ns, rows, strict=True))
 
 

@@ -39,9 +39,10 @@ ROW_IN, LETTER_IN, EDGE_IN = 0.21, 0.078, 0.06
 """
 LEAST, DECADES = 0.4, 300
 """Of a panel's height; an axis that spans less has ticks at 1, 2 and 5."""
-STROKE_IN, DENSE, SEEN = 1 / 48, 4.0, 0.14
+STROKE_IN, DENSE, SEEN, FAINT = 1 / 48, 4.0, 0.14, 0.03
 """Curves of more than so many samples in a stroke's width are drawn as the ranges and means of strokes where a range is
-more than such a share of the panel's."""
+more than such a share of the curve's, and of the panel's.
+"""
 MOST_CELLS = 800
 """Across a picture."""
 MAX_POINTS = 20_000
@@ -125,10 +126,10 @@ def _spread(columns: Sequence[view.Array]) -> float:
     return float(np.ptp(values)) if len(values) else 0.0
 
 
-def _ranges(series: view.Series, stroke: float, least: float) -> list[view.Series]:
+def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view.Series]:
     """A dense curve as the band from the least to the largest value of each stroke, this long on x, and the mean.
 
-    Others, and those with a mean range of at most `least`, as they are.
+    Others, and those with small ranges for a panel of this span, as they are; without one all dense ones are ranges.
     """
     known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
     strokes = max(int(np.ptp(series.x[known]) / stroke), 1) if len(known) else 1
@@ -140,7 +141,7 @@ def _ranges(series: view.Series, stroke: float, least: float) -> list[view.Serie
     low, high, mean = np.full((3, strokes), np.nan)  # NaN in gaps
     low[at[first]], high[at[first]] = np.minimum.reduceat(y, first), np.maximum.reduceat(y, first)
     mean[at[first]] = np.add.reduceat(y, first) / np.diff(first, append=len(y))
-    if np.nanmean(high - low) <= least:
+    if np.nanmean(high - low) <= (0.0 if span is None else max(SEEN * np.ptp(y), FAINT * span)):
         return [series]
     x = (edges[1:] + edges[:-1]) / 2
     return [replace(series, x=x, y=low, upper=high, style="band"), replace(series, x=x, y=mean, style="line")]
@@ -177,10 +178,10 @@ def _flow(picture: Picture, words: Words, text: float) -> tuple[list[tuple[float
     return placed, y_in + 0.1 * text if words else 0.0
 
 
-def _size(picture: Picture, word: str) -> tuple[float, float]:
-    """Width and height of a text (pixels)."""
-    width, height, _ = picture.canvas.get_renderer().get_text_width_height_descent(word, FontProperties(), False)
-    return float(width), float(height)
+def _size(picture: Any, word: str) -> view.Array:
+    """Width and height (2,) of a text (pixels)."""
+    canvas: Any = picture.canvas
+    return np.array(canvas.get_renderer().get_text_width_height_descent(word, FontProperties(), False)[:2])
 
 
 def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]]) -> None:
@@ -192,8 +193,8 @@ def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]
 
 def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
     long, high = (_spread([getattr(one, axis) for one in panel.series]) for axis in "xy")
-    for least in (SEEN * high, 0.0):  # if one curve has to, all dense ones do
-        drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, least)]
+    for span in (high, None):  # if one curve has to, all dense ones do
+        drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, span)]
         if len(drawn) == len(panel.series):
             break
     for series in drawn:
@@ -277,7 +278,7 @@ SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 def _write_names(axes: Axes, scene: view.Scene) -> None:
     """The name of each line, track and named mark beside it, at the place where it covers least."""
     ink: list[view.Array] = [np.zeros((0, 2))]
-    named: list[tuple[str, str, view.Array]] = []
+    named: list[tuple[str, Any, view.Array]] = []
     for layer in scene.layers:
         if isinstance(layer, view.Raster):
             row, column = np.nonzero(np.isfinite(layer.values))
@@ -285,13 +286,14 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
         elif isinstance(layer, view.Marks):
             colors = repeat(view.COLORS[layer.color])
             named += zip(layer.names, colors, np.column_stack([layer.x, layer.y])[:, None], strict=False)
-    lines = [(of.get_label(), of.get_color(), of.get_xydata(), of.get_linestyle() != "None") for of in axes.lines]
-    for name, color, points, has_name in [*lines, *map(_line_of, axes.collections)]:
+    drawn: list[Any] = [*axes.lines, *axes.collections]
+    for name, color, points, has_name in map(_line_of, drawn):
         ink.append(points)
         named += [(name, color, points)] * (has_name and name[:1] not in ("", "_"))
-    picture, area, taken, to_pixels = axes.figure, axes.bbox, list[Bbox](), axes.transData.transform
-    drawn = [to_pixels(of[np.isfinite(of).all(axis=1)]) for of in ink]
-    covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in drawn])
+    picture: Any = axes.figure
+    area, taken, to_pixels = axes.bbox, list[Bbox](), axes.transData.transform
+    covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in ink])
+    covered = to_pixels(covered[np.isfinite(covered).all(axis=1)])
 
     def cost(place: tuple[int, Bbox]) -> float:
         order, box = place
@@ -299,24 +301,25 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
         return order / len(SIDES) + box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
 
     for name, color, points in named:
-        at = to_pixels(points[np.isfinite(points).all(axis=1)])
-        at = [point for point in at[view.thin_evenly(len(at), PLACES)][::-1] if area.contains(*point)]
-        size, gap = np.array(_size(picture, name)), 0.05 * picture.dpi
-        corners = [
-            (order, point + (size / 2 + gap) * side - size / 2) for order, point in enumerate(at) for side in SIDES
-        ]
-        places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in corners]
+        known = to_pixels(points[np.isfinite(points).all(axis=1)])
+        at = [point for point in known[view.thin_evenly(len(known), PLACES)][::-1] if area.contains(*point)]
+        size, gap = _size(picture, name), 0.05 * picture.get_dpi()
+        corners = [point + (size / 2 + gap) * side - size / 2 for point in at for side in SIDES]
+        places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in enumerate(corners)]
         if places and cost(best := min(places, key=cost)) < 1e4:
             taken.append(best[1].padded(gap))
             x, y = axes.transData.inverted().transform(best[1].get_points().mean(axis=0))
             axes.text(x, y, name, ha="center", va="center", **_haloed(color))
 
 
-def _line_of(lines: LineCollection) -> tuple[str, Any, view.Array, bool]:
-    return str(lines.get_label()), lines.get_colors()[0], np.concatenate([*lines.get_segments()]), True
+def _line_of(artist: Any) -> tuple[str, Any, view.Array, bool]:
+    """Name, colour and points of what is drawn, and whether it is a line."""
+    if isinstance(artist, LineCollection):
+        return str(artist.get_label()), artist.get_colors()[0], np.concatenate([*artist.get_segments()]), True
+    return artist.get_label(), artist.get_color(), artist.get_xydata(), artist.get_linestyle() != "None"
 
 
-def _haloed(color: str) -> dict[str, Any]:
+def _haloed(color: Any) -> dict[str, Any]:
     return {"color": color, "path_effects": [withStroke(linewidth=2, foreground="white")], "zorder": 5}
 
 

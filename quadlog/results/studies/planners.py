@@ -234,7 +234,7 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
 def saved_figures(folder: Path) -> dict[str, list[Panel]]:
     """By name, the figures of each source of a saved comparison. Raises NotARun for damaged tables, TooLarge."""
     rows, replans = (read_parquet(folder / name) for name in TABLES[:2])
-    listed, figures = rows.to_pylist(), {}
+    listed, figures = rows.to_pylist(), dict[str, list[Panel]]()
     columns = {name: column.to_numpy() for name, column in zip(replans.column_names, replans.columns, strict=True)}
     for number, source in enumerate(dict.fromkeys(row["source"] for row in listed), 1):
         own = [row for row in listed if row["source"] == source]
