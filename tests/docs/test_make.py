@@ -38,9 +38,9 @@ def test_the_schema_for_editors_is_that_of_the_models(make):
 
 def test_a_sample_keeps_its_lines_and_gets_the_numbers_of_today(make):
     fill = importlib.import_module("samples").fill
-    printed = "name  value  95 %    us\na      1.25          13\nb     -0.50  0 to 1  9\nc         3          8\n"
-    sample = "name  value  95 %    us\nb      0.75  0 to 2   …\n\nc         1           …\n"
-    assert fill(sample, printed) == "name  value  95 %    us\nb     -0.50  0 to 1  …\n\nc         3          …\n"
+    printed = "name  value  us   95 %\na      1.25   13\nb     -0.50  999  0 to 1\nc         3    8\n"
+    sample = "name  value  us   95 %\nb      0.75    …  0 to 2\n\nc         1    …\n"
+    assert fill(sample, printed) == "name  value  us   95 %\nb     -0.50  …    0 to 1\n\nc         3    …\n"
     with pytest.raises(SystemExit, match="not printed any more: d"):
         fill("d  1\n", printed)
 
