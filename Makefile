@@ -38,7 +38,7 @@ $(INSTALLED): $(VENV)/.pip pyproject.toml $(LOCK)
 
 $(RUNNABLE): $(VENV)/.pip pyproject.toml $(LOCK)
 	@echo "demo: installing quadlog and its packages into $(VENV): 410 MB to download, 1.6 GB on disk, 1 to 3 minutes"
-	@$(PIP) install --progress-bar off $(LOCKED) --editable .
+	@$(PIP) install --quiet --progress-bar off $(LOCKED) --editable .
 	@touch $@
 
 # Older ones, such as those that come with Python 3.11, know neither groups nor build constraints.

@@ -6,13 +6,16 @@ import importlib
 import os
 import platform
 import sys
+from pathlib import Path
+from typing import Any
 
 import click
 
 from quadlog.cli.options import examples
 from quadlog.cli.progress import say
-from quadlog.errors import ExitCode, Interrupted, QuadlogError, clipped, printable
+from quadlog.errors import CannotWrite, ExitCode, Interrupted, QuadlogError, clipped, nearest, printable
 from quadlog.pipelines.executor.machine import ignore_interrupts, is_out_of_memory, take_one_interrupt
+from quadlog.storage.urls import is_url
 from quadlog.version import __version__
 
 
@@ -53,6 +56,14 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = importlib.import_module(f"quadlog.cli.{name.replace('-', '_')}").command
         return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """As click does, with the command that was most likely meant."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            meant = nearest(args[0], COMMANDS)
+            raise (click.UsageError(f"{error.message} Did you mean {meant}?", ctx) if meant else error) from None
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the command. Raises Interrupted in place of a KeyboardInterrupt, for which click prints an empty line."""
@@ -113,7 +124,7 @@ def run(arguments: list[str]) -> int:
         say(f"quadlog: {_interrupted_words(error, arguments)}")
         return ExitCode.FAILED
     except QuadlogError as error:
-        say(f"quadlog: {clipped(error, _MAX_MESSAGE)}")
+        say(f"quadlog: {clipped(error, _MAX_MESSAGE)}{_meant(error)}")
         return error.exit_code
     except BrokenPipeError:
         # The reader of stdout (head, less) has gone: redirect stdout, so that the interpreter exits without an error.
@@ -128,6 +139,17 @@ def run(arguments: list[str]) -> int:
             raise
         say(f"quadlog: out of memory{f' ({clipped(error)})' if str(error) else ''}")
         return ExitCode.FAILED
+
+
+def _meant(error: QuadlogError) -> str:
+    """The path beside a missing one that was most likely meant."""
+    path = getattr(error, "path", None)
+    if path is None or isinstance(error, CannotWrite) or is_url(str(path)):
+        return ""
+    place = Path(path)
+    beside = [] if place.exists() or not place.parent.is_dir() else [entry.name for entry in place.parent.iterdir()]
+    meant = nearest(place.name, beside)
+    return printable(f"; did you mean {place.with_name(meant)}?") if meant else ""
 
 
 def _interrupted_words(error: BaseException, arguments: list[str]) -> str:

@@ -26,8 +26,12 @@ from quadlog.errors import UsageError
 @click.option("--align", is_flag=True, help="Align each trajectory with the reference first.")
 @click.option("--project-to-plane", type=click.Choice(["xy"]), help="Ignore height, roll and pitch.")
 @options.FORMAT
-@click.option("--fail-if", multiple=True, metavar="CONDITION", help="Exit with 4 if it holds, as in 'eta_m>0.3'.")
-@click.option("--explain", metavar="METRIC", help="Explain a metric and list the worst instants of each run.")
+@options.repeated(
+    "--fail-if", metavar="CONDITION", shell_complete=options.metrics, help="Exit with 4 if it holds, as in 'eta_m>0.3'"
+)
+@click.option(
+    "--explain", metavar="METRIC", shell_complete=options.metrics, help="Explain a metric; list worst instants."
+)
 def command(
     runs: tuple[Path, ...], reference: Path | None, to: str, fail_if: tuple[str, ...], explain: str | None, **how: Any
 ) -> int:

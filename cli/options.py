@@ -47,6 +47,20 @@ def _beginning(typed: str, words: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(word) for word in words if word.startswith(typed)]
 
 
+def config_keys(_ctx: click.Context, _param: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Completes KEY= of the configuration."""
+    from quadlog.config.file import all_keys
+
+    return _beginning(typed, (f"{key}=" for key in all_keys()))
+
+
+def metrics(_ctx: click.Context, _param: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Completes names of metrics."""
+    from quadlog.metrics.catalogue import CATALOGUE
+
+    return _beginning(typed, CATALOGUE)
+
+
 def all_planners() -> tuple[str, ...]:
     """Names of quadlog's own planners, then those of plug-ins."""
     from quadlog.config.plugins import PLANNERS, plugin_names
@@ -111,7 +125,8 @@ MSG_PATH = repeated("--msg-path", type=LOCAL_PATH, help="Folder with more .msg d
 
 def set_option(example: str) -> Decorator:
     """The option --set."""
-    return repeated("--set", "overrides", metavar="KEY=VALUE", help=f"Set a configuration key ({example})")
+    how: dict[str, Any] = {"metavar": "KEY=VALUE", "shell_complete": config_keys}
+    return repeated("--set", "overrides", help=f"Set a configuration key ({example})", **how)
 
 
 def output_option(text: str, default: str | None = None, **settings: Any) -> Decorator:

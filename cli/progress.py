@@ -6,14 +6,13 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from quadlog.errors import printable
-from quadlog.pipelines.executor.progress import BatchLines
+from quadlog.pipelines.executor.progress import BatchLines, working_s
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -25,8 +24,14 @@ MAX_NAME = 20
 
 
 def say(text: object) -> None:
-    """One line on stderr, without control characters."""
-    click.echo(printable(text), err=True)
+    """One line on stderr, without control characters; in a terminal broken at spaces."""
+    click.echo(_folded(printable(text)) if sys.stderr.isatty() else printable(text), err=True)
+
+
+def _folded(text: str) -> str:
+    from quadlog.results.text import ASCII, terminal_width, wrapped
+
+    return "\n".join(wrapped(text, terminal_width(), "  ")).translate(ASCII)
 
 
 def print_json(value: object) -> None:
@@ -75,19 +80,19 @@ def report_skipped(runs: Sequence[Path]) -> None:
         say(f"skipped, not a run folder: {', '.join(map(str, skipped))}")
 
 
-def open_progress() -> AbstractContextManager[BatchLines]:
+def open_progress(notes: bool = True) -> BatchLines:
     """Bars where stderr is a terminal; elsewhere a line for each message and each recording of a batch."""
-    return Bars() if sys.stderr.isatty() else nullcontext(BatchLines(say))
+    return Bars(notes) if sys.stderr.isatty() else BatchLines(say, notes)
 
 
 class Bars(BatchLines):
     """A bar for each stage of a recording, or one for a batch and what it has done last. Lines go above."""
 
-    def __init__(self) -> None:
+    def __init__(self, notes: bool = True) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-        super().__init__(self._print)
+        super().__init__(self._print, notes)
         self._bars = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=12),
@@ -98,6 +103,8 @@ class Bars(BatchLines):
             speed_estimate_period=3600,
         )
         self._first: TaskID | None = None  # the current stage, or the whole batch
+        self._kernels: TaskID | None = None
+        self._began_s = 0.0
 
     def __enter__(self) -> Bars:
         self._bars.start()
@@ -109,25 +116,30 @@ class Bars(BatchLines):
         self._bars.stop()
 
     def _print(self, text: str) -> None:
-        self._bars.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
+        self._bars.console.print(_folded(printable(text)), markup=False, highlight=False, soft_wrap=True)
 
     def begin(self, stage: str, total: int | None) -> None:
         """A new bar below the others."""
         self._end()
-        self._first = self._bars.add_task(f"{stage:<9}", total=total, words="")
+        self._first, self._began_s = self._bars.add_task(f"{stage:<9}", total=total, words=""), working_s()
 
     def _end(self) -> None:
         """A full bar, with its duration, for the stage that has ended."""
         if self._first is not None and not self._tally.recordings:
-            steps = max(self._bars.tasks[-1].completed, 1)
+            steps = max(next(task.completed for task in self._bars.tasks if task.id == self._first), 1)
             self._bars.update(self._first, total=steps, completed=steps)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """One more step, and the mean rate."""
         if self._first is not None:
-            spent_s = self._bars.tasks[-1].elapsed
-            factor = recorded_s / spent_s if recorded_s and spent_s else None
+            factor = recorded_s / max(working_s() - self._began_s, 1e-9) if recorded_s else None
             self._bars.update(self._first, advance=1, words=_rate(factor))
+
+    def compiled(self, kernels: int) -> None:
+        """A bar of its own."""
+        if self._kernels is None:
+            self._kernels = self._bars.add_task("compile  ", total=None, words="")
+        self._bars.update(self._kernels, completed=kernels, words="kernels")
 
     def expect(self, tally: BatchCounts) -> None:
         """Add the bar of the whole batch."""

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
 @options.replay_options
 @options.SEED
 @options.NO_PLOTS
+@click.option("-v", "--verbose", is_flag=True, help="Also print the notes that the page has.")
 @click.option("--dry-run", is_flag=True, help="List what would be replayed, and stop.")
 def command(
-    recordings: tuple[str, ...], output: Path, no_plots: bool, dry_run: bool, as_json: bool, **given: Any
+    recordings: tuple[str, ...], output: Path, no_plots: bool, dry_run: bool, as_json: bool, verbose: bool, **given: Any
 ) -> int:
     """Replay recordings through all stages; print verdicts.
 
@@ -52,7 +53,7 @@ def command(
     if dry_run:
         _print_plan(preview_batch(batch), {each.run.parent for each in batch}, as_json)
         return 0
-    with open_progress() as progress:
+    with open_progress(verbose) as progress:
         if len(batch) == 1 and scheduler is None:
             outcome = replay_alone(batch[0], progress)
         else:

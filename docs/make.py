@@ -14,8 +14,9 @@ from typing import Any
 
 import tomli_w
 from messages import troubleshooting_page
+from samples import update_samples
 
-from quadlog.config.file import PRESETS
+from quadlog.config.file import PRESETS, SCHEMA
 from quadlog.config.schema import Config
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import COVERAGE
@@ -59,6 +60,8 @@ quadlog replay yesterday.bag -c quadlog.toml -o runs/coarse --set grid.cell_m=0.
 - A key's unit is the end of its name, in SI; angles are degrees. **unset**: no value.
 - **allowed**: bounds or choices; [ ] inclusive, ( ) exclusive.
 - Sources are in brackets, as listed in [Methods and papers](references.md); **ours**, or no source: chosen by quadlog.
+- The first line that `quadlog init` writes, `#:schema`, names the JSON schema of the installed version: editors with
+  Even Better TOML or taplo complete and check keys by it.
 - `config.toml` in a run folder is the effective configuration: `-c` on it gives the same run.
 """
 
@@ -94,11 +97,18 @@ OWN = "quadlog's own definition"
 
 
 def main() -> int:
-    """Write every page there is a writer for; with a folder as argument, also build the site there; exit code."""
+    """Write every page there is a writer for, and the schema; with a folder as argument, printed samples and the site.
+
+    Returns its exit code.
+    """
     for name, write in PAGES.items():
         (HERE / name).write_text(write(), encoding="utf-8")
         sys.stdout.write(f"docs/{name}\n")
-    return build_site(Path(sys.argv[1])) if len(sys.argv) > 1 else 0
+    SCHEMA.write_text(schema_text(), encoding="utf-8")
+    if len(sys.argv) == 1:
+        return 0
+    update_samples()
+    return build_site(Path(sys.argv[1]))
 
 
 def build_site(site: Path) -> int:
@@ -122,6 +132,11 @@ def build_site(site: Path) -> int:
     return build_main(
         ["-W", "--keep-going", "-q", "-j", "auto", "-d", f"{ROOT / 'build' / 'doctrees'}", f"{HERE}", f"{site}"]
     )
+
+
+def schema_text() -> str:
+    """The JSON schema of quadlog.toml, for editors."""
+    return json.dumps(Config.model_json_schema(), separators=(",", ":")) + "\n"
 
 
 def configuration_page() -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.file import commented_toml
+from quadlog.config.file import SCHEMA, commented_toml
 from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
@@ -237,7 +237,7 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
     ranges, clouds = NEEDS_RANGES if "uwb" in there else (), NEEDS_CLOUDS if "lidar" in there else ()
     legs = ("robot",) if "joints" in there and not clouds else ()
     sections = tuple(Config.model_fields) if everything else (*ALWAYS, *ranges, *clouds, *legs)
-    text = commented_toml(config, _notes(roles, mount), sections)
+    text = f"#:schema {SCHEMA.as_uri()}\n{commented_toml(config, _notes(roles, mount), sections)}"
     missing = [f"[{name}]" for name in Config.model_fields if name not in sections]
     left_out = f"\n# This log cannot use {' '.join(missing)}: quadlog init --all writes them.\n" if missing else ""
     return Proposal(text + _radio_skeleton(seen) + left_out, losses, warnings)

@@ -150,7 +150,7 @@ def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) ->
     compiled_s = compiling_s()
     last, store = log.last_stage(), Store(request.run.parent)
     missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
-    with compilation(missing, request.config, journal.progress.say) as before:
+    with compilation(missing, request.config, journal.progress) as before:
         do = Doing(store, run, request.config, last, journal, before)
         read = cache(partial(read_log, log, journal.progress))
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)

@@ -12,6 +12,7 @@ import io
 import re
 import shlex
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,13 @@ def clipped(text: object, most: int = 200) -> str:
     """The text, or its beginning and how much longer it is: a name in a damaged file can be megabytes long."""
     words = str(text)
     return words if len(words) <= most else f"{words[:most]}... ({len(words) - most} more characters)"
+
+
+def nearest(name: str, names: Iterable[str]) -> str | None:
+    """The name that was most likely meant: the shortest that begins so, else the most alike; None without one."""
+    names = list(names)
+    begun = sorted((each for each in names if name and each.startswith(name.lower())), key=len)
+    return next(iter([*begun, *get_close_matches(name.lower(), names, n=1, cutoff=0.5)]), None)
 
 
 MAX_LISTED = 20
@@ -261,7 +269,9 @@ class UnknownName(QuadlogError):
 
     def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
         self.kind, self.name, self.choices = kind, name, sorted(choices)
-        super().__init__(f"unknown {kind} {name!r}; choose one of: {', '.join(self.choices)}")
+        near = nearest(name, self.choices)
+        meant = f"did you mean {near}? " if near else ""
+        super().__init__(f"unknown {kind} {name!r}; {meant}choose one of: {', '.join(self.choices)}")
 
 
 class AlreadyExists(QuadlogError):

@@ -114,7 +114,10 @@ class Reader:
 
 
 def missing(sample: str, printed: str) -> list[str]:
-    """Lines of a sample that were not printed in this order; numbers may differ by what a processor rounds."""
+    """Lines of a sample that were not printed in this order; numbers may differ by what a processor rounds.
+
+    `python docs/samples.py` writes the samples again.
+    """
     rows = [row.split() for row in printed.splitlines()]
     lost = []
     for line in filter(None, map(str.strip, sample.splitlines())):
@@ -127,7 +130,7 @@ def missing(sample: str, printed: str) -> list[str]:
 def alike(told: list[str], row: list[str]) -> bool:
     """Whether words are the same, and numbers nearly."""
     return len(told) == len(row) and all(
-        one in (other, "…") or number(one) == pytest.approx(number(other), rel=0.1, abs=0.02)
+        one in (other, "…") or number(one) == pytest.approx(number(other), rel=0.02, abs=0.0005)
         for one, other in zip(told, row, strict=True)
     )
 

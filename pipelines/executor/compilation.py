@@ -24,6 +24,7 @@ from quadlog.config.controllers import CONTROLLERS
 from quadlog.config.schema import Config
 from quadlog.open3d import import_open3d
 from quadlog.pipelines.executor.machine import cores
+from quadlog.pipelines.executor.progress import Progress
 
 SAID = "compiling for the first time on this machine, 3 to 20 s depending on the log; later starts use the cache"
 LONGEST_S = 600.0
@@ -32,10 +33,11 @@ NOTHING = subprocess.DEVNULL
 
 
 class _Clock(event.Listener):
-    """Seconds that this process has compiled, and what to call when it does so next. Compilations nest."""
+    """Seconds that this process has compiled, and what to call when it does so next, and each time. They nest."""
 
-    seconds, began_s, depth = 0.0, 0.0, 0
+    seconds, began_s, depth, kernels = 0.0, 0.0, 0, 0
     on_next: Callable[[], None] | None = None
+    on_each: Callable[[int], None] | None = None
 
     def on_start(self, event: Any) -> None:
         self.depth += 1
@@ -49,6 +51,9 @@ class _Clock(event.Listener):
         self.depth -= 1
         if self.depth == 0:
             self.seconds += time.perf_counter() - self.began_s
+            self.kernels += 1
+            if self.on_each is not None:
+                self.on_each(self.kernels)
 
 
 _clock = _Clock()
@@ -78,7 +83,7 @@ def on_first_compilation(call: Callable[[], None]) -> Iterator[None]:
 
 
 @contextmanager
-def compilation(stages: Collection[str], config: Config, say: Callable[[str], None]) -> Iterator[Callable[[str], None]]:
+def compilation(stages: Collection[str], config: Config, progress: Progress) -> Iterator[Callable[[str], None]]:
     """Say so when the body first compiles, and compile `control`, half of all, in a second process meanwhile.
 
     That process ends with the body. There is none on one core, in a batch's workers, which share the cores already, and
@@ -89,7 +94,8 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
     second: list[subprocess.Popen[bytes]] = []
 
     def start() -> None:
-        say(SAID)
+        progress.say(SAID)
+        _clock.kernels, _clock.on_each = 0, progress.compiled
         if is_shared:
             command = [sys.executable, "-P", "-m", __name__, config.simulation.controller]  # -P: not the working folder
             second.append(subprocess.Popen(command, stdin=NOTHING, stdout=NOTHING, stderr=NOTHING))  # noqa: S603
@@ -113,6 +119,7 @@ def compilation(stages: Collection[str], config: Config, say: Callable[[str], No
         try:
             yield before
         finally:
+            _clock.on_each = None
             gc.unfreeze()
             for process in second:
                 process.kill()

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import resource
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from socket import gethostname
-from typing import Any
+from typing import Any, Self
 
 _send: Callable[[Any], None] | None = None
 _name: str | None = None
@@ -47,8 +48,22 @@ class Progress:
     def say(self, text: str) -> None:
         """A choice or a warning, one line."""
 
+    def note(self, text: str) -> None:
+        """A detail, one line."""
+        self.say(text)
+
+    def compiled(self, kernels: int) -> None:
+        """So many compiled functions have been made; the time that takes counts as no stage's."""
+
 
 Silent = Progress
+
+
+def working_s() -> float:
+    """A clock that stands while this process compiles."""
+    from quadlog.pipelines.executor.compilation import compiling_s
+
+    return time.perf_counter() - compiling_s()
 
 
 class StageClock:
@@ -59,11 +74,8 @@ class StageClock:
     """
 
     def __init__(self) -> None:
-        from quadlog.pipelines.executor.compilation import compiling_s
-
         self.seconds: dict[str, float] = {}
         self.peak_memory_mb: dict[str, float] = {}
-        self._now_s: Callable[[], float] = lambda: time.perf_counter() - compiling_s()
 
     @contextmanager
     def stage(self, *names: str) -> Iterator[Callable[[str], None]]:
@@ -71,11 +83,11 @@ class StageClock:
 
         What is left at the end counts towards the first. Memory is looked at once, so that laps may be short.
         """
-        last_s = self._now_s()
+        last_s = working_s()
 
         def lap(name: str) -> None:
             nonlocal last_s
-            now_s = self._now_s()
+            now_s = working_s()
             self.seconds[name] = self.seconds.get(name, 0.0) + now_s - last_s
             last_s = now_s
 
@@ -123,11 +135,44 @@ class BatchCounts:
     failed: int = 0
 
 
-class BatchLines(Progress):
-    """What the command line shows while recordings are replayed: a line for each finished one, as in a log file."""
+SAID_EVERY_S = 30.0
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say, self._tally = say, BatchCounts(0)
+
+class BatchLines(Progress):
+    """What the command line shows while recordings are replayed: a line for each finished one, as in a log file.
+
+    As a context, also a line on where it is every SAID_EVERY_S.
+    """
+
+    def __init__(self, say: Callable[[str], None], notes: bool = True) -> None:
+        """notes: whether details are shown."""
+        self._say, self._notes, self._tally, self._where, self._steps = say, notes, BatchCounts(0), "", 0
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Self:
+        threading.Thread(target=self._go_on_saying, daemon=True).start()
+        return self
+
+    def __exit__(self, kind: object, value: BaseException | None, trace: object) -> None:
+        self._ended.set()
+
+    def _go_on_saying(self) -> None:
+        began_s = time.monotonic()
+        while not self._ended.wait(SAID_EVERY_S):
+            self._say(f"{self._where.format(self._steps)}, {time.monotonic() - began_s:.0f} s")
+
+    def begin(self, stage: str, total: int | None) -> None:
+        """The stage for the next line."""
+        self._where, self._steps = f"{stage} {{}}{f'/{total}' if total else ''}", 0
+
+    def advance(self, recorded_s: float | None = None) -> None:
+        """One more step."""
+        self._steps += 1
+
+    def note(self, text: str) -> None:
+        """A detail, if they are shown."""
+        if self._notes:
+            self.say(text)
 
     def say(self, text: str) -> None:
         """One line."""
@@ -139,6 +184,9 @@ class BatchLines(Progress):
 
     def hear(self, step: Mapping[str, Any]) -> None:
         """A message of TaskProgress from a worker. A line for each would be thousands."""
+        self._where = (
+            f"{self._tally.done} of {self._tally.recordings} done, {step['run']} {step['stage']} {step['steps']}"
+        )
 
     def finish(self, run: str, words: str) -> None:
         """The recording of this run folder has ended. words: `done`, or the reason."""
@@ -158,21 +206,21 @@ class TaskProgress(Progress):
     def begin(self, stage: str, total: int | None) -> None:
         """Send the new stage at once."""
         self._stage, self._total, self._steps = stage, total or 0, 0
-        self._began_s = time.monotonic()
-        self._tell(self._began_s, None)
+        self._began_s = working_s()
+        self._tell(None)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """Count a step; send a message unless the last one is recent."""
         self._steps += 1
-        if (now_s := time.monotonic()) - self._told_s >= TOLD_EVERY_S:
-            self._tell(now_s, None if recorded_s is None else recorded_s / max(now_s - self._began_s, 1e-9))
+        if time.monotonic() - self._told_s >= TOLD_EVERY_S:
+            self._tell(None if recorded_s is None else recorded_s / max(working_s() - self._began_s, 1e-9))
 
     def say(self, text: str) -> None:
         """Keep a warning. Choices are in the run's record and are not kept."""
         if text.startswith("warning: "):
             self.warnings.append(text)
 
-    def _tell(self, now_s: float, factor: float | None) -> None:
-        self._told_s = now_s
+    def _tell(self, factor: float | None) -> None:
+        self._told_s = time.monotonic()
         where = {"stage": self._stage, "steps": self._steps, "total": self._total, "realtime_factor": factor}
         tell(self._who | where | {"peak_memory_mb": peak_memory_mb()})

@@ -28,7 +28,7 @@ from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
-from quadlog.results.run import Run, check_place, new_run
+from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
 from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
@@ -198,9 +198,9 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str,
     saved, clock, control = saved_metrics(walked.metrics), StageClock(), walked.tables["control"]
     with clock.stage("report"):
         record = _record(planned, walked, clock)
-        run = Run.create(folder, record)
+        run = create_run(folder, record)
         for name, columns in {"metrics": saved, **walked.tables}.items():
-            run.write(name, columns)
+            write_result(run, name, columns)
         tilt_rad = np.column_stack([control["roll_rad"], control["pitch_rad"]])
         pose = {name: control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")}
         write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
@@ -213,7 +213,7 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str,
             write_plots(folder, drawings)
     finished = _record(planned, walked, clock)
     write_run_page(Run(folder, finished), drawings)
-    run.finish(finished)
+    finish_run(run, finished)
     return saved
 
 

@@ -14,13 +14,15 @@ from quadlog.recordings.containers.container import Loss
 class Journal:
     """Filled by one stage, kept with its result, and added to that of the whole replay.
 
-    losses: of the recording and of positions. topics: role -> topics that were used in it, empty for those detected.
+    choices: those of the notes that come first. losses: of the recording and of positions. topics: role -> topics that
+    were used in it, empty for those detected.
     clock: the stage's time and memory. progress: gets every line once; shown: those it has got.
     """
 
     progress: Progress = field(default_factory=Silent)
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    choices: list[str] = field(default_factory=list)
     losses: list[Loss] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
     topics: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -35,8 +37,9 @@ class Journal:
         """Lines that a user should look at."""
         self._add(self.warnings, texts, "warning: ")
 
-    def note(self, *texts: str) -> None:
-        """Choices that decided the result."""
+    def note(self, *texts: str, first: bool = False) -> None:
+        """Choices that decided the result. first: those that are shown to everybody."""
+        self.choices += texts if first else ()
         self._add(self.notes, texts)
 
     def lose(self, losses: Iterable[Loss]) -> None:
@@ -57,6 +60,7 @@ class Journal:
     def add(self, kept: Mapping[str, Any]) -> None:
         """Everything of a stage, as `to_json` of its page gave it."""
         self.warn(*kept["warnings"])
+        self.choices += kept.get("choices", ())
         self.note(*kept["notes"])
         self.lose(Loss(**each) for each in kept["losses"])
         self.counts |= kept["counts"]
@@ -74,11 +78,11 @@ class Journal:
     def _show(self, line: str) -> None:
         if line not in self.shown:
             self.shown.add(line)
-            self.progress.say(line)
+            (self.progress.note if line in self.notes and line not in self.choices else self.progress.say)(line)
 
     def to_json(self) -> dict[str, Any]:
         """As `add` takes it."""
-        names = ("warnings", "notes", "counts", "topics")
+        names = ("warnings", "notes", "choices", "counts", "topics")
         clock = {"seconds": self.clock.seconds, "peak_memory_mb": self.clock.peak_memory_mb}
         losses = [asdict(each) for each in self.losses]
         return {name: getattr(self, name) for name in names} | {"losses": losses} | clock

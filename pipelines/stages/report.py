@@ -27,7 +27,7 @@ from quadlog.results.figures import drawings_of, write_plots
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord, location_of
-from quadlog.results.run import Run
+from quadlog.results.run import Run, create_run, finish_run, write_result
 from quadlog.results.tables import has_table, read_table
 from quadlog.version import __version__
 
@@ -71,9 +71,9 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     journal.progress.begin("report", 4)
     gc.freeze()  # a replay holds much that drawing need not search for garbage again and again
     with journal.clock.stage("report"):
-        run = Run.create(folder, _record(done))
+        run = create_run(folder, _record(done))
         metrics = _metrics(folder, done)
-        run.write("metrics", saved_metrics(metrics))
+        write_result(run, "metrics", saved_metrics(metrics))
         journal.progress.advance()
         results = Run(folder, _record(done))
         if request.draws and done.tracks is not None:
@@ -87,12 +87,12 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
     # How fast it went stands on the page itself, so the page, and nothing else, is written off the clock.
     if (factor := done.realtime_factor) is not None:
         metrics["realtime_factor"] = Metric(factor, 1, "")
-    run.write("metrics", saved_metrics(metrics))
+    write_result(run, "metrics", saved_metrics(metrics))
     if request.draws:
         write_run_page(Run(folder, _record(done)), drawings)
     journal.progress.advance()
     gc.unfreeze()
-    run.finish(_record(done))
+    finish_run(run, _record(done))
     return saved_metrics(metrics)
 
 

@@ -161,6 +161,15 @@ def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]
     return kept, lines
 
 
+SCHEMA = Path(__file__).with_name("quadlog.schema.json")
+"""The JSON schema of the file, by which editors complete and check keys; docs/make.py writes it."""
+
+
+def all_keys() -> list[str]:
+    """Every key that has a value, dotted."""
+    return list(_flat(Config().model_dump()))
+
+
 def commented_toml(
     config: Config,
     notes: Mapping[str, Sequence[str]] | None = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import operator
 import re
@@ -10,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from quadlog.errors import BadCondition, UnknownMetric
+from quadlog.errors import BadCondition, UnknownMetric, nearest
 
 ValueKind = Literal["quantity", "share", "factor", "count", "yes or no"]
 
@@ -249,5 +248,4 @@ def parse_condition(text: str) -> Condition:
 def check_metric(name: str) -> None:
     """Raises UnknownMetric, with the nearest name there is, when no metric has this one."""
     if name not in CATALOGUE:
-        nearest = difflib.get_close_matches(name.lower(), CATALOGUE, n=1, cutoff=0.5)
-        raise UnknownMetric(name, nearest[0] if nearest else None, CATALOGUE)
+        raise UnknownMetric(name, nearest(name, CATALOGUE), CATALOGUE)

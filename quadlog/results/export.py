@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from quadlog.errors import NotARun, QuadlogError, UnknownName, csv_cell
+from quadlog.errors import NotARun, QuadlogError, UnknownName, UsageError, csv_cell
 from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
+from quadlog.storage.remote_path import RemotePath
 
 if TYPE_CHECKING:
     from quadlog.results.run import Run
+    from quadlog.results.view import Drawing
 
 Files = Mapping[Path, Callable[[Path], object]]
 """The files of an export, and what writes each of them whole."""
@@ -26,15 +29,119 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
     NotARun when the run is unfinished or lacks the result, AlreadyExists unless `force`, UsageError for an output that
     is a file of a run, QuadlogError without ffmpeg, CannotWrite.
     """
-    from quadlog.results.find_runs import refuse_existing
     from quadlog.results.run import load_run
 
     if to not in EXPORTERS:
         raise UnknownName("format", to, EXPORTERS)
-    (find, suffix), loaded = EXPORTERS[to], load_run(run)
+    find, suffix = EXPORTERS[to]
+    loaded = load_run(run)
     files = find(loaded, output or Path(f"{loaded.path.resolve().name}-{suffix}"), **options)
+    return _write(files, [run], force, recording=to == "mcap")
+
+
+def export_figures(
+    sources: Sequence[Path], output: Path | None = None, force: bool = False, only: Sequence[str] = (), **look: Any
+) -> list[Path]:
+    """Figures for a paper, of one run, of several over each other, or of a comparison of planners; returns the files.
+
+    sources: run folders, folders of runs, or one of compare-planners. look: picture (pdf, svg, png), and width_in,
+    height_in and font as of mpl.render. Raises as export_run, and UnknownName for a figure that is not among them.
+    """
+    from quadlog.results.mpl import render
+
+    drawings = _drawings(sources)
+    if unknown := [name for name in only if name not in drawings]:
+        raise UnknownName("figure", unknown[0], drawings)
+    drawings = {name: drawings[name] for name in only or drawings}
+    picture = look.pop("picture", "pdf")
+    folder = output or Path(f"{sources[0].resolve().name}-figures")
+
+    def write(path: Path) -> None:
+        write_whole(path, render(drawings[path.stem], picture, **{"width_in": 3.5, "point_size": 8.0, **look}))
+
+    return _write({folder / f"{name}.{picture}": write for name in drawings}, sources, force)
+
+
+def length_in(text: str) -> float:
+    """A length in inches, centimetres or millimetres, as inches between 1 and 20. Raises UsageError."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(in|cm|mm)", text.strip())
+    inches = 0.0 if match is None else float(match[1]) / {"in": 1.0, "cm": 2.54, "mm": 25.4}[match[2]]
+    if not 1 <= inches <= 20:
+        raise UsageError(f"{text!r} is no length between 1in and 20in, as in 3.5in or 89mm")
+    return inches
+
+
+def figure_of(run: Run, name: str) -> Drawing:
+    """A figure of one run, for a paper. Raises UnknownName, and NotARun for a run without its data."""
+    makers = _makers()
+    if name not in makers:
+        raise UnknownName("figure", name, makers)
+    if drawing := makers[name](run):
+        return drawing
+    raise NotARun(run.path, f"has no data for the figure {name}")
+
+
+def _makers() -> dict[str, Callable[[Run], Drawing | None]]:
+    """What makes each figure of a paper."""
+    from quadlog.results.figures import FIGURES
+    from quadlog.results.scenes import error_scene
+
+    return {**{figure.name: figure.make for figure in FIGURES}, "error_map": error_scene}
+
+
+MOST_RUNS = 16
+"""In one figure; of a larger sweep only its metrics are drawn."""
+
+
+def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
+    """The figures of one run; of several those that differ, and of a sweep its metrics; or of compared planners."""
+    from quadlog.results.find_runs import find_runs, run_labels
+    from quadlog.results.page.side_by_side import short_names, sweep_panels
+    from quadlog.results.run import load_run
+
+    drawings: dict[str, Drawing] = {}
+    if (sources[0] / "planners.parquet").is_file():
+        from quadlog.results.studies.planners import saved_figures
+
+        return {**saved_figures(sources[0])}
+    if (sources[0] / "sweep.parquet").is_file():
+        from quadlog.results.studies.sweep import read_sweep_table, summarise_sweep
+
+        summary = summarise_sweep(read_sweep_table(sources[0]))
+        named = zip(summary.varying, sweep_panels(summary), strict=True)
+        drawings |= {f"swept_{name}": [panel] for name, panel in named}
+    places = [found for path in sources for found in ([path] if isinstance(path, RemotePath) else find_runs([path]))]
+    if len(places) > MOST_RUNS and not drawings:
+        raise UsageError(f"{len(places)} runs in one figure cannot be read: name at most {MOST_RUNS}")
+    if len(places) > MOST_RUNS:
+        return drawings
+    runs = [load_run(place) for place in places]
+    made = [{name: drawing for name, make in _makers().items() if (drawing := make(run))} for run in runs]
+    drawings |= made[0] if len(runs) == 1 else _merged(dict(zip(short_names(run_labels(places)), made, strict=True)))
+    if not drawings:
+        raise NotARun(places[0], "has nothing to draw")
+    return drawings
+
+
+def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
+    """The figures of several runs over each other; without those of one run alone."""
+    from quadlog.results.figures import FIGURES
+    from quadlog.results.view import Scene, merge_panels, merge_scenes
+
+    merged: dict[str, Drawing] = {}
+    for name in (figure.name for figure in FIGURES if figure.compared):
+        found = {run: drawings[name] for run, drawings in made.items() if name in drawings}
+        scenes = {run: drawing for run, drawing in found.items() if isinstance(drawing, Scene)}
+        panels = {run: drawing for run, drawing in found.items() if not isinstance(drawing, Scene)}
+        merged[name] = merge_scenes(scenes) if scenes else merge_panels(panels)
+    return {name: drawing for name, drawing in merged.items() if drawing}
+
+
+def _write(files: Files, sources: Sequence[Path], force: bool, recording: bool = False) -> list[Path]:
+    from quadlog.results.find_runs import refuse_existing
+
     for path in files:
-        refuse_existing(path, force, [run], recording=to == "mcap")
+        refuse_existing(path, force, sources, recording=recording)
     for path, write in files.items():
         with new_folder(path.parent):
             write(path)
@@ -53,6 +160,13 @@ def _copy(source: Path, path: Path) -> None:
     write_whole(path, source.read_bytes())
 
 
+def _with_tables(run: Run) -> Run:
+    """Raises NotARun for one without tables."""
+    if not run.tables:
+        raise NotARun(run.path, "has no tables")
+    return run
+
+
 def _csv(run: Run, output: Path) -> Files:
     """Every table, numbers in full precision, an empty field where there is no value."""
     from pandas import DataFrame
@@ -66,22 +180,13 @@ def _csv(run: Run, output: Path) -> Files:
         with whole_file(path) as part:
             DataFrame(table).to_csv(part, index=False, lineterminator="\n")
 
-    return {output / f"{name}.csv": write for name in _tables(run)}
-
-
-def _tables(run: Run) -> list[str]:
-    """Names of the run's tables. Raises NotARun without any."""
-    from quadlog.results.tables import TABLES
-
-    if names := [name for name in TABLES if run.has(f"{name}.parquet")]:
-        return names
-    raise NotARun(run.path, "has no tables")
+    return {output / f"{name}.csv": write for name in _with_tables(run).tables}
 
 
 def _mcap(run: Run, output: Path) -> Files:
     from quadlog.results.foxglove import write_derived
 
-    return {output: partial(write_derived, run)} if _tables(run) else {}
+    return {output: partial(write_derived, _with_tables(run))}
 
 
 def _film(run: Run, output: Path, to: str) -> Files:
@@ -102,22 +207,8 @@ def _film(run: Run, output: Path, to: str) -> Files:
     return {output: write}
 
 
-def _figures(run: Run, output: Path, picture: Literal["png", "pdf", "svg"] = "pdf", width_in: float = 3.5) -> Files:
-    """Every figure of the run, for a paper: 8 pt, no titles, width_in inches wide."""
-    from quadlog.results.figures import drawings_of
-    from quadlog.results.mpl import render
-
-    def write(path: Path) -> None:
-        write_whole(path, render(drawings[path.stem], picture, width_in, point_size=8.0))
-
-    if not (drawings := drawings_of(run)):
-        raise NotARun(run.path, "has nothing to draw")
-    return {output / f"{name}.{picture}": write for name in drawings}
-
-
 EXPORTERS: dict[str, tuple[Callable[..., Files], str]] = {
     "csv": (_csv, "csv"),
-    "figures": (_figures, "figures"),
     "gif": (partial(_film, to="gif"), "walk.gif"),
     "mcap": (_mcap, "derived.mcap"),
     "mp4": (partial(_film, to="mp4"), "walk.mp4"),

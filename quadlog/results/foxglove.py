@@ -1,7 +1,7 @@
 """Foxglove: `derived.mcap`, the results of a run as messages on the input's clock, and a layout that shows them.
 
-Messages carry the SDK's schemas and encodings; the file itself is written by the mcap package, whose channel numbers
-depend on nothing but the order here.
+Messages carry the SDK's schemas and encodings, numbers over time a JSON schema of their fields; the file itself is
+written by the mcap package, whose channel numbers depend on nothing but the order here.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ from __future__ import annotations
 import heapq
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain, islice, repeat
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import foxglove.messages as fox
 import numpy as np
+from foxglove import Schema
 from mcap.writer import CompressionType, Writer
 
 from quadlog.errors import NotARun
@@ -35,8 +37,10 @@ if TYPE_CHECKING:
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
 
+SPEED_OVER_NS = 500_000_000
+"""Speeds are differences of positions so far apart."""
 STEP_NS = 100_000_000
-"""Of what moves, one message in each such step; the tables have all rows."""
+"""Of lines of errors, one in each such step."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 
 
@@ -55,9 +59,10 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
         try:
             for topic, messages in _topics(run):
                 for first in islice(messages, 1):
-                    schema = type(first[1]).get_schema()
-                    number = writer.register_schema(schema.name, "protobuf", schema.data)
-                    channel = writer.register_channel(topic, "protobuf", number)
+                    schema = first[1].get_schema()
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    encoding = "protobuf" if schema.encoding == "protobuf" else "json"
+                    channel = writer.register_channel(topic, encoding, number)
                     streams.append(zip(repeat(channel), chain([first], messages)))
             # Merged as streams, so that the maps of a long run are not in memory at once.
             for channel, (t_ns, message) in heapq.merge(*streams, key=lambda each: each[1][0]):
@@ -70,7 +75,7 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
 
 
 def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
-    poses, control, target = (_sparse(run.table(name)) for name in ("poses", "control", "target"))
+    poses, control, target = (run.table(name) for name in ("poses", "control", "target"))
     fixes = run.table("fixes")
     mount: dict[str, Any] = {name: [value] for name, value in run.config.lidar.mount.model_dump().items()}
     if any(value for (value,) in mount.values()):
@@ -87,13 +92,99 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         ("/quadlog/map", run.maps, _grids),
         ("/quadlog/path", run.table("paths"), partial(_paths, color="plan")),
         ("/quadlog/resim/path", run.table("resim_paths"), partial(_paths, color="resim")),
+        ("/quadlog/error", _sparse(_position_errors(run)), _links),
+        ("/quadlog/resim/error", _sparse(control), _links),
+        *((topic, table, partial(_values, topic=topic)) for topic, table in _numbers(run)),
     ]
     for topic, table, messages in named:
         if table is not None:
             yield topic, messages(table)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
-        yield f"/quadlog/uwb/fix/{number}", _poses(_sparse(rows))
+        yield f"/quadlog/uwb/fix/{number}", _poses(rows)
     yield "/quadlog/log", _log(run)
+
+
+_WALK = ["t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "vx_mps", "yaw_rate_radps"]
+_SEARCH = ["t_ns", "expanded", "generated", "reused_cells"]
+
+
+def _numbers(run: Run) -> Iterator[tuple[str, DataFrame]]:
+    """Numbers over time by topic, all rows, with t_ns; columns of tags and links have their numbers in their names."""
+    poses, errors, ranges, control = (run.table(name) for name in ("poses", "uwb_errors", "ranges", "control"))
+    if poses is not None:
+        values = poses[["t_ns"]].assign(speed_mps=_speed(*(poses[name].to_numpy() for name in ("t_ns", "x_m", "y_m"))))
+        if errors is not None:
+            names = errors["source"] + "_error_tag_" + errors["tag"].astype(str) + "_m"
+            values = values.merge(_by_name(errors, names, np.hypot(errors["error_x_m"], errors["error_y_m"])), "outer")
+        yield "/quadlog/values", values
+    if ranges is not None:
+        names = "tag_" + ranges["tag"].astype(str) + "_anchor_" + ranges["anchor"].astype(str) + "_m"
+        yield "/quadlog/uwb/residuals", _by_name(ranges, names, ranges["range_m"] - ranges["predicted_m"])
+    if control is not None:
+        near = run.table("clearances")
+        values = control[_WALK]
+        yield "/quadlog/resim/values", values if near is None else values.merge(near.drop(columns="seconds"), "outer")
+    for topic, plans in (("/quadlog/plan", run.table("plans")), ("/quadlog/resim/plan", run.table("resim_plans"))):
+        if plans is not None:
+            yield topic, plans[_SEARCH]
+
+
+def _speed(t_ns: Any, x_m: Any, y_m: Any) -> Any:
+    """Over SPEED_OVER_NS after each instant (m/s), NaN where that is a gap or the end."""
+    ends = np.minimum(np.searchsorted(t_ns, t_ns + SPEED_OVER_NS), len(t_ns) - 1)
+    step_ns = t_ns[ends] - t_ns
+    known = (step_ns >= SPEED_OVER_NS) & (step_ns < 2 * SPEED_OVER_NS)
+    return np.where(known, np.hypot(x_m[ends] - x_m, y_m[ends] - y_m), np.nan) / np.where(known, step_ns * 1e-9, 1.0)
+
+
+def _by_name(table: DataFrame, names: Any, values: Any) -> DataFrame:
+    """A column of each name with the values (N,) of each instant."""
+    rows = table[["t_ns"]].assign(name=names, value=values)
+    return rows.pivot_table("value", "t_ns", "name", aggfunc="first").reset_index()
+
+
+class _Numbers(NamedTuple):
+    """A message of numbers as JSON, without what is not finite; the tables have more digits."""
+
+    topic: str
+    values: Mapping[str, float]
+
+    def get_schema(self) -> Schema:
+        form = {"type": "object", "properties": {key: {"type": "number"} for key in self.values}}
+        return Schema(name=self.topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
+
+    def encode(self) -> bytes:
+        return json.dumps({key: round(value, 6) for key, value in self.values.items() if isfinite(value)}).encode()
+
+
+def _values(table: DataFrame, topic: str) -> Stream:
+    t_ns = table["t_ns"].tolist()
+    rows: Any = table.drop(columns="t_ns").astype(float).to_dict("records")
+    return ((t, _Numbers(topic, row)) for t, row in zip(t_ns, rows, strict=True))
+
+
+def _position_errors(run: Run) -> DataFrame | None:
+    """Robot and reference, as control has robot and path, where the positions have an error."""
+    errors, poses = run.table("uwb_errors"), run.table("poses")
+    if errors is None or poses is None:
+        return None
+    track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
+    both = poses.merge(track, on="t_ns")
+    return both.assign(ref_x_m=both["x_m"] - both["error_x_m"], ref_y_m=both["y_m"] - both["error_y_m"])
+
+
+def _links(table: DataFrame) -> Stream:
+    """A line from the robot to where it should be: the error."""
+    form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color("bad")}
+    rows = table[["t_ns", "x_m", "y_m", "ref_x_m", "ref_y_m"]].dropna()
+    for t, x, y, ref_x, ref_y in rows.itertuples(index=False):
+        line = fox.LinePrimitive(
+            pose=_pose(), points=[fox.Point3(x=x, y=y, z=0.0), fox.Point3(x=ref_x, y=ref_y, z=0.0)], **form
+        )
+        yield (
+            t,
+            fox.SceneUpdate(entities=[fox.SceneEntity(timestamp=_time(t), frame_id="map", id="error", lines=[line])]),
+        )
 
 
 def _sparse(table: DataFrame | None) -> Any:
@@ -204,6 +295,11 @@ def write_layout(run: Run) -> Path:
     for tag in () if fixes is None else fixes["tag"].sort_values().unique().tolist():
         form = {"visible": True, "type": "axis", "axisScale": 0.2, "color": COLORS["fix"]}
         topics[f"/quadlog/uwb/fix/{tag}"] = form
+    plots = (config["paths"] for name, config in layout["configById"].items() if name.startswith("Plot!"))
+    numbers = {topic: [name for name in table if name != "t_ns"] for topic, table in _numbers(run)}
+    for paths in plots:  # a topic stands for all its numbers
+        every = [f"{topic}.{name}" for of in paths for topic in [of["value"]] for name in numbers.get(topic, [])]
+        paths[:] = [{"value": value, "enabled": True, "timestampMethod": "receiveTime"} for value in every]
     path = run.path / "foxglove-layout.json"
     write_whole(path, f"{json.dumps(layout, indent=2)}\n".encode())
     return path

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +17,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure as Picture
-from matplotlib.transforms import offset_copy
+from matplotlib.font_manager import FontProperties
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator
+from matplotlib.transforms import Bbox
 
 from quadlog.results import view
 
@@ -29,14 +34,23 @@ MARKERS = {"dot": ".", "triangle": "^", "cross": "x"}
 WIDTH_IN = 8.0
 POINT_SIZE = 9.0
 PANEL_IN, LANE_IN, ABOVE_IN, BELOW_IN, LEFT_IN, RIGHT_IN = 1.35, 0.55, 0.34, 0.48, 0.72, 0.12
-ROW_IN, LETTER_IN = 0.21, 0.078
-"""Height of a row of a panel with rows or of a legend, and width of a letter."""
+ROW_IN, LETTER_IN, EDGE_IN = 0.21, 0.078, 0.06
+"""Height of a row of a panel with rows or of a legend, width of a letter in names of rows, margin of what stands above.
+"""
+LEAST, DECADES = 0.4, 300
+"""Of a panel's height; an axis that spans less has ticks at 1, 2 and 5."""
+STROKE_IN, DENSE, SEEN, FAINT = 1 / 48, 4.0, 0.14, 0.03
+"""Curves of more than so many samples in a stroke's width are drawn as the ranges and means of strokes where a range is
+more than such a share of the curve's, and of the panel's.
+"""
 MOST_CELLS = 800
 """Across a picture."""
 MAX_POINTS = 20_000
 """Of a cloud of points; more look the same."""
+FONTS = {"sans": ["DejaVu Sans"], "serif": ["STIXGeneral", "DejaVu Sans"]}
+"""Those that come with matplotlib; the last one has the signs of legends."""
 _STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans", "axes.edgecolor": "#6e6e6e", "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": "#6e6e6e", "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "axes.axisbelow": True, "grid.color": "#e8e8e8", "legend.frameon": False,
     "lines.linewidth": 1.2, "image.interpolation": "nearest", "agg.path.chunksize": 20_000, "svg.hashsalt": "quadlog",
     "pdf.fonttype": 42,
@@ -51,97 +65,163 @@ PIXELS = 960
 
 
 def render(
-    drawing: view.Drawing, to: Format = "png", width_in: float = WIDTH_IN, point_size: float = POINT_SIZE
-) -> bytes:
-    """The drawing without a title, as wide as given: the same bytes for the same data and version of matplotlib."""
-    sizes: dict[Any, Any] = {"font.size": point_size}
-    with rc_context({**_STYLE, **sizes}):
-        scale = width_in / WIDTH_IN, point_size / POINT_SIZE
-        made = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
-        picture, content = made(drawing, *scale), io.BytesIO()  # type: ignore[arg-type]
+    drawing: view.Drawing, to: Format = "png", width_in: float = WIDTH_IN, point_size: float = POINT_SIZE,
+    height_in: float | None = None, font: Literal["sans", "serif"] = "sans",
+) -> bytes:  # fmt: skip
+    """The drawing without a title, as wide as given: the same bytes for the same data and version of matplotlib.
+
+    height_in: of the whole, which is higher where panels would be lower than LEAST of their own height; None: that.
+    """
+    content = io.BytesIO()
+    with styled(point_size, font):
+        picture = picture_of(drawing, width_in, point_size, height_in)
         picture.savefig(content, format=to, dpi=PIXELS / width_in, **_SAVED[to])
     return content.getvalue()
 
 
-def _panel_picture(panels: Sequence[view.Panel], wide: float, text: float) -> Picture:
-    """Panels one below the other over one x axis; a quantity stands above its panel, beside or above the legend."""
+def styled(point_size: float, font: Literal["sans", "serif"] = "sans") -> AbstractContextManager[None]:
+    """Matplotlib's settings for pictures."""
+    return rc_context({**_STYLE, "font.size": point_size, "font.family": FONTS[font]})
+
+
+def picture_of(drawing: view.Drawing, width_in: float, point_size: float, height_in: float | None = None) -> Picture:
+    """As render, a figure of matplotlib's, to be made within `styled`."""
+    make: Any = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
+    made: Picture = make(drawing, width_in, point_size / POINT_SIZE, height_in)
+    return made
+
+
+def _panel_picture(panels: Sequence[view.Panel], width_in: float, text: float, height_in: float | None) -> Picture:
+    """A legend of all panels over panels one below the other with one x axis, each with its quantity above it."""
     letters = max((len(name) for panel in panels for name in panel.rows), default=0)
-    width_in, left_in = WIDTH_IN * wide, text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
+    left_in = text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
     inside_in = width_in - left_in - RIGHT_IN
-    room = int(inside_in / (LETTER_IN * text))
-    words = [_words(panel) for panel in panels]
-    aboves_in = [text * (ABOVE_IN + ROW_IN * _flow(each, room)[-1][0]) for each in words]
-    heights_in = [text * ROW_IN * len(of.rows) if of.rows else LANE_IN if of.lane else PANEL_IN for of in panels]
-    top_in = height_in = sum(heights_in) + sum(aboves_in) + BELOW_IN * text
-    picture, first = Picture(figsize=(width_in, height_in)), None
+    picture = Picture(figsize=(width_in, 1.0))
     FigureCanvasAgg(picture)
-    for panel, panel_in, above_in, written in zip(panels, heights_in, aboves_in, words, strict=True):
-        top_in -= above_in + panel_in
+    flow, legend_in = _flow(picture, _words(panels), text)
+    heights_in = [text * ROW_IN * len(of.rows) if of.rows else LANE_IN if of.lane else PANEL_IN for of in panels]
+    fixed_in = legend_in + text * (ABOVE_IN * len(panels) + BELOW_IN)
+    if height_in is not None:
+        heights_in = [of * max((height_in - fixed_in) / sum(heights_in), LEAST) for of in heights_in]
+    top_in = height_in = fixed_in + sum(heights_in)
+    picture.set_size_inches(width_in, height_in)
+    _write_legend(picture, flow)
+    top_in, first = height_in - legend_in, None
+    for panel, panel_in in zip(panels, heights_in, strict=True):
+        top_in -= ABOVE_IN * text + panel_in
         box = (left_in / width_in, top_in / height_in, inside_in / width_in, panel_in / height_in)
         axes = first = picture.add_axes(box, sharex=first)
-        _draw_panel(axes, panel)
-        _write_above(axes, written, room, text)
+        above_in = top_in + panel_in + 0.06 * text
+        picture.text(EDGE_IN / width_in, above_in / height_in, panel.what, color=view.COLORS["text"])
+        _draw_panel(axes, panel, inside_in)
         axes.xaxis.set_visible(panel is panels[-1])  # ticks take most of the time
     axes.set_xlabel(panels[-1].x)
     return picture
 
 
+def _spread(columns: Sequence[view.Array]) -> float:
+    """From the least to the largest finite value."""
+    values = np.concatenate([np.zeros(0), *columns])
+    values = values[np.isfinite(values)]
+    return float(np.ptp(values)) if len(values) else 0.0
+
+
+def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view.Series]:
+    """A dense curve as the band from the least to the largest value of each stroke, this long on x, and the mean.
+
+    Others, and those with small ranges for a panel of this span, as they are; without one all dense ones are ranges.
+    """
+    known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
+    strokes = max(int(np.ptp(series.x[known]) / stroke), 1) if len(known) else 1
+    if series.style in ("points", "band") or len(known) <= DENSE * strokes:
+        return [series]
+    edges = np.linspace(series.x[known[0]], series.x[known[-1]], strokes + 1)
+    at = np.minimum(np.searchsorted(edges, series.x[known], side="right") - 1, strokes - 1)
+    first, y = np.flatnonzero(np.diff(at, prepend=-1)), series.y[known]
+    low, high, mean = np.full((3, strokes), np.nan)  # NaN in gaps
+    low[at[first]], high[at[first]] = np.minimum.reduceat(y, first), np.maximum.reduceat(y, first)
+    mean[at[first]] = np.add.reduceat(y, first) / np.diff(first, append=len(y))
+    if np.nanmean(high - low) <= (0.0 if span is None else max(SEEN * np.ptp(y), FAINT * span)):
+        return [series]
+    x = (edges[1:] + edges[:-1]) / 2
+    return [replace(series, x=x, y=low, upper=high, style="band"), replace(series, x=x, y=mean, style="line")]
+
+
 Words = Sequence[tuple[str, str, str]]
-"""Glyph, colour and text of each of what stands above axes."""
+"""Glyph, colour and text of each of what stands in a legend."""
 
 
-def _words(panel: view.Panel) -> Words:
-    """The quantity, and where curves need them their names."""
-    named = [] if panel.rows or panel.lane or len(panel.series) < 2 else panel.series
-    return [("", "text", panel.what), *((_glyph(of), of.color, of.label) for of in named)]
+def _words(panels: Sequence[view.Panel]) -> Words:
+    """The curves of all panels that need names; of merged runs their colours, then what their dashes and signs are."""
+    runs, curves = [], []
+    for panel in (of for of in panels if not of.rows and (of.lane or len({one.label for one in of.series}) > 1)):
+        named = [(one, *one.label.rpartition(": ")[::2]) for one in panel.series]
+        runs += [(LINES[0], one.color, run) for one, run, _ in named if run]
+        several = len({label for *_, label in named}) > 1
+        curves += [(_glyph(one), "soft" if run else one.color, name) for one, run, name in named if several or not run]
+    return list(dict.fromkeys([*runs, *curves]))
 
 
 def _glyph(of: Any) -> str:
     return GLYPHS.get(getattr(of, "style", getattr(of, "shape", ""))) or LINES[of.variant % 4]
 
 
-def _flow(words: Words, room: int) -> list[tuple[int, int]]:
-    """Row, and letters before, of each of these words in rows of so many letters."""
-    places, row, at = [], 0, 0
-    for glyph, _, text in words:
-        length = len(text) + 3 * bool(glyph)
-        row, at = (row + 1, 0) if at and at + length > room else (row, at)
-        places.append((row, at))
-        at += length + 3
-    return places
+def _flow(picture: Picture, words: Words, text: float) -> tuple[list[tuple[float, float, str, str]], float]:
+    """x, y from the top (in), colour and sign or text of each of the words, in rows that fit; height of all (in)."""
+    placed, x_in, y_in = [], EDGE_IN, 0.1 * text
+    for glyph, color, word in words:
+        long_in = 0.2 * text + _size(picture, word)[0] / picture.dpi
+        if x_in > EDGE_IN and x_in + long_in > picture.get_figwidth() - EDGE_IN:
+            x_in, y_in = EDGE_IN, y_in + ROW_IN * text
+        placed += [(x_in, y_in, color, glyph), (x_in + 0.2 * text, y_in, "text", word)]
+        x_in += long_in + 0.12 * text
+    return placed, y_in + 0.1 * text if words else 0.0
 
 
-def _write_above(axes: Axes, words: Words, room: int, text: float) -> None:
-    """The words in rows above the axes: of artists alone, since matplotlib's legend takes longer than the curves."""
-    places = _flow(words, room)
-    for (glyph, color, word), (row, before) in zip(words, places, strict=True):
-        high_in = text * (0.06 + ROW_IN * (places[-1][0] - row))
-        for shown, ink, letters in ((glyph, color, 0), (word, "text", 2.5 * bool(glyph))):
-            if shown:
-                x_in = LETTER_IN * text * (before + letters)
-                at = offset_copy(axes.transAxes, axes.figure, x_in, high_in)  # type: ignore[arg-type]
-                axes.text(0, 1, shown, transform=at, color=view.COLORS[ink])
+def _size(picture: Any, word: str) -> view.Array:
+    """Width and height (2,) of a text (pixels)."""
+    canvas: Any = picture.canvas
+    return np.array(canvas.get_renderer().get_text_width_height_descent(word, FontProperties(), False)[:2])
 
 
-def _draw_panel(axes: Axes, panel: view.Panel) -> None:
-    for series in panel.series:
+def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]]) -> None:
+    """Artists alone, since matplotlib's legend takes longer than the curves."""
+    wide_in, high_in = picture.get_size_inches()
+    for x_in, y_in, color, shown in flow:
+        picture.text(x_in / wide_in, 1 - y_in / high_in, shown, color=view.COLORS[color], va="center")
+
+
+def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
+    long, high = (_spread([getattr(one, axis) for one in panel.series]) for axis in "xy")
+    for span in (high, None):  # if one curve has to, all dense ones do
+        drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, span)]
+        if len(drawn) == len(panel.series):
+            break
+    for series in drawn:
         _draw_series(axes, series, bool(panel.rows))
     upright, soft = axes.get_xaxis_transform(), view.COLORS["soft"]
     axes.vlines(panel.marks, 0, 1, soft, ":", transform=upright, linewidth=0.6)
+    notes = ["mean and range"] if len(drawn) > len(panel.series) else []
     if panel.robust:
         low, high, beyond = view.robust_limits(panel)
         axes.set_ylim(low, high)
-        if beyond:
-            axes.text(1, 1, f"{beyond} beyond", transform=axes.transAxes, ha="right", va="top", fontsize="small")
+        notes += [f"{beyond} beyond"] if beyond else []
     elif panel.zero:
         axes.set_ylim(bottom=0)
+    above: Any = {"xytext": (0, 3), "textcoords": "offset points", "ha": "right", "fontsize": "small"}
+    axes.annotate(", ".join(notes), (1, 1), xycoords="axes fraction", **above)
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
     if panel.mark:
         axes.annotate(panel.mark, (panel.marks[0], 1), (3, -1), upright, "offset points", va="top", color=soft)
     if panel.log or panel.log_x:
-        axes.set(**{"xscale" if panel.rows or panel.log_x else "yscale": "log"})
+        axis = axes.xaxis if panel.rows or panel.log_x else axes.yaxis
+        axes.set(**{f"{axis.axis_name}scale": "log"})
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < DECADES * low else (1,)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
     elif not panel.rows:
         axes.locator_params(nbins=5)
 
@@ -161,25 +241,86 @@ def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
         axes.plot(series.x, series.y, dash, drawstyle=step, linewidth=3 if in_rows else None, **look)
 
 
-def _scene_picture(scene: view.Scene, wide: float, text: float) -> Picture:
-    """The whole time of a scene with a legend above it."""
+def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: float | None) -> Picture:
+    """The whole time of a scene below the legend of its marks; lines and tracks have their names beside them."""
     left, right, bottom, top = scene.extent
-    width_in, left_in, below_in = WIDTH_IN * wide, LEFT_IN * text, BELOW_IN * text
+    left_in, below_in = LEFT_IN * text, BELOW_IN * text
     wide_in = width_in - left_in - RIGHT_IN
-    high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
     picture = Picture(figsize=(width_in, 1.0))
     FigureCanvasAgg(picture)
-    axes = picture.subplots()
-    draw_scene(axes, scene)
-    drawn = axes.get_legend_handles_labels()[1]
-    words = [(_glyph(of), of.color, of.label) for of in scene.layers if of.label in drawn]
-    room = max(1, int(wide_in / (LETTER_IN * text)))
-    rows = _flow(words, room)[-1][0] + 1 if words else 0
-    height_in = below_in + high_in + text * (0.1 + ROW_IN * rows)
+    marks = [of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")]
+    flow, above_in = _flow(picture, [(_glyph(of), of.color, of.label) for of in marks], text)
+    scales = [of.values[0] for of in scene.layers if isinstance(of, view.Track) and of.values is not None]
+    above_in = max(above_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)
+    high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
+    high_in = high_in if height_in is None else max(height_in - below_in - above_in, 0.3)
+    height_in = below_in + high_in + above_in
     picture.set_size_inches(width_in, height_in)
-    axes.set_position((left_in / width_in, below_in / height_in, wide_in / width_in, high_in / height_in))
-    _write_above(axes, words, room, text)
+    axes = picture.add_axes((left_in / width_in, below_in / height_in, wide_in / width_in, high_in / height_in))
+    more = max((right - left) / wide_in, (top - bottom) / high_in) / 2
+    x, y, across, along = (left + right) / 2, (bottom + top) / 2, more * wide_in, more * high_in
+    draw_scene(axes, replace(scene, extent=(x - across, x + across, y - along, y + along)))
+    if scales:
+        y, thick = (below_in + high_in + 0.08 * text) / height_in, 0.09 * text / height_in
+        place = picture.add_axes((0.45, y, 0.55 - RIGHT_IN / width_in, thick))
+        picture.colorbar(axes.collections[-1], place, orientation="horizontal", ticklocation="top")
+        picture.text(EDGE_IN / width_in, y, scales[0], color=view.COLORS["text"])
+    _write_legend(picture, flow)
+    _write_names(axes, scene)
     return picture
+
+
+MOST_INK, PLACES = 1000, 24
+"""Points of a layer that names avoid; places along a line that are tried, those at its end first."""
+SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
+
+
+def _write_names(axes: Axes, scene: view.Scene) -> None:
+    """The name of each line, track and named mark beside it, at the place where it covers least."""
+    ink: list[view.Array] = [np.zeros((0, 2))]
+    named: list[tuple[str, Any, view.Array]] = []
+    for layer in scene.layers:
+        if isinstance(layer, view.Raster):
+            row, column = np.nonzero(np.isfinite(layer.values))
+            ink.append(np.array(layer.origin) + layer.cell * (np.column_stack([column, row]) + 0.5))
+        elif isinstance(layer, view.Marks):
+            colors = repeat(view.COLORS[layer.color])
+            named += zip(layer.names, colors, np.column_stack([layer.x, layer.y])[:, None], strict=False)
+    drawn: list[Any] = [*axes.lines, *axes.collections]
+    for name, color, points, has_name in map(_line_of, drawn):
+        ink.append(points)
+        named += [(name, color, points)] * (has_name and name[:1] not in ("", "_"))
+    picture: Any = axes.figure
+    area, taken, to_pixels = axes.bbox, list[Bbox](), axes.transData.transform
+    covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in ink])
+    covered = to_pixels(covered[np.isfinite(covered).all(axis=1)])
+
+    def cost(place: tuple[int, Bbox]) -> float:
+        order, box = place
+        outside = not (area.contains(*box.min) and area.contains(*box.max))
+        return order / len(SIDES) + box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
+
+    for name, color, points in named:
+        known = to_pixels(points[np.isfinite(points).all(axis=1)])
+        at = [point for point in known[view.thin_evenly(len(known), PLACES)][::-1] if area.contains(*point)]
+        size, gap = _size(picture, name), 0.05 * picture.get_dpi()
+        corners = [point + (size / 2 + gap) * side - size / 2 for point in at for side in SIDES]
+        places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in enumerate(corners)]
+        if places and cost(best := min(places, key=cost)) < 1e4:
+            taken.append(best[1].padded(gap))
+            x, y = axes.transData.inverted().transform(best[1].get_points().mean(axis=0))
+            axes.text(x, y, name, ha="center", va="center", **_haloed(color))
+
+
+def _line_of(artist: Any) -> tuple[str, Any, view.Array, bool]:
+    """Name, colour and points of what is drawn, and whether it is a line."""
+    if isinstance(artist, LineCollection):
+        return str(artist.get_label()), artist.get_colors()[0], np.concatenate([*artist.get_segments()]), True
+    return artist.get_label(), artist.get_color(), artist.get_xydata(), artist.get_linestyle() != "None"
+
+
+def _haloed(color: Any) -> dict[str, Any]:
+    return {"color": color, "path_effects": [withStroke(linewidth=2, foreground="white")], "zorder": 5}
 
 
 def draw_scene(axes: Axes, scene: view.Scene, instant: float | None = None) -> None:
@@ -192,7 +333,6 @@ def draw_scene(axes: Axes, scene: view.Scene, instant: float | None = None) -> N
 
 
 def _draw(layer: view.Layer, axes: Axes, instant: float | None) -> None:
-    color = view.COLORS[layer.color]
     match layer:
         case view.Raster():
             _draw_cells(axes, layer)
@@ -210,14 +350,12 @@ def _draw(layer: view.Layer, axes: Axes, instant: float | None) -> None:
                 chosen = chosen[view.thin_evenly(len(chosen), layer.shown)] if layer.shown else chosen[:0]
             points = np.column_stack([layer.x, layer.y])
             lines = [points[layer.first[k] : layer.first[k + 1]] for k in chosen]
-            _draw_lines(axes, layer, lines, 1.0, DASHES[layer.variant % 4])
+            _draw_lines(axes, layer, lines, 1.0 if instant is None else 0.7, DASHES[layer.variant % 4])
         case view.Marks():
             if not layer.hidden:
                 _draw_marks(axes, layer, instant)
         case view.Track():
-            look: dict[str, Any] = {"zorder": 2.5, "color": color, "lw": 1.8, "label": layer.label}
-            axes.plot(layer.x, layer.y, DASHES[layer.variant % 4], **look)
-            _draw_body(axes, layer, instant)
+            _draw_track(axes, layer, instant)
 
 
 def _draw_cells(axes: Axes, layer: view.Raster) -> None:
@@ -245,7 +383,8 @@ def _draw_lines(
 ) -> None:
     if len(lines):
         look = {"colors": view.COLORS[layer.color], "linestyles": dash, "linewidths": width}
-        axes.add_collection(LineCollection(list(lines), label=layer.label, zorder=2, **look))
+        over = 2.6 if dash != "-" else 2.0  # tracks, which lie on dashed lines, are solid
+        axes.add_collection(LineCollection(list(lines), label=layer.label, zorder=over, **look))
 
 
 def _draw_marks(axes: Axes, layer: view.Marks, instant: float | None) -> None:
@@ -263,8 +402,29 @@ def _draw_marks(axes: Axes, layer: view.Marks, instant: float | None) -> None:
     size, alpha, zorder = (2, 0.6, 1.5) if layer.shape == "dot" else (7, 1.0, 3)
     look: dict[str, Any] = {"markersize": size, "alpha": alpha, "zorder": zorder}
     axes.plot(layer.x[keep], layer.y[keep], MARKERS[layer.shape], color=color, label=layer.label, **look)
-    for name, x, y in zip(layer.names, layer.x, layer.y, strict=False):
-        axes.annotate(name, (x, y), (6, -3), textcoords="offset points", annotation_clip=True, color=color)
+
+
+def _draw_track(axes: Axes, track: view.Track, instant: float | None) -> None:
+    """The whole of it, in the colours of its values if it has some; at an instant its past, and faintly the rest."""
+    color, dash = view.COLORS[track.color], DASHES[track.variant % 4]
+    if track.values is not None:
+        ends = np.column_stack([track.x, track.y])
+        steps = np.stack([ends[:-1], ends[1:]], axis=1)
+        colored = {"array": track.values[1][1:], "cmap": "viridis", "linewidths": 2.2}
+        axes.add_collection(LineCollection([*steps], zorder=2.5, **colored))
+        return
+    past = len(track.x) if instant is None else int(np.searchsorted(track.seconds, instant, side="right"))
+    axes.plot(track.x[:past], track.y[:past], dash, zorder=2.5, color=color, lw=1.8, label=track.label)
+    if instant is not None:
+        axes.plot(track.x[past:], track.y[past:], dash, zorder=1.4, color=color, lw=0.8, alpha=0.3)
+        if past and np.isfinite(track.x[past - 1]):
+            at: Any = {
+                "textcoords": "offset points",
+                "xytext": (7, 7 if track.color in view.CYCLE[:2] else -14),
+                "annotation_clip": True,
+            }
+            axes.annotate(track.label, (track.x[past - 1], track.y[past - 1]), **at, **_haloed(color))
+    _draw_body(axes, track, instant)
 
 
 def _draw_body(axes: Axes, track: view.Track, instant: float | None) -> None:
@@ -281,21 +441,24 @@ def _draw_body(axes: Axes, track: view.Track, instant: float | None) -> None:
 
 MOST_FRAMES = 240
 FRAMES_PER_S = 12
+AROUND_M = 1.5
 
 
 def film(scene: view.Scene, path: Path) -> None:
-    """The scene as .gif or .mp4: at most MOST_FRAMES frames, evenly over its time. Still layers are drawn once."""
+    """The walk as .gif or .mp4: at most MOST_FRAMES frames, evenly over its time. Still layers are drawn once."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
+    walked = [(layer.x, layer.y) for layer in scene.layers if isinstance(layer, view.Track)]
+    scene = replace(scene, extent=view.extent_of(*walked, margin=AROUND_M))
     moving = [layer for layer in scene.layers if getattr(layer, "seconds", None) is not None]
     still = replace(scene, layers=[layer for layer in scene.layers if layer not in moving])
     left, right, bottom, top = scene.extent
     start, end = scene.span or (0.0, 0.0)
-    with rc_context({**_STYLE, "font.size": POINT_SIZE}):
+    with styled(POINT_SIZE):
         picture = Picture(figsize=(6.4, float(np.clip(6.4 * (top - bottom) / (right - left), 3, 8))))
         FigureCanvasAgg(picture)
         axes = picture.subplots(gridspec_kw={"left": 0.09, "right": 0.99, "bottom": 0.1, "top": 0.94})
-        draw_scene(axes, still)
+        draw_scene(axes, still, start)
         writer = (PillowWriter if path.suffix == ".gif" else FFMpegWriter)(fps=FRAMES_PER_S)
         with writer.saving(picture, str(path), dpi=100):
             frames = min(MOST_FRAMES, max(2, int((end - start) * FRAMES_PER_S)))

@@ -10,9 +10,10 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal
 from weakref import finalize
 
 import numpy as np
@@ -20,7 +21,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from quadlog.config.schema import Config
-from quadlog.errors import CannotWrite, RunExists, UnknownName
+from quadlog.errors import CannotWrite, QuadlogError, RunExists, UnknownName
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
@@ -33,6 +34,7 @@ from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
 
 _CONFIG_HEADER = "# quadlog: the effective config; replay with -c on this file gives the same run\n"
@@ -71,34 +73,45 @@ class Run:
         self._trajectories: dict[str, PoseSeries | None] = {}
         self._remote: RemotePath | None = None
 
-    @classmethod
-    def create(cls, path: Path, record: RunRecord) -> Self:
-        """Begin a run in a new folder: its record, unfinished, then `config.toml`. Raises CannotWrite."""
-        write_record(path, record, finished=False)
-        config = tomli_w.dumps(record.config.model_dump(exclude_none=True))
-        write_whole(path / "config.toml", (_CONFIG_HEADER + config).encode())
-        return cls(path, record)
+    def __repr__(self) -> str:
+        from quadlog.results.page.verdict import status
 
-    def write(self, name: str, content: Mapping[str, Any]) -> None:
-        """A table as columns, arrays, or `metrics` (name: {value, n, unit, ...}), under its name in the contract.
+        try:
+            words = status(self)[0]
+        except QuadlogError as error:
+            words = str(error)
+        return f"Run {self.path.name}: {words}, {self.record.recorded_s:.4g} s, tables: {', '.join(self.tables)}"
 
-        A metric without a finite value does not apply and is left out, and so are ends that are not finite.
-        Raises UnknownName, CannotWrite, and ValueError or TypeError for what does not fit.
+    def _repr_html_(self) -> str:
+        """For notebooks: the verdict, the metrics that matter, and the names of the tables."""
+        from quadlog.results.page.run_page import cards
+        from quadlog.results.page.verdict import status, verdict
+
+        told = [(one.subject, one.text) for one in verdict(self)]
+        rows = [(theme, *one[:3]) for theme, shown in cards(self) for one in shown]
+        items = "".join(f"<li><b>{escape(subject)}</b>: {escape(text)}</li>" for subject, text in told)
+        lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        head = f"<b>{escape(self.title)}</b>: {escape(status(self)[0])}"
+        return f"<p>{head}</p><ul>{items}</ul><table>{lines}</table><p>tables: {', '.join(self.tables)}</p>"
+
+    @property
+    def tables(self) -> list[str]:
+        """Names of the tables that this run has."""
+        return [name for name in TABLES if self.has(f"{name}.parquet")]
+
+    def figure(
+        self, name: str, width: str = "3.5in", height: str | None = None, font: Literal["sans", "serif"] = "sans"
+    ) -> Figure:
+        """A figure for a paper, as of `quadlog export --to figures`, of matplotlib. width, height: as in 3.5in or 89mm.
+
+        Raises UnknownName, NotARun for a run without its data, UsageError for no length.
         """
-        if name in TABLES:
-            write_table(self.path / f"{name}.parquet", TABLES[name], content)
-        elif name in ARRAYS:
-            write_arrays(self.path, name, content)
-        elif name == "metrics":
-            kept = {key: _finite(of) for key, of in content.items() if of["value"] is not None}
-            write_whole(self.path / "metrics.json", to_json({key: of for key, of in kept.items() if "value" in of}))
-        else:
-            raise UnknownName("result", name, [*TABLES, *ARRAYS, "metrics"])
+        from quadlog.results.export import figure_of, length_in
+        from quadlog.results.mpl import picture_of, styled
 
-    def finish(self, record: RunRecord) -> None:
-        """Mark the run as complete by its record, the last file. Raises CannotWrite."""
-        write_record(self.path, record, finished=True)
-        self.record = record
+        drawing, high_in = figure_of(self, name), None if height is None else length_in(height)
+        with styled(8.0, font):
+            return picture_of(drawing, length_in(width), 8.0, high_in)
 
     def has(self, name: str) -> bool:
         """Whether there is a file of this name, which is copied first from a URL."""
@@ -185,6 +198,37 @@ class Run:
     def seconds(self, t_ns: Int) -> Float:
         """Instants (N,) in seconds since the start of the run."""
         return seconds_since(t_ns, self.start_ns)
+
+
+def create_run(path: Path, record: RunRecord) -> Run:
+    """Begin a run in a new folder: its record, unfinished, then `config.toml`. Raises CannotWrite."""
+    write_record(path, record, finished=False)
+    config = tomli_w.dumps(record.config.model_dump(exclude_none=True))
+    write_whole(path / "config.toml", (_CONFIG_HEADER + config).encode())
+    return Run(path, record)
+
+
+def write_result(run: Run, name: str, content: Mapping[str, Any]) -> None:
+    """A table as columns, arrays, or `metrics` (name: {value, n, unit, ...}), under its name in the contract.
+
+    A metric without a finite value does not apply and is left out, and so are ends that are not finite.
+    Raises UnknownName, CannotWrite, and ValueError or TypeError for what does not fit.
+    """
+    if name in TABLES:
+        write_table(run.path / f"{name}.parquet", TABLES[name], content)
+    elif name in ARRAYS:
+        write_arrays(run.path, name, content)
+    elif name == "metrics":
+        kept = {key: _finite(of) for key, of in content.items() if of["value"] is not None}
+        write_whole(run.path / "metrics.json", to_json({key: of for key, of in kept.items() if "value" in of}))
+    else:
+        raise UnknownName("result", name, [*TABLES, *ARRAYS, "metrics"])
+
+
+def finish_run(run: Run, record: RunRecord) -> None:
+    """Mark the run as complete by its record, the last file. Raises CannotWrite."""
+    write_record(run.path, record, finished=True)
+    run.record = record
 
 
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:

@@ -150,7 +150,10 @@ class Marks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown."""
+    """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown.
+
+    values: a quantity with its unit and its values (N,), which colour the track in pictures.
+    """
 
     label: str
     color: str
@@ -160,6 +163,7 @@ class Track:
     yaw: Array | None = None
     shape: Literal["body", "person"] = "body"
     variant: int = 0
+    values: tuple[str, Array] | None = None
 
 
 Layer = Raster | Windows | Lines | Marks | Track

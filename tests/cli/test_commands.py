@@ -242,3 +242,23 @@ def test_an_interrupted_command_says_how_to_go_on_where_that_can_be(name, monkey
     said = refused(1, name)
     assert said.startswith("quadlog: interrupted; nothing half-written was left")
     assert ("--resume" in said) == any("--resume" in option.opts for option in command_of(name).params)
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("repaly walk.mcap", "replay"),
+        ("info folow.mcap", "follow.mcap"),
+        ("replay folow.mcap", "follow.mcap"),
+        ("replay follow.mcap -c folow.toml", "follow.toml"),
+        ("metrics rums", "runs"),
+        ("info nothing-alike", ""),
+    ],
+)
+def test_a_mistyped_name_is_answered_by_the_nearest_one(line, meant, tmp_path, monkeypatch, quadlog):
+    monkeypatch.chdir(tmp_path)
+    for name in ("follow.mcap", "follow.toml", "runs"):
+        (tmp_path / name).touch()
+    done = quadlog(*line.split())
+    assert done.code in (1, 2)
+    assert (f"id you mean {meant}?" in done.err) if meant else ("did you mean" not in done.err), done.err

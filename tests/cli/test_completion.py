@@ -28,6 +28,9 @@ def completed(typed):
         ("compare-planners --leader mt", ["mt_d_star_lite"]),
         ("tables planning-e", ["planning-ea"]),
         ("simulate line --terrain 3", ["3cm"]),
+        ("metrics --explain uwb_n", ["uwb_nis", "uwb_nees"]),
+        ("metrics --fail-if uwb_n", ["uwb_nis", "uwb_nees"]),
+        ("replay --set uwb.tag_", ["uwb.tag_height_m="]),
     ],
 )
 def test_choices(typed, choices):

@@ -6,18 +6,36 @@ from pathlib import Path
 import pytest
 
 from quadlog.results.export import EXPORTERS
+from quadlog.results.view import COLORS
+from tests.lab.runs import change
 
 
-def test_figures_for_a_paper_have_the_format_and_the_width_that_were_asked_for(follow, tmp_path, ok, refused):
-    out = tmp_path / "figures"
-    assert "is no width between" in refused(2, "export", follow, "--to", "figures", "--width", "30cm3")
-    listed = ok("export", follow, "--to", "figures", "--format", "svg", "--width", "4in", "-o", out).splitlines()
-    assert "trajectory.svg" in {Path(line).name for line in listed}
+def test_figures_for_a_paper_have_the_format_the_size_and_the_names_that_were_asked_for(follow, tmp_path, ok, refused):
+    out, figures = tmp_path / "figures", ("export", follow, "--to", "figures")
+    assert "is no length between" in refused(2, *figures, "--width", "30cm3")
+    assert "choose one of: " in refused(1, *figures, "--only", "trajectories")
+    listed = ok(*figures, "--format", "svg", "--width", "4in", "--font", "serif", "-o", out).splitlines()
+    assert {"trajectory.svg", "error_map.svg"} <= {Path(line).name for line in listed}
     assert all('width="288pt"' in Path(line).read_text()[:2000] for line in listed)
+    (low,) = ok(*figures, "--only", "uwb_error", "--format", "svg", "--height", "2in", "-o", tmp_path).splitlines()
+    assert 'height="144pt"' in Path(low).read_text()[:2000]
     assert "for  --to figures" in refused(2, "export", follow, "--to", "csv", "--format", "svg")
 
 
-FORMATS = [to for to in EXPORTERS if to != "figures" and (to != "mp4" or shutil.which("ffmpeg"))]
+def test_several_runs_are_one_figure_of_what_differs(follow, tmp_path, ok, refused):
+    for name in ("a", "b"):
+        shutil.copytree(follow, tmp_path / "runs" / name)
+    change(tmp_path / "runs" / "b", "poses", x_m=lambda x_m: x_m + 0.1)
+    pair = ("export", tmp_path / "runs" / "a", tmp_path / "runs" / "b", "--to")
+    assert "takes one RUN" in refused(2, *pair, "tum")
+    for sources in (pair, ("export", tmp_path / "runs", "--to")):
+        (listed,) = ok(*sources, "figures", "--format", "svg", "-o", tmp_path / "out", "--force").splitlines()
+        assert Path(listed).name == "trajectory.svg"
+        drawn = Path(listed).read_text().upper()
+        assert all(f"STROKE: {COLORS[color].upper()}" in drawn for color in ("robot", "target", "soft"))
+
+
+FORMATS = [to for to in EXPORTERS if (to != "mp4" or shutil.which("ffmpeg"))]
 
 
 @pytest.mark.parametrize("to", FORMATS)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -88,6 +90,8 @@ def test_init_writes_a_config_that_loads_overwrites_none_and_reports_damage_as_i
     assert load_config(Path("quadlog.toml")).topics.uwb == ["/gtec"]
     text = Path("quadlog.toml").read_text()
     assert all(line in text for line in ("# id = 4\n", "# id = 1\n"))
+    schema = re.match(r"#:schema (file://\S+)\n", text)[1]  # as Even Better TOML and taplo read it
+    assert set(tomllib.loads(text)) <= set(json.loads(Path(schema[7:]).read_text())["properties"])
     Path("quadlog.toml").write_text("keep")
     assert "--force" in refused(1, "init", ranging)
     assert Path("quadlog.toml").read_text() == "keep"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.results.run import finish_run, write_result
 from quadlog.results.tables import TABLES
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import begin_run
@@ -23,10 +24,10 @@ def runs(tmp_path: Path) -> Path:
         error_m = 0.1 * (number + 1) + 0.01 * np.sin(T_NS / 3e8)
         columns = dict.fromkeys(set(TABLES["control"].names) - {"t_ns", "fallen"}, np.nan)
         columns |= {"t_ns": T_NS, "error_m": error_m, "cross_track_m": -error_m, "fallen": False}
-        run.write("control", columns)
+        write_result(run, "control", columns)
         write_tum(run.path / "trajectory.tum", T_NS, np.sqrt(T_NS / 1e9), error_m, 0 * error_m)
-        run.write("metrics", {"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
-        run.finish(run.record)
+        write_result(run, "metrics", {"eta_m": {"value": np.mean(error_m), "n": 200, "unit": "m"}})
+        finish_run(run, run.record)
     return tmp_path / "runs"
 
 
@@ -64,6 +65,7 @@ def test_a_condition_that_holds_is_exit_code_4(runs, quadlog):
     ("arguments", "words"),
     [
         (["--fail-if", "eta>0.3"], "unknown metric 'eta'; did you mean eta_m?"),
+        (["--explain", "ate"], "unknown metric 'ate'; did you mean ate_rmse_m?"),
         (["--fail-if", "eta_m ~ 0.3"], "condition 'eta_m ~ 0.3': write NAME OPERATOR NUMBER"),
         (["--explain", "eta_m", "--format", "json"], "--explain prints text"),
     ],

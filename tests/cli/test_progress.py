@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import io
 import sys
+import threading
 
 from quadlog.cli.progress import open_progress
-from quadlog.pipelines.executor.progress import BatchCounts
+from quadlog.pipelines.executor.progress import BatchCounts, BatchLines, working_s
 
 
 def terminal(monkeypatch):
@@ -20,16 +21,24 @@ def test_bars_show_stages_rates_the_time_left_and_no_escape_sequence(monkeypatch
     """Every stage ends full; a topic's escape sequence is not obeyed; NO_COLOR is."""
     screen = terminal(monkeypatch)
     monkeypatch.setenv("NO_COLOR", "1")
-    with open_progress() as progress:
+    monkeypatch.setenv("COLUMNS", "80")
+    with open_progress(notes=False) as progress:
         progress.begin("ingest", None)
         progress.begin("filter", 4)
         for step in range(3):
             progress.advance(0.1 * step)
             progress._bars.refresh()
         progress.advance(0.4)
+        for kernels in (1, 2):
+            progress.compiled(kernels)
+            progress._bars.refresh()
         progress.say("topic \x1b[31m/points")
+        progress.note("a detail")
+        progress.say(f"{'words ' * 13}at the end")
     drawn = screen.getvalue()
-    assert all(words in drawn for words in ("3/4", "4/4", "real time", "0:00:0", "topic "))
+    assert all(words in drawn for words in ("3/4", "4/4", "real time", "0:00:0", "topic ", "2/? ", "kernels"))
+    assert "a detail" not in drawn
+    assert "words at\n  the end" in drawn.replace("\r", "")
     assert "\x1b[31m" not in drawn
 
 
@@ -44,6 +53,23 @@ def test_a_pipe_gets_lines_only(capsys):
         tally.done += 1
         progress.finish("walk", "done")
     assert capsys.readouterr() == ("", "robot position from uwb\n[1/2] walk: done\n")
+
+
+def test_a_pipe_hears_where_a_long_replay_is(monkeypatch, capsys):
+    monkeypatch.setattr("quadlog.pipelines.executor.progress.SAID_EVERY_S", 0.0)
+    said = threading.Event()
+    lines = BatchLines(lambda text: said.set() if text.startswith("filter 1/3, ") else None)
+    with lines as progress:
+        progress.begin("filter", 3)
+        progress.advance(1.0)
+        assert said.wait(5)
+
+
+def test_the_clock_of_rates_stands_while_kernels_are_compiled(monkeypatch):
+    monkeypatch.setattr("quadlog.pipelines.executor.compilation._clock.seconds", 1e6)
+    before_s = working_s()
+    monkeypatch.setattr("quadlog.pipelines.executor.compilation._clock.seconds", 2e6)
+    assert working_s() < before_s - 1e5
 
 
 def step(number, total=10, factor=2.5):

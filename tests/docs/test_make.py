@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from quadlog.config.file import SCHEMA
 from quadlog.config.schema import Config
 from quadlog.config.section import Section
 
@@ -29,6 +30,19 @@ def make():
 def test_the_committed_page_is_what_make_docs_writes(make, name):
     """Of troubleshooting.md this fails for a message, an error class or a cause of loss without an entry, too."""
     assert (DOCS / name).read_text() == make.PAGES[name](), "run  python docs/make.py"
+
+
+def test_the_schema_for_editors_is_that_of_the_models(make):
+    assert SCHEMA.read_text() == make.schema_text(), "run  python docs/make.py"
+
+
+def test_a_sample_keeps_its_lines_and_gets_the_numbers_of_today(make):
+    fill = importlib.import_module("samples").fill
+    printed = "name  value  us   95 %\na      1.25   13\nb     -0.50  999  0 to 1\nc         3    8\n"
+    sample = "name  value  us   95 %\nb      0.75    …  0 to 2\n\nc         1    …\n"
+    assert fill(sample, printed) == "name  value  us   95 %\nb     -0.50  …    0 to 1\n\nc         3    …\n"
+    with pytest.raises(SystemExit, match="not printed any more: d"):
+        fill("d  1\n", printed)
 
 
 def test_an_entry_for_a_message_that_nothing_prints_is_refused(make, monkeypatch):

@@ -12,7 +12,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.results.arrays import MapsWriter
 from quadlog.results.record import InputRecord, RunRecord, read_record, write_record
-from quadlog.results.run import Run
+from quadlog.results.run import Run, create_run
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 
 UWB = ("fixes", "ranges", "links", "innovations", "uwb_errors", "pose_uncertainty")
@@ -32,7 +32,7 @@ def begin_run(path: Path, config: Mapping[str, Any] | None = None) -> Run:
         recorded_s=1.0,
     )
     path.mkdir(parents=True, exist_ok=True)
-    return Run.create(path, record)
+    return create_run(path, record)
 
 
 def unfinish(run: Path) -> None:

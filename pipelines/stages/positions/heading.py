@@ -77,7 +77,8 @@ def find_heading(
         return own
     others = f", better than {best} ({best_deg:.1f} degrees)" if best else ""
     journal.note(
-        f"heading from the lever arms of the tags, known to {_median_deg(by_tags.std_rad):.1f} degrees{others}"
+        f"heading from the lever arms of the tags, known to {_median_deg(by_tags.std_rad):.1f} degrees{others}",
+        first=True,
     )
     _warn_if_uncertain(journal, float(np.median(by_tags.std_rad)))
     return own
@@ -103,7 +104,8 @@ def _first_known(
     end_rad = float(std_rad[-1])
     journal.note(
         f"heading from {next(iter(usable))}, aligned to {onto} up to each instant; std at the end "
-        f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m"
+        f"{np.degrees(end_rad):.1f} degrees, an error of {10 * end_rad:.2f} m at a distance of 10 m",
+        first=True,
     )
     _warn_if_uncertain(journal, end_rad)
     return yaw_rad, std_rad
@@ -180,7 +182,8 @@ def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading, by_tags:
     if by_tags is not None:
         journal.note(
             f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} degrees onto the yaw of the tags: known "
-            f"to {np.degrees(std):.1f} degrees, the tags' own to {_median_deg(by_tags.std_rad):.1f} degrees"
+            f"to {np.degrees(std):.1f} degrees, the tags' own to {_median_deg(by_tags.std_rad):.1f} degrees",
+            first=True,
         )
         _warn_if_uncertain(journal, std)
         return
@@ -188,7 +191,8 @@ def _tell_aligned(journal: Journal, role: str, heading: AlignedHeading, by_tags:
         drift = f", its drift of {np.degrees(fit.drift_radps) * 60:.1f} degrees a minute taken out"
     journal.note(
         f"heading from {role}, turned by {np.degrees(fit.offset_rad):.1f} +- {np.degrees(std):.1f} degrees{drift}, "
-        f"an error of {10 * std:.2f} m at a distance of 10 m"
+        f"an error of {10 * std:.2f} m at a distance of 10 m",
+        first=True,
     )
     _warn_if_uncertain(journal, std)
     if fit.askew_share > ASKEW_SHARE:

@@ -83,7 +83,7 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
         write_joints(folder, data, journal)
     journal.lose(data.log.recording.losses)
     words = "nothing is followed" if target is None else f"target from {target.source}"
-    journal.note(f"robot position from {robot.source}, {words}")
+    journal.note(f"robot position from {robot.source}, {words}", first=True)
     return {"frame": robot.frame_id, "reference_frame": "" if reference is None else reference.frame_id}
 
 

@@ -70,9 +70,7 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
 
 def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Moment]) -> list[Any]:
     """The tracks of the runs in one player, which starts where they are farthest apart, beside their curves."""
-    short = [re.sub(r"[^,/=]+=", "", name) for name in runs]  # of a sweep the values alone
-    names = short if len(set(short)) == len(short) else list(runs)
-    named, charts = dict(zip(names, runs.values(), strict=True)), []
+    named, charts = dict(zip(short_names([*runs]), runs.values(), strict=True)), []
     for figure in (figure for figure in FIGURES if figure.compared and figure.make is not walk_scene):
         made = {name: figure.make(run) for name, run in named.items()}
         panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
@@ -88,6 +86,12 @@ def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Mom
     start = apart[0].seconds if apart else moments[0].seconds if moments else None
     view = blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start)
     return [blocks.Beside(view, charts)] if charts else [view]
+
+
+def short_names(names: Sequence[str]) -> Sequence[str]:
+    """Names of runs in legends: of a sweep the values alone."""
+    short = [re.sub(r"[^,/=]+=", "", name) for name in names]
+    return short if len(set(short)) == len(short) else names
 
 
 def compared_metrics(compared: Compared) -> Table:
@@ -173,7 +177,7 @@ DECADES = 30.0
 
 def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]:
     """Each metric that varies over the swept key, as panels, and with its difference to the first value, as a table."""
-    panels, found = _sweep_panels(summary), []
+    panels, found = sweep_panels(summary), []
     for number, setting in enumerate(summary.settings):
         failed = sum(row.exit_code == ExitCode.FAILED for row in setting.rows)
         cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
@@ -205,7 +209,7 @@ def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]
     return [*drawn, table, *map(blocks.Text, summary.notes())]
 
 
-def _sweep_panels(summary: SweepSummary) -> list[Panel]:
+def sweep_panels(summary: SweepSummary) -> list[Panel]:
     """A panel for each metric that varies: over the numbers of one key, else a row for each combination."""
     values = [next(iter(setting.values.values()), None) for setting in summary.settings]
     numeric = len(summary.keys) == 1 and all(isinstance(of, int | float) and not isinstance(of, bool) for of in values)

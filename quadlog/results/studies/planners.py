@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from quadlog.errors import CannotWrite, printable
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planner_verdict import verdict_lines
-from quadlog.metrics.planning import Comparison
+from quadlog.metrics.planning import Comparison, Ratio
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
-from quadlog.results.tables import table_schema, write_table
+from quadlog.results.tables import read_parquet, table_schema, write_table
 from quadlog.results.text import (
     State,
     TitledTable,
@@ -229,6 +229,23 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
         ]
         panels.append(Panel(what, series, "replan", log=True))  # planners differ by powers of ten
     return panels if len(values[0]) > 1 else []
+
+
+def saved_figures(folder: Path) -> dict[str, list[Panel]]:
+    """By name, the figures of each source of a saved comparison. Raises NotARun for damaged tables, TooLarge."""
+    rows, replans = (read_parquet(folder / name) for name in TABLES[:2])
+    listed, figures = rows.to_pylist(), dict[str, list[Panel]]()
+    columns = {name: column.to_numpy() for name, column in zip(replans.column_names, replans.columns, strict=True)}
+    for number, source in enumerate(dict.fromkeys(row["source"] for row in listed), 1):
+        own = [row for row in listed if row["source"] == source]
+        baseline = next((row["planner"] for row in own if row["ratio_expanded"] == 1.0), "astar")
+        ratios = dict.fromkeys((row["planner"] for row in own), Ratio(1.0, np.empty(0), None))
+        comparison = Comparison(source, own, baseline, "expanded", {}, ratios)
+        table = {name: values[columns["source"] == source] for name, values in columns.items()}
+        panel = ratio_panel(comparison)
+        figures |= {f"source-{number}-ratios": [panel]} if panel else {}
+        figures |= {f"source-{number}-replans": answer_panels(ComparedSource(comparison, table))}
+    return {name: panels for name, panels in figures.items() if panels}
 
 
 def planner_table(comparison: Comparison, number: int) -> Table:

@@ -6,6 +6,7 @@ import errno
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pyarrow as pa
@@ -81,17 +82,19 @@ def compile_something() -> None:
 def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_of_a_stage(
     monkeypatch, cores, parent, helps
 ):
-    said, started = [], []
+    said, started, counted = [], [], []
+    shown = SimpleNamespace(say=said.append, compiled=counted.append)
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
     monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Mock())
     clock, before_s, began_s = StageClock(), compiling_s(), time.perf_counter()
-    with compilation(("position", "map", "control"), CONFIG, said.append) as before, clock.stage("map"):
+    with compilation(("position", "map", "control"), CONFIG, shown) as before, clock.stage("map"):
         before("map")
         compile_something()
         compile_something()
         before("control")
     compiled_s, whole_s = compiling_s() - before_s, time.perf_counter() - began_s
+    assert counted == [1, 2]
     assert (said, started) == ([SAID], ["fpmw"] if helps else [])
     assert 0.01 < compiled_s < whole_s
     assert clock.seconds["map"] == pytest.approx(whole_s - compiled_s, abs=0.01)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, TopicRecord
-from quadlog.results.run import Run
+from quadlog.results.run import create_run, finish_run, write_result
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
@@ -82,7 +83,7 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
 
     def write(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
-        run = Run.create(path, tiny_record)
+        run = create_run(path, tiny_record)
         t_ns = START_NS + np.arange(40, dtype=np.int64) * 100_000_000
         yaw_rad = np.linspace(0, np.pi / 2, 40)
         robot_m = 3 * np.column_stack([np.sin(yaw_rad), 1 - np.cos(yaw_rad)])
@@ -93,10 +94,10 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
         _write_control(path, t_ns, robot_m, yaw_rad)
         eta_m, fallen = {"value": np.float64(0.123), "n": 200, "unit": "m"}, {"value": 0, "n": 1, "unit": ""}
         none = {"value": float("nan"), "n": 0, "unit": "m"}
-        run.write("metrics", {"eta_m": eta_m, "fallen": fallen, "ate_rmse_m": none})
+        write_result(run, "metrics", {"eta_m": eta_m, "fallen": fallen, "ate_rmse_m": none})
         write_derived(run)
         write_layout(run)
-        run.finish(tiny_record)
+        finish_run(run, tiny_record)
         return path
 
     return write
@@ -120,7 +121,8 @@ def decode_mcap(path: Path) -> dict[str, list[tuple[int, Any]]]:
     with path.open("rb") as file:
         for schema, channel, message in SeekingReader(file, validate_crcs=True).iter_messages():
             assert message.publish_time == message.log_time
-            decoder = decode.decoder_for(channel.message_encoding, schema)
+            is_json = (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+            decoder = json.loads if is_json else decode.decoder_for(channel.message_encoding, schema)
             assert decoder is not None
             found.setdefault(channel.topic, []).append((message.log_time, decoder(message.data)))
     return found

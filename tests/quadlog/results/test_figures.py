@@ -18,7 +18,7 @@ from quadlog.results.find_runs import PICTURES
 from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
-from quadlog.results.scenes import walk_scene
+from quadlog.results.scenes import error_scene, walk_scene
 from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
@@ -194,21 +194,35 @@ def test_a_long_track_is_thinned_with_a_note_a_curve_never_and_both_have_the_pag
 
 
 @pytest.mark.parametrize("width_in", [2.5, 8.0])
-def test_the_words_above_a_panel_never_cover_each_other(
+def test_words_of_a_figure_never_cover_each_other(
     tiny_run: Path, width_in: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Matplotlib says where each text is drawn."""
+    """Matplotlib says where each text is drawn: legends, quantities, notes, and names in scenes."""
     covered, seen = [], []
 
     def look(picture: mpl.Picture, *_: object, **__: object) -> None:
         picture.canvas.draw()  # type: ignore[attr-defined]
-        for axes in picture.axes:
-            boxes = {text.get_text(): text.get_window_extent() for text in axes.texts if text.get_position() == (0, 1)}
-            seen.extend(boxes)
-            covered.extend(pair for pair in combinations(boxes, 2) if boxes[pair[0]].overlaps(boxes[pair[1]]))
+        texts = [text for of in (picture, *picture.axes) for text in of.texts if text.get_text()]
+        boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+        seen.extend(boxes)
+        covered.extend((one[0], two[0]) for one, two in combinations(boxes, 2) if one[1].overlaps(two[1]))
 
     monkeypatch.setattr(mpl.Picture, "savefig", look)
-    for drawing in drawings_of(Run(tiny_run)).values():
+    for drawing in [*drawings_of(Run(tiny_run)).values(), error_scene(Run(tiny_run))]:
         render(drawing, "pdf", width_in, point_size=8.0)
     assert len(seen) > 30
     assert covered == []
+
+
+def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Series] = []
+    monkeypatch.setattr(mpl, "_draw_series", lambda axes, series, in_rows: drawn.append(series))
+    x = np.arange(60_000) / 1000
+    smooth, dense = Series("a", "robot", x, np.sin(x / 3)), Series("b", "target", x, np.sin(70 * x) + (x == 30))
+    dense.y[(x > 40) & (x < 45)] = np.nan
+    render([Panel("smooth", [smooth]), Panel("dense", [dense])], width_in=3.5)
+    assert [one.style for one in drawn] == ["line", "band", "line"]
+    band, mean = drawn[1:]
+    assert (np.nanmin(band.y), np.nanmax(band.upper)) == (np.nanmin(dense.y), np.nanmax(dense.y))
+    assert np.abs(mean.y[np.isfinite(mean.y)]).max() < 0.1
+    assert np.isnan(mean.y[(mean.x > 41) & (mean.x < 44)]).all()

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import NotARun
 from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import load_maps
-from quadlog.results.foxglove import STEP_NS, write_derived, write_layout
+from quadlog.results.foxglove import write_derived, write_layout
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, read_table, write_table
@@ -40,7 +41,6 @@ def test_messages_are_the_tables_in_time_order(tiny_run: Path, derived: Any) -> 
         assert (grid.column_count, grid.row_stride, grid.cell_stride, grid.cell_size.x) == (50, 50, 1, 0.1)
         np.testing.assert_array_equal(np.frombuffer(grid.data, np.uint8).reshape(60, 50), cells)
     poses, links = pd.DataFrame(read_table(tiny_run, "poses")), read_table(tiny_run, "links")
-    poses = poses[~(poses["t_ns"] // STEP_NS).duplicated()]  # one in each step
     for (t_ns, message), row in zip(derived["/quadlog/pose"], poses.itertuples(), strict=True):
         assert t_ns == row.t_ns == message.timestamp.seconds * 10**9 + message.timestamp.nanos
         assert (message.pose.position.x, message.pose.position.y) == (row.x_m, row.y_m)
@@ -58,6 +58,26 @@ def test_messages_are_the_tables_in_time_order(tiny_run: Path, derived: Any) -> 
     at = [entity.spheres[0].pose.position for entity in update.entities]
     np.testing.assert_array_equal([(each.x, each.y, each.z) for each in at],
                                   np.column_stack([links[name][:3] for name in ("x_m", "y_m", "z_m")]))  # fmt: skip
+
+
+def test_numbers_over_time_are_all_rows_of_the_tables_and_lines_are_the_errors(tiny_run: Path, derived: Any) -> None:
+    control, ranges, errors = (pd.DataFrame(read_table(tiny_run, of)) for of in ("control", "ranges", "uwb_errors"))
+    walk = {t: values for t, values in derived["/quadlog/resim/values"] if "error_m" in values}
+    assert [*walk] == control["t_ns"].tolist()
+    assert [of["error_m"] for of in walk.values()] == pytest.approx(control["error_m"], abs=1e-6)
+    assert any("clearance_m" in of for _, of in derived["/quadlog/resim/values"])
+    sent = {(t, name): value for t, of in derived["/quadlog/uwb/residuals"] for name, value in of.items()}
+    rows = ranges.drop_duplicates(["t_ns", "tag", "anchor"]).itertuples()
+    wanted = {(of.t_ns, f"tag_{of.tag}_anchor_{of.anchor}_m"): of.range_m - of.predicted_m for of in rows}
+    assert sent == pytest.approx(wanted, abs=1e-6)
+    own = errors[errors["source"] == "track"].groupby("t_ns").first()
+    lengths_m = {t: np.hypot(a.x - b.x, a.y - b.y) for t, update in derived["/quadlog/error"]
+                 for a, b in [update.entities[0].lines[0].points]}  # fmt: skip
+    assert [*lengths_m.values()] == pytest.approx(np.hypot(own["error_x_m"], own["error_y_m"])[[*lengths_m]])
+    speeds = [of["speed_mps"] for _, of in derived["/quadlog/values"] if "speed_mps" in of]
+    poses = pd.DataFrame(read_table(tiny_run, "poses"))
+    stepped_mps = np.hypot(poses["x_m"].diff(), poses["y_m"].diff()) / (poses["t_ns"].diff() * 1e-9)
+    assert np.median(speeds) == pytest.approx(np.nanmedian(stepped_mps), rel=0.2)
 
 
 def scipys(turn: Any) -> Rotation:
@@ -79,7 +99,6 @@ def test_a_walk_along_a_course_is_the_robot(tiny_run: Path, tiny_record: RunReco
     shutil.copy(tiny_run / "control.parquet", tmp_path)
     found = decode_mcap(write_derived(Run(tmp_path, tiny_record)))
     control = pd.DataFrame(read_table(tmp_path, "control"))
-    control = control[~(control["t_ns"] // STEP_NS).duplicated()]
     frames = [each for _, each in found["/quadlog/tf"]]
     assert {(frame.parent_frame_id, frame.child_frame_id) for frame in frames} == {("map", "base")}
     angles = np.nan_to_num(np.column_stack([control["yaw_rad"], control["pitch_rad"], control["roll_rad"]]))
@@ -112,7 +131,7 @@ def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_reco
     assert not [line for line in lines if "realtime_factor" in line]  # a duration is no result
 
 
-PANELS = {"3D": official.ThreeDeeConfig, "RosOut": official.LogConfig}
+PANELS = {"3D": official.ThreeDeeConfig, "RosOut": official.LogConfig, "Plot": official.PlotConfig}
 SETTINGS = {
     "Grid": official.BaseRendererGridTopicSettings,
     "PoseInFrame": official.BaseRendererPoseTopicSettings,
@@ -140,3 +159,19 @@ def test_the_layout_has_settings_that_foxglove_knows_and_fields_that_the_message
     assert {"/quadlog/uwb/fix/0", "/quadlog/uwb/fix/1"} <= set(scene["topics"]) <= set(derived)
     kinds = {topic: SETTINGS[type(derived[topic][0][1]).__name__] for topic in scene["topics"]}
     assert all(known(kinds[topic], settings) for topic, settings in scene["topics"].items())
+    plotted = {
+        value
+        for name, config in panels.items()
+        if name[:5] == "Plot!"
+        for value in map(itemgetter("value"), config["paths"])
+    }
+    sent = {
+        f"{topic}.{name}"
+        for topic, messages in derived.items()
+        for _, of in messages
+        if isinstance(of, dict)
+        for name in of
+    }
+    assert plotted == sent
+    paths = [path for config in panels.values() for path in config.get("paths", ())]
+    assert all(set(path) <= set(official.PlotSeries()._to_dict()) for path in paths)

@@ -11,7 +11,7 @@ import pytest
 from quadlog.errors import AlreadyExists, CannotWrite, NotARun
 from quadlog.results.find_runs import FAILED, OWN_FILES, find_runs
 from quadlog.results.record import RunRecord, is_finished
-from quadlog.results.run import Run, check_place, load_run, new_run, settle
+from quadlog.results.run import check_place, create_run, finish_run, load_run, new_run, settle
 from tests.lab.runs import begin_run
 
 
@@ -36,7 +36,7 @@ def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tin
     with pytest.raises(AlreadyExists, match=r"--force.*--resume"):
         check_place(run.path)
     check_place(run.path, replace=True)
-    run.finish(tiny_record)
+    finish_run(run, tiny_record)
     assert load_run(run.path).record.to_dict() == tiny_record.to_dict()
 
 
@@ -54,7 +54,7 @@ def test_a_folder_of_something_else_is_never_touched(tmp_path: Path, name: str, 
 
 def replaced(run: Path, record: RunRecord) -> None:
     with new_run(run, force=True) as place:
-        Run.create(place, record).finish(record)
+        finish_run(create_run(place, record), record)
 
 
 def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
@@ -71,8 +71,8 @@ def test_a_run_stands_until_its_successor_is_whole_and_strangers_files_stay(
     (tiny_run / "map.yaml").symlink_to(precious)
     before = content(tiny_run)
     with monkeypatch.context() as patch:
-        patch.delattr(Run, "finish")
-        with pytest.raises(AttributeError):
+        patch.setitem(globals(), "finish_run", None)
+        with pytest.raises(TypeError):
             replaced(tiny_run, tiny_record)
     assert content(tiny_run) == before
     replaced(tiny_run, tiny_record)
@@ -117,7 +117,7 @@ def test_of_two_new_runs_of_one_place_the_first_stays_and_the_second_is_refused(
 
     def made(record: RunRecord, meanwhile: Callable[[], None] = lambda: None) -> None:
         with new_run(tmp_path / "walk") as place:
-            Run.create(place, record).finish(record)
+            finish_run(create_run(place, record), record)
             meanwhile()
 
     with pytest.raises(AlreadyExists, match="--force"):

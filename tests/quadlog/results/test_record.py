@@ -19,7 +19,7 @@ from quadlog.results.record import (
     read_metrics,
     read_record,
 )
-from quadlog.results.run import Run
+from quadlog.results.run import Run, finish_run
 from quadlog.storage.remote_path import to_path
 
 REQUIRED: dict[str, Any] = {"quadlog_version": "1", "config": Config(), "options": {}, "seed": 0, "recorded_s": 1.0}
@@ -28,7 +28,7 @@ REQUIRED: dict[str, Any] = {"quadlog_version": "1", "config": Config(), "options
 def test_a_name_that_is_no_text_comes_back_and_secrets_are_not_saved(tmp_path: Path) -> None:
     typed = ["quadlog", "replay", "https://me:SECRET@h/x?sig=SECRET", "\udcff", "-o", "s3://b/runs"]
     record = RunRecord(command=typed, input=InputRecord(path="\udcff", size_bytes=1, sha256="ab"), **REQUIRED)
-    Run(tmp_path, record).finish(record)
+    finish_run(Run(tmp_path, record), record)
     back = read_record(tmp_path)
     assert back.command == ["quadlog", "replay", "https://h/x?...", "\udcff", "-o", "s3://b/runs"]
     assert back.input == record.input

@@ -18,8 +18,10 @@ from hypothesis import strategies as st
 import quadlog
 from quadlog.cli.main import run as run_cli
 from quadlog.errors import NotARun, TooLarge, UnknownName
+from quadlog.results.page.verdict import status
 from quadlog.results.record import RunRecord, SavedMetric
 from quadlog.results.run import Run
+from quadlog.results.tables import TABLES
 from tests.lab.runs import change
 
 
@@ -117,3 +119,18 @@ def test_values_beyond_all_measure_are_missing_with_a_note(tiny_run: Path) -> No
     assert tables[0]["x_m"].isna().sum() == 3
     assert np.isinf(tables[1]["clearance_m"]).all()
     assert run.notes == ["3 values of poses.x_m beyond 1e+12 are not shown"]
+
+
+def test_a_notebook_shows_what_a_run_is_and_has_and_draws_its_figures(tiny_run: Path) -> None:
+    run = Run(tiny_run)
+    assert run.tables == [name for name in TABLES if (tiny_run / f"{name}.parquet").exists()]
+    assert all(word in repr(run) for word in ("Run walk: ", status(run)[0], " s, tables: ", "poses"))
+    page = run._repr_html_()
+    assert all(word in page for word in ("Simulated walk", "contacts", "control"))
+    (tiny_run / "control.parquet").write_bytes(b"damaged")
+    assert "control" in repr(Run(tiny_run))
+    picture = Run(tiny_run).figure("uwb_error", width="89mm", height="2in", font="serif")
+    assert tuple(picture.get_size_inches()) == pytest.approx((89 / 25.4, 2.0))
+    with pytest.raises(UnknownName, match="did you mean uwb_error"):
+        run.figure("uwb_eror")
+    assert not {"create", "finish", "write"} & set(dir(run))  # what makes runs is not for readers
