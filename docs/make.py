@@ -122,7 +122,7 @@ def build_site(site: Path) -> int:
     SAMPLES.mkdir(parents=True, exist_ok=True)
     with chdir(SAMPLES):  # so that pages name no folder of this machine
         for words in (
-            ["replay", f"{follow}.mcap", "-c", f"{follow}.toml", "--resume", "--no-plots"],
+            ["replay", f"{follow}.mcap", "-c", f"{follow}.toml", "--force", "--no-plots"],
             ["compare-planners", "runs/follow", *few, "-o", "planners", "--force"],
         ):
             if code := run(words):

@@ -29,9 +29,10 @@ def test_several_runs_are_one_figure_of_what_differs(follow, tmp_path, ok, refus
     pair = ("export", tmp_path / "runs" / "a", tmp_path / "runs" / "b", "--to")
     assert "takes one RUN" in refused(2, *pair, "tum")
     for sources in (pair, ("export", tmp_path / "runs", "--to")):
-        (listed,) = ok(*sources, "figures", "--format", "svg", "-o", tmp_path / "out", "--force").splitlines()
-        assert Path(listed).name == "trajectory.svg"
-        drawn = Path(listed).read_text().upper()
+        listed = ok(*sources, "figures", "--format", "svg", "-o", tmp_path / "out", "--force").splitlines()
+        named = {Path(path).stem: Path(path) for path in listed}
+        assert {"trajectory", "place"} <= set(named) <= {"trajectory", "place", "motion"}
+        drawn = named["trajectory"].read_text().upper()
         assert all(f"STROKE: {COLORS[color].upper()}" in drawn for color in ("robot", "target", "soft"))
 
 
