@@ -15,8 +15,7 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Int, Message, Transforms, UwbRanges
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged
-from quadlog.recordings.containers.container import Channel, Container, RawMessage
+from quadlog.recordings.containers.container import MAX_TIME_NS, Channel, Container, Damaged, RawMessage
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types

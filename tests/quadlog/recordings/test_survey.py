@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from mcap.writer import IndexType
 
 from quadlog.errors import QuadlogError
-from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import Budget, Channel
+from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import Pulse, indexed_pulses, survey
 from quadlog.storage.byte_ranges import LocalBytes
