@@ -159,9 +159,8 @@ class ChunkedReader(ChunkFile):
 
     def _listed_times(self) -> Iterator[LogTimes]:
         tally: Counter[int] = Counter()
-        chunks = sorted(self._chunks, key=_START)
-        for at in range(0, len(chunks), _LISTED_AT_ONCE):
-            some = chunks[at : at + _LISTED_AT_ONCE]
+        for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
+            some = self._chunks[at : at + _LISTED_AT_ONCE]
             for chunk, rows in zip(some, self._listed(some), strict=True):
                 self._examine_times(chunk, rows)
                 rows = rows[np.argsort(rows["channel"], kind="stable")]
@@ -170,7 +169,7 @@ class ChunkedReader(ChunkFile):
                     if (channel := self._channel_of.get(number)) is None:
                         raise Damaged(f"the message index names channel {number}, which nothing declares")
                     tally[number] += len(t_ns)
-                    yield LogTimes(chunk.start_ns, channel, t_ns)
+                    yield LogTimes(channel, t_ns)
         self._report()
         declared = Counter(self._declared or {})
         if +tally != +declared:

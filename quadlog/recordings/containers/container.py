@@ -65,9 +65,8 @@ class RawMessage(NamedTuple):
 
 
 class LogTimes(NamedTuple):
-    """Log times t_ns (N,) of messages of one channel; batches that follow have none before floor_ns."""
+    """Log times t_ns (N,) of messages of one channel, in any order."""
 
-    floor_ns: int
     channel: Channel
     t_ns: Int
 

@@ -312,9 +312,7 @@ class SqliteReader(Container):
         if len(self._keys) < sum(channel.count or 0 for channel in self.channels):
             raise Damaged("not every row has a usable time")
         for number, channel in self._channel_of.items():
-            t_ns = self._keys[self._keys[:, 2] == number, 0]
-            if len(t_ns):
-                yield LogTimes(int(self._keys[0, 0]), channel, t_ns)
+            yield LogTimes(channel, self._keys[self._keys[:, 2] == number, 0])
 
     def excerpt(self, budget: Budget) -> SqliteReader | None:
         """See Container. A place is some rows that were written one after the other."""

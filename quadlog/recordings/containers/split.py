@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import heapq
 import resource
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from copy import copy
-from operator import attrgetter
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -219,8 +217,9 @@ class SplitReader(Container):
 
     def log_times(self) -> Iterator[LogTimes]:
         try:
-            for times in heapq.merge(*(part.log_times() for part in self._parts), key=attrgetter("floor_ns")):
-                yield times._replace(channel=self._merged[times.channel])
+            for part in self._parts:
+                for channel, t_ns in part.log_times():
+                    yield LogTimes(self._merged[channel], t_ns)
         finally:
             self._collect()
 
