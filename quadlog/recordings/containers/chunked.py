@@ -100,7 +100,7 @@ class ChunkedReader(ChunkFile):
         """See Container. Raises NothingReadable when every chunk there is was damaged."""
         wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
         due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
-        held, bodies = _Held(self), self._read_ahead(due)
+        held, bodies = _Held(self, _AGAIN_BYTES), self._read_ahead(due)
         counts: dict[int, Counter[int]] = {}
         try:
             for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
@@ -279,18 +279,14 @@ class ChunkedReader(ChunkFile):
         for _, lost in sorted(self._lost.items()):
             groups.setdefault(lost[1].cause, []).append(lost)
         for cause, group in groups.items():
-            missing = [self._missing(chunk, messages) for chunk, _, messages in group]
+            held = [counts and counts.total() for counts in (self._counts(chunk) for chunk, *_ in group)]
+            missing = [each if left is None else left for each, (*_, left) in zip(held, group, strict=True)]
             count = None if None in missing else sum(each for each in missing if each)
             messages = "an unknown number of messages" if count is None else several(count, "message")
             start_ns, end_ns = min(each.start_ns for each, *_ in group), max(each.end_ns for each, *_ in group)
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
-
-    def _missing(self, chunk: Chunk, messages: int | None) -> int | None:
-        if messages is None and (counts := self._counts(chunk)) is not None:
-            return counts.total()
-        return messages
 
 
 @dataclass(slots=True)
@@ -301,17 +297,23 @@ class _Part:
     rows: Rows
     lost: bool = False
 
+    def take(self, horizon_ns: int | None) -> Rows:
+        """The messages before the horizon, which are no longer left."""
+        stop = len(self.rows) if horizon_ns is None else self.rows["t_ns"].searchsorted(horizon_ns)
+        taken, self.rows = self.rows[:stop], self.rows[stop:]
+        return taken
+
 
 @dataclass
 class _Held:
     """The chunks that are open in one reading, and their messages in order of time; memory stays bounded."""
 
     reader: ChunkedReader
+    again_bytes: int
     # By the time of the next message.
     parts: list[tuple[int, int, _Part]] = field(default_factory=list)
     data: dict[int, memoryview] = field(default_factory=dict)
     held_bytes: int = 0
-    again_bytes: int = _AGAIN_BYTES
 
     def take(self, chunk: Chunk, data: memoryview, rows: Rows) -> None:
         """A chunk's wanted messages, in order of time."""
@@ -328,16 +330,11 @@ class _Held:
         if not due:
             return
         due.sort(key=lambda part: part.chunk.offset)
-        stops = [
-            len(each.rows) if horizon_ns is None else int(each.rows["t_ns"].searchsorted(horizon_ns)) for each in due
-        ]
-        rows = np.concatenate([part.rows[:stop] for part, stop in zip(due, stops, strict=True)])
-        source = np.repeat(np.arange(len(due)), stops)
+        taken = [part.take(horizon_ns) for part in due]
+        rows, source = np.concatenate(taken), np.repeat(np.arange(len(due)), list(map(len, taken)))
         if len(due) > 1:
             order = np.argsort(rows["t_ns"], kind="stable")
             rows, source = rows[order], source[order]
-        for part, stop in zip(due, stops, strict=True):
-            part.rows = part.rows[stop:]
         current, data = -1, None
         for at in range(0, len(rows), _BLOCK):
             block = slice(at, at + _BLOCK)
