@@ -296,13 +296,15 @@ class _Stamps:
 
     def survey(self, channel: Channel, pulse: Pulse) -> TopicSurvey:
         """The channel with its log times."""
-        gaps, longest_ns = pulse.gaps()
+        (first_ns, last_ns), (hz_min, hz_max), (gaps, longest_ns) = pulse.ends_ns, pulse.rates_hz(), pulse.gaps()
         return TopicSurvey(
             channel.topic,
             channel.type_name,
             len(pulse.t_ns),
-            *pulse.ends_ns,
-            *pulse.rates_hz(),
+            first_ns,
+            last_ns,
+            hz_min,
+            hz_max,
             gaps,
             longest_ns * 1e-9 if longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,

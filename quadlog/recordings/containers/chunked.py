@@ -262,8 +262,10 @@ class ChunkedReader(ChunkFile):
         zeros = sum(self._zero_times.values())
         self.warnings[:] = self._opening_warnings
         if jumps_ns:
-            times = f"{several(len(jumps_ns), 'time')} in the file, by up to {max(jumps_ns) / 1e9:.3f} s"
-            self.warnings.append(f"log time goes back {times}; messages come in order of log time")
+            times, largest_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
+            self.warnings.append(
+                f"log time goes back {times} in the file, by up to {largest_s:.3f} s; messages come in order of log time"
+            )
         if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
             until = instant(self.span_ns[1])
             self.warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
@@ -279,9 +281,9 @@ class ChunkedReader(ChunkFile):
         for _, lost in sorted(self._lost.items()):
             groups.setdefault(lost[1].cause, []).append(lost)
         for cause, group in groups.items():
-            held = [counts and counts.total() for counts in (self._counts(chunk) for chunk, *_ in group)]
-            missing = [each if left is None else left for each, (*_, left) in zip(held, group, strict=True)]
-            count = None if None in missing else sum(each for each in missing if each)
+            counts = [self._counts(chunk) if left is None else Counter({0: left}) for chunk, _, left in group]
+            known = [each.total() for each in counts if each is not None]
+            count = sum(known) if len(known) == len(group) else None
             messages = "an unknown number of messages" if count is None else several(count, "message")
             start_ns, end_ns = min(each.start_ns for each, *_ in group), max(each.end_ns for each, *_ in group)
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"

@@ -133,8 +133,10 @@ class SqliteReader(Container):
         t_ns = keys[:, 0]
         self.span_ns = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
         if (back_ns := int((np.maximum.accumulate(t_ns) - t_ns).max(initial=0))) > JUMP_NS:
-            by = f"by up to {back_ns / 1e9:.3f} s"
-            self.warnings.append(f"log time goes back in the file, {by}; messages come in order of log time")
+            back_s = back_ns / 1e9
+            self.warnings.append(
+                f"log time goes back in the file, by up to {back_s:.3f} s; messages come in order of log time"
+            )
         self._keys = keys[np.argsort(t_ns, kind="stable")]
         self._refuse_foreign_encodings()
 
@@ -149,8 +151,9 @@ class SqliteReader(Container):
             where, parameters = self._copied(place, pending), "mode=rw"
             if pending:
                 names = " and ".join(source.name for source in pending.values())
-                both = f"{place.name} does not have yet; both were copied and read together"
-                self.warnings.append(f"{names} holds changes that {both}")
+                self.warnings.append(
+                    f"{names} holds changes that {place.name} does not have yet; both were copied and read together"
+                )
             else:
                 # SQLite would fill the torn page with zeros and give those out as data.
                 os.truncate(where, self._size // page_bytes * page_bytes)

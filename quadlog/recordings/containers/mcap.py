@@ -135,9 +135,9 @@ class McapReader(ChunkedReader):
                     statistics = _statistics(content)
         except Damaged as damage:
             self._schemas, self._ids = {}, {}
-            cause = "truncated" if damage.cause == "truncated" else "summary"
             detail = f"{damage.reason}; everything was read from the first byte on instead"
-            self._index_losses.append(Loss(cause, detail))
+            truncated = damage.cause == "truncated"
+            self._index_losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
             return None, False
         known = {chunk.offset: chunk for chunk in indexed}
         if (

@@ -274,11 +274,12 @@ class SplitReader(Container):
             self._compare_one(name, said[name], had[name])
 
     def _compare_one(self, topic: str | None, said: int, had: int) -> None:
-        detail = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
+        differing = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
         if had < said:
-            self._own_losses.append(Loss("count", detail, topic, said - had))
+            self._own_losses.append(Loss("count", differing, topic, said - had))
         elif had > said:
-            self._own_warnings.append(f"{topic}: {detail}" if topic else detail)
+            differing = f"{topic}: {differing}" if topic else differing
+            self._own_warnings.append(differing)
 
     def _look_for_overlap(self) -> None:
         latest_ns = 0
