@@ -19,8 +19,7 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
-from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Loss
+from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured

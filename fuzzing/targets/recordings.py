@@ -15,8 +15,7 @@ from fuzzing import seeds
 from fuzzing.edits import edited
 from fuzzing.oracles import command, expect, replaced
 from quadlog.errors import ExitCode, NothingReadable
-from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import Budget, Channel
+from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.decoding import FOXGLOVE_JSON, FOXGLOVE_PROTOBUF, decoder_for
 from quadlog.recordings.survey import indexed_pulses

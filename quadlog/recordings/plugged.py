@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike
 from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS
+from quadlog.recordings.containers.container import MAX_TIME_NS
 from quadlog.recordings.decoders.pose import normalised, within_reach
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]

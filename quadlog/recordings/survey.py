@@ -7,7 +7,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from statistics import median
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Int, Message, Transforms, UwbRanges
-from quadlog.recordings.containers.bounded_reader import MAX_TIME_NS, Damaged
 from quadlog.recordings.containers.container import Channel, Container, RawMessage
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
@@ -70,109 +69,56 @@ def _starts_with_header(type_name: str, message_encoding: str, schema_encoding: 
 
 RATE_INTERVALS = 10
 GAP_MEDIANS = 3
-BINS_PER_OCTAVE = 50  # an interval's bin is 1.4 % wide
-_KEPT_TIMES, _MOST_TIMES = 1 << 18, 1 << 24
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Pulse:
-    """Counters, the last few times and a histogram of intervals.
+    """The log times t_ns (N,) of a channel in order, 8 bytes each, and what they tell."""
 
-    first_ns, last_ns: the earliest and the latest log time. hz_min, hz_max: the slowest
-    and the fastest of all runs of ten successive intervals, zero where there is none.
-    """
+    t_ns: Int
 
-    messages: int = 0
-    first_ns: int | None = None
-    last_ns: int | None = None
-    longest_ns: int = 0
-    _shortest_run_ns: int = 0
-    _longest_run_ns: int = 0
-    _recent_ns: Int = field(default_factory=lambda: np.empty(0, np.int64))
-    _intervals: Counter[int] = field(default_factory=Counter)
+    @classmethod
+    def of(cls, t_ns: Int) -> Pulse:
+        """Of log times in any order."""
+        return cls(np.sort(t_ns))
 
-    def take(self, t_ns: Int) -> None:
-        """The next log times (N,), in order."""
-        if len(t_ns) == 0:
-            return
-        self.messages += len(t_ns)
-        first_ns, last_ns = int(t_ns.min()), int(t_ns.max())
-        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
-        self.last_ns = last_ns if self.last_ns is None else max(self.last_ns, last_ns)
-        times_ns = np.concatenate([self._recent_ns, t_ns])
-        # Of the times that were there before, only the last one begins an interval that is new.
-        self._take_intervals(np.diff(times_ns[max(len(self._recent_ns) - 1, 0) :]))
-        self._take_runs(times_ns[RATE_INTERVALS:] - times_ns[:-RATE_INTERVALS])
-        self._recent_ns = times_ns[-RATE_INTERVALS:].copy()
+    @property
+    def ends_ns(self) -> tuple[int, int] | tuple[None, None]:
+        """The earliest and the latest log time."""
+        return (int(self.t_ns[0]), int(self.t_ns[-1])) if len(self.t_ns) else (None, None)
 
-    def _take_intervals(self, intervals_ns: Int) -> None:
+    def rates_hz(self) -> tuple[float, float] | tuple[None, None]:
+        """The slowest and the fastest of all runs of ten successive intervals; the mean rate twice where there are
+        fewer, None where there is none.
+        """
+        for intervals in (RATE_INTERVALS, len(self.t_ns) - 1):
+            runs_ns = self.t_ns[intervals:] - self.t_ns[:-intervals] if intervals > 0 else self.t_ns[:0]
+            if runs_ns.max(initial=0) > 0:
+                runs_ns = runs_ns[runs_ns > 0]
+                return intervals * 1e9 / int(runs_ns.max()), intervals * 1e9 / int(runs_ns.min())
+        return None, None
+
+    def gaps(self) -> tuple[int, int]:
+        """How many intervals are longer than three medians of those above zero, and the longest (ns)."""
+        intervals_ns = np.diff(self.t_ns)
         intervals_ns = intervals_ns[intervals_ns > 0]
-        if len(intervals_ns):
-            self.longest_ns = max(self.longest_ns, int(intervals_ns.max()))
-            bins, counts = np.unique((np.log2(intervals_ns) * BINS_PER_OCTAVE).astype(np.int64), return_counts=True)
-            self._intervals.update(dict(zip(bins.tolist(), counts.tolist(), strict=True)))
-
-    def _take_runs(self, runs_ns: Int) -> None:
-        runs_ns = runs_ns[runs_ns > 0]
-        if len(runs_ns):
-            shortest_ns, longest_ns = int(runs_ns.min()), int(runs_ns.max())
-            self._shortest_run_ns = min(self._shortest_run_ns or shortest_ns, shortest_ns)
-            self._longest_run_ns = max(self._longest_run_ns, longest_ns)
-
-    def rates_hz(self) -> tuple[float, float] | None:
-        """The slowest and the fastest; the mean rate twice where there are fewer than ten intervals, else None."""
-        if self._longest_run_ns:
-            return RATE_INTERVALS * 1e9 / self._longest_run_ns, RATE_INTERVALS * 1e9 / self._shortest_run_ns
-        if self.first_ns is None or self.last_ns is None or self.last_ns <= self.first_ns:
-            return None
-        mean_hz = (self.messages - 1) * 1e9 / (self.last_ns - self.first_ns)
-        return mean_hz, mean_hz
-
-    def gaps(self) -> int:
-        """Intervals of more than three medians, to the width of a bin."""
-        below, half = 0, sum(self._intervals.values()) / 2
-        for interval, count in sorted(self._intervals.items()):
-            below += count
-            if below >= half:
-                limit = interval + math.log2(GAP_MEDIANS) * BINS_PER_OCTAVE
-                return sum(count for each, count in self._intervals.items() if each > limit)
-        return 0
+        if not len(intervals_ns):
+            return 0, 0
+        return int((intervals_ns > GAP_MEDIANS * np.median(intervals_ns)).sum()), int(intervals_ns.max())
 
 
 def indexed_pulses(container: Container) -> dict[Channel, Pulse]:
-    """Every channel's pulse from the indexes alone. Raises Damaged where they are not enough.
-
-    Times are put in order as far as files and chunks overlap; so many have to be kept.
-    """
-    pulses = {channel: Pulse() for channel in container.channels}
-    waiting: dict[int, tuple[Channel, list[Int]]] = {}
-    kept, limit = 0, _KEPT_TIMES
-    for times in container.log_times():
-        if kept > limit:
-            kept = _take_before(times.floor_ns, waiting, pulses)
-            if kept > _MOST_TIMES:
-                raise Damaged("the times of its chunks overlap too much")
-            limit = 2 * kept + _KEPT_TIMES
-        waiting.setdefault(id(times.channel), (times.channel, []))[1].append(times.t_ns)
-        kept += len(times.t_ns)
-    _take_before(MAX_TIME_NS + 1, waiting, pulses)
-    return pulses
-
-
-def _take_before(t_ns: int, waiting: dict[int, tuple[Channel, list[Int]]], pulses: dict[Channel, Pulse]) -> int:
-    """Hand on all times before t_ns; how many are left."""
-    left = 0
-    for channel, batches in waiting.values():
-        times_ns = np.sort(np.concatenate(batches), kind="stable")
-        due = int(np.count_nonzero(times_ns < t_ns))
-        pulses[channel].take(times_ns[:due])
-        batches[:] = [times_ns[due:]]
-        left += len(times_ns) - due
-    return left
+    """Every channel's pulse from the indexes alone. Raises Damaged where they are not enough."""
+    times: dict[int, list[Int]] = {id(channel): [] for channel in container.channels}
+    for channel, t_ns in container.log_times():
+        times[id(channel)].append(t_ns)
+    return {
+        channel: Pulse.of(np.concatenate([np.empty(0, np.int64), *times[id(channel)]]))
+        for channel in container.channels
+    }
 
 
 OFFSETS_KEPT = 1000
-_BATCH = 4096
 
 Decoded = tuple[RawMessage, tuple[Message, ...]]
 Watch = Callable[[Iterator[Decoded]], Iterator[Decoded]]
@@ -234,7 +180,7 @@ class Survey:
 
 
 def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, watch: Watch | None = None) -> Survey:
-    """Read everything once, except the coordinates of clouds; memory does not grow with the recording.
+    """Read everything once, except the coordinates of clouds; memory grows by 8 bytes a message.
 
     pulses: the log times of all messages (`indexed_pulses`), where the recording
     is an excerpt. watch: passes the messages on, to show how far they are.
@@ -257,7 +203,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
             elif isinstance(message, Transforms):
                 topic = raw.channel.topic
                 transforms.update((topic, each.frame_id, each.child_frame_id) for each in message.transforms)
-    read = {each.channel: each.pulse() for each in seen.values()}
+    read = {each.channel: Pulse.of(np.frombuffer(each.t_ns, np.int64)) for each in seen.values()}
     whole = read if pulses is None else pulses
     topics = sorted(
         (each.stamps.survey(each.channel, whole[each.channel]) for each in seen.values()),
@@ -267,7 +213,7 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
         tuple(topics),
         {topic: tuple(_link(*pair, reach) for pair, reach in sorted(links[topic].items())) for topic in sorted(links)},
         sum(each.messages for each in topics),
-        sum(each.messages for each in read.values()),
+        sum(len(each.t_ns) for each in read.values()),
         min((each.first_ns for each in topics if each.first_ns is not None), default=None),
         max((each.last_ns for each in topics if each.last_ns is not None), default=None),
         places.found(),
@@ -276,24 +222,15 @@ def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, 
 
 
 class _Seen:
-    """One channel's messages as they pass; log times are handed on in batches."""
+    """One channel's messages as they pass."""
 
     def __init__(self, channel: Channel) -> None:
-        self.channel, self.stamps = channel, _Stamps(channel)
-        self._pulse, self._batch_ns = Pulse(), array("q")
+        self.channel, self.stamps, self.t_ns = channel, _Stamps(channel), array("q")
 
     def take(self, raw: RawMessage, decoded: tuple[Message, ...]) -> None:
         """One message more."""
-        self._batch_ns.append(raw.log_time_ns)
-        if len(self._batch_ns) == _BATCH:
-            self.pulse()
+        self.t_ns.append(raw.log_time_ns)
         self.stamps.take(raw.log_time_ns, raw.payload, decoded)
-
-    def pulse(self) -> Pulse:
-        """What the log times so far tell."""
-        self._pulse.take(np.array(self._batch_ns, np.int64))
-        self._batch_ns = array("q")
-        return self._pulse
 
 
 @dataclass
@@ -359,17 +296,17 @@ class _Stamps:
 
     def survey(self, channel: Channel, pulse: Pulse) -> TopicSurvey:
         """The channel with its log times."""
-        hz_min, hz_max = pulse.rates_hz() or (None, None)
+        (first_ns, last_ns), (hz_min, hz_max), (gaps, longest_ns) = pulse.ends_ns, pulse.rates_hz(), pulse.gaps()
         return TopicSurvey(
             channel.topic,
             channel.type_name,
-            pulse.messages,
-            pulse.first_ns,
-            pulse.last_ns,
+            len(pulse.t_ns),
+            first_ns,
+            last_ns,
             hz_min,
             hz_max,
-            pulse.gaps(),
-            pulse.longest_ns * 1e-9 if pulse.longest_ns else None,
+            gaps,
+            longest_ns * 1e-9 if longest_ns else None,
             median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
             None if self._ends_ns is None else (self._ends_ns[1] - self._ends_ns[0]) * 1e-9,
             self.back_ns,

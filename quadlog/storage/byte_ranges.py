@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import tempfile
@@ -10,8 +9,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Lock
-from typing import BinaryIO
 
 from quadlog.errors import StorageFailed
 from quadlog.storage.remote_object import RemoteObject
@@ -45,62 +42,24 @@ class LocalBytes:
 
     def __init__(self, path: Path) -> None:
         self.spare_bytes, self.spare_records = Allowance(SPARE_BYTES), Allowance(_SPARE_RECORDS)
-        self._path = path
-        self._lock = Lock()
-        self._reading = 0
-        self._is_unneeded = self._is_closed = False
-        self._file: BinaryIO | None = path.open("rb", buffering=0)
-        status = os.fstat(self._file.fileno())
-        self.size, self._identity = status.st_size, (status.st_dev, status.st_ino)
+        self._file = path.open("rb", buffering=0)
+        self.size = os.fstat(self._file.fileno()).st_size
 
     def read(self, offset: int, length: int) -> bytes:
         """So many bytes from offset on, fewer where the file ends. Raises OSError where the disk fails."""
-        with self._lock:
-            handle = self._opened()
-            self._reading += 1
-        try:
-            data = os.pread(handle, length, offset)
-            while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
-                data += more
-            return data
-        finally:
-            with self._lock:
-                self._reading -= 1
-                self._close_if_unneeded()
+        handle = self._file.fileno()
+        data = os.pread(handle, length, offset)
+        while 0 < len(data) < length and (more := os.pread(handle, length - len(data), offset + len(data))):
+            data += more
+        return data
 
     def read_each(self, spans: Sequence[Span]) -> list[bytes]:
         """Small stretches that lie far apart."""
         return [self.read(offset, length) for offset, length in spans]
 
-    def release(self) -> None:
-        """Give the file descriptor back until something is read again."""
-        with self._lock:
-            self._is_unneeded = True
-            self._close_if_unneeded()
-
     def close(self) -> None:
-        """Release it for good."""
-        self._is_closed = True
-        self.release()
-
-    def _opened(self) -> int:
-        if self._is_closed:
-            raise ValueError("a closed file is read")
-        self._is_unneeded = False
-        if self._file is None:
-            file = self._path.open("rb", buffering=0)
-            status = os.fstat(file.fileno())
-            if (status.st_dev, status.st_ino) != self._identity:
-                file.close()
-                raise OSError(errno.ESTALE, "it was replaced while it was read", str(self._path))
-            self._file = file
-        return self._file.fileno()
-
-    def _close_if_unneeded(self) -> None:
-        # Another thread may be in the middle of reading.
-        if self._is_unneeded and not self._reading and self._file is not None:
-            self._file.close()
-            self._file = None
+        """Release it; nothing may be reading."""
+        self._file.close()
 
 
 # Small beside a chunk of a recording (about 1 MB): a time window's edges cost little more than they must.
@@ -138,9 +97,6 @@ class RemoteBytes:
         ends = [(offset, min(offset + length, self.size)) for offset, length in spans]
         with ThreadPoolExecutor(_AT_A_TIME) as threads:
             return list(threads.map(lambda span: self._remote.fetch(*span) if span[0] < span[1] else b"", ends))
-
-    def release(self) -> None:
-        """Nothing to give back: what was fetched is kept."""
 
     def close(self) -> None:
         self._kept.close()

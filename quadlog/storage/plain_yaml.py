@@ -65,31 +65,6 @@ def _check(events: Iterator[Any]) -> None:
             raise NotPlainYaml(reason, event.start_mark.line + 1 if event.start_mark else None)
 
 
-def text_of(value: Plain, name: str, default: str | None = None) -> str:
-    """Text that stands under a name; default for what is missing, if there is one. Raises NotPlainYaml."""
-    if value is None and default is not None:
-        return default
-    if not isinstance(value, str):
-        raise NotPlainYaml(f"{name} is no text")
-    return value
-
-
-def number_of(value: Plain, name: str) -> float:
-    """A number that stands under a name. Raises NotPlainYaml."""
-    text = text_of(value, name)
-    try:
-        return float(text)
-    except ValueError:
-        raise NotPlainYaml(f"{name} is no number: {clipped(text, 50)!r}") from None
-
-
-def list_of(value: Plain, name: str) -> list[Plain]:
-    """A list that stands under a name, empty for what is missing. Raises NotPlainYaml."""
-    if value is not None and not isinstance(value, list):
-        raise NotPlainYaml(f"{name} is no list")
-    return value or []
-
-
 def mapping_of(value: Plain, name: str) -> dict[str, Plain]:
     """A mapping that stands under a name. Raises NotPlainYaml."""
     if not isinstance(value, dict):

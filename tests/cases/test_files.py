@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from quadlog.recordings.containers.open import open_container
 from quadlog.simulation.synthetic.recording import LIDAR_TOPIC, START_NS
 from quadlog.simulation.synthetic.ros_encoding import RosEncoder
 from tests.lab.clouds import SCANS, SOURCES, rows, stamped
@@ -52,10 +52,10 @@ def one_more_promised(writer: Writer) -> None:
 def with_a_broken_cloud(path: Path) -> Path:
     """Every message in a chunk of its own, and a byte of a cloud turned over, which nobody reads before `filter`."""
     in_chunks(path, 1)
-    with open_container(path) as container:
-        pieces = sorted(container._contents.pieces, key=lambda piece: piece.length)
+    with path.open("rb") as file:
+        largest = max(make_reader(file).get_summary().chunk_indexes, key=lambda chunk: chunk.chunk_length)
     content = bytearray(path.read_bytes())
-    content[pieces[-1].offset + pieces[-1].length // 2] ^= 0xFF
+    content[largest.chunk_start_offset + largest.chunk_length // 2] ^= 0xFF
     path.write_bytes(content)
     return path
 

@@ -11,8 +11,8 @@ import shutil
 import tempfile
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -22,8 +22,7 @@ import lz4.frame
 import zstandard
 
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
-from quadlog.recordings.containers.bounded_reader import MAX_CHUNK_BYTES, Damaged
-from quadlog.recordings.containers.container import ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.containers.container import MAX_CHUNK_BYTES, Damaged, Loss, RawMessage
 from quadlog.recordings.formatting import several
 from quadlog.storage.byte_ranges import SPARE_BYTES, ByteSource
 
@@ -180,33 +179,33 @@ _MAX_UNPACKED_BYTES = 1 << 37
 _ELSEWHERE = "TMPDIR names another folder"
 
 
-def unpack(path: Path) -> tuple[tempfile.TemporaryDirectory[str], list[str]]:
-    """A temporary folder with the decompressed file, and a warning where the compressed data is damaged or cut off.
+def unpack(path: Path, name: str) -> tuple[tempfile.TemporaryDirectory[str], list[str]]:
+    """A temporary folder with the decompressed file of this name, and a warning where the compressed data is damaged.
 
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
     Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
     """
-    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-    warnings = []
-    written = 0
-    try:
+    with ExitStack() as on_error:
+        folder = tempfile.TemporaryDirectory(prefix="quadlog-")
+        on_error.callback(folder.cleanup)
+        warnings, written = [], 0
         # Half of what is free: the rest of the machine lives there too.
         room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(folder.name).free // 2)
-        with path.open("rb") as packed, (Path(folder.name) / unpacked_name(path)).open("wb", buffering=0) as target:
-            for block in zstd_blocks(packed):
-                written += len(block)
-                if written > room:
-                    limit = f"at most half of what is free there; {_ELSEWHERE}"
-                    raise TooLarge(f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})", written, room)
-                _write(target, block, path)
-    except (zstandard.ZstdError, Incomplete) as error:
-        if written == 0:
-            folder.cleanup()
-            raise NotARecording(path, f"it cannot be decompressed ({error})") from None
-        warnings = [f"its compressed data is damaged ({error}); the {several(written, 'byte')} before that were read"]
-    except BaseException:
-        folder.cleanup()
-        raise
+        try:
+            with path.open("rb") as packed, (Path(folder.name) / name).open("wb", buffering=0) as target:
+                for block in zstd_blocks(packed):
+                    written += len(block)
+                    if written > room:
+                        limit = f"at most half of what is free there; {_ELSEWHERE}"
+                        what = f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})"
+                        raise TooLarge(what, written, room)
+                    _write(target, block, path)
+        except (zstandard.ZstdError, Incomplete) as error:
+            if written == 0:
+                raise NotARecording(path, f"it cannot be decompressed ({error})") from None
+            read = several(written, "byte")
+            warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
+        on_error.pop_all()
     return folder, warnings
 
 
@@ -224,30 +223,6 @@ def _write(target: io.FileIO, block: bytes, packed: Path) -> None:
 def unpacked_name(path: Path) -> str:
     """The name without `.zstd` or `.zst`."""
     return path.stem if path.suffix.lower() in (".zstd", ".zst") else path.name
-
-
-class UnpackedFile(ClosedOnExit):
-    """A container in a temporary folder, known by the path of the file it was copied or decompressed from."""
-
-    def __init__(
-        self, path: Path, inner: Container, folder: tempfile.TemporaryDirectory[str], warnings: Sequence[str] = ()
-    ) -> None:
-        self.path, self._inner, self._folder = path, inner, folder
-        inner.path = path
-        self.channels, self.span_ns = inner.channels, inner.span_ns
-        # The same list: it grows while the inner container is read.
-        self.losses = inner.losses
-        self._warnings = list(warnings)
-        self.messages, self.log_times, self.excerpt = inner.messages, inner.log_times, inner.excerpt
-        self.release = inner.release
-
-    @property
-    def warnings(self) -> list[str]:
-        return [*self._warnings, *self._inner.warnings]
-
-    def close(self) -> None:
-        self._inner.close()
-        self._folder.cleanup()
 
 
 def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Iterator[RawMessage]:

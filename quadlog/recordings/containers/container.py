@@ -3,12 +3,33 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol, Self, TypeVar
+from typing import NamedTuple, Self, TypeVar
 
 from quadlog.messages import Int
+
+# Far above what recorders write (chunks of 1 to 16 MB), far below the memory of any machine.
+MAX_CHUNK_BYTES = 1 << 29
+MAX_INDEX_BYTES = 1 << 28
+MAX_DEFINITION_BYTES = 1 << 26
+MAX_NAME_BYTES = 1 << 12
+MAX_TIME_NS = 2**63 - 1
+JUMP_NS = 10**9
+"""Log times that go back by more are a warning."""
+
+
+class Damaged(Exception):
+    """Bytes that do not mean what their format says. Readers turn it into a Loss.
+
+    cause is the Loss's stable word, reason one phrase for people.
+    """
+
+    def __init__(self, reason: str, cause: str = "damaged") -> None:
+        self.reason, self.cause = reason, cause
+        super().__init__(reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +65,8 @@ class RawMessage(NamedTuple):
 
 
 class LogTimes(NamedTuple):
-    """Log times t_ns (N,) of messages of one channel; batches that follow have none before floor_ns."""
+    """Log times t_ns (N,) of messages of one channel, in any order."""
 
-    floor_ns: int
     channel: Channel
     t_ns: Int
 
@@ -97,70 +117,63 @@ class Loss:
     count: int | None = None
 
 
-class Container(Protocol):
-    """One recording, open for reading. `losses` and `warnings` grow while it is read."""
-
-    path: Path
-    losses: list[Loss]
-
-    @property
-    def warnings(self) -> list[str]:
-        """What a user should know, each a line."""
-        ...
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Every topic and type, known without reading the messages where the format allows it."""
-        ...
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """Log times of the first and the last message, None when there is none or no index has it."""
-        ...
-
-    def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[RawMessage]:
-        """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
-        ...
-
-    def log_times(self) -> Iterator[LogTimes]:
-        """Log times of all messages from indexes alone, payloads unread.
-
-        Raises Damaged, at once or on the way, where there is no index or it disagrees with itself.
-        """
-        ...
-
-    def excerpt(self, budget: Budget) -> Container | None:
-        """The same recording with some of its messages, from places spread evenly; None where it fits the budget.
-
-        Closed with the recording itself. Damage elsewhere than in these places is not found.
-        """
-        ...
-
-    def release(self) -> None:
-        """Give file descriptors back until something is read again: a recording may have thousands of files."""
-        ...
-
-    def close(self) -> None:
-        """Release the file. Reading again afterwards is an error of the caller."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
 class ClosedOnExit:
     """A context manager that closes itself."""
 
-    close: Callable[[], None]
+    def close(self) -> None:
+        """Release what it holds."""
+        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class Container(ClosedOnExit):
+    """One recording, open for reading. `losses` and `warnings` grow while it is read, always in place.
+
+    channels: every topic and type. span_ns: log times of the first and the last message, None when there is none or no
+    index has it. resources: what is closed with it.
+    """
+
+    channels: tuple[Channel, ...] = ()
+    span_ns: tuple[int, int] | None = None
+
+    def __init__(self, path: Path, warnings: Sequence[str] = ()) -> None:
+        self.path, self.warnings = path, list(warnings)
+        self.losses: list[Loss] = []
+        self.resources = ExitStack()
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
+        raise NotImplementedError
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """Log times of all messages from indexes alone, payloads unread.
+
+        Raises Damaged, at once or on the way, where there is no index or it disagrees with itself.
+        """
+        raise NotImplementedError
+
+    def excerpt(self, budget: Budget) -> Container | None:
+        """The same recording with some of its messages, from places spread evenly; None where it fits the budget.
+
+        Closed with the recording itself. Damage elsewhere than in these places is not found.
+        """
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Release the file. Reading again afterwards is an error of the caller."""
+        self.resources.close()
+
+    def report(self, loss: Loss) -> None:
+        """Record a loss, once however often it is met."""
+        if loss not in self.losses:
+            self.losses.append(loss)
 
 
 Identity = tuple[str, str, str, str, bytes]
@@ -187,58 +200,21 @@ def shared_channels(
     return shared
 
 
-class Source(Protocol):
-    """Messages in order of log time. next_ns: there is none before; None once there is none left.
+def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterator[RawMessage]:
+    """Messages of all streams in order of log time; of equal times, those of the earlier stream come first.
 
-    A source may keep a message back, but not the bytes of a whole chunk.
+    Each comes with a time before which it has none, and is not touched earlier: memory holds only what overlaps.
     """
-
-    next_ns: int | None
-
-    def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        """The messages that are left with log time <= last_ns, or all; afterwards next_ns is beyond it."""
-        ...
-
-
-def merge_by_time(sources: Iterable[Source]) -> Iterator[RawMessage]:
-    """Messages of all sources in order of log time; of equal times, those of the earlier source come first.
-
-    A source is opened when its first message is due, so memory holds only sources that overlap in time.
-    """
-    heap: list[tuple[int, int, Source]] = []
-    for order, source in enumerate(sources):
-        if source.next_ns is not None:
-            heap.append((source.next_ns, order, source))
+    heap: list[tuple[int, int, RawMessage | None, Iterator[RawMessage]]] = [
+        (start_ns, order, None, stream) for order, (start_ns, stream) in enumerate(streams)
+    ]
     heapq.heapify(heap)
     while heap:
-        _, order, source = heapq.heappop(heap)
-        if not heap:
-            yield from source.until(None)
-            return
-        due_ns, due_order = heap[0][:2]
-        yield from source.until(due_ns if order < due_order else due_ns - 1)
-        if source.next_ns is not None:
-            heapq.heappush(heap, (source.next_ns, order, source))
-
-
-class Stream:
-    """The messages of an iterator (Source), which is made when the time comes before which it has none."""
-
-    def __init__(self, start_ns: int, open_stream: Callable[[], Iterator[RawMessage]]) -> None:
-        self.next_ns: int | None = start_ns
-        self._open_stream = open_stream
-        self._messages: Iterator[RawMessage] | None = None
-        self._waiting: RawMessage | None = None
-
-    def until(self, last_ns: int | None) -> Iterator[RawMessage]:
-        if self._messages is None:
-            self._messages = self._open_stream()
-        if self._waiting is not None:
-            waiting, self._waiting = self._waiting, None
+        _, order, waiting, stream = heapq.heappop(heap)
+        if waiting is not None:
             yield waiting
-        for message in self._messages:
-            if last_ns is not None and message.log_time_ns > last_ns:
-                self._waiting, self.next_ns = message, message.log_time_ns
-                return
+        for message in stream:
+            if heap and (message.log_time_ns, order) > heap[0][:2]:
+                heapq.heappush(heap, (message.log_time_ns, order, message, stream))
+                break
             yield message
-        self.next_ns = None

@@ -1,209 +1,431 @@
-"""An MCAP file: its footer and summary, which make it searchable, and the reader on top of them."""
+"""An MCAP file (mcap.dev/spec): its summary, its chunks, and a walk over what the summary does not describe."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+import re
+import struct
+from array import array
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
+import numpy as np
 from isal.isal_zlib import crc32
 
-from quadlog.errors import NothingReadable
-from quadlog.recordings.containers import mcap_records as mcap
-from quadlog.recordings.containers.bounded_reader import (
-    MAX_INDEX_BYTES,
-    MAX_TIME_NS,
-    Cursor,
-    Damaged,
-    read_at,
-    read_each_at,
-)
-from quadlog.recordings.containers.chunked_reader import ChunkedReader
-from quadlog.recordings.containers.chunks import Body, Contents, Entries, Listed, Piece, PieceFormat, losses_of, span_of
-from quadlog.recordings.containers.compression import SUPPORTED
-from quadlog.recordings.containers.container import Channel, Identity, Loss, shared_channels
-from quadlog.recordings.containers.mcap_records import ChunkIndex, McapChannel, Schema, Statistics
-from quadlog.recordings.containers.mcap_recovery import McapScan, message_index_counts
+from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
+from quadlog.recordings.containers.chunked import ChunkedReader
+from quadlog.recordings.containers.compression import decompress
+from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
 from quadlog.recordings.formatting import ros2_type_name, several
-from quadlog.storage.byte_ranges import ByteSource
 
-_FOOTER_BYTES = mcap.FRAME.size + 20
-
-
-@dataclass
-class McapSummary:
-    """What the summary section says. Whatever a writer left out is empty."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, McapChannel] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    statistics: Statistics | None = None
-
-    def is_complete(self) -> bool:
-        """Whether every message can be found through it: all counts agree with the statistics."""
-        own = self.statistics
-        return (
-            own is not None
-            and (own.schemas, own.channels, own.chunks) == (len(self.schemas), len(self.channels), len(self.chunks))
-            and own.messages == sum(own.channel_counts.values())
-            and self.channels.keys() >= own.channel_counts.keys()
-            and len({chunk.offset for chunk in self.chunks}) == len(self.chunks)
-        )
-
-
-def read_summary(file: ByteSource, size: int) -> tuple[McapSummary | None, list[Loss]]:
-    """The summary, None where none was written, or an empty one and the loss that says why it cannot be read."""
-    try:
-        footer_offset = size - len(mcap.MAGIC) - _FOOTER_BYTES
-        footer = read_at(file, footer_offset, _FOOTER_BYTES + len(mcap.MAGIC))
-        if not footer.endswith(mcap.MAGIC):
-            raise Damaged("the file does not end with MCAP's closing mark", "truncated")
-        opcode, length = mcap.FRAME.unpack_from(footer)
-        if (opcode, length) != (mcap.FOOTER, 20):
-            raise Damaged("the footer is damaged", "summary")
-        cursor = Cursor(footer[mcap.FRAME.size :])
-        start, _, crc = cursor.u64(), cursor.u64(), cursor.u32()
-        if start == 0:
-            return None, []
-        if start > footer_offset:
-            raise Damaged("the footer points beyond the file", "summary")
-        section = read_at(file, start, footer_offset - start, MAX_INDEX_BYTES)
-        if crc and crc32(footer[: mcap.FRAME.size + 16], crc32(section)) != crc:
-            raise Damaged("the summary's checksum (CRC) does not match", "summary")
-        return _parse(section), []
-    except Damaged as damage:
-        cause = damage.cause if damage.cause in ("truncated", "summary") else "summary"
-        return McapSummary(), [Loss(cause, f"{damage.reason}; everything was read from the first byte on instead")]
-
-
-def _parse(section: bytes) -> McapSummary:
-    summary = McapSummary()
-    for opcode, content in mcap.records(section):
-        if opcode == mcap.SCHEMA:
-            schema = mcap.read_schema(content)
-            summary.schemas[schema.number] = schema
-        elif opcode == mcap.CHANNEL:
-            channel = mcap.read_channel(content)
-            summary.channels[channel.number] = channel
-        elif opcode == mcap.CHUNK_INDEX:
-            summary.chunks.append(mcap.read_chunk_index(content))
-        elif opcode == mcap.STATISTICS:
-            summary.statistics = mcap.read_statistics(content)
-    return summary
-
-
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x07, 0x08, 0x09, 0x0B, 0x0C, 0x0F
+FRAME = struct.Struct("<BQ")
+# Frame, channel, sequence, log time (signed: what does not fit into 63 bits is negative) and publish time.
+_MESSAGE_HEAD = struct.Struct("<BQHIqQ")
+_HEAD_BYTES = 128
+_BEHIND_CHUNKS = (CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
+_FOOTER_BYTES = FRAME.size + 20
+_DATA_END_BYTES = 4
 _ROS_SCHEMAS = ("ros1msg", "ros2msg", "ros2idl")
+_CUT_OFF = "the file is cut off here, or holds no records from here on"
 
 
-def read_mcap(path: Path, file: ByteSource) -> ChunkedReader:
-    """The MCAP file in these bytes, which are the reader's from here on; path is its name.
+class _Fields:
+    """Little-endian fields, one after the other, out of one record; raises Damaged where the record ends."""
 
-    Raises NothingReadable when it is damaged and has no readable message.
-    """
-    contents = _contents(file, file.size)
-    _refuse_if_nothing_is_left(path, contents)
-    return ChunkedReader(path, contents, McapFormat(file), file)
+    def __init__(self, data: bytes | memoryview) -> None:
+        self.data = memoryview(data)
+        self.position = 0
+
+    def take(self, length: int) -> memoryview:
+        begin, self.position = self.position, self.position + length
+        if self.position > len(self.data):
+            raise Damaged(f"a field of {length} bytes does not fit into the {len(self.data)} bytes of its record")
+        return self.data[begin : self.position]
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def time_ns(self) -> int:
+        return min(self.number(8), MAX_TIME_NS)
+
+    def text(self) -> str:
+        return name_of(self.take(self.number(4)))
+
+    def counts(self) -> Counter[int]:
+        """A map from channel ids."""
+        pairs = self.take(self.number(4))
+        if len(pairs) % 10:
+            raise Damaged("a map is cut short")
+        return Counter(dict(struct.iter_unpack("<HQ", pairs)))
 
 
-class McapFormat(PieceFormat):
-    """How a piece of an MCAP file is read."""
+class _Schema(NamedTuple):
+    """A message definition."""
 
-    def load_chunk(self, piece: Piece, at_most: int | None) -> Body | None:
-        record = memoryview(read_at(self.file, piece.offset, piece.length))
-        if len(record) < mcap.FRAME.size:
-            raise Damaged("the index gives it no room")
-        opcode, length = mcap.FRAME.unpack_from(record)
-        # Without an index the walk has found where it ends, whatever the record says.
-        if opcode != mcap.CHUNK or (piece.index_end and length != len(record) - mcap.FRAME.size):
-            raise Damaged("the index names a chunk where there is no chunk")
-        content = record[mcap.FRAME.size :]
-        if at_most is not None and mcap.chunk_size(content) > at_most:
+    name: str
+    encoding: str
+    data: bytes
+
+
+class _Statistics(NamedTuple):
+    """How much there is, as the writer counted it."""
+
+    messages: int
+    schemas: int
+    channels: int
+    chunks: int
+    start_ns: int
+    end_ns: int
+    counts: Counter[int]
+
+
+def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of each record in a buffer of whole records. Raises Damaged."""
+    fields = _Fields(data)
+    while fields.position < len(data):
+        opcode, length = FRAME.unpack(fields.take(FRAME.size))
+        yield opcode, fields.take(length)
+
+
+class McapReader(ChunkedReader):
+    """Raises NothingReadable when the file is damaged and has no readable message."""
+
+    _mark = re.compile(rb"\x06(?=.{7}\0.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))", re.DOTALL)
+
+    def _open(self) -> None:
+        self._schemas: dict[int, _Schema] = {}
+        # Schema, topic and message encoding.
+        self._ids: dict[int, tuple[int, str, str]] = {}
+        self._known: dict[int, Chunk] = {}
+        self._offsets: list[int] = []
+        self._walked: Chunk | None = None
+        self._data_end: tuple[int, int] | None = None
+        self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
+        statistics, complete = self._read_summary()
+        self._walk(len(MAGIC))
+        self._known, self._offsets = {}, []
+        self._report_lost_records()
+        if read_at(self._file, 0, len(MAGIC)) != MAGIC:
+            detail = "the file's first 8 bytes are not MCAP's magic, the last 8 are"
+            self._walk_losses.append(Loss("damaged", detail))
+        self._check_loose_messages()
+        if statistics is not None and (complete or statistics.counts):
+            self._declared = statistics.counts
+        if statistics is not None and complete and statistics.messages:
+            self.span_ns = statistics.start_ns, statistics.end_ns
+
+    def _read_summary(self) -> tuple[_Statistics | None, bool]:
+        """The statistics, and whether every message can be found through the summary, which then is known."""
+        indexed: list[Chunk] = []
+        statistics = None
+        why = "the summary is not complete"
+        try:
+            section = self._summary_section()
+            why = why if section else "the file was written without a summary"
+            for opcode, content in _records(section):
+                if opcode in (SCHEMA, CHANNEL):
+                    self._define(opcode, content)
+                elif opcode == CHUNK_INDEX:
+                    indexed.append(_indexed_chunk(content))
+                elif opcode == STATISTICS:
+                    statistics = _statistics(content)
+        except Damaged as damage:
+            self._schemas, self._ids = {}, {}
+            detail = f"{damage.reason}; everything was read from the first byte on instead"
+            truncated = damage.cause == "truncated"
+            self._index_losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
+            return None, False
+        known = {chunk.offset: chunk for chunk in indexed}
+        if (
+            statistics is None
+            or statistics[1:4] != (len(self._schemas), len(self._ids), len(indexed))
+            or statistics.messages != statistics.counts.total()
+            or not self._ids.keys() >= statistics.counts.keys()
+            or len(known) != len(indexed)
+        ):
+            self.warnings.append(f"{why}; the whole file was read to open it")
+            return statistics, False
+        self._known, self._offsets = known, sorted(known)
+        return statistics, True
+
+    def _summary_section(self) -> bytes:
+        """Empty where none was written. Raises Damaged."""
+        footer_at = self._file.size - len(MAGIC) - _FOOTER_BYTES
+        footer = read_at(self._file, footer_at, _FOOTER_BYTES + len(MAGIC))
+        if not footer.endswith(MAGIC):
+            raise Damaged("the file does not end with MCAP's closing mark", "truncated")
+        opcode, length, start, _, crc = struct.unpack_from("<BQQQI", footer)
+        if (opcode, length) != (FOOTER, 20):
+            raise Damaged("the footer is damaged")
+        if start == 0:
+            return b""
+        if start > footer_at:
+            raise Damaged("the footer points beyond the file")
+        section = read_at(self._file, start, footer_at - start, MAX_INDEX_BYTES)
+        if crc and crc32(footer[: FRAME.size + 16], crc32(section)) != crc:
+            raise Damaged("the summary's checksum (CRC) does not match")
+        return section
+
+    def _identities(self) -> Iterable[tuple[int, Identity]]:
+        for number, (schema_id, topic, encoding) in sorted(self._ids.items()):
+            schema = self._schemas.get(schema_id)
+            if schema is None and schema_id:
+                self.warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
+            schema = schema or _Schema("", "", b"")
+            name = ros2_type_name(schema.name) if schema.encoding in _ROS_SCHEMAS else schema.name
+            yield number, (topic, name, encoding, schema.encoding, schema.data)
+
+    def _step(self, position: int) -> int | None:
+        known = self._known.get(position)
+        end = self._take_record(position) if known is None else self._take_indexed(known)
+        if end is not None and (overrun := self._next_known(position)) is not None and end > overrun:
+            raise Damaged("a record overlaps a chunk of the index")
+        return end
+
+    def _resume(self, position: int, damage: Damaged) -> int | None:
+        if (resume := self._next_known(position)) is None:
+            return super()._resume(position, damage)
+        self._lose_stretch(position, resume, damage)
+        return resume
+
+    def _take_indexed(self, chunk: Chunk) -> int:
+        # Chunks never overlap, so no index can make quadlog read a byte twice.
+        if chunk.index_end > (self._next_known(chunk.offset) or self._file.size):
+            raise Damaged("the index gives a chunk more room than there is")
+        self._trusted = chunk.index_end
+        self._chunks.append(chunk)
+        return chunk.index_end
+
+    def _take_record(self, position: int) -> int | None:
+        """As `_step`, of a record that the index does not describe."""
+        opcode, length = FRAME.unpack(read_at(self._file, position, FRAME.size))
+        begin = position + FRAME.size
+        end = begin + length
+        if opcode == CHUNK:
+            end = self._trusted = self._chunk_end(position, begin, end)
+            self._take_chunk(position, end)
+        elif opcode == 0 or end > self._file.size:
+            raise Damaged(_CUT_OFF)
+        elif opcode == MESSAGE:
+            self._take_message(position, end)
+        elif opcode in (SCHEMA, CHANNEL):
+            try:
+                self._define(opcode, memoryview(read_at(self._file, begin, length)))
+            except Damaged as damage:
+                self._lose_record(damage.cause, "message definition", damage.reason, position)
+        elif opcode == MESSAGE_INDEX and self._walked is not None and self._walked.index_end == position:
+            self._walked.index_end = end
+        elif opcode == DATA_END and length == _DATA_END_BYTES:
+            if self._next_known(position) is not None:
+                raise Damaged("the data section's end mark stands before its last chunk")
+            self._data_end = position, _Fields(read_at(self._file, begin, length)).number(4)
             return None
-        return mcap.read_chunk(content, self.file, piece.offset)
+        elif opcode == FOOTER:
+            raise Damaged("the data section has no end mark")
+        elif opcode == DATA_END or (not self._known and self._begin_of(position) is not None):
+            raise Damaged("the kind of a record is damaged")
+        return end
 
-    def entries(self, body: Body) -> Entries:
-        return mcap.message_entries(body)
+    def _chunk_end(self, position: int, begin: int, end: int) -> int:
+        """Where a chunk's record ends: by its length, or where its data's length disagrees, by that which leads to the
+        next record. Raises Damaged.
+        """
+        try:
+            by_data = begin + _chunk_length(self._head(begin))
+        except Damaged:
+            by_data = end
+        found = [each for each in dict.fromkeys((end, by_data)) if end == by_data or self._leads_on(each)]
+        if not found or found[0] > self._file.size:
+            raise Damaged(_CUT_OFF if end == by_data else "a chunk's length is damaged")
+        if found[0] != end:
+            self._lose_record("damaged", "length of a chunk", "its end follows from its data", position)
+        return found[0]
 
-    def listed(self, pieces: Sequence[Piece]) -> list[Listed]:
-        ends = [piece.offset + piece.length for piece in pieces]
-        spans = [(end, max(piece.index_end - end, 0)) for piece, end in zip(pieces, ends, strict=True)]
-        indexes = read_each_at(self.file, spans)
+    def _head(self, begin: int) -> bytes:
+        return read_at(self._file, begin, min(_HEAD_BYTES, max(self._file.size - begin, 0)))
+
+    def _leads_on(self, end: int) -> bool:
+        """Whether what may follow a chunk begins there."""
+        if end + FRAME.size > self._file.size:
+            return end == self._file.size
+        opcode, length = FRAME.unpack_from(self._head(end))
+        return opcode in _BEHIND_CHUNKS and end + FRAME.size + length <= self._file.size
+
+    def _begin_of(self, mark: int) -> int | None:
+        head = self._head(mark)
+        if len(head) < FRAME.size:
+            return None
+        _, length = FRAME.unpack_from(head)
+        try:
+            whole = length == _chunk_length(head[FRAME.size :])
+        except Damaged:
+            return None
+        return mark if whole and mark + FRAME.size + length <= self._file.size else None
+
+    def _take_chunk(self, position: int, end: int) -> None:
+        chunk = self._walked = Chunk(position, end - position, 0, 0, index_end=end)
+        try:
+            # Before the body is tried: a loss says from when to when.
+            times = _Fields(read_at(self._file, position + FRAME.size, min(16, end - position - FRAME.size)))
+            chunk.start_ns, chunk.end_ns = times.time_ns(), times.time_ns()
+        except Damaged as damage:
+            self._lose(chunk, damage)
+        else:
+            self._take_walked(chunk)
+
+    def _take_message(self, position: int, end: int) -> None:
+        _, _, number, _, t_ns, _ = _MESSAGE_HEAD.unpack(read_at(self._file, position, _MESSAGE_HEAD.size))
+        if t_ns < 0:
+            self._lose_record("damaged", "message", "its log time is beyond 63 bits", position)
+        else:
+            self._take_loose(position, end, t_ns, number)
+
+    def _next_known(self, position: int) -> int | None:
+        place = bisect_right(self._offsets, position)
+        return self._offsets[place] if place < len(self._offsets) else None
+
+    def _define(self, kind: int, content: memoryview) -> None:
+        fields = _Fields(content)
+        number = fields.number(2)
+        if kind == SCHEMA:
+            schema = _Schema(fields.text(), fields.text(), bytes(fields.take(fields.number(4))))
+            self._account(number, len(content))
+            self._schemas[number] = schema
+        else:
+            self._ids[number] = fields.number(2), fields.text(), fields.text()
+
+    def _lose_record(self, cause: str, kind: str, why: str, position: int) -> None:
+        count, first = self._lost_records.get((cause, kind), (0, f"at offset {position}: {why}"))
+        self._lost_records[cause, kind] = count + 1, first
+
+    def _report_lost_records(self) -> None:
+        for (cause, kind), (count, first) in self._lost_records.items():
+            detail = f"{several(count, kind)} lost; {'first' if count > 1 else 'it lies'} {first}"
+            self._walk_losses.append(Loss(cause, detail, count=count if kind == "message" else None))
+
+    def _check_loose_messages(self) -> None:
+        """Messages outside chunks have no checksum but the data section's, so that one is computed for them."""
+        at_risk = sum(chunk.counts.total() for chunk in self._chunks if chunk.loose and chunk.counts)
+        end, expected = self._data_end or (0, 0)
+        if not at_risk or not expected:
+            return
+        crc = 0
+        for at in range(0, end, 1 << 20):
+            crc = crc32(read_at(self._file, at, min(1 << 20, end - at)), crc)
+        if crc != expected:
+            any_of = f"any of {several(at_risk, 'message')} outside chunks may be wrong; which ones is unknown"
+            detail = f"the data section's checksum (CRC) does not match; {any_of}"
+            self._walk_losses.append(Loss("crc", detail))
+
+    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
+        if chunk.loose:
+            return self._loose_body(chunk)
+        record = memoryview(read_at(self._file, chunk.offset, chunk.length))
+        if len(record) < FRAME.size or record[0] != CHUNK:
+            raise Damaged("the index names a chunk where there is no chunk")
+        fields = _Fields(record[FRAME.size :])
+        fields.take(16)  # start and end
+        size, crc, scheme = fields.number(8), fields.number(4), fields.text()
+        if at_most is not None and size > at_most:
+            return None
+        length = fields.number(8)
+        stored = fields.data[fields.position :]
+        try:
+            data = self._checked(scheme, stored[:length], size, crc, chunk)
+        except Damaged:
+            if length == len(stored):
+                raise
+            # Of the two lengths one is damaged.
+            data = self._checked(scheme, stored, size, crc, chunk)
+        return self._body(data, len(fields.data), chunk)
+
+    def _checked(self, scheme: str, stored: memoryview, size: int, crc: int, chunk: Chunk) -> memoryview:
+        data = decompress(scheme, stored, size, self._file, chunk.offset)
+        if crc and crc32(data) != crc:
+            raise Damaged("its checksum (CRC) does not match", "crc")
+        return data
+
+    def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[int, memoryview]]]:
+        values, definitions, position, size = array("q"), list[tuple[int, memoryview]](), 0, len(data)
+        unpack, extend, records = _MESSAGE_HEAD.unpack_from, values.extend, 0
+        while position < size and records <= most:
+            records += 1
+            begin = position + FRAME.size
+            try:
+                opcode, length, number, _, t_ns, _ = unpack(data, position)
+            except struct.error:  # too near the end for a message
+                if begin > size:
+                    raise Damaged("a record is cut short") from None
+                opcode, length = FRAME.unpack_from(data, position)
+                t_ns = 0
+            payload, position = position + _MESSAGE_HEAD.size, begin + length
+            if position > size:
+                raise Damaged("a record reaches beyond its chunk")
+            if opcode == MESSAGE:
+                if payload > position:
+                    raise Damaged("a message is cut short")
+                if t_ns < 0:
+                    raise Damaged(f"a log time of {t_ns % 2**64} ns does not fit into 63 bits")
+                extend((t_ns, number, payload, position))
+            elif opcode in (SCHEMA, CHANNEL):
+                definitions.append((opcode, data[begin:position]))
+            elif opcode <= DATA_END:
+                raise Damaged(f"it holds a record of kind {opcode}, which may have been a message")
+        return np.frombuffer(values, ROW), records, definitions
+
+    def _listed(self, chunks: Sequence[Chunk]) -> list[Rows]:
+        spans = [(chunk.end, max(chunk.index_end - chunk.end, 0)) for chunk in chunks]
+        indexes = read_each_at(self._file, spans)
         return [
-            self.entries(self.load_loose(piece)).listed() if piece.loose else mcap.list_messages(memoryview(index))
-            for piece, index in zip(pieces, indexes, strict=True)
+            self._loose_body(chunk).rows if chunk.loose else _indexed_rows(index)
+            for chunk, index in zip(chunks, indexes, strict=True)
         ]
 
-    def counts(self, piece: Piece) -> Mapping[int, int] | None:
-        if piece.counts is not None:
-            return piece.counts
-        return message_index_counts(self.file, piece.offset + piece.length, self.file.size)
+
+def _indexed_chunk(content: memoryview) -> Chunk:
+    fields = _Fields(content)
+    start_ns, end_ns, offset, length = fields.time_ns(), fields.time_ns(), fields.number(8), fields.number(8)
+    channels, index_bytes, compression = frozenset(fields.counts()), fields.number(8), fields.text()
+    end = offset + max(length, 1) + index_bytes
+    return Chunk(offset, length, start_ns, end_ns, channels or None, None, compression, end)
 
 
-def _contents(file: ByteSource, size: int) -> Contents:
-    written, losses = read_summary(file, size)
-    summary = written or McapSummary()
-    indexed, statistics = summary.is_complete(), summary.statistics
-    why = "the file was written without a summary" if written is None else "the summary is not complete"
-    warnings = [] if indexed or losses else [f"{why}; the whole file was read to open it"]
-    scan = McapScan(file, size, summary.chunks if indexed else [])
-    losses += losses_of(scan.lost) + scan.losses
-    if read_at(file, 0, len(mcap.MAGIC)) != mcap.MAGIC:
-        losses.append(Loss("damaged", "the file's first 8 bytes are not MCAP's magic, the last 8 are"))
-    losses += _check_loose_messages(file, scan)
-    declared: Mapping[int, int] = scan.counts
-    span_ns = span_of(scan.pieces)
-    if statistics is not None and (indexed or statistics.channel_counts):
-        declared = statistics.channel_counts
-    if statistics is not None and indexed and statistics.messages:
-        span_ns = min(statistics.start_ns, MAX_TIME_NS), min(statistics.end_ns, MAX_TIME_NS)
-    channel_of = _channels(summary, scan, declared, warnings)
-    return Contents(scan.pieces, channel_of, declared, span_ns, losses, warnings)
+def _statistics(content: memoryview) -> _Statistics:
+    fields = _Fields(content)
+    messages, schemas, channels = fields.number(8), fields.number(2), fields.number(4)
+    fields.take(8)  # attachments and metadata: nothing quadlog reads
+    chunks, start_ns, end_ns = fields.number(4), fields.time_ns(), fields.time_ns()
+    return _Statistics(messages, schemas, channels, chunks, start_ns, end_ns, fields.counts())
 
 
-def _channels(
-    summary: McapSummary, scan: McapScan, declared: Mapping[int, int], warnings: list[str]
-) -> dict[int, Channel]:
-    """Channel ids of the file to Channels; ids that differ in nothing share one."""
-    schemas = {**summary.schemas, **scan.schemas}
-    identities = []
-    for number, channel in sorted({**summary.channels, **scan.channels}.items()):
-        schema = schemas.get(channel.schema)
-        if schema is None and channel.schema:
-            warnings.append(f"{channel.topic}: its message definition (schema {channel.schema}) is not in the file")
-        identities.append((number, _identity(channel, schema)))
-    return shared_channels(identities, lambda number: declared.get(number, 0))
+def _chunk_length(head: bytes) -> int:
+    """How long the content of a chunk is by the length of its data; head: its first bytes. Raises Damaged."""
+    fields = _Fields(head)
+    fields.take(28)  # start, end, size and checksum
+    fields.text()
+    length = fields.number(8)
+    return fields.position + length
 
 
-def _identity(channel: McapChannel, schema: Schema | None) -> Identity:
-    if schema is None:
-        return channel.topic, "", channel.message_encoding, "", b""
-    type_name = ros2_type_name(schema.name) if schema.encoding in _ROS_SCHEMAS else schema.name
-    return channel.topic, type_name, channel.message_encoding, schema.encoding, schema.data
-
-
-def _check_loose_messages(file: ByteSource, scan: McapScan) -> list[Loss]:
-    """Messages outside chunks have no checksum but the data section's, so that one is computed for them."""
-    loose = [piece for piece in scan.pieces if piece.loose]
-    if not loose or scan.ended_at is None or not scan.data_crc:
-        return []
-    crc, position = 0, 0
-    while position < scan.ended_at:
-        block = read_at(file, position, min(1 << 20, scan.ended_at - position))
-        crc = crc32(block, crc)
-        position += len(block)
-    if crc == scan.data_crc:
-        return []
-    at_risk = sum(sum((piece.counts or {}).values()) for piece in loose)
-    detail = f"the data section's checksum (CRC) does not match; any of {several(at_risk, 'message')} outside chunks"
-    return [Loss("crc", f"{detail} may be wrong; which ones is unknown")]
-
-
-def _refuse_if_nothing_is_left(path: Path, contents: Contents) -> None:
-    held = [piece for piece in contents.pieces if not piece.is_empty]
-    unknown = sorted({piece.compression for piece in held} - set(SUPPORTED))
-    if held and unknown and all(piece.compression in unknown for piece in held):
-        names = ", ".join(map(repr, unknown))
-        raise NothingReadable(path, f"compressed with {names}, which quadlog does not read (zstd, lz4 or none)")
-    serious = [loss for loss in contents.losses if loss.cause != "summary"]
-    if not held and serious:
-        raise NothingReadable(path, serious[-1].detail)
+def _indexed_rows(index: bytes) -> Rows:
+    """The messages of a chunk by the message index records behind it. Raises Damaged."""
+    runs: dict[int, memoryview] = {}
+    for opcode, content in _records(index):
+        fields = _Fields(content)
+        number, size = fields.number(2), fields.number(4)
+        if opcode != MESSAGE_INDEX or size % 16:
+            raise Damaged("the index names a message index where there is none")
+        if number in runs:
+            raise Damaged("the message index of a chunk names a channel twice")
+        runs[number] = fields.take(size)
+    pairs = np.frombuffer(b"".join(runs.values()), "<i8").reshape(-1, 2)
+    if pairs.min(initial=0) < 0:
+        raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
+    rows = np.zeros(len(pairs), ROW)
+    rows["t_ns"], rows["begin"] = pairs.T
+    rows["channel"] = np.repeat(np.array(list(runs), np.int64), [len(run) // 16 for run in runs.values()])
+    return rows

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
-from quadlog.errors import NotARecording, NothingReadable, RecordingNotFound, TooLarge
-from quadlog.recordings.containers import bag as bag_records
-from quadlog.recordings.containers import compression as unpacking
-from quadlog.recordings.containers import db3 as sqlite_open
-from quadlog.recordings.containers import mcap_records
-from quadlog.recordings.containers.bag import read_bag
-from quadlog.recordings.containers.compression import is_zstd
+from quadlog.errors import NotARecording, RecordingNotFound, TooLarge
+from quadlog.recordings.containers import bag, compression, db3, mcap
 from quadlog.recordings.containers.container import Container
-from quadlog.recordings.containers.db3 import open_sqlite
-from quadlog.recordings.containers.mcap import read_mcap
 from quadlog.recordings.containers.split import open_split
 from quadlog.recordings.file_names import recording_suffix
 from quadlog.storage.byte_ranges import ByteSource, LocalBytes
 from quadlog.storage.remote_path import RemotePath
-
-if TYPE_CHECKING:
-    from quadlog.storage.remote_object import RemoteObject
 
 _HEAD_BYTES = 32
 MOST_CHANNELS = 4096  # a topic each, or nearly; each costs a row, a look for its role and perhaps a loss
@@ -66,87 +56,80 @@ def open_file(path: Path) -> Container:
         return _open_remote(path)
     if not path.is_file():
         raise NotARecording(path, "not a regular file") if path.exists() else RecordingNotFound(path)
-    try:
-        file = LocalBytes(path)
-    except PermissionError:
-        raise NotARecording(path, "you are not allowed to read it") from None
-    with _closed_on_error(file):
-        head = file.read(0, _HEAD_BYTES)
-        if is_zstd(head):
-            file.close()
-            folder, warnings = unpacking.unpack(path)
-            return _open_within(path, folder, unpacking.unpacked_name(path), warnings)
-        if head.startswith(sqlite_open.MAGIC):
-            file.close()
-            return open_sqlite(path)
-        return _open_chunked(path, file, head)
+    return _open_local(path, path)
 
 
 def is_recording(path: Path, but_ours: bool = False) -> bool:
     """Whether a file is one by its name or first bytes, without opening it; but_ours: unless quadlog wrote it."""
     with path.open("rb") as file:
         head = file.read(2 * _HEAD_BYTES)  # of an MCAP file of quadlog's with its name
-    known = is_zstd(head) or head.startswith((mcap_records.MAGIC, bag_records.MAGIC, sqlite_open.MAGIC))
+    known = compression.is_zstd(head) or head.startswith((mcap.MAGIC, bag.MAGIC, db3.MAGIC))
     return bool(head and (known or recording_suffix(path))) and not (but_ours and b"quadlog" in head)
+
+
+def _open_local(path: Path, place: Path, warnings: Sequence[str] = ()) -> Container:
+    """The file at this place; path is what it is known by."""
+    try:
+        file = LocalBytes(place)
+    except PermissionError:
+        raise NotARecording(path, "you are not allowed to read it") from None
+    with ExitStack() as on_error:
+        on_error.callback(file.close)
+        head = file.read(0, _HEAD_BYTES)
+        if compression.is_zstd(head):
+            name = compression.unpacked_name(place)
+            return _open_copy(path, name, *compression.unpack(place, name))
+        if head.startswith(db3.MAGIC):
+            return db3.open_sqlite(path, place, warnings)
+        container = _open_chunked(path, file, head, warnings)
+        on_error.pop_all()
+        return container
 
 
 def _open_remote(remote_path: RemotePath) -> Container:
     """What lies behind a URL: by range where server and format allow it, else copied first."""
     from quadlog.storage.byte_ranges import RemoteBytes
+    from quadlog.storage.remote_path import copied
 
     path = cast(Path, remote_path)
+    # Of a name from elsewhere only the suffix is taken, and only one that recordings have.
+    name = f"copy{recording_suffix(path)}"
     try:
         remote = remote_path.open_object()
     except FileNotFoundError:
         raise RecordingNotFound(path, "no such file on the server") from None
     if remote.info.size_bytes is None or not remote.info.ranges:
         what = "does not report the file's size" if remote.info.ranges else "does not serve byte ranges"
-        return _open_copy(path, remote, [f"the server {what}; the whole file was copied before it was read"])
-    file = RemoteBytes(remote, remote.info.size_bytes)
-    with _closed_on_error(file):
+        warning = f"the server {what}; the whole file was copied before it was read"
+        return _open_copy(path, name, copied(remote, name), [warning])
+    with ExitStack() as on_error:
+        file = RemoteBytes(remote, remote.info.size_bytes)
+        on_error.callback(file.close)
         head = file.read(0, _HEAD_BYTES)
-        if is_zstd(head) or head.startswith(sqlite_open.MAGIC):
-            file.close()
-            return _open_copy(path, remote)
-        return _open_chunked(path, file, head)
+        if compression.is_zstd(head) or head.startswith(db3.MAGIC):
+            return _open_copy(path, name, copied(remote, name))
+        container = _open_chunked(path, file, head)
+        on_error.pop_all()
+        return container
 
 
-def _open_copy(path: Path, remote: RemoteObject, warnings: Sequence[str] = ()) -> Container:
-    from quadlog.storage.remote_path import copied
-
-    # Of a name from elsewhere only the suffix is taken, and only one that recordings have.
-    name = f"copy{recording_suffix(path)}"
-    return _open_within(path, copied(remote, name), name, warnings)
-
-
-def _open_within(path: Path, folder: TemporaryDirectory[str], name: str, warnings: Sequence[str] = ()) -> Container:
+def _open_copy(path: Path, name: str, folder: TemporaryDirectory[str], warnings: Sequence[str] = ()) -> Container:
     """The file of this name in a temporary folder, which is given back with it; path is what it is known by."""
-    try:
-        return unpacking.UnpackedFile(path, open_file(Path(folder.name) / name), folder, warnings)
-    except (NotARecording, NothingReadable) as error:
-        folder.cleanup()
-        raise type(error)(path, error.reason) from None
-    except BaseException:
-        folder.cleanup()
-        raise
+    with ExitStack() as resources:
+        resources.callback(folder.cleanup)
+        container = _open_local(path, Path(folder.name) / name, warnings)
+        resources.push(container.resources)
+        container.resources = resources.pop_all()
+        return container
 
 
-def _open_chunked(path: Path, file: ByteSource, head: bytes) -> Container:
+def _open_chunked(path: Path, file: ByteSource, head: bytes, warnings: Sequence[str] = ()) -> Container:
     # One of the two marks is enough: the other one may be what was damaged.
-    if head.startswith(mcap_records.MAGIC) or file.read(max(file.size - 8, 0), 8) == mcap_records.MAGIC:
-        return read_mcap(path, file)
-    if head.startswith(bag_records.MAGIC):
-        return read_bag(path, file)
+    if head.startswith(mcap.MAGIC) or file.read(max(file.size - 8, 0), 8) == mcap.MAGIC:
+        return mcap.McapReader(path, file, warnings)
+    if head.startswith(bag.MAGIC):
+        return bag.BagReader(path, file, warnings)
     if not head:
         raise NotARecording(path, "the file is empty (0 bytes)")
     hint = next((words for magic, words in _HINTS if head.startswith(magic)), "not a recording: unknown file format")
     raise NotARecording(path, hint)
-
-
-@contextmanager
-def _closed_on_error(file: ByteSource) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        file.close()
-        raise

@@ -2,51 +2,71 @@
 
 from __future__ import annotations
 
-import heapq
+import resource
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from copy import copy
-from dataclasses import dataclass, field
-from functools import partial
-from operator import attrgetter
 from pathlib import Path, PurePosixPath
+from typing import Annotated
 
-from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, clipped
-from quadlog.recordings.containers.bounded_reader import MAX_NAME_BYTES
-from quadlog.recordings.containers.chunks import JUMP_NS
+from pydantic import AliasPath, BaseModel, Field, ValidationError
+
+from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
+    JUMP_NS,
+    MAX_NAME_BYTES,
     NOTHING,
     Budget,
-    ClosedOnExit,
     Container,
     LogTimes,
     Loss,
     RawMessage,
-    Stream,
     merge_by_time,
     shared_channels,
     spread,
 )
 from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.formatting import several
-from quadlog.storage.plain_yaml import NotPlainYaml, Plain, list_of, mapping_of, number_of, parse_yaml, text_of
+from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
 
 METADATA_NAME = "metadata.yaml"
 _MAX_BYTES = 1 << 20
-_MAX_COUNT = 1 << 53
 _ROOT = "rosbag2_bagfile_information"
+_NAMED_AT_MOST = 5
+# Files that the rest of the program has open.
+_SPARE_FILES = 64
+
+_Name = Annotated[str, Field(max_length=MAX_NAME_BYTES)]
+_Count = Annotated[int, Field(ge=0, le=1 << 53)]
 
 
-@dataclass
-class BagMetadata:
-    """What a recorder wrote about its bag. files are bare names: whatever path stood before them is not followed."""
+class _Topic(BaseModel):
+    """A topic and how many messages of it there are."""
 
-    files: list[str] = field(default_factory=list)
-    messages: int | None = None
-    topic_counts: dict[str, int] = field(default_factory=dict)
-    encodings: dict[str, str] = field(default_factory=dict)
-    compressed_messages: bool = False
+    name: _Name = Field(validation_alias=AliasPath("topic_metadata", "name"))
+    encoding: _Name | None = Field(None, validation_alias=AliasPath("topic_metadata", "serialization_format"))
+    messages: _Count = Field(validation_alias="message_count")
+
+
+class BagMetadata(BaseModel):
+    """What a recorder wrote about its bag."""
+
+    paths: list[_Name] | None = Field(None, validation_alias="relative_file_paths")
+    messages: _Count | None = Field(None, validation_alias="message_count")
+    topics: list[_Topic] | None = Field(None, validation_alias="topics_with_message_count")
+    compression_mode: _Name | None = None
+    compression_format: Annotated[str, Field(pattern="^(zstd)?$")] | None = None
+
+    @property
+    def files(self) -> list[str]:
+        """Bare names: whatever path stood before them is not followed."""
+        names = [PurePosixPath(each).name for each in self.paths or ()]
+        return [name for name in dict.fromkeys(names) if name not in ("", "..")]
+
+    @property
+    def compressed_messages(self) -> bool:
+        return (self.compression_mode or "").upper() == "MESSAGE" and self.compression_format == "zstd"
 
 
 def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
@@ -58,51 +78,13 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
         if path.stat().st_size > _MAX_BYTES:
             raise NotPlainYaml(f"is larger than {_MAX_BYTES} bytes")
         document = mapping_of(parse_yaml(path.read_bytes()), "the document")
-        return _parse(mapping_of(document.get(_ROOT), _ROOT)), []
+        return BagMetadata.model_validate(mapping_of(document.get(_ROOT), _ROOT)), []
+    except ValidationError as error:
+        first = error.errors()[0]
+        reason = f"{'.'.join(map(str, first['loc']))} is {clipped(repr(first['input']), 50)}: {first['msg']}"
     except (NotPlainYaml, OSError) as error:
-        return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
-
-
-def _parse(said: dict[str, Plain]) -> BagMetadata:
-    files = [
-        PurePosixPath(_name(each, "a file's name")).name
-        for each in list_of(said.get("relative_file_paths"), "relative_file_paths")
-    ]
-    topic_counts: dict[str, int] = {}
-    encodings: dict[str, str] = {}
-    for each in list_of(said.get("topics_with_message_count"), "topics_with_message_count"):
-        entry = mapping_of(each, "a topic")
-        topic = mapping_of(entry.get("topic_metadata"), "topic_metadata")
-        name = _name(topic.get("name"), "a topic's name")
-        encodings[name] = _name(topic.get("serialization_format"), "serialization_format", "")
-        topic_counts[name] = topic_counts.get(name, 0) + _count(entry)
-    mode, scheme = (_name(said.get(f"compression_{word}"), f"compression_{word}", "") for word in ("mode", "format"))
-    if scheme not in ("", "zstd"):
-        raise NotPlainYaml(f"compression_format {clipped(scheme, 50)!r} is unknown")
-    return BagMetadata(
-        files=[name for name in files if name not in ("", "..")],
-        messages=None if said.get("message_count") is None else _count(said),
-        topic_counts=topic_counts,
-        encodings=encodings,
-        compressed_messages=mode.upper() == "MESSAGE" and scheme == "zstd",
-    )
-
-
-def _name(value: Plain, what: str, default: str | None = None) -> str:
-    name = text_of(value, what, default)
-    if len(name) > MAX_NAME_BYTES:
-        raise NotPlainYaml(f"{what} has {len(name)} characters")
-    return name
-
-
-def _count(said: dict[str, Plain]) -> int:
-    count = number_of(said.get("message_count"), "message_count")
-    if not (0 <= count <= _MAX_COUNT and count.is_integer()):
-        raise NotPlainYaml(f"message_count is {count:g}")
-    return int(count)
-
-
-_NAMED_AT_MOST = 5
+        reason = str(error)
+    return None, [f"{METADATA_NAME} is broken ({reason}); the files beside it were read without it"]
 
 
 def is_split(folder: Path) -> bool:
@@ -127,19 +109,28 @@ def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitRea
     if not split_sequence(present) and not _is_named(present, metadata):
         raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
     files, losses = _choose_files(present, metadata, warnings)
+    _allow_open_files(folder, len(files))
     parts: list[Container] = []
     errors: list[QuadlogError] = []
     for path in files:
         try:
-            part = open_file(path)
-            part.release()
-            parts.append(part)
+            parts.append(open_file(path))
         except QuadlogError as error:
             errors.append(error)
             losses.append(Loss("missing-split", str(error)))
     if not parts:
         raise errors[0]
     return SplitReader(folder, parts, metadata, losses, warnings)
+
+
+def _allow_open_files(folder: Path, count: int) -> None:
+    """All files of a recording stay open: raise the soft limit as far as needed. Raises TooLarge."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = count + _SPARE_FILES
+    if resource.RLIM_INFINITY not in (soft, hard) and needed > hard:
+        raise TooLarge(f"{folder}: open files", needed, hard)
+    if soft != resource.RLIM_INFINITY and needed > soft:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 def _choose_files(
@@ -150,8 +141,8 @@ def _choose_files(
     if metadata is None:
         return sequence, _missing(_gaps(sequence), "the numbers of the files have a gap")
     by_name = _by_name(present)
-    named = [by_name[name] for name in dict.fromkeys(metadata.files) if name in by_name]
-    missing = [name for name in dict.fromkeys(metadata.files) if name not in by_name]
+    named = [by_name[name] for name in metadata.files if name in by_name]
+    missing = [name for name in metadata.files if name not in by_name]
     unnamed = [path for path in present if path not in named]
     shown = _shortened([path.name for path in unnamed])
     if unnamed and split_sequence([*named, *unnamed]):
@@ -182,7 +173,7 @@ def _shortened(names: list[str]) -> str:
     return ", ".join(names[:_NAMED_AT_MOST]) + (", ..." if len(names) > _NAMED_AT_MOST else "")
 
 
-class SplitReader(ClosedOnExit):
+class SplitReader(Container):
     """Files of one recording, merged in order of log time; a file is read when its time comes."""
 
     def __init__(
@@ -193,9 +184,9 @@ class SplitReader(ClosedOnExit):
         losses: list[Loss],
         warnings: list[str],
     ) -> None:
-        self.path = folder
-        self.losses: list[Loss] = []
-        self.warnings: list[str] = []
+        super().__init__(folder)
+        for part in parts:
+            self.resources.push(part)
         self._parts = parts
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
@@ -204,25 +195,21 @@ class SplitReader(ClosedOnExit):
         # Each part's channels to the recording's.
         self._merged = shared_channels(own, lambda channel: channel.count)
         self.channels = tuple(dict.fromkeys(self._merged.values()))
+        spans = [part.span_ns for part in parts if part.span_ns is not None]
+        self.span_ns = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
         self._compare_with_metadata()
         self._look_for_overlap()
         self._collect()
 
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        spans = [part.span_ns for part in self._parts if part.span_ns is not None]
-        return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
-
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
-        sources = [
-            Stream(part.span_ns[0] if part.span_ns else 0, partial(self._read_part, part, topics, start_ns, end_ns))
-            for part in self._parts
-        ]
         self._empty_parts.clear()
         try:
-            yield from merge_by_time(sources)
+            yield from merge_by_time(
+                (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
+                for part in self._parts
+            )
         finally:
             self._collect()
         if len(self._empty_parts) == len(self._parts):
@@ -230,8 +217,9 @@ class SplitReader(ClosedOnExit):
 
     def log_times(self) -> Iterator[LogTimes]:
         try:
-            for times in heapq.merge(*(part.log_times() for part in self._parts), key=attrgetter("floor_ns")):
-                yield times._replace(channel=self._merged[times.channel])
+            for part in self._parts:
+                for channel, t_ns in part.log_times():
+                    yield LogTimes(self._merged[channel], t_ns)
         finally:
             self._collect()
 
@@ -246,14 +234,6 @@ class SplitReader(ClosedOnExit):
         excerpt._parts = [part if view is None else view for part, view in zip(self._parts, views, strict=True)]
         return excerpt
 
-    def release(self) -> None:
-        for part in self._parts:
-            part.release()
-
-    def close(self) -> None:
-        for part in self._parts:
-            part.close()
-
     def _read_part(
         self, part: Container, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[RawMessage]:
@@ -266,17 +246,16 @@ class SplitReader(ClosedOnExit):
         except NothingReadable as error:
             self._empty_parts.append(error)
             # One part with nothing left in it must not cost the others.
-            loss = Loss("missing-split", str(error))
-            if loss not in self._own_losses:
+            if (loss := Loss("missing-split", str(error))) not in self._own_losses:
                 self._own_losses.append(loss)
-        finally:
-            part.release()
 
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:
             return
+        topics = self._metadata.topics or []
+        encodings = {topic.name: topic.encoding for topic in topics}
         for channel in self.channels:
-            said_encoding = self._metadata.encodings.get(channel.topic) or channel.message_encoding
+            said_encoding = encodings.get(channel.topic) or channel.message_encoding
             if said_encoding != channel.message_encoding:
                 self._own_warnings.append(
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
@@ -284,22 +263,23 @@ class SplitReader(ClosedOnExit):
                 )
         if any(channel.count is None for channel in self.channels):
             return
-        had: Counter[str] = Counter()
+        said, had = Counter[str](), Counter[str]()
         for channel in self.channels:
             had[channel.topic] += channel.count or 0
-        said = Counter(self._metadata.topic_counts)
-        if not said and self._metadata.messages is not None:
+        for topic in topics:
+            said[topic.name] += topic.messages
+        if not topics and self._metadata.messages is not None:
             self._compare_one(None, self._metadata.messages, had.total())
-        for topic in sorted(said.keys() | had.keys() if said else ()):
-            self._compare_one(topic, said[topic], had[topic])
+        for name in sorted(said.keys() | had.keys() if topics else ()):
+            self._compare_one(name, said[name], had[name])
 
     def _compare_one(self, topic: str | None, said: int, had: int) -> None:
+        differing = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
         if had < said:
-            detail = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
-            self._own_losses.append(Loss("count", detail, topic, said - had))
+            self._own_losses.append(Loss("count", differing, topic, said - had))
         elif had > said:
-            about = f"{topic}: " if topic else ""
-            self._own_warnings.append(f"{about}{METADATA_NAME} says {several(said, 'message')}, the files have {had}")
+            differing = f"{topic}: {differing}" if topic else differing
+            self._own_warnings.append(differing)
 
     def _look_for_overlap(self) -> None:
         latest_ns = 0

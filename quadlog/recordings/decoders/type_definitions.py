@@ -77,6 +77,7 @@ def needed_types(types: Types, type_name: str, elsewhere: Lookup) -> Types:
     returns an empty table for one it does not know).
     """
     needed: Types = {}
+    flat: dict[str, int] = {}
     compiled = 0
 
     def visit(name: str, depth: int) -> None:
@@ -93,10 +94,14 @@ def needed_types(types: Types, type_name: str, elsewhere: Lookup) -> Types:
         compiled += _check_fields(name, fields)
         if compiled > MOST_COMPILED:
             raise BadDefinition("its definition has too many types, fields and elements of fixed arrays")
-        for _, descriptor in fields:
-            inner = _inner(descriptor)
-            if inner[0] == Nodetype.NAME:
-                visit(inner[1], depth + 1)
+        inner = [_inner(descriptor) for _, descriptor in fields]
+        for kind, detail in inner:
+            if kind == Nodetype.NAME:
+                visit(detail, depth + 1)
+        # Types within types can make 2^32 fields of a few lines.
+        flat[name] = sum(1 + flat.get(detail, 0) if kind == Nodetype.NAME else 1 for kind, detail in inner)
+        if flat[name] > MOST_FIXED_VALUES:
+            raise BadDefinition(f"each {name} has more than {MOST_FIXED_VALUES} values")
         needed[name] = ([], fields)
 
     visit(type_name, 0)

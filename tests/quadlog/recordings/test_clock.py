@@ -42,6 +42,12 @@ def stamps(*ms: int) -> np.ndarray:
         (stamps(*range(0, 1000, 100), 9000, 9100, 9200, 9300, *range(1000, 3000, 100)), [10, 11, 12, 13]),
         (stamps(0, 3000, 2200, 2300, 2400, 2500, 2600, 1500, 3100), [7]),  # late ones, and then one too late
         (stamps(9000, *range(0, 3000, 100), *range(500, 4000, 100)), [0, *range(31, 56)]),  # one ahead, then set back
+        (stamps(*range(1_000_000, 1_003_000, 100), *range(3000, 103_000, 100)), list(range(30))),  # wrong at first
+        (stamps(*range(50_000, 53_000, 100), *range(3000, 103_000, 100)), list(range(30))),
+        (stamps(*range(0, 9000, 100), *range(900_000, 903_000, 100), *range(12_000, 30_000, 100)), [*range(90, 120)]),
+        (stamps(*range(0, 9000, 100), *range(900_000, 903_000, 100), *range(8000, 60_000, 100)), [*range(81, 120)]),
+        (stamps(*range(900_000, 930_000, 100), *range(0, 9000, 100)), [*range(300, 390)]),  # wrong at the end
+        (stamps(*range(0, 20_000, 1000), *range(0, 20_000, 100)), [*range(20, 211)]),  # set back, and more often
     ],
 )
 def test_repeated_rows(t_ns, left_out):

@@ -52,11 +52,14 @@ def test_late_stamps_are_sorted_in_repeated_and_stray_ones_are_dropped(log, stam
     assert len(streams.ranges) == len(stamps)
 
 
-def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log):
-    """Ranges, odometry, a reference and tf at three rates, and tf with a second transform on another clock."""
+@pytest.mark.parametrize(("ahead_s", "until", "lost"), [(3, 600, range(600, 900)), (1000, 60, range(60))])
+def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log, ahead_s, until, lost):
+    """Ranges, odometry, a reference and tf at three rates, and tf with a second transform on another clock. Of a clock
+    that was wrong for a short time at first the rest is kept.
+    """
     for i in range(1000):
         t_ns = T0 + i * S // 100
-        stamp = t_ns if i < 600 else t_ns - 3 * S
+        stamp = t_ns + (i < until) * ahead_s * S
         log.add("/truth", t_ns, log.ros.odometry(stamp, float(i)))
         if i % 2 == 0:
             other = [moved(log, t_ns, "map", "odom", i)] if i % 4 else []
@@ -74,11 +77,12 @@ def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log):
         (5, ranges.range_m[ranges.anchor == 2]),
         (2, tf.pose_series("base_link", "odom").position_m[:, 0]),
     ):
-        assert found.tolist() == [i for i in range(0, 1000, step) if i < 600 or i >= 900]
+        assert found.tolist() == [i for i in range(0, 1000, step) if i not in lost]
     assert (ranges.anchor == 3).sum() == 200
     assert tf.pose_series("odom", "map").position_m[:, 0].tolist() == [*range(2, 1000, 4)]
     counts = {each.topic: each.count for each in streams.losses}
-    assert counts == {"/truth": 300, "/odom": 60, "/uwb/n_0/n_2": 60, "/tf": 150}
+    each, fifth, half = (len(lost[::step]) for step in (1, 5, 2))
+    assert counts == {"/truth": each, "/odom": fifth, "/uwb/n_0/n_2": fifth, "/tf": half}
     by_log = gather(Recording(log.container, stamp="log"), **topics)
     assert len(by_log.reference.t_ns) == 1000
     assert by_log.losses == []

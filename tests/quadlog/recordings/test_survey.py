@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import statistics
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -16,8 +17,7 @@ from hypothesis import strategies as st
 from mcap.writer import IndexType
 
 from quadlog.errors import QuadlogError
-from quadlog.recordings.containers.bounded_reader import Damaged
-from quadlog.recordings.containers.container import Budget, Channel
+from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import Pulse, indexed_pulses, survey
 from quadlog.storage.byte_ranges import LocalBytes
@@ -158,18 +158,19 @@ def test_real_recordings_by_their_index() -> None:
     assert by_index > 20
 
 
-def told(pulse: Pulse) -> tuple[Any, ...]:
-    return pulse.messages, pulse.first_ns, pulse.last_ns, pulse.longest_ns, pulse.rates_hz(), pulse.gaps()
-
-
-@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=80), st.integers(1, 30))
-def test_batches_make_no_difference_and_rates_are_those_of_all_runs(steps: list[int], size: int) -> None:
+@given(st.lists(st.integers(0, 10**9), min_size=1, max_size=80), st.randoms())
+def test_rates_are_those_of_all_runs_and_gaps_exceed_three_medians_in_any_order(steps: list[int], draw: Random) -> None:
     t_ns = np.cumsum(np.array(steps, np.int64))
-    batched, whole = Pulse(), Pulse()
-    whole.take(t_ns)
-    for begin in range(0, len(t_ns), size):
-        batched.take(t_ns[begin : begin + size])
-    assert told(batched) == told(whole)
+    pulse = Pulse.of(np.array(draw.sample(t_ns.tolist(), len(t_ns)), np.int64))
+    assert pulse.ends_ns == (t_ns[0], t_ns[-1])
+    intervals_ns = [each for each in steps[1:] if each]
+    longer = [each for each in intervals_ns if each > 3 * statistics.median(intervals_ns)]
+    assert pulse.gaps() == (len(longer), max(intervals_ns, default=0))
     runs_ns = [b - a for a, b in zip(t_ns.tolist(), t_ns[10:].tolist(), strict=False) if b > a]
     if runs_ns:
-        assert whole.rates_hz() == pytest.approx((1e10 / max(runs_ns), 1e10 / min(runs_ns)))
+        assert pulse.rates_hz() == pytest.approx((1e10 / max(runs_ns), 1e10 / min(runs_ns)))
+    elif intervals_ns:
+        mean_hz = (len(steps) - 1) * 1e9 / sum(intervals_ns)
+        assert pulse.rates_hz() == pytest.approx((mean_hz, mean_hz))
+    else:
+        assert pulse.rates_hz() == (None, None)

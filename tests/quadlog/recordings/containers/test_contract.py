@@ -16,6 +16,7 @@ from rosbags.rosbag1 import Reader
 
 from fuzzing.edits import edited
 from quadlog.errors import NothingReadable, QuadlogError
+from quadlog.recordings.containers import chunked
 from quadlog.recordings.containers.open import open_container
 from tests.lab import recordings
 
@@ -56,6 +57,25 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, form, in_or
             # In file order the clock falls from the last message to the first.
             assert "goes back" in container.warnings[0]
             assert "3.900 s" in container.warnings[0]
+
+
+@pytest.mark.parametrize("form", ["mcap", "bag-bz2"])
+@pytest.mark.parametrize("again_bytes", [1 << 20, 3000])
+def test_chunks_that_all_overlap_are_read_again_as_far_as_they_are_worth_it(tmp_path, monkeypatch, form, again_bytes):
+    """Each begins with a message of the first instant, which is given at once, the others at their time."""
+    monkeypatch.setattr(chunked, "_KEPT_BYTES", 1500)
+    monkeypatch.setattr(chunked, "_FIRST_BYTES", 0)
+    monkeypatch.setattr(chunked, "_AGAIN_BYTES", again_bytes)
+    monkeypatch.setattr(chunked, "_AGAIN_RATIO", 0)
+    messages = recordings.some(120)
+    messages = [(topic, messages[0][1] if i % 6 == 0 else t_ns, data) for i, (topic, t_ns, data) in enumerate(messages)]
+    expected = sorted(messages, key=lambda message: message[1])
+    with open_container(recordings.build(form, tmp_path / "walk", messages)) as container:
+        for _ in range(2):
+            got = recordings.read(container)
+            assert got == [message for message in expected if message in got]
+            assert sum(loss.count for loss in container.losses) == 120 - len(got)
+            assert recordings.causes(container) == ([] if again_bytes == 1 << 20 else ["too-large"])
 
 
 class Chunk(NamedTuple):

@@ -8,6 +8,7 @@ import zstandard
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as FolderWriter
 
+from quadlog.errors import TooLarge
 from quadlog.recordings.containers.open import open_container
 from tests.lab import recordings
 
@@ -165,16 +166,19 @@ def test_real_splits_are_whole(edge_cases, name):
 
 
 @pytest.mark.parametrize("build", ["mcap", "bag", "db3"])
-def test_a_recording_of_many_files_holds_few_of_them_open(tmp_path, limited, build):
+def test_a_recording_of_more_files_than_may_be_open_raises_that_limit(tmp_path, limited, monkeypatch, build):
     (tmp_path / "bag").mkdir()
     messages = recordings.some(40)
     for number, message in enumerate(messages):
         getattr(recordings, build)(tmp_path / "bag" / f"bag_{number}.{build}", [message])
     limited(resource.RLIMIT_NOFILE, len(list(Path("/proc/self/fd").iterdir())) + 10)
     with open_container(tmp_path / "bag") as container:
-        for _ in range(2):  # a file that was released is opened again
+        for _ in range(2):
             begun = container.messages()
             assert recordings.read_one(next(begun)) == messages[0]
             assert recordings.read(container) == messages
             assert [recordings.read_one(message) for message in begun] == messages[1:]
         assert container.losses == []
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (100, 100))
+    with pytest.raises(TooLarge, match="bag: open files: 104 exceeds the limit of 100"):
+        open_container(tmp_path / "bag")

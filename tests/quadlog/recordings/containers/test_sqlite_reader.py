@@ -95,6 +95,22 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path, script):
         open_sqlite(path)
 
 
+@pytest.mark.parametrize("index", [True, False])
+@pytest.mark.parametrize("place", [0.2, 0.5, 0.8])
+def test_a_damaged_page_costs_its_rows_only(tmp_path, index, place):
+    """Of pages of 4 kB, each with some 40 rows."""
+    messages = recordings.some(2000)
+    path = recordings.db3(tmp_path / "a.db3", messages, index=index)
+    data = path.read_bytes()
+    begin = data.find(b"%06d" % round(2000 * place)) // 4096 * 4096
+    path.write_bytes(data[:begin] + bytes(4096) + data[begin + 4096 :])
+    with open_sqlite(path) as container:
+        got = recordings.read(container)
+        assert got == [message for message in messages if message in got]
+        assert 1900 < len(got) < 2000
+        assert recordings.causes(container) == ["damaged"]
+
+
 def test_real_bags_give_every_row(edge_cases):
     paths = [*edge_cases.rglob("*.db3"), *edge_cases.parent.glob("uwb_tiers/*/*.db3")]
     assert len(paths) > 8

@@ -1,0 +1,418 @@
+"""The Container for files of chunks (MCAP, ROS 1 bags): messages in order of time, read ahead; and what is lost."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections import Counter, deque
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
+from dataclasses import dataclass, field
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from quadlog.errors import NothingReadable
+from quadlog.recordings.containers.chunk_file import Body, Chunk, ChunkFile, Rows, counts_of
+from quadlog.recordings.containers.compression import SUPPORTED
+from quadlog.recordings.containers.container import (
+    JUMP_NS,
+    MAX_TIME_NS,
+    Budget,
+    Channel,
+    Damaged,
+    LogTimes,
+    Loss,
+    RawMessage,
+    places_within,
+    shared_channels,
+    spread,
+)
+from quadlog.recordings.formatting import instant, several
+from quadlog.storage.byte_ranges import ByteSource
+
+_DAY_NS = 86_400 * 10**9
+# Data kept of chunks that overlap in time; beyond this they are dropped and read again.
+_KEPT_BYTES = 1 << 27
+# What may be read again: far more than any recorder's overlap needs, in proportion to what the file is worth.
+_AGAIN_BYTES, _AGAIN_RATIO = 1 << 30, 10_000
+# Chunks of the file's beginning kept for the next look: every look at some topic's first messages wants them again.
+_FIRST_BYTES = 1 << 24
+# Larger chunks are not read ahead.
+_LARGE_BYTES = 1 << 25
+# With one core, what is decompressed earlier has left its cache when it is decoded.
+_AHEAD = 0 if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1 else 2
+# Messages whose times and places are Python objects at once.
+_BLOCK = 1024
+_LISTED_AT_ONCE = 64
+_CHANNELS_NAMED = 20
+# glibc reuses freed blocks up to the largest one freed (mallopt(3), M_MMAP_THRESHOLD): fresh pages for each chunk would
+# cost a third of decompressing it. This one is never written, so it takes no memory itself.
+bytes(1 << 24)
+
+_START = attrgetter("start_ns")
+_OFFSET = attrgetter("offset")
+
+
+class ChunkedReader(ChunkFile):
+    """Chunks outside the requested time and topics are not read, where there is an index.
+
+    A chunk that turns out damaged is a loss, and the others are still read. Findings are kept by offset: reading twice
+    reports once.
+    """
+
+    def __init__(self, path: Path, file: ByteSource, warnings: Sequence[str] = ()) -> None:
+        super().__init__(path, file, warnings)
+        self._wrong_index: set[int] = set()
+        self._undeclared: dict[int, Counter[int]] = {}
+        self._jumps_within: dict[int, int] = {}
+        self._zero_times: dict[int, int] = {}
+        self._miscounts: dict[Channel, Loss] = {}
+        self._first: dict[int, Body] = {}
+        self._first_room = _FIRST_BYTES
+        self._read_something = False
+        self._open()
+        for chunk in self._chunks:
+            chunk.channels = chunk.counts if chunk.channels is None else chunk.channels
+        held = [chunk for chunk in self._chunks if not chunk.is_empty]
+        if held and self.span_ns is None:
+            self.span_ns = min(map(_START, held)), max(chunk.end_ns for chunk in held)
+        declared = sum((each.counts or Counter() for each in self._chunks), Counter[int]())
+        declared = self._declared = declared if self._declared is None else Counter(self._declared)
+        self._channel_of = shared_channels(self._identities(), declared.__getitem__)
+        self.channels = tuple(dict.fromkeys(self._channel_of.values()))
+        self._opening_warnings, self._jumps_between = list(self.warnings), _jumps_between(self._chunks)
+        self._report()
+        self._opening_losses = list(self.losses)
+        unknown = sorted({chunk.compression for chunk in held}.difference(SUPPORTED))
+        if held and all(chunk.compression in unknown for chunk in held):
+            names = ", ".join(map(repr, unknown))
+            raise NothingReadable(path, f"compressed with {names}, which quadlog does not read (zstd, lz4 or none)")
+        serious = [loss for loss in self.losses if loss.cause not in ("summary", "index")]
+        if not held and serious:
+            raise NothingReadable(path, serious[-1].detail)
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RawMessage]:
+        """See Container. Raises NothingReadable when every chunk there is was damaged."""
+        wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
+        due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
+        held, bodies = _Held(self, _AGAIN_BYTES), self._read_ahead(due)
+        counts: dict[int, Counter[int]] = {}
+        try:
+            for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
+                body = next(bodies)
+                if isinstance(body, Damaged):
+                    self._lose(chunk, body)
+                else:
+                    counts[chunk.offset] = self._examine(chunk, body.rows)
+                    held.take(chunk, body.data, _chosen(body.rows, wanted, start_ns, end_ns))
+                del body
+                yield from held.messages(horizon_ns, wanted)
+            self._first.clear()
+            self._first_room = _FIRST_BYTES
+            if start_ns is None and end_ns is None:
+                self._compare_counts(wanted, due, counts)
+        finally:
+            bodies.close()
+            self._report()
+        if due and topics is None and not self._read_something and all(chunk.offset in self._lost for chunk in due):
+            raise NothingReadable(self.path, self.losses[-1].detail)
+
+    def _read_ahead(self, due: Sequence[Chunk]) -> Generator[Body | Damaged]:
+        """Each chunk's body, or what is wrong with it; from the second one on, the next two are being read meanwhile:
+        reading only the first messages ends before.
+        """
+        with ThreadPoolExecutor(2, thread_name_prefix="quadlog-read") as readers:
+            coming: deque[Future[Body | Damaged | None]] = deque()
+            for number, chunk in enumerate(due):
+                body = coming.popleft().result() if coming else None
+                behind = due[number + len(coming) + 1 : number + _AHEAD + 1] if number else ()
+                coming.extend(readers.submit(self._tried, each, _LARGE_BYTES) for each in behind)
+                body = body or self._tried(chunk)
+                assert body is not None
+                yield body
+                del body
+
+    def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
+        """As `_load`; the file's first few are kept until a reading comes to its end."""
+        if (body := self._first.get(chunk.offset)) is not None:
+            return body
+        try:
+            body = self._load(chunk, at_most)
+        except Damaged as damage:
+            return damage
+        if body is not None:
+            self._first_room -= len(body.data)
+            if self._first_room >= 0:
+                self._first[chunk.offset] = body
+        return body
+
+    def log_times(self) -> Iterator[LogTimes]:
+        """See Container. Warnings about times are given as if the messages were read."""
+        if self._opening_losses:
+            raise Damaged(self._opening_losses[0].detail)
+        return self._listed_times()
+
+    def _listed_times(self) -> Iterator[LogTimes]:
+        tally: Counter[int] = Counter()
+        for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
+            some = self._chunks[at : at + _LISTED_AT_ONCE]
+            for chunk, rows in zip(some, self._listed(some), strict=True):
+                self._examine_times(chunk, rows)
+                rows = rows[np.argsort(rows["channel"], kind="stable")]
+                numbers, begins = np.unique(rows["channel"], return_index=True)
+                for number, t_ns in zip(numbers.tolist(), np.split(rows["t_ns"], begins[1:]), strict=False):
+                    if (channel := self._channel_of.get(number)) is None:
+                        raise Damaged(f"the message index names channel {number}, which nothing declares")
+                    tally[number] += len(t_ns)
+                    yield LogTimes(channel, t_ns)
+        self._report()
+        declared = Counter(self._declared or {})
+        if +tally != +declared:
+            raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")
+
+    def excerpt(self, budget: Budget) -> ChunkedReader | None:
+        """See Container. Every channel of which the index knows a chunk has one, up to as many as there are places."""
+        chunks = sorted(self._chunks, key=_START)
+        # A bag's index does not say how long chunks are: all between the first and the last.
+        between = max((each.end for each in chunks), default=0) - min(map(_OFFSET, chunks), default=0)
+        stored_bytes = max(sum(chunk.length for chunk in chunks), between)
+        places = places_within(budget, len(chunks), stored_bytes, sum((self._declared or {}).values()))
+        if places is None:
+            return None
+        chosen = {chunks[index].offset: chunks[index] for index in spread(len(chunks), places)}
+        seen = set().union(*(chunk.channels or () for chunk in chosen.values()))
+        for chunk in chunks if places else ():
+            if len(chosen) < 2 * places and not seen.issuperset(chunk.channels or ()):
+                chosen[chunk.offset] = chunk
+                seen.update(chunk.channels or ())
+        # What either of them finds is reported by both.
+        excerpt = copy(self)
+        excerpt._chunks, excerpt._declared = list(chosen.values()), None
+        return excerpt
+
+    def _counts(self, chunk: Chunk) -> Counter[int] | None:
+        """Messages for each channel id without reading the chunk, None where nothing says."""
+        if chunk.counts is not None or not chunk.index_end:
+            return chunk.counts
+        try:
+            return counts_of(self._listed([chunk])[0]) or None
+        except Damaged:
+            return None
+
+    def _examine(self, chunk: Chunk, rows: Rows) -> Counter[int]:
+        """Record what is wrong with a chunk's messages; messages for each channel id."""
+        counts = counts_of(rows)
+        self._read_something |= len(rows) > 0
+        self._examine_times(chunk, rows)
+        unknown = sorted(counts.keys() - self._channel_of.keys())
+        if unknown:
+            self._undeclared[chunk.offset] = Counter({number: counts[number] for number in unknown})
+        return counts
+
+    def _examine_times(self, chunk: Chunk, rows: Rows) -> None:
+        """Record times outside of what the index says, jumps and zeros."""
+        t_ns = rows["t_ns"]
+        if not len(t_ns):
+            return
+        earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
+        if earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns:
+            self._wrong_index.add(chunk.offset)
+        if earliest_ns == 0:
+            self._zero_times[chunk.offset] = int(np.count_nonzero(t_ns == 0))
+        if latest_ns - earliest_ns > JUMP_NS:
+            t_ns = t_ns[np.argsort(rows["begin"], kind="stable")]
+            if (jump_ns := int((np.maximum.accumulate(t_ns) - t_ns).max())) > JUMP_NS:
+                self._jumps_within[chunk.offset] = jump_ns
+
+    def _compare_counts(self, wanted: dict[int, Channel], due: list[Chunk], read: dict[int, Counter[int]]) -> None:
+        """What the file says it holds against what was read; chunks known to be lost are not reported twice."""
+        if self._declared is None:
+            return
+        present: Counter[int] = Counter()
+        for chunk in due:
+            counts = self._counts(chunk) if chunk.offset in self._lost else read[chunk.offset]
+            if counts is None:
+                return
+            present.update(counts)
+        said, had = Counter[Channel](), Counter[Channel]()
+        for number, channel in wanted.items():
+            said[channel] += self._declared.get(number, 0)
+            had[channel] += present[number]
+        for channel, count in said.items():
+            if count != had[channel]:
+                detail = f"the index counts {several(count, 'message')}, {had[channel]} are in it"
+                self._miscounts[channel] = Loss("count", detail, channel.topic, max(count - had[channel], 0))
+
+    def _report(self) -> None:
+        """Losses and warnings as they stand now, in place: others hold these lists."""
+        undeclared = sum(self._undeclared.values(), Counter[int]())
+        self.losses[:] = [
+            *self._index_losses,
+            *self._losses_of_chunks(),
+            *self._walk_losses,
+            *_undeclared_losses(undeclared),
+            *self._miscounts.values(),
+        ]
+        jumps_ns = [*self._jumps_between, *self._jumps_within.values()]
+        zeros = sum(self._zero_times.values())
+        self.warnings[:] = self._opening_warnings
+        if jumps_ns:
+            times, largest_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
+            self.warnings.append(
+                f"log time goes back {times} in the file, by up to {largest_s:.3f} s; messages come in order of log time"
+            )
+        if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
+            until = instant(self.span_ns[1])
+            self.warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
+        if self._wrong_index:
+            self.warnings.append(
+                f"the index gives wrong times for {several(len(self._wrong_index), 'chunk')}; "
+                "a time window may miss messages, and their order may be wrong"
+            )
+
+    def _losses_of_chunks(self) -> Iterator[Loss]:
+        """One for each cause, in the order in which the first of its chunks lies in the file."""
+        groups: dict[str, list[tuple[Chunk, Damaged, int | None]]] = {}
+        for _, lost in sorted(self._lost.items()):
+            groups.setdefault(lost[1].cause, []).append(lost)
+        for cause, group in groups.items():
+            counts = [self._counts(chunk) if left is None else Counter({0: left}) for chunk, _, left in group]
+            known = [each.total() for each in counts if each is not None]
+            count = sum(known) if len(known) == len(group) else None
+            messages = "an unknown number of messages" if count is None else several(count, "message")
+            start_ns, end_ns = min(each.start_ns for each, *_ in group), max(each.end_ns for each, *_ in group)
+            chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
+            first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
+            yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
+
+
+@dataclass(slots=True)
+class _Part:
+    """A chunk whose messages are not all given yet, in order of time."""
+
+    chunk: Chunk
+    rows: Rows
+    lost: bool = False
+
+    def take(self, horizon_ns: int | None) -> Rows:
+        """The messages before the horizon, which are no longer left."""
+        stop = len(self.rows) if horizon_ns is None else self.rows["t_ns"].searchsorted(horizon_ns)
+        taken, self.rows = self.rows[:stop], self.rows[stop:]
+        return taken
+
+
+@dataclass
+class _Held:
+    """The chunks that are open in one reading, and their messages in order of time; memory stays bounded."""
+
+    reader: ChunkedReader
+    again_bytes: int
+    # By the time of the next message.
+    parts: list[tuple[int, int, _Part]] = field(default_factory=list)
+    data: dict[int, memoryview] = field(default_factory=dict)
+    held_bytes: int = 0
+
+    def take(self, chunk: Chunk, data: memoryview, rows: Rows) -> None:
+        """A chunk's wanted messages, in order of time."""
+        self.again_bytes += _AGAIN_RATIO * chunk.length
+        if len(rows):
+            self._keep(chunk.offset, data)
+            self._wait(_Part(chunk, rows))
+
+    def messages(self, horizon_ns: int | None, channel_of: Mapping[int, Channel]) -> Iterator[RawMessage]:
+        """Those before the horizon, at which the next chunk begins; of equal times in order of the file."""
+        due: list[_Part] = []
+        while self.parts and (horizon_ns is None or self.parts[0][0] < horizon_ns):
+            due.append(heapq.heappop(self.parts)[2])
+        if not due:
+            return
+        due.sort(key=lambda part: part.chunk.offset)
+        taken = [part.take(horizon_ns) for part in due]
+        rows, source = np.concatenate(taken), np.repeat(np.arange(len(due)), list(map(len, taken)))
+        if len(due) > 1:
+            order = np.argsort(rows["t_ns"], kind="stable")
+            rows, source = rows[order], source[order]
+        current, data = -1, None
+        for at in range(0, len(rows), _BLOCK):
+            block = slice(at, at + _BLOCK)
+            each = zip(source[block].tolist(), rows[block].tolist(), strict=True)
+            for place, (index, (t_ns, number, begin, end)) in enumerate(each, at):
+                if index != current:
+                    current, part = index, due[index]
+                    data = self._data(part)
+                    if isinstance(data, Damaged):
+                        part.lost = True
+                        left = len(part.rows) + int(np.count_nonzero(source[place:] == index))
+                        self.reader._lose(part.chunk, data, left)
+                if isinstance(data, memoryview):
+                    yield RawMessage(channel_of[number], t_ns, data[begin:end])
+        for part in due:
+            if len(part.rows) and not part.lost:
+                self._wait(part)
+            else:
+                self._drop(part.chunk.offset)
+
+    def _wait(self, part: _Part) -> None:
+        heapq.heappush(self.parts, (int(part.rows["t_ns"][0]), part.chunk.offset, part))
+
+    def _data(self, part: _Part) -> memoryview | Damaged | None:
+        """Read again if it was dropped; None for a part that is lost."""
+        offset = part.chunk.offset
+        if part.lost or offset in self.data:
+            return None if part.lost else self.data[offset]
+        body = self.reader._tried(part.chunk)
+        if not isinstance(body, Body):
+            return body
+        self.again_bytes -= len(body.data)
+        if self.again_bytes < 0:
+            return Damaged("too many large chunks overlap in time", "too-large")
+        self._keep(offset, body.data)
+        return body.data
+
+    def _keep(self, offset: int, data: memoryview) -> None:
+        while self.data and self.held_bytes + len(data) > _KEPT_BYTES:
+            self._drop(next(iter(self.data)))
+        self.data[offset] = data
+        self.held_bytes += len(data)
+
+    def _drop(self, offset: int) -> None:
+        self.held_bytes -= len(self.data.pop(offset, b""))
+
+
+def _chosen(rows: Rows, wanted: Mapping[int, Channel], start_ns: int | None, end_ns: int | None) -> Rows:
+    """Those of these channels with start_ns <= log time < end_ns, in order of log time."""
+    keep = np.fromiter(map(wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
+    if start_ns is not None:
+        keep &= rows["t_ns"] >= min(start_ns, MAX_TIME_NS)
+    if end_ns is not None and end_ns <= MAX_TIME_NS:
+        keep &= rows["t_ns"] < end_ns
+    rows = rows[keep]
+    t_ns = rows["t_ns"]
+    return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
+
+
+def _jumps_between(chunks: Iterable[Chunk]) -> list[int]:
+    """By how many ns log time falls back, in file order, at each chunk where that is more than a second."""
+    jumps_ns, latest_ns = [], 0
+    for chunk in sorted(chunks, key=_OFFSET):
+        if not chunk.is_empty and chunk.end_ns:
+            if chunk.start_ns < latest_ns - JUMP_NS:
+                jumps_ns.append(latest_ns - chunk.start_ns)
+            latest_ns = max(latest_ns, chunk.end_ns)
+    return jumps_ns
+
+
+def _undeclared_losses(unknown: Counter[int]) -> Iterator[Loss]:
+    """A loss for each channel that nothing declares, one for all that are too many to name."""
+    numbered = sorted(unknown.items())
+    for number, count in numbered[:_CHANNELS_NAMED]:
+        yield Loss("damaged", f"{several(count, 'message')} of channel {number}, which nothing declares", count=count)
+    if rest := numbered[_CHANNELS_NAMED:]:
+        count = sum(each for _, each in rest)
+        which = several(len(rest), "more channel")
+        yield Loss("damaged", f"{several(count, 'message')} of {which}, which nothing declares", count=count)
