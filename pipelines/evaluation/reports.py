@@ -67,7 +67,8 @@ def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
 def pair_runs(runs: Mapping[str, Run]) -> tuple[dict[str, Mapping[str, PairedDifference]], list[str]]:
     """Metrics of each run less those of the first, by name, and why runs are not paired."""
     (first_name, first), *others = runs.items()
-    paired, notes = {}, []
+    paired: dict[str, Mapping[str, PairedDifference]] = {}
+    notes = list[str]()
     own, errors = read_samples(first.path, first.metrics.keys())
     for name, run in others:
         if (why := why_not_paired(first, run)) is not None:

@@ -75,7 +75,7 @@ def first_moments(differences: DataFrame, run: Run) -> list[Moment]:
     timed = differences[differences["t_ns"].notna()].drop_duplicates("result")
     seconds = run.seconds(timed["t_ns"].to_numpy(np.int64)).tolist()
     return [
-        Moment(at, f"{WORDS.get(row.result, row.result)} differ first", _values(row))
+        Moment(at, f"{WORDS.get(str(row.result), str(row.result))} differ first", _values(row))
         for at, row in zip(seconds, timed.itertuples(), strict=True)
     ]
 

@@ -262,9 +262,9 @@ class ChunkedReader(ChunkFile):
         zeros = sum(self._zero_times.values())
         self.warnings[:] = self._opening_warnings
         if jumps_ns:
-            times, largest_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
+            times, most_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
             self.warnings.append(
-                f"log time goes back {times} in the file, by up to {largest_s:.3f} s; messages come in order of log time"
+                f"log time goes back {times} in the file, by up to {most_s:.3f} s; messages come in order of log time"
             )
         if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
             until = instant(self.span_ns[1])
