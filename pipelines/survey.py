@@ -33,8 +33,8 @@ from quadlog.recordings.formatting import listed
 POOR_FIT_M = 0.15
 """Ranges in line of sight that scatter more than this are warned of."""
 NOTED_DELAY_S = 0.03
-MOST_TURN_SCALE = 0.1
-"""An odometry whose turns are off by more is warned of."""
+MOST_SCALE = 0.1
+"""An odometry whose distances or turns are off by more is warned of."""
 SOURCES = ("odometry", "tf", "lidar", "joints")
 """Roles of topics that positions other than UWB come from."""
 NO_ODOMETRY = "give it an odometry, tf, a lidar, or a pose topic or TUM file by  --set topics.position=..."
@@ -190,11 +190,12 @@ def _tell(journal: Journal, outcome: SurveyOutcome, speed_mps: float) -> None:
             f"known anchors {listed(sorted(outcome.kept), MOST_LISTED)} stay in their configured frame, and the "
             "others are not surveyed in it: do not use them together"
         )
-    if abs(survey.turn_scale - 1) > MOST_TURN_SCALE:
-        journal.warn(
-            f"the ranges fit only if the odometry turns {survey.turn_scale:.2f} times as far as it says: if it does "
-            "not, the ranges are wrong, and places are off by more than their bounds"
-        )
+    for scale, goes in ((survey.scale, "goes"), (survey.turn_scale, "turns")):
+        if abs(scale - 1) > MOST_SCALE:
+            journal.warn(
+                f"the ranges fit only if the odometry {goes} {scale:.2f} times as far as it says: if it does not, the "
+                "ranges are wrong, and places are off by more than their bounds"
+            )
     if survey.range_std_m > POOR_FIT_M:
         journal.warn(
             f"ranges in sight miss the survey by {survey.range_std_m:.2f} m: the odometry or the ranges are worse than "

@@ -74,7 +74,7 @@ CIRCLE_M = 3.0
 def circle(tmp_path):
     """A function that writes 20 s of a walk in a circle with good odometry: ids of its tags, heard in turn."""
 
-    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M) -> Path:
+    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M, scale=1.0, late_m=0.0) -> Path:
         rng, messages = np.random.default_rng(0), []
         for step in range(400):
             t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / 350
@@ -83,7 +83,7 @@ def circle(tmp_path):
                 place_m, angle = np.array([0.02 * step, 0.0, 0.0]), 0.0
             pose = Odometry(t_ns, "odom", "base", place_m, quat_from_yaw(np.array(angle)), np.zeros(3), np.zeros(3))
             range_m = np.linalg.norm(anchors_m - place_m - [0, 0, 0.6], axis=1)
-            range_m += rng.normal(0.1, 0.05, len(anchors_m))
+            range_m = scale * range_m + rng.normal(0.1, 0.05, len(anchors_m)) + rng.exponential(late_m, len(anchors_m))
             if spoiled is not None and step % 10 == 0:
                 range_m[0] = spoiled
             ranges = UwbRanges(t_ns, tags[step % len(tags)], np.arange(len(anchors_m)), range_m)
@@ -93,6 +93,18 @@ def circle(tmp_path):
         return tmp_path / "circle.mcap"
 
     return write
+
+
+def test_ranges_of_a_wrong_scale_are_not_surveyed_without_a_word(circle, quadlog):
+    done = quadlog("survey", circle(scale=1.3))
+    assert done.code == 0
+    assert "the ranges fit only if the odometry goes 1.29 times" in done.err
+
+
+def test_a_walk_that_no_range_fits_is_refused(circle, refused):
+    error = refused(1, "survey", circle(late_m=3.0))
+    assert "the ranges do not fit the walk" in error
+    assert "count as NLOS wherever the anchors are placed" in error
 
 
 KNOWN = "[[uwb.anchors]]\nid = {}\nx_m = {}\ny_m = {}\nz_m = {}\n"
