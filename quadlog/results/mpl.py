@@ -270,7 +270,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     return picture
 
 
-MOST_INK, PLACES = 1000, 24
+MOST_INK, PLACES = 1500, 18
 """Points of a layer that names avoid; places along a line that are tried, those at its end first."""
 SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 
@@ -298,7 +298,7 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
     def cost(place: tuple[int, Bbox]) -> float:
         order, box = place
         outside = not (area.contains(*box.min) and area.contains(*box.max))
-        return order / len(SIDES) + box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
+        return order / len(SIDES) + 4 * box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
 
     for name, color, points in named:
         known = to_pixels(points[np.isfinite(points).all(axis=1)])
