@@ -118,6 +118,26 @@ def _anchors(run: Run) -> Iterator[view.Layer]:
         yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
 
 
+def error_scene(run: Run) -> view.Scene | None:
+    """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
+    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
+    if walk is None:
+        return None
+    if errors is not None and poses is not None and (errors["source"] == "track").any():
+        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
+        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
+        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
+    elif control is not None:
+        table, what = control, "distance to the path (m)"
+    else:
+        return None
+    rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
+    seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
+    track = view.Track("robot", "robot", seconds, x_m, y_m, values=(what, error_m))
+    walls = [layer for layer in walk.layers if isinstance(layer, view.Raster)]
+    return view.Scene([*walls, *_anchors(run), track], walk.extent) if len(rows) > 1 else None
+
+
 def _scans(run: Run) -> Iterator[view.Layer]:
     """Obstacle points of the saved scans, about their instants."""
     saved = run.arrays("cloud_samples")
@@ -310,26 +330,6 @@ def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Ma
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
     axes: dict[str, Any] = {"along": SCALE_95 * along_m, "cross": SCALE_95 * cross_m, "aside": SCALE_95 * aside_m}
     return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
-
-
-def error_scene(run: Run) -> view.Scene | None:
-    """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
-    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
-    if walk is None:
-        return None
-    if errors is not None and poses is not None and (errors["source"] == "track").any():
-        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
-        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
-        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
-    elif control is not None:
-        table, what = control, "distance to the path (m)"
-    else:
-        return None
-    rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
-    seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
-    track = view.Track("robot", "robot", seconds, x_m, y_m, values=(what, error_m))
-    walls = [layer for layer in walk.layers if isinstance(layer, view.Raster)]
-    return view.Scene([*walls, *_anchors(run), track], walk.extent) if len(rows) > 1 else None
 
 
 def scan_scene(run: Run) -> view.Scene | None:
