@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 from quadlog.errors import CannotWrite
-from quadlog.results import mpl
+from quadlog.results import mpl, scenes
 from quadlog.results.figures import FIGURES, drawings_of, write_plots
 from quadlog.results.find_runs import PICTURES
 from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
-from quadlog.results.scenes import error_scene, walk_scene
+from quadlog.results.scenes import walk_scene
 from quadlog.results.tables import read_table
 from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
@@ -151,7 +151,7 @@ def test_words_of_a_figure_never_cover_each_other(
         covered.extend((one[0], two[0]) for one, two in combinations(boxes, 2) if one[1].overlaps(two[1]))
 
     monkeypatch.setattr(mpl.Picture, "savefig", look)
-    for drawing in [*drawings_of(Run(tiny_run)).values(), error_scene(Run(tiny_run))]:
+    for drawing in [*drawings_of(Run(tiny_run)).values(), scenes.error_scene(Run(tiny_run))]:
         render(drawing, "pdf", width_in, point_size=8.0)
     assert len(seen) > 30
     assert covered == []
