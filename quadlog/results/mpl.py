@@ -193,7 +193,7 @@ def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]
 
 def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
     long, high = (_spread([getattr(one, axis) for one in panel.series]) for axis in "xy")
-    for span in (high, None):  # if one curve has to, all dense ones do
+    for span in (np.inf if panel.rows else high, None):  # if one curve has to, all dense ones do
         drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, span)]
         if len(drawn) == len(panel.series):
             break
@@ -249,6 +249,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     picture = Picture(figsize=(width_in, 1.0))
     FigureCanvasAgg(picture)
     marks = [of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")]
+    marks = [of for of in marks if ((left < of.x) & (of.x < right) & (bottom < of.y) & (of.y < top)).any()]
     flow, above_in = _flow(picture, [(_glyph(of), of.color, of.label) for of in marks], text)
     scales = [of.values[0] for of in scene.layers if isinstance(of, view.Track) and of.values is not None]
     above_in = max(above_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)

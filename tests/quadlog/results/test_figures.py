@@ -163,9 +163,9 @@ def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(mon
     x = np.arange(60_000) / 1000
     smooth, dense = Series("a", "robot", x, np.sin(x / 3)), Series("b", "target", x, np.sin(70 * x) + (x == 30))
     dense.y[(x > 40) & (x < 45)] = np.nan
-    render([Panel("smooth", [smooth]), Panel("dense", [dense])], width_in=3.5)
-    assert [one.style for one in drawn] == ["line", "band", "line"]
-    band, mean = drawn[1:]
+    render([Panel("smooth", [smooth]), Panel("rows", [dense], rows="a"), Panel("dense", [dense])], width_in=3.5)
+    assert [one.style for one in drawn] == ["line", "line", "band", "line"]
+    band, mean = drawn[2:]
     assert (np.nanmin(band.y), np.nanmax(band.upper)) == (np.nanmin(dense.y), np.nanmax(dense.y))
     assert np.abs(mean.y[np.isfinite(mean.y)]).max() < 0.1
     assert np.isnan(mean.y[(mean.x > 41) & (mean.x < 44)]).all()
