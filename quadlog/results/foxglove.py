@@ -40,7 +40,7 @@ Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
 SPEED_OVER_NS = 500_000_000
 """Speeds are differences of positions so far apart."""
 STEP_NS = 100_000_000
-"""Of lines of errors, one in each such step."""
+"""Of frames, which Foxglove interpolates, and of lines of errors, one in each such step."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
 
 
@@ -83,8 +83,8 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         yield "/quadlog/tf_static", _transforms({"t_ns": [run.start_ns], **mount, **angles}, "base", "lidar")
     in_map = partial(_transforms, parent="map")
     named: list[tuple[str, Any, Callable[[Any], Stream]]] = [
-        ("/quadlog/tf", control if poses is None else poses, partial(in_map, child="base")),
-        ("/quadlog/resim/tf", None if poses is None else control, partial(in_map, child="base_resim")),
+        ("/quadlog/tf", _sparse(control if poses is None else poses), partial(in_map, child="base")),
+        ("/quadlog/resim/tf", None if poses is None else _sparse(control), partial(in_map, child="base_resim")),
         ("/quadlog/pose", poses, _poses),
         ("/quadlog/target", target, _poses),
         ("/quadlog/resim/pose", control, _poses),

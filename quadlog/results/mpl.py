@@ -193,7 +193,7 @@ def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]
 
 def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
     long, high = (_spread([getattr(one, axis) for one in panel.series]) for axis in "xy")
-    for span in (high, None):  # if one curve has to, all dense ones do
+    for span in (np.inf if panel.rows else high, None):  # if one curve has to, all dense ones do
         drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, span)]
         if len(drawn) == len(panel.series):
             break
@@ -249,6 +249,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     picture = Picture(figsize=(width_in, 1.0))
     FigureCanvasAgg(picture)
     marks = [of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")]
+    marks = [of for of in marks if ((left < of.x) & (of.x < right) & (bottom < of.y) & (of.y < top)).any()]
     flow, above_in = _flow(picture, [(_glyph(of), of.color, of.label) for of in marks], text)
     scales = [of.values[0] for of in scene.layers if isinstance(of, view.Track) and of.values is not None]
     above_in = max(above_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)
@@ -270,7 +271,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     return picture
 
 
-MOST_INK, PLACES = 1000, 24
+MOST_INK, PLACES = 1500, 18
 """Points of a layer that names avoid; places along a line that are tried, those at its end first."""
 SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 
@@ -298,7 +299,7 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
     def cost(place: tuple[int, Bbox]) -> float:
         order, box = place
         outside = not (area.contains(*box.min) and area.contains(*box.max))
-        return order / len(SIDES) + box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
+        return order / len(SIDES) + 4 * box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
 
     for name, color, points in named:
         known = to_pixels(points[np.isfinite(points).all(axis=1)])

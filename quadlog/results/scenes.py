@@ -111,6 +111,26 @@ def _anchors(run: Run) -> Iterator[view.Layer]:
         yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
 
 
+def error_scene(run: Run) -> view.Scene | None:
+    """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
+    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
+    if walk is None:
+        return None
+    if errors is not None and poses is not None and (errors["source"] == "track").any():
+        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
+        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
+        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
+    elif control is not None:
+        table, what = control, "distance to the path (m)"
+    else:
+        return None
+    rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
+    seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
+    track = view.Track("robot", "robot", seconds, x_m, y_m, values=(what, error_m))
+    walls = [layer for layer in walk.layers if isinstance(layer, view.Raster)]
+    return view.Scene([*walls, *_anchors(run), track], walk.extent) if len(rows) > 1 else None
+
+
 def _scans(run: Run) -> Iterator[view.Layer]:
     """Obstacle points of the saved scans, about their instants."""
     saved = run.arrays("cloud_samples")
@@ -384,23 +404,3 @@ def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[v
     cross_m = xy_m2 / along_m
     aside_m = np.sqrt(np.maximum(yy_m2 - cross_m**2, 0.0))
     return SCALE_95 * along_m, SCALE_95 * cross_m, SCALE_95 * aside_m
-
-
-def error_scene(run: Run) -> view.Scene | None:
-    """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
-    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
-    if walk is None:
-        return None
-    if errors is not None and poses is not None and (errors["source"] == "track").any():
-        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
-        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
-        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
-    elif control is not None:
-        table, what = control, "distance to the path (m)"
-    else:
-        return None
-    rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
-    seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
-    track = view.Track("robot", "robot", seconds, x_m, y_m, values=(what, error_m))
-    walls = [layer for layer in walk.layers if isinstance(layer, view.Raster)]
-    return view.Scene([*walls, *_anchors(run), track], walk.extent) if len(rows) > 1 else None

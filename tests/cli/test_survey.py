@@ -74,7 +74,9 @@ CIRCLE_M = 3.0
 def circle(tmp_path):
     """A function that writes 20 s of a walk in a circle with good odometry: ids of its tags, heard in turn."""
 
-    def write(anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M, scale=1.0, late_m=0.0) -> Path:
+    def write(
+        anchors_m=ANCHORS_M, tags=(0,), spoiled: float | None = None, radius_m=CIRCLE_M, scale=1.0, late_m=0.0
+    ) -> Path:
         rng, messages = np.random.default_rng(0), []
         for step in range(400):
             t_ns, angle = START_NS + step * 50_000_000, 2 * np.pi * step / 350

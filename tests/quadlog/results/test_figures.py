@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 from quadlog.errors import CannotWrite
-from quadlog.results import mpl
+from quadlog.results import mpl, scenes
 from quadlog.results.figures import FIGURES, drawings_of, write_plots
 from quadlog.results.find_runs import PICTURES
 from quadlog.results.mpl import render
 from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
-from quadlog.results.scenes import error_scene, walk_scene
+from quadlog.results.scenes import walk_scene
 from quadlog.results.tables import TABLES, read_table, write_table
 from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
@@ -208,7 +208,7 @@ def test_words_of_a_figure_never_cover_each_other(
         covered.extend((one[0], two[0]) for one, two in combinations(boxes, 2) if one[1].overlaps(two[1]))
 
     monkeypatch.setattr(mpl.Picture, "savefig", look)
-    for drawing in [*drawings_of(Run(tiny_run)).values(), error_scene(Run(tiny_run))]:
+    for drawing in [*drawings_of(Run(tiny_run)).values(), scenes.error_scene(Run(tiny_run))]:
         render(drawing, "pdf", width_in, point_size=8.0)
     assert len(seen) > 30
     assert covered == []
@@ -220,9 +220,9 @@ def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(mon
     x = np.arange(60_000) / 1000
     smooth, dense = Series("a", "robot", x, np.sin(x / 3)), Series("b", "target", x, np.sin(70 * x) + (x == 30))
     dense.y[(x > 40) & (x < 45)] = np.nan
-    render([Panel("smooth", [smooth]), Panel("dense", [dense])], width_in=3.5)
-    assert [one.style for one in drawn] == ["line", "band", "line"]
-    band, mean = drawn[1:]
+    render([Panel("smooth", [smooth]), Panel("rows", [dense], rows="a"), Panel("dense", [dense])], width_in=3.5)
+    assert [one.style for one in drawn] == ["line", "line", "band", "line"]
+    band, mean = drawn[2:]
     assert (np.nanmin(band.y), np.nanmax(band.upper)) == (np.nanmin(dense.y), np.nanmax(dense.y))
     assert np.abs(mean.y[np.isfinite(mean.y)]).max() < 0.1
     assert np.isnan(mean.y[(mean.x > 41) & (mean.x < 44)]).all()
