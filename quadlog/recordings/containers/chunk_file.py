@@ -114,9 +114,13 @@ class Chunk:
 
 
 class Body(NamedTuple):
-    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others."""
+    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others.
+
+    stored_bytes: what it takes in the file.
+    """
 
     data: memoryview
+    stored_bytes: int
     rows: Rows
     definitions: Sequence[tuple[Any, memoryview]] = ()
 
@@ -284,7 +288,7 @@ class ChunkFile(Container):
         self._file.spare_records.take(chunk.offset, min(records - worth, spare))
         if records > worth + spare:
             raise Damaged(f"it holds more than {worth + spare} records", "too-large")
-        return Body(data, rows, definitions)
+        return Body(data, stored_bytes, rows, definitions)
 
     def _loose_body(self, chunk: Chunk) -> Body:
         return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length, chunk)

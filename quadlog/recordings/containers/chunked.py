@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import heapq
 import os
 from collections import Counter, deque
-from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field
@@ -19,7 +18,6 @@ from quadlog.recordings.containers.chunk_file import Body, Chunk, ChunkFile, Row
 from quadlog.recordings.containers.compression import SUPPORTED
 from quadlog.recordings.containers.container import (
     JUMP_NS,
-    MAX_TIME_NS,
     Budget,
     Channel,
     Damaged,
@@ -30,22 +28,17 @@ from quadlog.recordings.containers.container import (
     shared_channels,
     spread,
 )
+from quadlog.recordings.containers.overlap import Held, chosen
 from quadlog.recordings.formatting import instant, several
 from quadlog.storage.byte_ranges import ByteSource
 
 _DAY_NS = 86_400 * 10**9
-# Data kept of chunks that overlap in time; beyond this they are dropped and read again.
-_KEPT_BYTES = 1 << 27
-# What may be read again: far more than any recorder's overlap needs, in proportion to what the file is worth.
-_AGAIN_BYTES, _AGAIN_RATIO = 1 << 30, 10_000
-# Chunks of the file's beginning kept for the next look: every look at some topic's first messages wants them again.
+# Of the file's beginning, kept for the next look.
 _FIRST_BYTES = 1 << 24
 # Larger chunks are not read ahead.
 _LARGE_BYTES = 1 << 25
 # With one core, what is decompressed earlier has left its cache when it is decoded.
 _AHEAD = 0 if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1 else 2
-# Messages whose times and places are Python objects at once.
-_BLOCK = 1024
 _LISTED_AT_ONCE = 64
 _CHANNELS_NAMED = 20
 # glibc reuses freed blocks up to the largest one freed (mallopt(3), M_MMAP_THRESHOLD): fresh pages for each chunk would
@@ -54,6 +47,26 @@ bytes(1 << 24)
 
 _START = attrgetter("start_ns")
 _OFFSET = attrgetter("offset")
+
+
+@dataclass
+class _First:
+    """The first few bodies that were read, shared by a recording and its excerpts; the first without room is the last.
+
+    Every look at some topic's first messages wants them again.
+    """
+
+    bodies: dict[int, Body] = field(default_factory=dict)
+    room: int = _FIRST_BYTES
+
+    def forget(self) -> None:
+        self.bodies.clear()
+        self.room = _FIRST_BYTES
+
+    def keep(self, chunk: Chunk, body: Body) -> None:
+        self.room -= len(body.data)
+        if self.room >= 0:
+            self.bodies[chunk.offset] = body
 
 
 class ChunkedReader(ChunkFile):
@@ -70,8 +83,7 @@ class ChunkedReader(ChunkFile):
         self._jumps_within: dict[int, int] = {}
         self._zero_times: dict[int, int] = {}
         self._miscounts: dict[Channel, Loss] = {}
-        self._first: dict[int, Body] = {}
-        self._first_room = _FIRST_BYTES
+        self._first = _First()
         self._read_something = False
         self._open()
         for chunk in self._chunks:
@@ -100,7 +112,7 @@ class ChunkedReader(ChunkFile):
         """See Container. Raises NothingReadable when every chunk there is was damaged."""
         wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
         due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
-        held, bodies = _Held(self, _AGAIN_BYTES), self._read_ahead(due)
+        held, bodies = Held(self._tried, self._lose), self._read_ahead(due)
         counts: dict[int, Counter[int]] = {}
         try:
             for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
@@ -109,11 +121,10 @@ class ChunkedReader(ChunkFile):
                     self._lose(chunk, body)
                 else:
                     counts[chunk.offset] = self._examine(chunk, body.rows)
-                    held.take(chunk, body.data, _chosen(body.rows, wanted, start_ns, end_ns))
+                    held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
                 del body
                 yield from held.messages(horizon_ns, wanted)
-            self._first.clear()
-            self._first_room = _FIRST_BYTES
+            self._first.forget()
             if start_ns is None and end_ns is None:
                 self._compare_counts(wanted, due, counts)
         finally:
@@ -139,16 +150,14 @@ class ChunkedReader(ChunkFile):
 
     def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
         """As `_load`; the file's first few are kept until a reading comes to its end."""
-        if (body := self._first.get(chunk.offset)) is not None:
+        if (body := self._first.bodies.get(chunk.offset)) is not None:
             return body
         try:
             body = self._load(chunk, at_most)
         except Damaged as damage:
             return damage
         if body is not None:
-            self._first_room -= len(body.data)
-            if self._first_room >= 0:
-                self._first[chunk.offset] = body
+            self._first.keep(chunk, body)
         return body
 
     def log_times(self) -> Iterator[LogTimes]:
@@ -289,111 +298,6 @@ class ChunkedReader(ChunkFile):
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
-
-
-@dataclass(slots=True)
-class _Part:
-    """A chunk whose messages are not all given yet, in order of time."""
-
-    chunk: Chunk
-    rows: Rows
-    lost: bool = False
-
-    def take(self, horizon_ns: int | None) -> Rows:
-        """The messages before the horizon, which are no longer left."""
-        stop = len(self.rows) if horizon_ns is None else self.rows["t_ns"].searchsorted(horizon_ns)
-        taken, self.rows = self.rows[:stop], self.rows[stop:]
-        return taken
-
-
-@dataclass
-class _Held:
-    """The chunks that are open in one reading, and their messages in order of time; memory stays bounded."""
-
-    reader: ChunkedReader
-    again_bytes: int
-    # By the time of the next message.
-    parts: list[tuple[int, int, _Part]] = field(default_factory=list)
-    data: dict[int, memoryview] = field(default_factory=dict)
-    held_bytes: int = 0
-
-    def take(self, chunk: Chunk, data: memoryview, rows: Rows) -> None:
-        """A chunk's wanted messages, in order of time."""
-        self.again_bytes += _AGAIN_RATIO * chunk.length
-        if len(rows):
-            self._keep(chunk.offset, data)
-            self._wait(_Part(chunk, rows))
-
-    def messages(self, horizon_ns: int | None, channel_of: Mapping[int, Channel]) -> Iterator[RawMessage]:
-        """Those before the horizon, at which the next chunk begins; of equal times in order of the file."""
-        due: list[_Part] = []
-        while self.parts and (horizon_ns is None or self.parts[0][0] < horizon_ns):
-            due.append(heapq.heappop(self.parts)[2])
-        if not due:
-            return
-        due.sort(key=lambda part: part.chunk.offset)
-        taken = [part.take(horizon_ns) for part in due]
-        rows, source = np.concatenate(taken), np.repeat(np.arange(len(due)), list(map(len, taken)))
-        if len(due) > 1:
-            order = np.argsort(rows["t_ns"], kind="stable")
-            rows, source = rows[order], source[order]
-        current, data = -1, None
-        for at in range(0, len(rows), _BLOCK):
-            block = slice(at, at + _BLOCK)
-            each = zip(source[block].tolist(), rows[block].tolist(), strict=True)
-            for place, (index, (t_ns, number, begin, end)) in enumerate(each, at):
-                if index != current:
-                    current, part = index, due[index]
-                    data = self._data(part)
-                    if isinstance(data, Damaged):
-                        part.lost = True
-                        left = len(part.rows) + int(np.count_nonzero(source[place:] == index))
-                        self.reader._lose(part.chunk, data, left)
-                if isinstance(data, memoryview):
-                    yield RawMessage(channel_of[number], t_ns, data[begin:end])
-        for part in due:
-            if len(part.rows) and not part.lost:
-                self._wait(part)
-            else:
-                self._drop(part.chunk.offset)
-
-    def _wait(self, part: _Part) -> None:
-        heapq.heappush(self.parts, (int(part.rows["t_ns"][0]), part.chunk.offset, part))
-
-    def _data(self, part: _Part) -> memoryview | Damaged | None:
-        """Read again if it was dropped; None for a part that is lost."""
-        offset = part.chunk.offset
-        if part.lost or offset in self.data:
-            return None if part.lost else self.data[offset]
-        body = self.reader._tried(part.chunk)
-        if not isinstance(body, Body):
-            return body
-        self.again_bytes -= len(body.data)
-        if self.again_bytes < 0:
-            return Damaged("too many large chunks overlap in time", "too-large")
-        self._keep(offset, body.data)
-        return body.data
-
-    def _keep(self, offset: int, data: memoryview) -> None:
-        while self.data and self.held_bytes + len(data) > _KEPT_BYTES:
-            self._drop(next(iter(self.data)))
-        self.data[offset] = data
-        self.held_bytes += len(data)
-
-    def _drop(self, offset: int) -> None:
-        self.held_bytes -= len(self.data.pop(offset, b""))
-
-
-def _chosen(rows: Rows, wanted: Mapping[int, Channel], start_ns: int | None, end_ns: int | None) -> Rows:
-    """Those of these channels with start_ns <= log time < end_ns, in order of log time."""
-    keep = np.fromiter(map(wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
-    if start_ns is not None:
-        keep &= rows["t_ns"] >= min(start_ns, MAX_TIME_NS)
-    if end_ns is not None and end_ns <= MAX_TIME_NS:
-        keep &= rows["t_ns"] < end_ns
-    rows = rows[keep]
-    t_ns = rows["t_ns"]
-    return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
 
 
 def _jumps_between(chunks: Iterable[Chunk]) -> list[int]:

@@ -16,7 +16,7 @@ from rosbags.rosbag1 import Reader
 
 from fuzzing.edits import edited
 from quadlog.errors import NothingReadable, QuadlogError
-from quadlog.recordings.containers import chunked
+from quadlog.recordings.containers import chunked, overlap
 from quadlog.recordings.containers.open import open_container
 from tests.lab import recordings
 
@@ -63,10 +63,10 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, form, in_or
 @pytest.mark.parametrize("again_bytes", [1 << 20, 3000])
 def test_chunks_that_all_overlap_are_read_again_as_far_as_they_are_worth_it(tmp_path, monkeypatch, form, again_bytes):
     """Each begins with a message of the first instant, which is given at once, the others at their time."""
-    monkeypatch.setattr(chunked, "_KEPT_BYTES", 1500)
-    monkeypatch.setattr(chunked, "_FIRST_BYTES", 0)
-    monkeypatch.setattr(chunked, "_AGAIN_BYTES", again_bytes)
-    monkeypatch.setattr(chunked, "_AGAIN_RATIO", 0)
+    monkeypatch.setattr(overlap, "_KEPT_BYTES", 1500)
+    monkeypatch.setattr(chunked._First, "keep", lambda *_: None)
+    monkeypatch.setattr(overlap, "_AGAIN_BYTES", again_bytes)
+    monkeypatch.setattr(overlap, "_AGAIN_RATIO", 0)
     messages = recordings.some(120)
     messages = [(topic, messages[0][1] if i % 6 == 0 else t_ns, data) for i, (topic, t_ns, data) in enumerate(messages)]
     expected = sorted(messages, key=lambda message: message[1])
