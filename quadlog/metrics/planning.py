@@ -55,8 +55,7 @@ class Comparison:
     @property
     def episodes(self) -> NDArray[np.int64]:
         """(R,) of the paired replans, sorted."""
-        found: NDArray[np.int64] = next(iter(self.paired.values()))["episode"]
-        return found
+        return next(iter(self.paired.values()))["episode"]
 
     def ratio(self, column: str, over: str, under: str, confidence: float = 0.95) -> Ratio | None:
         """What one planner spent over what the other did, see `ratio_of`; None where one of them did not run."""

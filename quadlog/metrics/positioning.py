@@ -123,5 +123,4 @@ def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tu
 
 def _steps(poses: PoseSeries) -> Float:
     """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
-    steps: Float = np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))
-    return steps
+    return np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))

@@ -277,8 +277,7 @@ def gait(body: BodySeries, mass_kg: float) -> dict[str, float | int]:
 
 
 def _known(values: Float) -> Float:
-    known: Float = values[np.isfinite(values)]
-    return known
+    return values[np.isfinite(values)]
 
 
 def _mean(values: Float) -> float:

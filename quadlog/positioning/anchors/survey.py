@@ -79,8 +79,7 @@ class SurveyedAnchor:
     @property
     def bound_m(self) -> Float:
         """(3,) half widths of the 95 % intervals of x, y and z."""
-        bound: Float = NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
-        return bound
+        return NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +210,7 @@ class _Solution:
     def covariance(self) -> Float:
         """(3A + TA, 3A + TA) of the anchors' x, y, z, then of the links' biases."""
         order = np.roll(np.arange(len(self.estimate.values) - 4), -self.walk.ranges.n_links)
-        covariance: Float = self.estimate.covariance[np.ix_(order, order)]
-        return covariance
+        return self.estimate.covariance[np.ix_(order, order)]
 
     def with_anchors(self, anchors_m: Float, knots: Float) -> _Solution:
         """From other places (A, 3) and knots, all else being alike."""

@@ -85,8 +85,7 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: Float) 
     late = np.maximum(LATE_MEAN_STD / np.sqrt(n), LATE_MEAN_LEAST)
     by_mean = 1 + (mean / np.where(mean > 0, late, EARLY_STD)) ** 2
     by_one = 1 + (x / np.where(x > 0, LATE_STD, EARLY_STD)) ** 2
-    weights: Float = 1 / (by_mean * by_one)
-    return weights
+    return 1 / (by_mean * by_one)
 
 
 def symmetric_weights(residual_m: Float, link: Int, std_m: Float) -> Float:
