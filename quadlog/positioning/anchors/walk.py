@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from quadlog.geometry import turned
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import TagRanges, Way, turned
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.batch.motion import Timeline, make_timeline
 
 KNOT_S, MOST_KNOTS, MOST_CELLS = 0.5, 4000, 700_000

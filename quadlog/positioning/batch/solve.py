@@ -289,7 +289,8 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     link whose bias is its own seems late.
     """
     slots, (span_s, n) = problem.slots, problem.heard
-    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
+    std_m = weights.std_m[slots.range_link]
+    excess = np.mean(residual_m > robust.LATE_BY_STD * std_m) - np.mean(residual_m < -robust.LATE_BY_STD * std_m)
     able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
     if weights.blocked is None and able and excess > robust.BLOCKED_SHARE:
         return replace(weights, blocked=True), False
@@ -298,7 +299,6 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     if weights.blocked and not white and excess <= robust.MOSTLY_SHARE:
         return replace(weights, blocked=False), False
     if weights.blocked:
-        std_m = weights.std_m[slots.range_link]
         sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
         lasts = lasts / robust.sure_share(slots.range_link, residual_m / std_m, sight, odd)
     return replace(weights, lasts=lasts), True
