@@ -62,8 +62,7 @@ spot: yaw stays free.
 class SurveyedAnchor:
     """An anchor by its index: position_m (3,) and its covariance_m2 (3, 3), bias_m and its std, ranges and late ones.
 
-    height_observed: whether its height is from ranges, not from the prior. why_not: why its place is not observed,
-    "" if it is.
+    height_observed: whether its height is from ranges, not from the prior. why_not: "" if its place is observed.
     """
 
     index: int
