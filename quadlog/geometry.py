@@ -156,12 +156,12 @@ def interpolate_poses(
 
 def tag_to_base(tag_m: Float, yaw_rad: Float, x_m: float, y_m: float) -> Float:
     """Positions (N, 2) of base in map, from those of a tag that sits at (x_m, y_m) in base, and yaw (N,)."""
-    return tag_m - _turned(yaw_rad, x_m, y_m)
+    return tag_m - turned(yaw_rad, np.array([x_m, y_m]))
 
 
 def base_to_tag(base_m: Float, yaw_rad: Float, x_m: float, y_m: float) -> Float:
     """Positions (N, 2) of the tag in map, from those of base: the reverse of tag_to_base."""
-    return base_m + _turned(yaw_rad, x_m, y_m)
+    return base_m + turned(yaw_rad, np.array([x_m, y_m]))
 
 
 def base_covariance(tag_covariance_m2: Float, yaw_rad: Float, yaw_std_rad: Float, x_m: float, y_m: float) -> Float:
@@ -169,14 +169,15 @@ def base_covariance(tag_covariance_m2: Float, yaw_rad: Float, yaw_std_rad: Float
 
     To first order, with J = -dR/dyaw (x_m, y_m): the errors of tag and yaw are taken to be independent.
     """
-    along_m = _turned(yaw_rad, y_m, -x_m) * yaw_std_rad[:, None]
+    along_m = turned(yaw_rad, np.array([y_m, -x_m])) * yaw_std_rad[:, None]
     covariance: Float = tag_covariance_m2 + along_m[:, :, None] * along_m[:, None, :]
     return covariance
 
 
-def _turned(yaw_rad: Float, x_m: float, y_m: float) -> Float:
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m], axis=-1)
+def turned(yaw_rad: Float, vector: Float) -> Float:
+    """A vector (D,), or (N, ..., D), turned about z by yaw (N,): (N, D), or (N, ..., D)."""
+    cos, sin, (x, y, *above) = np.cos(yaw_rad), np.sin(yaw_rad), vector.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y, *above]).T
 
 
 def arc_lengths(points: Float) -> Float:

@@ -22,10 +22,7 @@ def rigid_motion(position_m: Float, wanted_m: Float) -> tuple[Float, Float]:
 
 
 def align_rigidly(estimate: PoseSeries, reference: PoseSeries, axes: int = 3) -> PoseSeries:
-    """The estimate moved, without scaling, so that the sum of its squared distances from the reference is least.
-
-    M poses each, in pairs. axes: 2 turns it in the plane alone.
-    """
+    """M poses, moved rigidly so that they lie nearest to their M partners; axes: 2 turns them in the plane alone."""
     from scipy.spatial.transform import Rotation  # slow to import
 
     rotation = np.eye(3)
@@ -51,10 +48,7 @@ STRAIGHT = 0.7
 
 @dataclass(frozen=True, slots=True)
 class FrameOffset:
-    """The best rigid motion from a track onto its reference: turned by rotation (2, 2), then shifted by shift_m (2,).
-
-    before_m, after_m: rmse without and with it.
-    """
+    """The best rigid motion onto a reference: rotation (2, 2), then shift_m (2,); rmse before_m and after_m it."""
 
     rotation: Float
     shift_m: Float
@@ -63,10 +57,7 @@ class FrameOffset:
 
 
 def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | None:
-    """The rotation and translation that bring N positions (N, 2) nearest to those of the reference [Umeyama].
-
-    Rows with a NaN on either side are left out; None with fewer than MIN_PAIRS of them left.
-    """
+    """The best rigid motion of N positions (N, 2); rows with a NaN do not count; None with under MIN_PAIRS."""
     known = np.isfinite(position_m).all(axis=1) & np.isfinite(reference_m).all(axis=1)
     position_m, reference_m = position_m[known], reference_m[known]
     if len(position_m) < MIN_PAIRS:

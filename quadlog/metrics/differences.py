@@ -76,9 +76,8 @@ class OverRuns(NamedTuple):
 def over_runs(values: Float, kind: ValueKind = "quantity") -> OverRuns:
     """Of a metric's values (R,) of independent runs, or of seeds; those that are NaN are left out.
 
-    The interval of quantities is Student's; that of "yes or no", values of 0 or 1, is Wilson's: it stays inside [0, 1],
-    and wide when all are alike. None for counts, for fewer than two values, and for equal ones: where the seed changes
-    nothing it does not show how sure the value is.
+    The interval of quantities is Student's; that of "yes or no", 0 or 1, is Wilson's. None for counts, for fewer than
+    two values, and for equal quantities: where the seed changes nothing it does not show how sure the value is.
     """
     known = values[np.isfinite(values)]
     if not len(known):
@@ -93,12 +92,9 @@ def over_runs(values: Float, kind: ValueKind = "quantity") -> OverRuns:
 def clear_best(values: Float, *, lower: bool) -> int | None:
     """The setting that is best of all beyond doubt, from a metric's values (C, S) of C settings with the same S seeds.
 
-    The setting of the best mean is compared with each rival by the differences between runs of one seed: it is best
-    when the interval of each mean difference leaves out 0, with 95 % confidence for all rivals together (Bonferroni,
-    which also allows for the choice of the best among several, Hsu 1984).
-
-    Settings without any value are left out. None when there is no rival, when a value is missing otherwise (of a run
-    that failed), or when a difference is the same with every seed: it may be chance that no seed shows.
+    That of the best mean, if the intervals of its mean differences from each rival, seed by seed, leave out 0, with 95
+    % confidence for all together (see `corrected_confidence`). Settings without any value are left out. None without a
+    rival, where a value is missing otherwise (of a failed run), or where a difference is the same with every seed.
     """
     known = np.isfinite(values)
     among = np.flatnonzero(known.any(axis=1))

@@ -1,10 +1,8 @@
 """What planners did: of one run's replans, and of several planners on the same replans of one source.
 
-Two kinds of figures. What a planner was asked for and what work it did is over
-all its replans: `replans`, `success_rate`, the totals and the mean of cells
-(a search that floods the window before it fails is work too), `fallback_share`.
-What compares planners is paired, over the replans that all of them solved,
-because a planner that gives up on the hard ones would look cheap and short:
+What a planner was asked for and what work it did is over all its replans: `replans`, `success_rate`, the totals and the
+mean of cells (a search that floods the window before it fails is work too), `fallback_share`. What compares planners is
+paired, over the replans that all of them solved, because one that gives up on the hard ones would look cheap and short:
 ratio, sub-optimality, times, lengths, turns.
 """
 
@@ -55,8 +53,7 @@ class Comparison:
     @property
     def episodes(self) -> NDArray[np.int64]:
         """(R,) of the paired replans, sorted."""
-        found: NDArray[np.int64] = next(iter(self.paired.values()))["episode"]
-        return found
+        return next(iter(self.paired.values()))["episode"]
 
     def ratio(self, column: str, over: str, under: str, confidence: float = 0.95) -> Ratio | None:
         """What one planner spent over what the other did, see `ratio_of`; None where one of them did not run."""
@@ -155,10 +152,9 @@ def ratio_to_astar(t_ns: Int, expanded: Int, astar_expanded: Int) -> Metrics:
 
 
 def search_samples(replans: Table) -> dict[str, Samples]:
-    """Of node counts, success, and sub-optimality as a fraction of the optimal cost.
+    """Of node counts, success, fallback_share, which is of incremental planners only, and sub-optimality.
 
     replans: of one planner, columns (N,) of plans.parquet, t_ns rising; costs are NaN where there is none.
-    fallback_share is of incremental planners only: the share of replans after the first that had to start from scratch.
     """
     t_ns, excess = replans["t_ns"], _excess(replans["cost"], replans["optimal_cost"])
     excess = np.where(replans["found"], excess, np.nan)

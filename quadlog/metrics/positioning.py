@@ -11,10 +11,7 @@ from quadlog.positioning.ellipses import CHI2_95
 
 
 def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
-    """Of uwb_rmse_m and uwb_bias_m, from fixes less truth (N, 2) at t_ns (N,), NaN without a truth.
-
-    uwb_bias_m is the length of the mean error: what averaging would not remove.
-    """
+    """Of uwb_rmse_m and, the length of the mean error, uwb_bias_m; fixes less truth (N, 2), NaN where unknown."""
     known = np.isfinite(error_xy_m).all(axis=1)
     t_ns, error_m = t_ns[known], error_xy_m[known]
     mean_m = error_m.mean(axis=0) if len(error_m) else np.zeros(2)
@@ -27,10 +24,7 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
 
 
 def ellipse_samples(t_ns: Int, error_xy_m: Float, bound_m: Float) -> dict[str, Samples]:
-    """Of uwb_nees and uwb_coverage_95, from errors (N, 2) and the reach (N,) of 95 % ellipses towards them.
-
-    An error e with covariance C is e^T C^-1 e = CHI2_95 (distance/bound)^2.
-    """
+    """Of uwb_nees and uwb_coverage_95, from errors (N, 2) and how far (N,) 95 % ellipses reach towards them."""
     share = np.hypot(*error_xy_m.T) / bound_m
     known = np.isfinite(share)
     t_ns, share, seen = t_ns[known], share[known], errors_seen(error_xy_m[known] / bound_m[known, None])
@@ -123,5 +117,4 @@ def _nearest_pairs(short_s: Float, long_s: Float, max_difference_s: float) -> tu
 
 def _steps(poses: PoseSeries) -> Float:
     """From each pose to the next, seen from the first of the two: (N - 1, 3)."""
-    steps: Float = np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))
-    return steps
+    return np.einsum("nij,ni->nj", rotation_from_quat(poses.quat_xyzw[:-1]), np.diff(poses.position_m, axis=0))

@@ -89,11 +89,9 @@ class TimeOffset(NamedTuple):
 def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOffset:
     """The offset at which positions, brought together by the best rigid motion, differ least, and its 95 % interval.
 
-    Whatever clocks and frames of space they have: every offset at which they overlap is searched. Not by speeds, which
-    are quicker to compare: those of a steady walk are alike at many offsets, and those of noisy positions at all.
-
-    The interval is the sandwich estimate of a least-squares offset: the long-run variance of the residuals' products
-    with the velocity, which counts neighbours as dependent (`mean_interval_in_time`), over the square of the measured
+    Every offset at which they overlap is searched. Not by speeds: those of a steady walk are alike at many offsets, and
+    those of noisy positions at all. The interval is the sandwich estimate of a least-squares offset: the long-run
+    variance of the residuals' products with the velocity (`mean_interval_in_time`) over the square of the measured
     curvature.
     """
     durations_s = [int(np.ptp(each.t_ns)) / NS_PER_S if len(each.t_ns) else 0.0 for each in (reference, estimate)]
@@ -219,10 +217,7 @@ class ReferenceComparison:
 
     @cached_property
     def samples(self) -> dict[str, Samples]:
-        """Of each metric of a trajectory against a reference, those that apply.
-
-        Aligned in the plane, or in space where both have heights; not where one of them stands.
-        """
+        """Of each metric that applies, aligned in the plane, or in space where both have heights."""
         found, truth, estimate = pair_samples(self.truth, self.estimate), self.corrected_truth, self.corrected_estimate
         if self.offset.offset_s is not None:
             found["ate_time_corrected_rmse_m"] = pair_samples(truth, estimate)["ate_rmse_m"]
@@ -272,9 +267,8 @@ def compare_trajectories(
     align: bool = False,
     planar: bool = False,
 ) -> ReferenceComparison | None:
-    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset.
-
-    align, planar: as evo's --align and --project_to_plane xy, for every one of the errors. None without a pair.
+    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset; None without
+    a pair. align, planar: as evo's --align and --project_to_plane xy, for every one of the errors.
     """
     offset = estimate_time_offset(*(project_to_plane(each) if planar else each for each in (reference, estimate)))
     told_s = offset_s if offset.offset_s is None else offset.offset_s

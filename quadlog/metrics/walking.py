@@ -22,11 +22,10 @@ from quadlog.positioning.unlocated import MAX_UNMEASURED_NS
 def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, period: int, period_s: float) -> Metrics:
     """forward_m, lateral_drift_m (left positive), yaw_rate_degps, the ranges of roll, pitch and yaw, and fallen.
 
-    Of a walk along x, evenly spaced samples: position_m, rpy_rad (T, 3), fallen (T,). rest: how many samples the robot
-    rests before it trots; period: samples of one gait cycle of period_s. The trot is two of these or more and a sample.
-    From the trot's first sample to its last, which are at the same instant of a cycle, so that swaying does not count.
-    The yaw rate is the slope of the line that fits best the mean yaw of each cycle: fitted to single samples, what
-    swings within a cycle would tilt it. A walk with a fall has its metrics like any other.
+    Of a walk along x, evenly spaced samples: position_m, rpy_rad (T, 3), fallen (T,). After `rest` samples it trots for
+    two gait cycles or more, of `period` samples and period_s each, and a sample: first and last are at one instant of a
+    cycle, so that swaying does not count; nor does it in the yaw rate, the slope of the best line through cycles'
+    means.
     """
     x_m, y_m = position_m[rest:, :2].T
     angles_deg = np.degrees(np.unwrap(rpy_rad[rest:], axis=0))
@@ -63,8 +62,7 @@ class Effort:
 def effort_metrics(mass_kg: float, ticks: int, effort: Effort, walk: Mapping[str, NDArray[Any]]) -> Metrics:
     """pitch_rms_rad, height_rms_m, torque_max_nm, torque_saturation_share and cost_of_transport; none without ticks.
 
-    Over all ticks of the simulation, torques of all joints. The energy is the sum of |torque x joint speed|, so that
-    braking costs as much as driving, and is given per weight and way, as in `gait`. walk: t_ns, x_m, y_m (T,).
+    The energy is the sum of |torque x joint speed|, given per weight and way, as in `gait`. walk: t_ns, x_m, y_m (T,).
     """
     if ticks == 0:
         return {}
@@ -96,11 +94,10 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
 
 
 def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
-    """The samples of eta_m, sigma_m and their kin; those that do not apply are absent.
+    """The samples of eta_m, sigma_m, [Tracking] eqs 46 and 47, and their kin; those that do not apply are absent.
 
-    eta_m and sigma_m are the mean and the sample standard deviation of error_m over all N ticks [Tracking] eqs 46, 47,
-    whose two names for the same number, N and N_e, are one here. walk: t_ns and columns of control.parquet (T,), NaN
-    where there was nothing to measure; `fallen` only of a robot that can fall.
+    walk: t_ns and columns of control.parquet (T,), NaN where nothing was measured; `fallen` only where a robot can
+    fall.
     """
     return {
         name: finite_samples(walk["t_ns"], walk[column], statistic)
@@ -164,9 +161,8 @@ class BodySeries:
 
 
 def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5) -> Float:
-    """(N,) speed at t_ns (N,) over SPEED_OVER_S, from places xy_m (M, 2) at places_ns (M,); NaN if one lies in a gap.
-
-    At the ends of the places over as much as there is, LEAST_OVER_S at least.
+    """(N,) speed at t_ns (N,) over SPEED_OVER_S, at the ends LEAST_OVER_S at least, from places xy_m (M, 2) at
+    places_ns (M,); NaN if one lies in a gap.
     """
     if len(places_ns) < 2:
         return np.full(len(t_ns), np.nan)
@@ -199,10 +195,7 @@ def _usual_s(t_ns: Int) -> float:
 
 
 def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
-    """(N, F) 1 where what each foot carries (N, F) is `least` or more, else 0; NaN where it is not known.
-
-    The majority of each SHORTEST_PHASE_S counts.
-    """
+    """(N, F) 1 where carried (N, F) is `least` or more for most of each SHORTEST_PHASE_S, else 0; NaN if unknown."""
     from scipy.ndimage import uniform_filter1d  # slow to import
 
     half = min(round(SHORTEST_PHASE_S / (_usual_s(t_ns) + 1e-12)) // 2, len(t_ns))
@@ -211,9 +204,8 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
 
 
 def strides(body: BodySeries) -> Samples:
-    """The frequency in Hz of strides, each from one touch-down of a foot to its next, at the first of the two.
-
-    Of all legs while the body moves; those over a gap, or longer than LONGEST_STRIDE_S, are left out.
+    """The frequency in Hz of strides of all legs of a body that moves, at the first of two touch-downs; those over a
+    gap, or longer than LONGEST_STRIDE_S, are left out.
     """
     gap = np.diff(body.t_ns, prepend=body.t_ns[:1]) > MAX_GAP_S * NS_PER_S
     whole: list[Int] = []
@@ -237,10 +229,7 @@ def stride_hz(t_ns: Int, contact: Float) -> float:
 
 
 def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
-    """The rows of body.parquet: every joint in every phase of its own leg, where it has a torque.
-
-    n: rows of the phase with a known torque, n_unknown: without.
-    """
+    """Rows of body.parquet, every joint in every phase of its leg; n, n_unknown: instants with and without torque."""
     rows: list[dict[str, str | float | int]] = []
     for joint, name in enumerate(JOINTS):
         torque_nm, stance = body.torque_nm[:, joint].astype(np.float64), body.stance[:, joint // 3]
@@ -277,8 +266,7 @@ def gait(body: BodySeries, mass_kg: float) -> dict[str, float | int]:
 
 
 def _known(values: Float) -> Float:
-    known: Float = values[np.isfinite(values)]
-    return known
+    return values[np.isfinite(values)]
 
 
 def _mean(values: Float) -> float:

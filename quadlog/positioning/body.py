@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quadlog.geometry import interpolate_poses, seconds_since, wrap_angle
+from quadlog.geometry import interpolate_poses, seconds_since, turned, wrap_angle
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.causal import STAMP_STD_S, track_of
-from quadlog.positioning.batch.factors import TagRanges, turned
+from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import KNOT_S, Body, Starts
 from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw

@@ -165,8 +165,7 @@ def _inverted(matrix: Float) -> Float:
     """(D, D, E) inverses of symmetric matrices, NaN where these are all but singular."""
     adjugate, determinant = _adjugate(matrix)
     size, minors = np.trace(matrix), np.trace(adjugate)
-    inverse: Float = adjugate / np.where(determinant > SHARP * size * minors, determinant, np.nan)
-    return inverse
+    return adjugate / np.where(determinant > SHARP * size * minors, determinant, np.nan)
 
 
 @np.errstate(all="ignore")

@@ -63,8 +63,7 @@ def filter_lag_s(track: Track) -> Float:
     """
     position_m2 = np.trace(track.covariance_m2, axis1=1, axis2=2) / track.position_excess
     velocity_m2ps2 = np.trace(track.velocity_covariance_m2ps2, axis1=1, axis2=2)
-    lag: Float = np.sqrt(2 * position_m2 / np.maximum(velocity_m2ps2, 1e-12)).clip(max=LONGEST_LAG_S)
-    return lag
+    return np.sqrt(2 * position_m2 / np.maximum(velocity_m2ps2, 1e-12)).clip(max=LONGEST_LAG_S)
 
 
 COUNTS_BY_STD = 2.0
@@ -239,16 +238,14 @@ class YawOffset:
 
     def at(self, t_s: Float) -> Float:
         """(T,) what to add at instants (T,)."""
-        offset: Float = self.offset_rad + self.drift_radps * (t_s - self.middle_s)
-        return offset
+        return self.offset_rad + self.drift_radps * (t_s - self.middle_s)
 
     def std_at(self, t_s: Float) -> Float:
         """(T,) its std; a line leaves q^2 T/15 of a random walk over T s, which goes on alone beyond the span."""
         away_s, c = t_s - self.middle_s, self.covariance
         walked_s = (self.last_s - self.first_s) / 15 + np.maximum(self.first_s - t_s, t_s - self.last_s).clip(0)
         variance = c[0, 0] + 2 * c[0, 1] * away_s + c[1, 1] * away_s**2 + self.walk_std**2 * walked_s
-        std: Float = np.sqrt(variance)
-        return std
+        return np.sqrt(variance)
 
 
 def fit_offset(groups: Float, drift: tuple[float, float]) -> YawOffset:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 from scipy.special import expit
 
-from quadlog.geometry import roll_pitch_from_quat, seconds_since, yaw_from_quat
+from quadlog.geometry import roll_pitch_from_quat, seconds_since, turned, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
 
 MAX_GAP_S = 0.1
@@ -115,7 +115,7 @@ def leg_track(joints: JointSeries, geometry: LegGeometry, imu: ImuSeries | None 
 
 def _feet(position_rad: Float, geometry: LegGeometry) -> tuple[Float, Float]:
     """(N, 4, 3) centres of the feet in the body, of joints (N, 12) as JointStates has them, and (N, 4, 3, 3) slopes."""
-    hip, thigh, calf = _angles(position_rad)
+    hip, thigh, calf = np.moveaxis(position_rad.astype(np.float64).reshape(-1, 4, 3), 2, 0)
     aside, upper, lower = geometry.lengths_m
     cos, sin, y_m = np.cos(hip), np.sin(hip), aside * np.array([1.0, -1.0, 1.0, -1.0])
     calf_x, calf_down = -lower * np.sin(thigh + calf), lower * np.cos(thigh + calf)
@@ -123,11 +123,6 @@ def _feet(position_rad: Float, geometry: LegGeometry) -> tuple[Float, Float]:
     foot = x_m, y_m * cos + down_m * sin, y_m * sin - down_m * cos
     slopes = [0 * cos, -foot[2], foot[1]], [-down_m, x_m * sin, -x_m * cos], [-calf_down, calf_x * sin, -calf_x * cos]
     return np.stack(foot, axis=-1) + geometry.hips_m, np.array(slopes).transpose(2, 3, 1, 0)
-
-
-def _angles(position_rad: Float) -> tuple[Float, Float, Float]:
-    legs = position_rad.astype(np.float64).reshape(-1, 4, 3)
-    return legs[..., 0], legs[..., 1], legs[..., 2]
 
 
 def _levelled(vectors: Float, rpy_rad: Float) -> Float:
@@ -149,8 +144,8 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
         rpy = np.column_stack([roll_pitch_from_quat(quat), np.unwrap(yaw_from_quat(quat))])
         source = AttitudeSource.IMU
     else:
-        turned = np.nan_to_num(imu.angular_radps[:, 2]) * np.diff(imu_s, prepend=imu_s[0])
-        rpy = np.column_stack([np.zeros((len(imu), 2)), np.cumsum(turned)])
+        turn_rad = np.nan_to_num(imu.angular_radps[:, 2]) * np.diff(imu_s, prepend=imu_s[0])
+        rpy = np.column_stack([np.zeros((len(imu), 2)), np.cumsum(turn_rad)])
         source = AttitudeSource.GYRO
     return np.column_stack([np.interp(t_s, imu_s, each) for each in rpy.T]), source
 
@@ -225,7 +220,7 @@ def _steps(
     for turn in range(ROUNDS):
         if attitude is AttitudeSource.FEET:
             turn_rad = _turn_of_feet(before + rolled_m, after, weight)
-        moves_m = before + rolled_m - _turned(after, turn_rad)
+        moves_m = before + rolled_m - turned(turn_rad, after)
         if turn < ROUNDS - 1:
             still = _stillness(moves_m, weight, step_s)
             weight = firm * still
@@ -253,18 +248,12 @@ def _around(values: Float, step_s: Float, within_s: float) -> Float:
 
 def _rolled(position_rad: Float, radius_m: float, rpy_rad: Float) -> Float:
     """(M, 4, 3) how far the centre of each foot rolls on the ground between instants (M + 1,): rotation x radius."""
-    hip, thigh, calf = _angles(position_rad)
+    hip, thigh, calf = np.moveaxis(position_rad.astype(np.float64).reshape(-1, 4, 3), 2, 0)
     roll, pitch = rpy_rad[:, :1], rpy_rad[:, 1:2]
-    turned, about, tilt = np.diff(thigh + calf, axis=0), *((each[1:] + each[:-1]) / 2 for each in (roll + hip, pitch))
-    about_y = np.diff(pitch, axis=0) + turned * np.cos(about)
-    about_x = np.diff(roll + hip, axis=0) * np.cos(tilt) + turned * np.sin(tilt) * np.sin(about)
+    bent, about, tilt = np.diff(thigh + calf, axis=0), *((each[1:] + each[:-1]) / 2 for each in (roll + hip, pitch))
+    about_y = np.diff(pitch, axis=0) + bent * np.cos(about)
+    about_x = np.diff(roll + hip, axis=0) * np.cos(tilt) + bent * np.sin(tilt) * np.sin(about)
     return radius_m * np.stack([about_y, -about_x, np.zeros_like(about_x)], axis=-1)
-
-
-def _turned(vectors: Float, angle_rad: Float) -> Float:
-    """Vectors (M, F, 3) turned about z by angles (M,)."""
-    cos, sin, (x, y, z) = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None], np.moveaxis(vectors, -1, 0)
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
 
 
 def _turn_of_feet(before: Float, after: Float, weight: Float) -> Float:
@@ -294,7 +283,7 @@ def _summed(track: LegTrack, step_s: Float, move_m: Float, turn_rad: Float, weig
     return replace(
         track,
         contact=np.where(guessed, sure, track.contact),
-        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(_turned(move_m[:, None], yaw_rad[:-1])[:, 0], axis=0)]),
+        position_m=np.concatenate([np.zeros((1, 3)), np.cumsum(turned(yaw_rad[:-1], move_m), axis=0)]),
         rpy_rad=np.column_stack([track.rpy_rad[:, :2], yaw_rad]),
         velocity_mps=np.concatenate([velocity_mps, velocity_mps[-1:]]),
         standing=np.append(stands, stands[-1]),

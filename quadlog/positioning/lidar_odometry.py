@@ -11,7 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from quadlog.geometry import transform_from_rpy
+from quadlog.geometry import transform_from_rpy, turned
 from quadlog.messages import Float, Float32, Int
 from quadlog.positioning.odometry import BodyMotion, motion_between
 
@@ -128,9 +128,7 @@ class LidarOdometry:
             return ()
         if offset_ns is not None and self._per_s.any():
             since_s, per_s = ((offset_ns[used] - middle_ns) * 1e-9).astype(np.float32), self._per_s.astype(np.float32)
-            cos, sin, (x_m, y_m, z_m) = np.cos(per_s[5] * since_s), np.sin(per_s[5] * since_s), points.T
-            points = np.stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m, z_m], axis=1)
-            points += since_s[:, None] * per_s[:3]
+            points = turned(per_s[5] * since_s, points) + since_s[:, None] * per_s[:3]
         if not self._found and _is_planar(points):
             self._planar, self._map = True, self._gicp.GaussianVoxelMap(VOXEL_M)
             self._map.set_lru(2 * MOST_SCANS_UNSEEN)  # each scan is inserted twice

@@ -37,8 +37,7 @@ class Anchors:
     def columns_of(self, ids: Int) -> Int:
         """(N,) indices of ids (N,), which are all among these."""
         order = np.argsort(self.ids)
-        columns: Int = order[np.searchsorted(self.ids, ids, sorter=order)]
-        return columns
+        return order[np.searchsorted(self.ids, ids, sorter=order)]
 
 
 @dataclass(frozen=True, slots=True)

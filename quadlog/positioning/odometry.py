@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.geometry import interpolate_angle, seconds_since, wrap_angle
+from quadlog.geometry import interpolate_angle, seconds_since, turned, wrap_angle
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import HOLD_S, Way, turned
+from quadlog.positioning.batch.factors import HOLD_S, Way
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import Odometry
 from quadlog.positioning.heading import ODOMETRY_DRIFT, UNKNOWN_YAW_STD_RAD, YawSensor, align_yaw, summed

@@ -22,11 +22,9 @@ def measured_times(away_m: Float | float, replies_s: tuple[float, float], clock_
 def general_range_m(times_s: Float) -> Float:
     """The range for replies of any length [Neirynck et al. 2016]; errs by half of the clocks' errors, times itself."""
     round_a, reply_a, round_b, reply_b = times_s
-    range_m: Float = LIGHT_MPS * (round_a * round_b - reply_a * reply_b) / times_s.sum(axis=0)
-    return range_m
+    return LIGHT_MPS * (round_a * round_b - reply_a * reply_b) / times_s.sum(axis=0)
 
 
 def averaged_range_m(times_s: Float) -> Float:
     """The mean of both sides' times of flight [Following]; errs by c |Δreply| |Δerror| / 4, whatever the distance."""
-    range_m: Float = LIGHT_MPS * (times_s[0] - times_s[1] + times_s[2] - times_s[3]) / 4
-    return range_m
+    return LIGHT_MPS * (times_s[0] - times_s[1] + times_s[2] - times_s[3]) / 4

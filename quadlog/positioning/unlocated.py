@@ -15,8 +15,7 @@ MOST_UNLOCATED = 0.05
 def located_rows(t_ns: Int, measured: np.ndarray) -> np.ndarray:
     """(N,) bool: rows of a track at most MAX_UNMEASURED_NS after one that was measured, (N,) bool."""
     last_ns = np.maximum.accumulate(np.where(measured, t_ns, np.iinfo(np.int64).min // 2))
-    located: np.ndarray = t_ns - last_ns <= MAX_UNMEASURED_NS
-    return located
+    return t_ns - last_ns <= MAX_UNMEASURED_NS
 
 
 def segment_of(at_ns: Int, t_ns: Int, most_s: float = 0.0) -> Int:

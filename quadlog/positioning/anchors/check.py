@@ -65,9 +65,8 @@ class SurveyFaults:
 def find_faults(anchors_m: Float, covariance: Float, known_m: Float, numbers: Int) -> SurveyFaults | None:
     """Two known anchors (A, 2) that are exchanged, or one elsewhere, by generalised least squares of all places.
 
-    anchors_m (A, 3) with their covariance (3A, 3A) and more, in about the frame of known_m; faults are named by
-    numbers (A,). Each fault is fitted together with a turn and a shift of the frame. None where no single fault
-    explains places that are not far off, and with fewer than three known anchors, which say nothing of one another.
+    anchors_m (A, 3) with their covariance (3A, 3A) and more, in about the frame of known_m, with which each fault is
+    fitted; named by numbers (A,). None where no single fault explains places not far off, and of fewer than three.
     """
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 3:

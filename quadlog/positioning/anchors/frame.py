@@ -15,9 +15,8 @@ KNOWN_STD_M, MISPLACED = 0.1, 2.0
 def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_std: Float) -> tuple[Float, Float, Float]:
     """Anchors (A, 3) in the frame of two or more known ones (A, 2), else in that of the first pose; their covariance.
 
-    covariance: of the anchors, then of anything else. What turns and shifts all anchors alike is certain in the first
-    case as far as it moves the known ones; in the second case the error of the first pose is added, start_std (3,) in
-    m, m and rad. The last value is the first pose (3,) in that frame.
+    covariance: of the anchors, then of anything else, in the first case relative to the known ones; in the second with
+    the error of the first pose, start_std (3,) in m, m and rad. The last value is the first pose (3,) in that frame.
     """
     n, known = len(known_m), np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
@@ -32,9 +31,8 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
 
 
 def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict[int, float], bool]:
-    """Known anchors (A, 2) that are farther from those of place_in_frame than the bounds allow, index -> distance in m.
-
-    And whether they all fit the mirror image of the survey, which only three of them can exclude.
+    """Known anchors (A, 2) farther from those of place_in_frame than the bounds allow, index -> distance in m; and
+    whether all fit the mirror image of the survey, which only three of them can exclude.
     """
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:

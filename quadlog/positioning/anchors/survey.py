@@ -62,8 +62,7 @@ spot: yaw stays free.
 class SurveyedAnchor:
     """An anchor by its index: position_m (3,) and its covariance_m2 (3, 3), bias_m and its std, ranges and late ones.
 
-    height_observed: whether its height is from ranges, not from the prior. why_not: why its place is not observed,
-    "" if it is.
+    height_observed: whether its height is from ranges, not from the prior. why_not: "" if its place is observed.
     """
 
     index: int
@@ -79,8 +78,7 @@ class SurveyedAnchor:
     @property
     def bound_m(self) -> Float:
         """(3,) half widths of the 95 % intervals of x, y and z."""
-        bound: Float = NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
-        return bound
+        return NORMAL_95 * np.sqrt(np.diag(self.covariance_m2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,8 +209,7 @@ class _Solution:
     def covariance(self) -> Float:
         """(3A + TA, 3A + TA) of the anchors' x, y, z, then of the links' biases."""
         order = np.roll(np.arange(len(self.estimate.values) - 4), -self.walk.ranges.n_links)
-        covariance: Float = self.estimate.covariance[np.ix_(order, order)]
-        return covariance
+        return self.estimate.covariance[np.ix_(order, order)]
 
     def with_anchors(self, anchors_m: Float, knots: Float) -> _Solution:
         """From other places (A, 3) and knots, all else being alike."""

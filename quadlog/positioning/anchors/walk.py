@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from quadlog.geometry import turned
 from quadlog.messages import Float, Int
-from quadlog.positioning.batch.factors import TagRanges, Way, turned
+from quadlog.positioning.batch.factors import TagRanges, Way
 from quadlog.positioning.batch.motion import Timeline, make_timeline
 
 KNOT_S, MOST_KNOTS, MOST_CELLS = 0.5, 4000, 700_000
@@ -81,10 +82,10 @@ def make_walk(
     odometry: OdometryPrior,
     most_ranges: int = MOST_RANGES,
 ) -> tuple[Walk, int]:
-    """The walk, and the number of ranges left out because the odometry has no pose near them.
+    """The walk, and the number of ranges left out as they are not near an odometry pose.
 
-    way: M >= 2 poses in the odometry's own frame. ranges: in time order, by the same clock. Of more than most_ranges
-    an even selection of each link's is used. heights_m: (2, A) as in Walk.
+    way: M >= 2 poses in the odometry's own frame. ranges: in time order, by the same clock, of which at most
+    most_ranges, evenly of each link, are used. heights_m: (2, A) as in Walk.
     """
     t_s, last_s = way.t_s - way.t_s[0], max(float(way.t_s[-1] - way.t_s[0]), 1e-3)
     after = np.searchsorted(way.t_s, ranges.t_s).clip(1, len(t_s) - 1)
@@ -118,9 +119,9 @@ USUAL_BIAS_M, BIAS_STD_M = 0.15, 0.15
 def anchor_candidates(tag_m: Float, range_m: Float, expected: Float) -> tuple[Float, Float]:
     """Places (C, 4) x_m, y_m, z_m, bias_m of one anchor that fit its ranges (N,) locally best, and their misfits (C,).
 
-    tag_m (N, 3): where the tag was; expected: the anchor's height and its std. Sorted by misfit, which is the mean of
-    log(1 + (r / KERNEL_M)^2); the first is the best. They start where the squared ranges, which are linear in place
-    and squared distance, have the anchor, and at both sides of the main axis of the way, at that distance.
+    tag_m (N, 3): where the tag was; expected: the anchor's height and its std. By misfit, the mean of log(1 + (r /
+    KERNEL_M)^2). They start where the squared ranges, linear in place and squared distance, have the anchor, and at
+    both sides of the main axis of the way, at that distance.
     """
     rows = np.arange(len(range_m))[:: max(1, -(-len(range_m) // MOST_ROWS))]
     tag_m, range_m = tag_m[rows], range_m[rows]

@@ -66,8 +66,7 @@ class Known:
 
     def _steps(self, t_s: Float, *, before: bool = False) -> Int:
         """(N,) the last step until each of the instants."""
-        last: Int = (np.searchsorted(self.t_s, t_s, side="left" if before else "right") - 1).clip(0)
-        return last
+        return (np.searchsorted(self.t_s, t_s, side="left" if before else "right") - 1).clip(0)
 
     def of_ranges(self) -> tuple[Float, Float, Float]:
         """(R,) residuals by the pose known with a range, weights, squared innovations over their due variance."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quadlog.geometry import turned
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Motion, Timeline
 
@@ -253,10 +254,3 @@ class Steps:
         columns = np.repeat(np.array(self.columns, dtype=np.int64)[:, None], self.rows * n, axis=1)
         rows = np.repeat(self.interval, self.rows), local.reshape(4 * size, -1), residual.ravel()
         return Rows(*rows, columns, slope.reshape(columns.shape)), self.weight
-
-
-def turned(yaw_rad: Float, vector_m: Float) -> Float:
-    """(N, 2) a vector (2,), or (N, 2), turned by yaw (N,)."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    x, y = vector_m.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y]).T

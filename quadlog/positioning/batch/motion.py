@@ -113,24 +113,17 @@ def lifting(std_m: float) -> Motion:
     return Motion(2 * damping * rate_std**2, damping, stiffness, std_m, rate_std)
 
 
-def transition(motion: Motion, dt_s: float) -> tuple[Float, Float]:
-    """F (2, 2) and Q (2, 2) of x(t + dt) = F x(t) + noise of covariance Q [Van Loan]."""
-    drift = np.array([[0.0, 1.0], [-motion.stiffness, -motion.damping]])
-    noise = np.diag([0.0, motion.density])
-    both = expm(np.block([[-drift, noise], [np.zeros((2, 2)), drift.T]]) * dt_s)
-    step = both[2:, 2:].T
-    return step, step @ both[:2, 2:]
-
-
 @lru_cache(maxsize=1000)
 def _step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
-    """(4D, 4D) information about two knots (q, q', q, q') dt_s apart from D motions between them."""
+    """(4D, 4D) information about two knots (q, q', q, q') dt_s apart from D motions between them [Van Loan]."""
     size = len(motions)
     found = np.zeros((4, size, 4, size))
     for axis, motion in enumerate(motions):
-        step, noise = transition(motion, dt_s)
+        drift, noise = np.array([[0.0, 1.0], [-motion.stiffness, -motion.damping]]), np.diag([0.0, motion.density])
+        both = expm(np.block([[-drift, noise], [np.zeros((2, 2)), drift.T]]) * dt_s)
+        step = both[2:, 2:].T
         change = np.hstack([-step, np.eye(2)])
-        found[:, axis, :, axis] = change.T @ np.linalg.solve(noise, change)
+        found[:, axis, :, axis] = change.T @ np.linalg.solve(step @ both[:2, 2:], change)
     return found.reshape(4 * size, 4 * size)
 
 

@@ -85,20 +85,15 @@ def lateness_weights(windows: tuple[Int, Int], residual_m: Float, std_m: Float) 
     late = np.maximum(LATE_MEAN_STD / np.sqrt(n), LATE_MEAN_LEAST)
     by_mean = 1 + (mean / np.where(mean > 0, late, EARLY_STD)) ** 2
     by_one = 1 + (x / np.where(x > 0, LATE_STD, EARLY_STD)) ** 2
-    weights: Float = 1 / (by_mean * by_one)
-    return weights
+    return 1 / (by_mean * by_one)
 
 
 def symmetric_weights(residual_m: Float, link: Int, std_m: Float) -> Float:
     """(N,) redescending weights about each link's median, alike on both sides: one-sided ones would shift a bias."""
     parts_m = np.split(residual_m, np.cumsum(np.bincount(link))[:-1])  # they are sorted by link
-    off_m = residual_m - np.array([_middle(part_m) if len(part_m) else 0.0 for part_m in parts_m])[link]
+    medians_m = [np.partition(each, len(each) // 2)[len(each) // 2] if len(each) else 0.0 for each in parts_m]
+    off_m = residual_m - np.array(medians_m)[link]
     return 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2
-
-
-def _middle(value: Float) -> float:
-    """The median of values, of an even number the upper one."""
-    return float(np.partition(value, len(value) // 2)[len(value) // 2])
 
 
 def _late_density() -> tuple[Float, Float]:
@@ -144,11 +139,6 @@ def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
     missing = sight * x**2 + late * slope**2 - (late * slope - sight * x) ** 2
     left = 1 - np.bincount(link, missing) / np.maximum(np.bincount(link, sight), 1e-12)
     return left.clip(LEAST_SURE, 1.0)[link]
-
-
-def late_excess(x: Float) -> float:
-    """By how much the share of late ones of residuals (N,), in std, exceeds that of early ones."""
-    return float(np.mean(x > LATE_BY_STD) - np.mean(x < -LATE_BY_STD))
 
 
 def persistence(t_s: Float, link: Int, pull: Float, free: float) -> Float:

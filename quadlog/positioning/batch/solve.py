@@ -85,8 +85,7 @@ class Arrow:
         for j in range(2 * size):
             for i in range(j + 1):
                 upper[band + i - j, j : n - size + j : size] += self.blocks[:, i, j]
-        found: Float = cholesky_banded(upper, check_finite=False)
-        return found
+        return cholesky_banded(upper, check_finite=False)
 
     @cached_property
     def reduced(self) -> tuple[Float, Float]:
@@ -98,8 +97,7 @@ class Arrow:
     def step_of_knots(self, global_step: Float) -> Float:
         """(K, 2, D) step of the knots where the globals move by (M,)."""
         side = self.side.ravel() - self.border @ global_step
-        step: Float = cho_solve_banded((self.chol, False), side, check_finite=False).reshape(self.n_knots, 2, -1)
-        return step
+        return cho_solve_banded((self.chol, False), side, check_finite=False).reshape(self.n_knots, 2, -1)
 
     def covariances(self, global_covariance: Float) -> Float:
         """(K, 2D, 2D) marginals of the knots by selected inversion, with that of the globals (M, M)."""
@@ -112,14 +110,12 @@ class Arrow:
         for k in range(count - 2, -1, -1):
             found[k] += gain[k] @ found[k + 1] @ gain[k].T
         reach = cho_solve_banded((self.chol, False), self.border, check_finite=False).reshape(count, size, -1)
-        marginals: Float = found + reach @ global_covariance @ reach.transpose(0, 2, 1)
-        return marginals
+        return found + reach @ global_covariance @ reach.transpose(0, 2, 1)
 
 
 def _summed(cell: np.ndarray, values: Float, shape: tuple[int, int]) -> Float:
     """Sums of values (N,) that fall into the same cell (N,) of a matrix."""
-    sums: Float = np.bincount(cell, values, shape[0] * shape[1]).reshape(shape).astype(np.float64, copy=False)
-    return sums
+    return np.bincount(cell, values, shape[0] * shape[1]).reshape(shape).astype(np.float64, copy=False)
 
 
 def _neighbours(knots: Float) -> Float:
@@ -178,8 +174,7 @@ class Problem:
     def stress(self, knots: Float) -> Float:
         """(K - 1,) normalised squared misfit of the knots to the motion."""
         around = _neighbours(knots)
-        found: Float = np.einsum("ki,kij,kj->k", around, self.motion, around)
-        return found
+        return np.einsum("ki,kij,kj->k", around, self.motion, around)
 
 
 @dataclass(frozen=True)
@@ -294,7 +289,8 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     link whose bias is its own seems late.
     """
     slots, (span_s, n) = problem.slots, problem.heard
-    excess = robust.late_excess(residual_m / weights.std_m[slots.range_link])
+    std_m = weights.std_m[slots.range_link]
+    excess = np.mean(residual_m > robust.LATE_BY_STD * std_m) - np.mean(residual_m < -robust.LATE_BY_STD * std_m)
     able = problem.calibrated and not problem.in_sight and len(np.unique(slots.anchor)) > 3
     if weights.blocked is None and able and excess > robust.BLOCKED_SHARE:
         return replace(weights, blocked=True), False
@@ -303,7 +299,6 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     if weights.blocked and not white and excess <= robust.MOSTLY_SHARE:
         return replace(weights, blocked=False), False
     if weights.blocked:
-        std_m = weights.std_m[slots.range_link]
         sight, odd, _ = robust.sight_probabilities(slots.range_t_s, slots.range_link, residual_m, std_m)
         lasts = lasts / robust.sure_share(slots.range_link, residual_m / std_m, sight, odd)
     return replace(weights, lasts=lasts), True

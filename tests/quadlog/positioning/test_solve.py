@@ -9,13 +9,7 @@ from scipy.optimize import least_squares
 from quadlog.positioning.batch import solve as module
 from quadlog.positioning.batch.factors import Axes, RangeModel, Steps, TagRanges, Way
 from quadlog.positioning.batch.links import range_priors
-from quadlog.positioning.batch.motion import (
-    lifting,
-    make_timeline,
-    transition,
-    turning,
-    walking,
-)
+from quadlog.positioning.batch.motion import Timeline, lifting, make_timeline, motion_information, turning, walking
 from quadlog.positioning.batch.solve import Problem, Weights, linearise, solve
 
 ANCHORS_M = np.array([[0, 0, 0.3], [8, 0, 2.4], [8, 7, 0.5], [0, 7, 2.5], [4, -1, 1.2]])
@@ -87,11 +81,11 @@ def test_it_is_least_squares_over_the_whole_log(monkeypatch):
 
 def test_motion_is_the_exact_discretisation():
     for motion in (walking(1.5), turning(), lifting(0.5)):
-        step, noise = transition(motion, 0.3)
+        information = motion_information((motion,), Timeline(np.array([0.0, 0.3]), np.array([True])))[0]
         drift = np.array([[0.0, 1.0], [-motion.stiffness, -motion.damping]])
-        np.testing.assert_allclose(step, expm(drift * 0.3), atol=1e-12)
         fine, summed = 3000, np.zeros((2, 2))
         for k in range(fine):
             column = expm(drift * 0.3 * (k + 0.5) / fine)[:, 1]
             summed += motion.density * np.outer(column, column) * 0.3 / fine
-        np.testing.assert_allclose(noise, summed, rtol=1e-4, atol=1e-12)
+        wanted = np.linalg.inv(summed) @ np.hstack([-expm(drift * 0.3), np.eye(2)])
+        np.testing.assert_allclose(information[2:], wanted, rtol=1e-4)
