@@ -19,7 +19,7 @@ from fuzzing.oracles import command, expect, replaced
 from quadlog.errors import ExitCode, QuadlogError
 from quadlog.results.arrays import ARRAYS, MapsWriter, load_maps, read_arrays
 from quadlog.results.foxglove import write_derived
-from quadlog.results.run import load_run
+from quadlog.results.run import finish_run, load_run, write_result
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.ros_map import write_rosmap
 from quadlog.storage.formats.tum import write_tum
@@ -48,12 +48,16 @@ def write_run(folder: Path) -> None:
             maps.append(t, np.zeros(2), np.eye(20, dtype=bool))
     write_rosmap(folder, np.zeros((20, 20), np.int8), np.zeros(2), 0.1)
     cloud: dict[str, Any] = {"t_ns": t_ns[:1], "offset": [0, 9], "xyz_m": np.ones((9, 3)), "label": np.zeros(9)}
-    run.write("cloud_samples", cloud | {"x_m": [0], "y_m": [0], "yaw_rad": [0], "classes": ["ground", "obstacle"]})
+    write_result(
+        run, "cloud_samples", cloud | {"x_m": [0], "y_m": [0], "yaw_rad": [0], "classes": ["ground", "obstacle"]}
+    )
     ground: dict[str, Any] = {"origin_m": np.zeros(2), "cell_m": 0.2, "height_m": np.zeros((8, 8))}
-    run.write("ground", ground | {"count": np.ones((8, 8))})
-    run.write("metrics", {name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")})
+    write_result(run, "ground", ground | {"count": np.ones((8, 8))})
+    write_result(
+        run, "metrics", {name: {"value": 0.5, "n": 3, "unit": "m"} for name in ("eta_m", "sigma_m", "success_rate")}
+    )
     write_derived(run)
-    run.finish(run.record)
+    finish_run(run, run.record)
 
 
 def _columns(name: str) -> dict[str, Any]:

@@ -73,7 +73,7 @@ GAP_MEDIANS = 3
 
 @dataclass(frozen=True, eq=False)
 class Pulse:
-    """The log times t_ns (N,) of a channel in order, 8 bytes each, and what they tell."""
+    """The log times t_ns (N,) of a channel in order, 8 bytes each, and what follows from them."""
 
     t_ns: Int
 

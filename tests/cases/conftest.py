@@ -54,7 +54,7 @@ def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[...
     def go(recording: Path, *flags: str, config: str = "") -> Replayed:
         (tmp_path / "quadlog.toml").write_text(config)
         runs = tmp_path / f"runs{next(count)}"
-        words = ["replay", str(recording), "-o", str(runs), "--no-plots", "-c", str(tmp_path / "quadlog.toml")]
+        words = ["replay", str(recording), "-o", str(runs), "--no-plots", "-v", "-c", str(tmp_path / "quadlog.toml")]
         capsys.readouterr()
         code = run_cli([*words, *flags])
         err = capsys.readouterr().err

@@ -439,7 +439,7 @@ def test_what_a_replay_makes_of_it(name: str, tmp_path: Path, capsys: pytest.Cap
     case.make(log, room)
     settings = [word for each in case.settings for word in ("--set", each)]
     path = str(log.write(tmp_path / "log"))
-    code = run_cli(["replay", path, "-o", str(tmp_path / "runs"), "--no-plots", *settings])
+    code = run_cli(["replay", path, "-o", str(tmp_path / "runs"), "--no-plots", "-v", *settings])
     out, err = capsys.readouterr()
     assert code == case.code, err
     assert all(text in out + err for text in case.says), out + err
