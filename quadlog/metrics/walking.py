@@ -236,12 +236,11 @@ def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
         for phase, inside in (("stance", stance == 1), ("swing", stance == 0), ("all", np.full(len(stance), True))):
             used = _known(torque_nm[inside])
             if len(used):
-                figures = {
-                    "torque_rms_nm": float(np.sqrt(np.mean(used**2))),
-                    "torque_peak_nm": float(np.abs(used).max()),
-                }
+                rms_nm, peak_nm = float(np.sqrt(np.mean(used**2))), float(np.abs(used).max())
                 counts = {"n": len(used), "n_unknown": int(inside.sum()) - len(used)}
-                rows.append({"joint": name, "phase": phase} | figures | counts)
+                rows.append(
+                    {"joint": name, "phase": phase, "torque_rms_nm": rms_nm, "torque_peak_nm": peak_nm} | counts
+                )
     return rows
 
 

@@ -57,9 +57,8 @@ def screen_ranges(
     kept = kept[np.argsort(ranges.t_ns[kept], kind="stable")]
     repeated = _repeated(ranges.rows(kept))
     kept = kept[~repeated]
-    seen = len(ranges), len(kept), other_tags, unknown_anchors
-    left_out = counts[0], counts[1], counts[2], counts[3], int(repeated.sum())
-    return ranges.rows(kept), RangeCounts(*seen, *left_out, silent)
+    seen, counts = (len(ranges), len(kept), other_tags, unknown_anchors), [*counts, int(repeated.sum())]
+    return ranges.rows(kept), RangeCounts(*seen, *counts, silent_anchors=silent)
 
 
 def _repeated(ranges: RangeSeries) -> np.ndarray:

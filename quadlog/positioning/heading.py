@@ -275,10 +275,9 @@ def fit_offset(groups: Float, drift: tuple[float, float]) -> YawOffset:
     # Whether the residuals point one way more than random directions would; few cannot, even where they do.
     agrees = np.average(np.cos(residual), weights=weight) * np.sqrt(len(residual)) > CLEAR_STD
     spread = float(np.median(np.abs(residual))) if agrees else np.inf
-    askew, offset = float(np.mean(np.abs(residual) > ASKEW_RAD)), float(wrap_angle(line[0]))
-    return YawOffset(
-        middle_s, offset, float(line[1]), covariance, float(t_s[0]), float(t_s[-1]), drift[1], spread, askew
-    )
+    askew, (first_s, last_s) = float(np.mean(np.abs(residual) > ASKEW_RAD)), t_s[[0, -1]].tolist()
+    offset, rate_radps = float(wrap_angle(line[0])), float(line[1])
+    return YawOffset(middle_s, offset, rate_radps, covariance, first_s, last_s, drift[1], spread, askew)
 
 
 def _scale(residual: Float) -> float:
