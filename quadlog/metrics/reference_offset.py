@@ -267,8 +267,9 @@ def compare_trajectories(
     align: bool = False,
     planar: bool = False,
 ) -> ReferenceComparison | None:
-    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset; None without
-    a pair. align, planar: as evo's --align and --project_to_plane xy, for every one of the errors.
+    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset.
+
+    align, planar: as evo's --align and --project_to_plane xy, for every one of the errors. None without a pair.
     """
     offset = estimate_time_offset(*(project_to_plane(each) if planar else each for each in (reference, estimate)))
     told_s = offset_s if offset.offset_s is None else offset.offset_s

@@ -111,8 +111,9 @@ def value_of(samples: Samples) -> float:
 
 
 def effects(samples: Samples) -> Float | None:
-    """A series (N,) whose mean is the value, and moves with each sample as that does to first order (the delta method);
-    None of extremes, of counts, and of a value of 0 that only grows.
+    """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
+
+    To first order (the delta method); None of extremes, of counts, and of a value of 0 that only grows.
     """
     x, value = samples.values, value_of(samples)
     if samples.statistic in ("std", "rms") and value > 0:
@@ -157,8 +158,8 @@ class MeasuredRun:
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
     """Indices into the samples of the metric `name`, the worst first, no two within a second; at most `most`.
 
-    Worst are the largest in size, or the lowest where low is bad, but 0, 1 and the largest there; of equals the
-    earlier.
+    Worst are the largest in size, or the lowest where low is bad; 0 is not bad, nor is 1 or the largest of all there.
+    Of equals the earlier is worse.
     """
     values, chosen = samples.values, list[int]()
     badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)

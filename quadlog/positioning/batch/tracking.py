@@ -41,9 +41,7 @@ often, which looked like a scale of up to 9.1 std on simulated walks; a real one
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """range_std_m: None where it is estimated; height_std_m: of the given heights, zero where they are not tracked;
-    calibrate: estimate a bias for each link.
-    """
+    """range_std_m: None where estimated; height_std_m: zero where not tracked; calibrate: a bias for each link."""
 
     range_std_m: float | None
     acceleration_std_mps2: float
@@ -269,9 +267,8 @@ def _scale_matters(estimate: Estimate, priors: Float) -> bool:
 
 
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:
-    """Instants at which a tag jumped to another place, from an estimate that ignores jumps.
-
-    Suspected where the motion is stressed and ranges are short; there it is between the fixes that are farthest apart.
+    """Instants at which a tag jumped to another place, from an estimate that ignores jumps: between the fixes that are
+    farthest apart where the motion is stressed and ranges are short.
     """
     problem, timeline = estimate.problem, estimate.problem.timeline
     std_m = estimate.weights.std_m
