@@ -48,7 +48,7 @@ STRAIGHT = 0.7
 
 @dataclass(frozen=True, slots=True)
 class FrameOffset:
-    """The best rigid motion onto a reference: rotation (2, 2), then shift_m (2,); before_m, after_m: rmse without, with."""
+    """The best rigid motion onto a reference: rotation (2, 2), then shift_m (2,); rmse before_m it and after_m."""
 
     rotation: Float
     shift_m: Float

@@ -63,12 +63,12 @@ class Arrow:
             self.side[touched + 1] += sums[:, size:-1, -1]
         weighted, row = weight * rows.local, rows.interval * size + np.arange(2 * size)[:, None]
         for column, slope in zip(rows.column, rows.slope, strict=True):
-            cells = (row * self.width + column).ravel()
-            self.border += _summed(cells, (weighted * slope).ravel(), self.border.shape)
+            cells, values = (row * self.width + column).ravel(), (weighted * slope).ravel()
+            self.border += np.bincount(cells, values, self.border.size).reshape(self.border.shape)
             self.pull += np.bincount(column, weight * slope * rows.residual, self.width)
             for other, other_slope in zip(rows.column, rows.slope, strict=True):
-                cells = column * self.width + other
-                self.corner += _summed(cells, weight * slope * other_slope, self.corner.shape)
+                cells, values = column * self.width + other, weight * slope * other_slope
+                self.corner += np.bincount(cells, values, self.corner.size).reshape(self.corner.shape)
 
     def add_motion(self, information: Float, knots: Float) -> None:
         """Add information (K - 1, 4D, 4D) about a zero of each two neighbouring knots of (K, 2, D)."""
@@ -111,11 +111,6 @@ class Arrow:
             found[k] += gain[k] @ found[k + 1] @ gain[k].T
         reach = cho_solve_banded((self.chol, False), self.border, check_finite=False).reshape(count, size, -1)
         return found + reach @ global_covariance @ reach.transpose(0, 2, 1)
-
-
-def _summed(cell: np.ndarray, values: Float, shape: tuple[int, int]) -> Float:
-    """Sums of values (N,) that fall into the same cell (N,) of a matrix."""
-    return np.bincount(cell, values, shape[0] * shape[1]).reshape(shape).astype(np.float64, copy=False)
 
 
 def _neighbours(knots: Float) -> Float:
