@@ -48,7 +48,7 @@ STRAIGHT = 0.7
 
 @dataclass(frozen=True, slots=True)
 class FrameOffset:
-    """The best rigid motion onto a reference: rotation (2, 2), then shift_m (2,); rmse before_m and after_m it."""
+    """The best rigid motion onto a reference: rotation (2, 2), then shift_m (2,); rmse before_m it and after_m."""
 
     rotation: Float
     shift_m: Float
@@ -57,7 +57,7 @@ class FrameOffset:
 
 
 def find_frame_offset(position_m: Float, reference_m: Float) -> FrameOffset | None:
-    """The best rigid motion of N positions (N, 2); rows with a NaN do not count; None with under MIN_PAIRS."""
+    """The best rigid motion of N positions (N, 2); rows with a NaN do not count; None of too few."""
     known = np.isfinite(position_m).all(axis=1) & np.isfinite(reference_m).all(axis=1)
     position_m, reference_m = position_m[known], reference_m[known]
     if len(position_m) < MIN_PAIRS:

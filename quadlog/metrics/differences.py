@@ -10,14 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.messages import Float
+from quadlog.metrics import intervals
 from quadlog.metrics.catalogue import ValueKind
-from quadlog.metrics.intervals import (
-    Interval,
-    corrected_confidence,
-    mean_interval_in_time,
-    student_interval,
-    wilson_interval,
-)
+from quadlog.metrics.intervals import Interval, corrected_confidence, mean_interval_in_time
 from quadlog.metrics.summary import Samples, effects, value_of
 
 _EVENTS = frozenset({"stride_frequency_hz", "logged_stride_frequency_hz"})
@@ -83,9 +78,9 @@ def over_runs(values: Float, kind: ValueKind = "quantity") -> OverRuns:
     if not len(known):
         return OverRuns(math.nan, None, 0)
     if kind == "yes or no":
-        interval = wilson_interval(int(known.sum()), len(known)) if len(known) > 1 else None
+        interval = intervals.wilson_interval(int(known.sum()), len(known)) if len(known) > 1 else None
     else:
-        interval = student_interval(known) if kind != "count" and _vary(known, known) else None
+        interval = intervals.student_interval(known) if kind != "count" and _vary(known, known) else None
     return OverRuns(float(np.mean(known)) if np.ptp(known) else float(known[0]), interval, len(known))
 
 
@@ -103,7 +98,7 @@ def clear_best(values: Float, *, lower: bool) -> int | None:
     signed = values[among] if lower else -values[among]
     best = int(np.argmin(signed.mean(axis=1)))
     for worse_by in np.delete(signed, best, axis=0) - signed[best]:
-        interval = student_interval(worse_by, corrected_confidence(len(among) - 1))
+        interval = intervals.student_interval(worse_by, corrected_confidence(len(among) - 1))
         if interval is None or not _vary(worse_by, signed) or interval[0] <= 0:
             return None
     return int(among[best])

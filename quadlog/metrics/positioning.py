@@ -24,7 +24,10 @@ def fix_error_samples(t_ns: Int, error_xy_m: Float) -> dict[str, Samples]:
 
 
 def ellipse_samples(t_ns: Int, error_xy_m: Float, bound_m: Float) -> dict[str, Samples]:
-    """Of uwb_nees and uwb_coverage_95, from errors (N, 2) and how far (N,) 95 % ellipses reach towards them."""
+    """Of uwb_nees and uwb_coverage_95, from errors (N, 2) and the reach (N,) of 95 % ellipses towards them.
+
+    An error e with covariance C is e^T C^-1 e = CHI2_95 (distance/bound)^2.
+    """
     share = np.hypot(*error_xy_m.T) / bound_m
     known = np.isfinite(share)
     t_ns, share, seen = t_ns[known], share[known], errors_seen(error_xy_m[known] / bound_m[known, None])

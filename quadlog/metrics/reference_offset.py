@@ -14,29 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
-from quadlog.metrics.alignment import (
-    align_rigidly,
-    find_frame_offset,
-    frame_offset_words,
-    mirror_words,
-    project_to_plane,
-    rigid_motion,
-    rms,
-    yaw_offset_words,
-)
+from quadlog.metrics import alignment
+from quadlog.metrics.alignment import align_rigidly, find_frame_offset, project_to_plane, rigid_motion, rms
 from quadlog.metrics.intervals import Interval, independent_values, mean_interval_in_time
 from quadlog.metrics.positioning import associate, pair_samples, positions_at
 from quadlog.metrics.summary import Samples
 
-TRAJECTORY_METRICS = (
-    "ate_rmse_m",
-    "ate_time_corrected_rmse_m",
-    "ate_aligned_rmse_m",
-    "reference_time_offset_s",
-    "rpe_rmse_m",
-)
 FRAME_METRICS = ("ate_rmse_m", "ate_time_corrected_rmse_m")
 """Those of poses that are in the reference's frame."""
+TRAJECTORY_METRICS = (*FRAME_METRICS, "ate_aligned_rmse_m", "reference_time_offset_s", "rpe_rmse_m")
 
 _STEP_S = 0.05
 _MOST_STEPS, _MOST_SAMPLES = 16_000, 20_000  # of the search over all offsets; of the offset found
@@ -231,18 +217,19 @@ class ReferenceComparison:
     @cached_property
     def mirrored(self) -> str | None:
         """A line for a reference that fits only mirrored."""
-        return mirror_words(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
+        ours_m, theirs_m = (each.position_m[:, :2] for each in (self.corrected_estimate, self.corrected_truth))
+        return alignment.mirror_words(ours_m, theirs_m)
 
     @property
     def in_any_frame(self) -> list[str]:
         """That line, or else one for a reference whose yaw is that of another axis."""
-        words = self.mirrored or yaw_offset_words(self.corrected_estimate, self.corrected_truth)
+        words = self.mirrored or alignment.yaw_offset_words(self.corrected_estimate, self.corrected_truth)
         return [] if words is None else [words]
 
     def warnings(self) -> list[str]:
         """A line for a clock, and one for a frame, that differ from the reference's by more than can be chance."""
         frame = find_frame_offset(self.corrected_estimate.position_m[:, :2], self.corrected_truth.position_m[:, :2])
-        words = [*self.in_any_frame, None if frame is None or self.mirrored else frame_offset_words(frame)]
+        words = [*self.in_any_frame, None if frame is None or self.mirrored else alignment.frame_offset_words(frame)]
         if self.offset.differs_from(self.given_offset_s):
             words.insert(0, f"the reference's clock is not that of the poses: {self.summary()}")
         return [each for each in words if each is not None]
@@ -267,8 +254,9 @@ def compare_trajectories(
     align: bool = False,
     planar: bool = False,
 ) -> ReferenceComparison | None:
-    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset; None without
-    a pair. align, planar: as evo's --align and --project_to_plane xy, for every one of the errors.
+    """Poses paired as evo pairs them, offset_s added to the estimate's times, and by the estimated offset.
+
+    align, planar: as evo's --align and --project_to_plane xy, for every one of the errors. None without a pair.
     """
     offset = estimate_time_offset(*(project_to_plane(each) if planar else each for each in (reference, estimate)))
     told_s = offset_s if offset.offset_s is None else offset.offset_s

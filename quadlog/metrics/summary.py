@@ -111,17 +111,15 @@ def value_of(samples: Samples) -> float:
 
 
 def effects(samples: Samples) -> Float | None:
-    """A series (N,) whose mean is the value, and moves with each sample as that does to first order (the delta method);
-    None of extremes, of counts, and of a value of 0 that only grows.
+    """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
+
+    To first order (the delta method); None of extremes, of counts, and of a value of 0 that only grows.
     """
     x, value = samples.values, value_of(samples)
-    match samples.statistic:
-        case "mean":
-            return x
-        case "std" | "rms" if value > 0:
-            squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
-            return value + (squares - np.mean(squares)) / (2 * value)
-    return None
+    if samples.statistic in ("std", "rms") and value > 0:
+        squares = (x - np.mean(x)) ** 2 if samples.statistic == "std" else x**2
+        return value + (squares - np.mean(squares)) / (2 * value)
+    return x if samples.statistic == "mean" else None
 
 
 def is_short(t_ns: Int) -> bool:
@@ -139,14 +137,12 @@ def interval_of(samples: Samples) -> Interval | None:
     found = None if series is None or is_short(samples.t_ns) else mean_interval_in_time(series)
     if found is None:
         return None
-    match samples.statistic:
-        case "std" | "rms":
-            return positive_interval(value, found, upwards=2.0)
-        case _:
-            # Nothing below 0 of samples that never are, nothing above 1 of a share.
-            is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
-            low = max(found[0], 0.0) if x.min() >= 0 else found[0]
-            return low, min(found[1], 1.0) if is_share else found[1]
+    if samples.statistic in ("std", "rms"):
+        return positive_interval(value, found, upwards=2.0)
+    # Nothing below 0 of samples that never are, nothing above 1 of a share.
+    is_share = samples.statistic == "mean" and bool(np.isin(x, (0.0, 1.0)).all())
+    low = max(found[0], 0.0) if x.min() >= 0 else found[0]
+    return low, min(found[1], 1.0) if is_share else found[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +158,8 @@ class MeasuredRun:
 def worst_of(name: str, samples: Samples, most: int = 3) -> list[int]:
     """Indices into the samples of the metric `name`, the worst first, no two within a second; at most `most`.
 
-    Worst are the largest in size, or the lowest where low is bad, but 0, 1 and the largest there; of equals the
-    earlier.
+    Worst are the largest in size, or the lowest where low is bad; 0 is not bad, nor is 1 or the largest of all there.
+    Of equals the earlier is worse.
     """
     values, chosen = samples.values, list[int]()
     badness = values.max(initial=1.0) - values if CATALOGUE[name].worst_is_lowest else np.abs(values)

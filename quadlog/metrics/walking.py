@@ -24,8 +24,7 @@ def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, pe
 
     Of a walk along x, evenly spaced samples: position_m, rpy_rad (T, 3), fallen (T,). After `rest` samples it trots for
     two gait cycles or more, of `period` samples and period_s each, and a sample: first and last are at one instant of a
-    cycle, so that swaying does not count; nor does it in the yaw rate, the slope of the best line through cycles'
-    means.
+    cycle, so that swaying does not count, nor in the yaw rate, the slope of the best line through cycles' mean yaws.
     """
     x_m, y_m = position_m[rest:, :2].T
     angles_deg = np.degrees(np.unwrap(rpy_rad[rest:], axis=0))
@@ -96,8 +95,7 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
 def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
     """The samples of eta_m, sigma_m, [Tracking] eqs 46 and 47, and their kin; those that do not apply are absent.
 
-    walk: t_ns and columns of control.parquet (T,), NaN where nothing was measured; `fallen` only where a robot can
-    fall.
+    walk: t_ns and columns of control.parquet (T,), NaN where nothing was measured; `fallen` only if it can fall.
     """
     return {
         name: finite_samples(walk["t_ns"], walk[column], statistic)
@@ -161,8 +159,9 @@ class BodySeries:
 
 
 def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5) -> Float:
-    """(N,) speed at t_ns (N,) over SPEED_OVER_S, at the ends LEAST_OVER_S at least, from places xy_m (M, 2) at
-    places_ns (M,); NaN if one lies in a gap.
+    """(N,) speed at t_ns (N,) over SPEED_OVER_S, from places xy_m (M, 2) at places_ns (M,); NaN if one lies in a gap.
+
+    At the ends of the places over as much as there is, LEAST_OVER_S at least.
     """
     if len(places_ns) < 2:
         return np.full(len(t_ns), np.nan)
@@ -204,8 +203,9 @@ def stance_where(t_ns: Int, carried: Float, least: float) -> Float:
 
 
 def strides(body: BodySeries) -> Samples:
-    """The frequency in Hz of strides of all legs of a body that moves, at the first of two touch-downs; those over a
-    gap, or longer than LONGEST_STRIDE_S, are left out.
+    """The frequency in Hz of strides, each from one touch-down of a foot to its next, at the first of the two.
+
+    Of all legs while the body moves; those over a gap, or longer than LONGEST_STRIDE_S, are left out.
     """
     gap = np.diff(body.t_ns, prepend=body.t_ns[:1]) > MAX_GAP_S * NS_PER_S
     whole: list[Int] = []
@@ -236,12 +236,10 @@ def torque_rows(body: BodySeries) -> list[dict[str, str | float | int]]:
         for phase, inside in (("stance", stance == 1), ("swing", stance == 0), ("all", np.full(len(stance), True))):
             used = _known(torque_nm[inside])
             if len(used):
-                figures = {
-                    "torque_rms_nm": float(np.sqrt(np.mean(used**2))),
-                    "torque_peak_nm": float(np.abs(used).max()),
-                }
+                rms_nm, peak_nm = float(np.sqrt(np.mean(used**2))), float(np.abs(used).max())
                 counts = {"n": len(used), "n_unknown": int(inside.sum()) - len(used)}
-                rows.append({"joint": name, "phase": phase} | figures | counts)
+                torques = {"torque_rms_nm": rms_nm, "torque_peak_nm": peak_nm}
+                rows.append({"joint": name, "phase": phase, **torques, **counts})
     return rows
 
 

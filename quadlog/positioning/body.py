@@ -68,11 +68,10 @@ def locate_body(
     settings: LocateSettings,
     motion: BodyMotion | None = None,
 ) -> LocatedBody:
-    """The track of a body that carries K located tags at levers_m (K, 2) in base.
+    """The track of a body that carries K located tags at levers_m (K, 2) in base; motion: its odometry.
 
     The pose of the tags' middle from every range of all tags with its tag's lever arm, and a bias for each link.
-    Smoothed or causal as the tags are. It is carried away where the tag with the longest track is. motion: odometry of
-    the body, as for a single tag.
+    Smoothed or causal as the tags are; it is carried away where the tag with the longest track is.
     """
     middle_m = levers_m.mean(axis=0)
     arms_m = levers_m - middle_m

@@ -14,9 +14,7 @@ def ellipse_95(covariance_m2: Float) -> tuple[Float, Float]:
     """Semi-axes (N,) of the 95 % ellipses of (N, 2, 2), the longer first; NaN rows give NaN."""
     xx, xy, yy = covariance_m2[:, 0, 0], covariance_m2[:, 0, 1], covariance_m2[:, 1, 1]
     middle, off = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
-    major_m: Float = np.sqrt(CHI2_95 * (middle + off))
-    minor_m: Float = np.sqrt(CHI2_95 * np.maximum(middle - off, 0.0))
-    return major_m, minor_m
+    return np.sqrt(CHI2_95 * (middle + off)), np.sqrt(CHI2_95 * np.maximum(middle - off, 0.0))
 
 
 def radius_95(covariance_m2: Float, error_m: Float) -> Float:

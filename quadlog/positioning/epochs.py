@@ -132,11 +132,10 @@ class Epochs:
 def group_epochs(ranges: RangeSeries, tag: int, anchor_ids: Int, epoch_s: float | None) -> tuple[Epochs, float]:
     """Epochs of one tag, columns in the order of anchor_ids (A,), A > 0; ranges of other tags or anchors are left out.
 
-    Ranges that share a time stamp stay together. Consecutive stamps within epoch_s of the first join one epoch, until
-    an anchor would come twice: that starts the next one, within a stamp too where that holds the anchor twice. So a
-    frame with all anchors is an epoch by itself, and single asynchronous ranges make a round. ranges: in time order.
-    Where less than half of those epochs would give a fix, as where each ranging is tried twice, ranges of an anchor
-    that follow closely stay together, as their mean.
+    ranges: in time order. Consecutive stamps within epoch_s of the first join one epoch, until an anchor would come
+    twice: that starts the next one, within a stamp only where that holds the anchor twice. So a frame with all anchors
+    is an epoch by itself, and single asynchronous ranges make a round. Where less than half of those epochs would give
+    a fix, as where each ranging is tried twice, ranges of an anchor that follow closely stay together, as their mean.
 
     The second value is epoch_s, or what it is derived to be where it is None: USUAL_EPOCH_S unless less than half of
     those epochs would give a fix either. Then single ranges come slower: long enough for a round, which is the median

@@ -1,7 +1,6 @@
 """Yaw in map: that of another sensor, turned onto the course of the track, with its uncertainty.
 
-One tag gives no heading. While its carrier walks forward, the course does;
-one degree of error moves an obstacle 10 m away by 17 cm.
+One tag gives no heading. While its carrier walks forward, the course does; a degree off moves what is 10 m away 17 cm.
 """
 
 from __future__ import annotations
@@ -27,11 +26,10 @@ def course_heading(
 ) -> tuple[Float, Float]:
     """(T,) yaw along the velocity, held where the speed is below HOLD_BELOW_MPS, and its std (T,).
 
-    Before the first motion: before_motion_rad, which a causal track must give, since the first course lies in its
-    future; None takes that first course. A track that never moves has yaw zero, or before_motion_rad.
-    The std, for a carrier that looks where it walks, is that of the velocity across the course over the speed. While
-    held it grows by TURN_STD_RADPS times the time since; so it does by lag_s, (T,) or one, by which the velocity is
-    late. A before_motion_rad is worth nothing.
+    Before the first motion: before_motion_rad, which a causal track must give, worth nothing, else the first course;
+    zero without any. The std, for a carrier that looks where it walks, is that of the velocity across the course over
+    the speed; while held it grows by TURN_STD_RADPS times the time since, and lag_s, (T,) or one, by which the velocity
+    is late.
     """
     course, course_std, speed = course_of(track)
     moving = speed >= HOLD_BELOW_MPS
@@ -136,11 +134,10 @@ def align_yaw(
 ) -> AlignedHeading:
     """Turn a sensor's yaw by the offset, a line in time, that fits the track's course best.
 
-    It is fitted to course minus yaw over moving instants where the sensor was on, weighted with one over the course's
-    variance; see fit_offset. A tag that sits tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x
-    tag_ahead_m / speed), which is taken out. Where nothing moved, or course and yaw have nothing in common, the std is
-    that of an unknown direction. by_tags: takes the place of the course, also at rest. causal: at each instant the fit
-    to what was known then, again at REFITS.
+    It is fitted to course minus yaw over moving instants where the sensor was on, weighted by the course's variance;
+    see fit_offset. A tag tag_ahead_m in front of base swings out in turns, by arcsin(yaw rate x tag_ahead_m / speed),
+    which is taken out. Without motion, or with nothing in common, the std is that of an unknown direction. by_tags:
+    instead of the course, also at rest. causal: at each instant the fit to what was known then, again at REFITS.
     """
     n, fit, side = len(track), None, 0
     std, known = np.full(n, UNKNOWN_YAW_STD_RAD), np.zeros(n, dtype=bool)
@@ -275,10 +272,9 @@ def fit_offset(groups: Float, drift: tuple[float, float]) -> YawOffset:
     # Whether the residuals point one way more than random directions would; few cannot, even where they do.
     agrees = np.average(np.cos(residual), weights=weight) * np.sqrt(len(residual)) > CLEAR_STD
     spread = float(np.median(np.abs(residual))) if agrees else np.inf
-    askew, offset = float(np.mean(np.abs(residual) > ASKEW_RAD)), float(wrap_angle(line[0]))
-    return YawOffset(
-        middle_s, offset, float(line[1]), covariance, float(t_s[0]), float(t_s[-1]), drift[1], spread, askew
-    )
+    askew, (first_s, last_s) = float(np.mean(np.abs(residual) > ASKEW_RAD)), t_s[[0, -1]].tolist()
+    offset, rate_radps = float(wrap_angle(line[0])), float(line[1])
+    return YawOffset(middle_s, offset, rate_radps, covariance, first_s, last_s, drift[1], spread, askew)
 
 
 def _scale(residual: Float) -> float:

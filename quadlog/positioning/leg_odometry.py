@@ -1,9 +1,8 @@
 """Leg odometry: where a body went by its own joints, because a foot that stands does not slip.
 
-Each standing foot measures the body's motion. Feet are weighted, never switched: by how sure it is that a foot carries
-(its force, or what its joints' torques push with) and by how still it stands under the motion that all feet show
-together (the idea of [OCELOT]). A ball-shaped foot rolls over its point of contact, which is taken into account: with a
-radius of 2 cm it would cost 5 % of the way.
+Feet are weighted, never switched: by how sure it is that a foot carries (its force, or what its joints' torques push
+with) and by how still it stands under the motion that all feet show together (the idea of [OCELOT]). A ball-shaped foot
+rolls over its point of contact: with a radius of 2 cm, that would cost 5 % of the way.
 """
 
 from __future__ import annotations
@@ -68,10 +67,9 @@ class LegTrack:
     """Poses of the body: t_ns (N,); position_m (N, 3) from the first one on; rpy_rad (N, 3), z is up.
 
     velocity_mps: (N, 3) along the heading, to its left and up. contact: (N, 4) in 0..1 how surely each foot carries;
-    standing (N,) whether one that carries is still. attitude: what turned the body; contact_sources (4,) a
-    ContactSource of each foot, the one used most of the time. unheld_s: the longest time without a foot on the ground,
-    not counting steps longer than MAX_GAP_S. slipping_share: of the time in which feet carry, how much they move
-    against the ground.
+    standing (N,) whether one that carries is still. attitude: what turned the body; contact_sources (4,): the one used
+    most for each foot. unheld_s: the longest time without a foot on the ground, but for steps longer than MAX_GAP_S.
+    slipping_share: of the time in which feet carry, how much they move against the ground.
     """
 
     t_ns: Int

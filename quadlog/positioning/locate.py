@@ -173,9 +173,8 @@ def _locate(
     if len(row):
         first_ns, column = int(mine.t_ns[0]), anchors.columns_of(mine.anchor)
         range_m, t_s = mine.range_m - anchors.known_bias_m[column], seconds_since(mine.t_ns, first_ns)
-        heard = TagRanges(
-            t_s, 0 * column, column, range_m, np.zeros((1, 2)), np.array([tag.height_m]), len(anchors.ids)
-        )
+        place = np.zeros((1, 2)), np.array([tag.height_m])
+        heard = TagRanges(t_s, 0 * column, column, range_m, *place, len(anchors.ids))
         body = Body(heard.rows(row), anchors.position_m, settings.of_track(height_solved), np.empty(0))
         starts = Starts(seconds_since(fix_ns[fixed], first_ns), start.position_m[fixed])
         if on_line and settings.smooth:

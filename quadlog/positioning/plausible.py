@@ -43,14 +43,12 @@ def speeds(t_ns: Int, xy_m: Float, jumped: Bool) -> tuple[Float, Float]:
 def ways_beside(t_ns: Int, xy_m: Float, other_ns: Int, other_m: Float) -> tuple[Float, Bool]:
     """(2, W) how far both tracks lead within LEG_S, twice a second where both are known; (W,) which contradict."""
     begin_ns = t_ns[np.unique(t_ns // 500_000_000, return_index=True)[1]]
-    ways_m = np.stack([_leads_m(begin_ns, *track) for track in ((t_ns, xy_m), (other_ns, other_m))])
+    ends_ns, ways = np.concatenate([begin_ns, begin_ns + round(LEG_S * 1e9)]), list[Float]()
+    for known_ns, known_m in ((t_ns, xy_m), (other_ns, other_m)):
+        ends_m, _, _ = interpolate_poses(ends_ns, known_ns, known_m, np.zeros(len(known_ns)), MAX_UNMEASURED_NS * 1e-9)
+        ways.append(np.hypot(*np.diff(ends_m.reshape(2, -1, 2), axis=0)[0].T))
+    ways_m = np.stack(ways)
     ways_m = ways_m[:, np.isfinite(ways_m).all(axis=0)]
     low_m, high_m = np.sort(ways_m, axis=0)
     moving = high_m > CONTRADICTION_M
     return ways_m[:, moving], (high_m > CONTRADICTION_TIMES * low_m + CONTRADICTION_M)[moving]
-
-
-def _leads_m(begin_ns: Int, t_ns: Int, xy_m: Float) -> Float:
-    ends_ns, still = np.concatenate([begin_ns, begin_ns + round(LEG_S * 1e9)]), np.zeros(len(t_ns))
-    ends_m, _, _ = interpolate_poses(ends_ns, t_ns, xy_m, still, MAX_UNMEASURED_NS * 1e-9)
-    return np.hypot(*(ends_m[len(begin_ns) :] - ends_m[: len(begin_ns)]).T)

@@ -97,10 +97,8 @@ def find_faults(anchors_m: Float, covariance: Float, known_m: Float, numbers: In
         return SurveyFaults(unfit=tuple(named[k] for k in ranked[:2])) if far else None
     swapped = sorted((pair for pair in swaps if swaps[pair] < best + RIVAL_CHI2), key=lambda pair: swaps[pair])
     shifted = [AnchorShift(named[k], *shifts[k][1:]) for k in ranked if shifts[k][0] < best + RIVAL_CHI2]
-    return SurveyFaults(
-        tuple((named[i], named[j]) for i, j in swapped),
-        tuple(each for each in shifted if each.distance_m > MATTERS_M),
-    )
+    shifted = [each for each in shifted if each.distance_m > MATTERS_M]
+    return SurveyFaults(tuple((named[i], named[j]) for i, j in swapped), tuple(shifted))
 
 
 def _exchanged(n: int, i: int, j: int) -> Int:

@@ -76,11 +76,7 @@ class Walk:
 
 
 def make_walk(
-    way: Way,
-    ranges: TagRanges,
-    heights_m: Float,
-    odometry: OdometryPrior,
-    most_ranges: int = MOST_RANGES,
+    way: Way, ranges: TagRanges, heights_m: Float, odometry: OdometryPrior, most_ranges: int = MOST_RANGES
 ) -> tuple[Walk, int]:
     """The walk, and the number of ranges left out as they are not near an odometry pose.
 

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.motion import Timeline, Track
 from quadlog.positioning.batch.robust import USUAL_RANGES, USUAL_STD_M, lateness_weights, link_stds, link_windows
-from quadlog.positioning.batch.solve import Estimate, Noise, solve, walking_clock
+from quadlog.positioning.batch.solve import Estimate, Weights, solve, walking_clock
 from quadlog.positioning.batch.tracking import KNOT_S, LONGEST_GAP_S, Body, Starts, Tracked, find_jumps
 
 STEP_S = 0.1
@@ -204,7 +204,7 @@ def _step(
         walked_s, usual = float(walking_clock(timeline, knots)[-1]), back.lasts_s / span_s
         share = np.clip(back.lasts_s / max(walked_s, 1e-3), usual, max(STANDING_SHARE, usual))
         lasts = np.full(len(slots.range_m), max(1.0, share * n))
-        noise = Noise(np.full(slots.n_links, body.settings.range_std_m), lasts, back.blocked)
+        noise = Weights(np.full(slots.n_links, body.settings.range_std_m), lasts, back.blocked)
         estimate = solve(problem, knots, values, noise, ROUNDS)
         jumps_s = cuts_s[:0] if body.yaw else np.setdiff1d(find_jumps(estimate, starts), cuts_s)
         if len(jumps_s) == 0:

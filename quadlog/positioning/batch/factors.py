@@ -121,20 +121,21 @@ class TagRanges:
         t_s, tag, anchor, range_m = self.t_s[rows], self.tag[rows], self.anchor[rows], self.range_m[rows]
         return replace(self, t_s=t_s, tag=tag, anchor=anchor, range_m=range_m)
 
-    def slots(self, edges_s: Float, most: int = MOST_IN_SLOT) -> Slots:
-        """Means of each link's ranges between rising edges, of which there are at most so many."""
+    def slots(self, edges_s: Float) -> Slots:
+        """Means of each link's ranges between rising edges, of MOST_IN_SLOT of them at most."""
         link = self.tag * self.n_anchors + self.anchor
         order, of_given = np.lexsort((self.t_s, link)), np.empty(len(link), np.int64)
         t_s, link = self.t_s[order], link[order]
         cell = np.searchsorted(edges_s, t_s, side="right") * self.n_links + link
         begin = np.flatnonzero(np.diff(cell, prepend=-1))
         n = np.diff(begin, append=len(cell))
-        part = (np.arange(len(cell)) - np.repeat(begin, n)) * np.repeat(np.minimum(n, most), n) // np.repeat(n, n)
+        most = np.minimum(n, MOST_IN_SLOT)
+        part = (np.arange(len(cell)) - np.repeat(begin, n)) * np.repeat(most, n) // np.repeat(n, n)
         first = np.flatnonzero((np.diff(cell, prepend=-1) != 0) | (np.diff(part, prepend=-1) != 0))
         some = np.diff(first, append=len(cell))
         of_given[order] = np.repeat(np.arange(len(first)), some)
         t_s, range_m = (np.add.reduceat(each, first) / some for each in (t_s, self.range_m[order]))
-        begin, n, of_slot = np.searchsorted(first, begin), np.minimum(n, most), link[begin]
+        begin, n, of_slot = np.searchsorted(first, begin), most, link[begin]
         mean_s = np.add.reduceat(t_s, begin) / n
         in_time = np.argsort(mean_s, kind="stable")
         slot, late_s = np.repeat(np.argsort(in_time), n), t_s - np.repeat(mean_s, n)

@@ -1,6 +1,4 @@
-"""What the ranges between one tag and each anchor are worth: bias, residuals, how often the way was blocked, and what
-the track would be without them.
-"""
+"""What the ranges of a link are worth: bias, residuals, blocked ways, and the track without them."""
 
 from __future__ import annotations
 
@@ -29,9 +27,7 @@ SCALE_STD, NO_SCALE = 0.05, 1e-5
 
 
 def range_priors(n_links: int, calibrate: bool, scaled: bool) -> Float:
-    """(P, L + 1, L + 1) covariances of the links' biases and the ranges' scale that are possible a priori; without
-    calibration the first two.
-    """
+    """(P, L + 1, L + 1) priors of the links' biases and the ranges' scale; without calibration the first two."""
     stds_m = np.maximum(LINK_STDS_M if calibrate else LINK_STDS_M[:2], NO_BIAS_M)[:, None, None]
     biases = np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
     return np.array([block_diag(each, (SCALE_STD if scaled else NO_SCALE) ** 2) for each in biases])
@@ -130,9 +126,7 @@ RARE_SHARE = 0.05
 
 
 def delete_anchors(estimate: Estimate) -> tuple[Int, Float, Float]:
-    """Every busy anchor left out in turn: which (G,), and without it the knots (G, K, 2, D) and globals (G, M), one
-    Newton step from the estimate. None (G = 0) where fewer than three are busy.
-    """
+    """Knots (G, K, 2, D) and globals (G, M) without each busy anchor (G,), one Newton step on; G = 0 below three."""
     problem, weights = estimate.problem, estimate.weights
     n = np.bincount(problem.slots.anchor[problem.slots.slot])
     busy = np.flatnonzero(n >= RARE_SHARE * n.max(initial=1))

@@ -62,8 +62,7 @@ class Sampling:
 
 
 def make_timeline(t_s: Float, step_s: float, longest_gap_s: float, cuts_s: Float) -> Timeline:
-    """Knots step_s apart over N > 0 instants in order, and one at the last; a new segment after each longer gap and at
-    each cut.
+    """Knots step_s apart over N > 0 instants in order, and at the last; a new segment after longer gaps and each cut.
 
     The last two knots of a segment are a quarter of a step to one and a quarter apart.
     """

@@ -1,7 +1,4 @@
-"""What ranges are worth: their noise, how long their errors last, and robust weights.
-
-Late ranges (blocked paths) are common and persistent, early ones rare.
-"""
+"""What ranges are worth: noise, how long errors last, robust weights. Late ones are common and last; early are rare."""
 
 from __future__ import annotations
 
@@ -132,8 +129,7 @@ def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) 
 def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
     """(N,) of what ranges in sight of a link would show, how much is left as it is unknown which these are [Louis].
 
-    x (N,): residuals in std. What is missing is the variance, over what a range may be, of the slope of the log
-    likelihood.
+    x (N,): residuals in std. Missing is the variance, over what a range may be, of the log likelihood's slope.
     """
     late, slope = 1 - sight - odd, np.interp(x, _LATE[0], np.gradient(*_LATE[::-1]))
     missing = sight * x**2 + late * slope**2 - (late * slope - sight * x) ** 2
@@ -144,9 +140,8 @@ def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
 def persistence(t_s: Float, link: Int, pull: Float, free: float) -> Float:
     """(N,) how many ranges of a link share an error, from how much sums of their pull (N,) over a block exceed noise.
 
-    The blocks of BLOCKS_S with the largest count. Where a block has more ranges than is usual, because a body stands,
-    more share its error. pull: weighted residuals, by link, then time; free: the share of errors that last which a fit
-    leaves in them.
+    The blocks of BLOCKS_S with the largest count; where a block has more than usual, the body stands, and more share
+    it. pull: weighted residuals, by link, then time; free: the share of errors that last which a fit leaves in them.
     """
     largest, found = 1.0, np.ones(len(t_s))
     for block_s in BLOCKS_S:

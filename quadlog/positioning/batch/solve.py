@@ -5,7 +5,7 @@ The normal equations are an arrow: a band over the knots, and a thin border of g
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,12 +63,12 @@ class Arrow:
             self.side[touched + 1] += sums[:, size:-1, -1]
         weighted, row = weight * rows.local, rows.interval * size + np.arange(2 * size)[:, None]
         for column, slope in zip(rows.column, rows.slope, strict=True):
-            cells = (row * self.width + column).ravel()
-            self.border += _summed(cells, (weighted * slope).ravel(), self.border.shape)
+            cells, values = (row * self.width + column).ravel(), (weighted * slope).ravel()
+            self.border += np.bincount(cells, values, self.border.size).reshape(self.border.shape)
             self.pull += np.bincount(column, weight * slope * rows.residual, self.width)
             for other, other_slope in zip(rows.column, rows.slope, strict=True):
-                cells = column * self.width + other
-                self.corner += _summed(cells, weight * slope * other_slope, self.corner.shape)
+                cells, values = column * self.width + other, weight * slope * other_slope
+                self.corner += np.bincount(cells, values, self.corner.size).reshape(self.corner.shape)
 
     def add_motion(self, information: Float, knots: Float) -> None:
         """Add information (K - 1, 4D, 4D) about a zero of each two neighbouring knots of (K, 2, D)."""
@@ -111,11 +111,6 @@ class Arrow:
             found[k] += gain[k] @ found[k + 1] @ gain[k].T
         reach = cho_solve_banded((self.chol, False), self.border, check_finite=False).reshape(count, size, -1)
         return found + reach @ global_covariance @ reach.transpose(0, 2, 1)
-
-
-def _summed(cell: np.ndarray, values: Float, shape: tuple[int, int]) -> Float:
-    """Sums of values (N,) that fall into the same cell (N,) of a matrix."""
-    return np.bincount(cell, values, shape[0] * shape[1]).reshape(shape).astype(np.float64, copy=False)
 
 
 def _neighbours(knots: Float) -> Float:
@@ -178,23 +173,18 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Of R ranges: std_m (L,) of those in sight of each link; lasts (R,): how many ranges of a link share an error.
+class Weights:
+    """Of R ranges for the knots and for the globals (R,), and their noise: std_m (L,) of those in sight of each link.
 
-    blocked: whether paths are blocked, so that many ranges are late; None where that was not found out.
+    lasts (R,): how many ranges of a link share an error. blocked: whether paths are blocked, so that many ranges are
+    late; None where that was not found out.
     """
 
     std_m: Float
     lasts: Float
     blocked: bool | None
-
-
-@dataclass(frozen=True)
-class Weights(Noise):
-    """For the knots and for the globals (R,), with the noise that they are due to."""
-
-    knots: Float
-    globals: Float
+    knots: Float = field(default_factory=lambda: np.ones(1))
+    globals: Float = field(default_factory=lambda: np.ones(1))
 
     def information(self, slots: Slots) -> tuple[Float, Float]:
         """(R,) of each range, for the knots and for the globals."""
@@ -269,8 +259,8 @@ def linearise(problem: Problem, knots: Float, values: Float) -> Linearised:
     return Linearised(Rows(problem.sampling.interval, local, np.zeros(len(by_pose)), column, slope), residual_m)
 
 
-def weigh(problem: Problem, residual_m: Float, noise: Noise) -> Weights:
-    """Robust weights from residuals (R,)."""
+def weigh(problem: Problem, residual_m: Float, noise: Weights) -> Weights:
+    """Robust weights from residuals (R,) and their noise."""
     slots, std_m = problem.slots, noise.std_m[problem.slots.range_link]
     late = robust.lateness_weights(problem.windows, residual_m, std_m)
     if noise.blocked or problem.in_sight:
@@ -278,10 +268,10 @@ def weigh(problem: Problem, residual_m: Float, noise: Noise) -> Weights:
         late, alike = sight if problem.in_sight else late * (sight + odd), sight
     else:
         alike = robust.symmetric_weights(residual_m, slots.range_link, std_m)
-    return Weights(noise.std_m, noise.lasts, noise.blocked, late, alike)
+    return replace(noise, knots=late, globals=alike)
 
 
-def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> tuple[Noise, bool]:
+def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -> tuple[Weights, bool]:
     """The noise by what rounds so far show, and whether that is all.
 
     More ranges that are late than early show blocked paths; but where errors last, only if most are late: others are
@@ -373,7 +363,7 @@ def solve(
     problem: Problem,
     knots: Float,
     values: Float,
-    known: Noise | None = None,
+    known: Weights | None = None,
     rounds: int = ROUNDS,
     *,
     warm: bool = False,
@@ -389,18 +379,17 @@ def solve(
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
     given_m = robust.USUAL_STD_M if problem.range_std_m is None else problem.range_std_m
-    noise = known or Noise(np.full(n_links, given_m), np.ones(n), None)
-    weights = Weights(noise.std_m, noise.lasts, noise.blocked, np.ones(n), np.ones(n))
+    weights = known or Weights(np.full(n_links, given_m), np.ones(n), None)
     linear, settled, due = linearise(problem, knots, values), known is not None, WHITE_ROUNDS
     for index in range(rounds):
         if warm or known or index >= PLAIN_ROUNDS:
             if problem.range_std_m is None and not settled:
                 seen = linear.residual_m, problem.slots.range_link, n_links, (robust.USUAL_STD_M, robust.USUAL_RANGES)
-                noise = replace(noise, std_m=robust.link_stds(*seen, by_zero=noise.blocked is not False))
-            weights = weigh(problem, linear.residual_m, noise)
+                weights = replace(weights, std_m=robust.link_stds(*seen, by_zero=weights.blocked is not False))
+            weights = weigh(problem, linear.residual_m, weights)
             if not settled and index >= due and (moved_m < FAR_M or index >= due + WHITE_ROUNDS):
-                noise, settled = judge(problem, linear.residual_m, weights, knots)
-                weights, due = weigh(problem, linear.residual_m, noise), index + BLOCKED_ROUNDS
+                weights, settled = judge(problem, linear.residual_m, weights, knots)
+                weights, due = weigh(problem, linear.residual_m, weights), index + BLOCKED_ROUNDS
         for_globals, for_knots = assemble(problem, linear, weights, knots, values)
         global_step, covariance, shares = posterior_of_globals(problem, for_globals, values)
         step = for_knots.step_of_knots(global_step)

@@ -41,9 +41,7 @@ often, which looked like a scale of up to 9.1 std on simulated walks; a real one
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """range_std_m: None where it is estimated; height_std_m: of the given heights, zero where they are not tracked;
-    calibrate: estimate a bias for each link.
-    """
+    """range_std_m: None where estimated; height_std_m: zero where not tracked; calibrate: a bias for each link."""
 
     range_std_m: float | None
     acceleration_std_mps2: float
@@ -219,10 +217,13 @@ def track_body(body: Body, starts: Starts, *, final: bool = True) -> Tracked:
     if body.scaled is not None or not body.settings.calibrate:
         return tracked
     scaled = replace(body, scaled=True)
-    if not _scale_matters(estimate, scaled.problem().priors):
+    priors, n = scaled.problem().priors, body.ranges.n_links
+    both = replace(estimate.problem, priors=np.concatenate([estimate.problem.priors, priors]))
+    step, _, shares = posterior_of_globals(both, estimate.for_globals, estimate.values)
+    if shares[len(priors) :].sum() <= 0.5 or abs(step[n]) <= LEAST_SCALE / 2:  # they favour none
         return tracked
-    problem = replace(estimate.problem, priors=scaled.problem().priors)
-    other = solve(replace(problem, range_std_m=estimate.weights.std_m), estimate.knots, estimate.values, warm=True)
+    problem = replace(estimate.problem, priors=priors, range_std_m=estimate.weights.std_m)
+    other = solve(problem, estimate.knots, estimate.values, warm=True)
     found = _tracked(scaled, other)
     off, std = found.scale()
     if abs(off) <= max(LEAST_SCALE, SCALE_STDS * std):
@@ -260,18 +261,9 @@ def _refined(estimate: Estimate, std_m: Float) -> Estimate:
     return estimate
 
 
-def _scale_matters(estimate: Estimate, priors: Float) -> bool:
-    """Whether the ranges favour priors with a scale, one step from an estimate without."""
-    n = estimate.problem.slots.n_links
-    both = replace(estimate.problem, priors=np.concatenate([estimate.problem.priors, priors]))
-    step, _, shares = posterior_of_globals(both, estimate.for_globals, estimate.values)
-    return bool(shares[len(shares) // 2 :].sum() > 0.5 and abs(step[n]) > LEAST_SCALE / 2)
-
-
 def find_jumps(estimate: Estimate, starts: Starts) -> Float:
-    """Instants at which a tag jumped to another place, from an estimate that ignores jumps.
-
-    Suspected where the motion is stressed and ranges are short; there it is between the fixes that are farthest apart.
+    """Instants at which a tag jumped to another place, from an estimate that ignores jumps: between the fixes that are
+    farthest apart where the motion is stressed and ranges are short.
     """
     problem, timeline = estimate.problem, estimate.problem.timeline
     std_m = estimate.weights.std_m
