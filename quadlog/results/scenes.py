@@ -386,18 +386,23 @@ def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[v
     return SCALE_95 * along_m, SCALE_95 * cross_m, SCALE_95 * aside_m
 
 
+def position_errors(run: Run) -> DataFrame | None:
+    """The poses that have an error, with ref_x_m and ref_y_m as control has them, and error_m; None without any."""
+    errors, poses = run.table("uwb_errors"), run.table("poses")
+    if errors is None or poses is None or not (errors["source"] == "track").any():
+        return None
+    track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
+    both = poses.merge(track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
+    both = both.assign(ref_x_m=both["x_m"] - both["error_x_m"], ref_y_m=both["y_m"] - both["error_y_m"])
+    return both.assign(error_m=np.hypot(both["error_x_m"], both["error_y_m"]))
+
+
 def error_scene(run: Run) -> view.Scene | None:
     """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
-    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
-    if walk is None:
-        return None
-    if errors is not None and poses is not None and (errors["source"] == "track").any():
-        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
-        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
-        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
-    elif control is not None:
-        table, what = control, "distance to the path (m)"
-    else:
+    walk, table, what = walk_scene(run), position_errors(run), "position error (m)"
+    if table is None:
+        table, what = run.table("control"), "distance to the path (m)"
+    if walk is None or table is None:
         return None
     rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
     seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
