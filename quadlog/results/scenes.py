@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def walk_scene(run: Run) -> view.Scene | None:
     whole = view.extent_of(*walked, *places, margin=AROUND_M)
     if walls and side < STANDS_M:
         extent = _filled(walls[0])
-    body, known = (run.config.robot.length_m, run.config.robot.width_m), list(_activity(run))
+    body, known = (run.config.robot.length_m, run.config.robot.width_m), dict(_activity(run))
     return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=known)
 
 
@@ -147,10 +147,10 @@ def _fixes(run: Run) -> Iterator[view.Layer]:
         if len(rows):
             seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
             yield view.Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
-    seconds = fixes["seconds"].to_numpy()
+    seconds, x_m, y_m, *spread_m2 = columns_of(fixes, "seconds x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
     until = np.minimum(later, seconds + view.GAP_S)
-    yield _ellipses(ELLIPSES, "fix", fixes, seconds=seconds, until=until)
+    yield view.Marks(ELLIPSES, "fix", x_m, y_m, "ring", seconds, until, *_axes_95(*spread_m2))
 
 
 def _late_ranges(run: Run) -> Iterator[view.Layer]:
@@ -350,15 +350,15 @@ _ROLES = {
 }  # fmt: skip
 
 
-def _activity(run: Run) -> Iterator[view.Activity]:
+def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:
     """When there was data of each role."""
     for label, name in _ROLES.items():
         table = run.table(name)
         if table is not None and not run.simulated:
             seconds = np.sort(table["seconds"].to_numpy())
             cut = np.flatnonzero(np.diff(seconds) > view.GAP_S)
-            spans = zip(seconds[np.append(0, cut + 1)].tolist(), seconds[np.append(cut, -1)].tolist(), strict=True)
-            yield view.Activity(label, spans=list(spans))
+            starts, ends = seconds[np.append(0, cut + 1)], seconds[np.append(cut, -1)]
+            yield label, list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0) -> view.Lines:
@@ -370,12 +370,6 @@ SCALE_95 = 2.4477
 """From the standard to the 95 % ellipse in two dimensions: √5.991."""
 EPOCH_S = 0.02
 """Fixes of several tags within this time belong together."""
-
-
-def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Marks:
-    x_m, y_m, *spread_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
-    axes: dict[str, Any] = dict(zip(("along", "cross", "aside"), _axes_95(*spread_m2), strict=True))
-    return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 
 def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[view.Array, view.Array, view.Array]:

@@ -175,14 +175,8 @@ def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]
             differs = _difference_text(name, difference) if number and over.runs and above.runs else ""
             interval = interval_text(name, over.interval, CATALOGUE[name].unit)
             best = summary.best.get(name) == number
-            cells.append(
-                Cell(
-                    text,
-                    over.mean if over.runs else None,
-                    "; ".join(filter(None, [interval, differs])),
-                    state="good" if best else "",
-                )
-            )
+            below, mean = "; ".join(filter(None, [interval, differs])), over.mean if over.runs else None
+            cells.append(Cell(text, mean, below, state="good" if best else ""))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
     columns = [*map(Column, summary.keys), Column("failed", True)]
     columns += [Column(label_of(name), True, help=f"{CATALOGUE[name].meaning} ({name})") for name in summary.varying]
@@ -203,12 +197,10 @@ def sweep_panels(summary: SweepSummary) -> list[Panel]:
         factor, unit = unit_of(name, CATALOGUE[name].unit)
         over, what = summary.over[name], f"{label_of(name)}{f' ({unit})' if unit else ''}"
         if not numeric:
-            ends = [None if of.interval is None else (factor * of.interval[0], factor * of.interval[1]) for of in over]
-            rows = {
-                setting.label: Spread(factor * of.mean, interval)
-                for setting, of, interval in zip(summary.settings, over, ends, strict=True)
-                if of.runs
-            }
+            rows = {}
+            for setting, of in zip(summary.settings, over, strict=True):
+                ends = None if of.interval is None else (factor * of.interval[0], factor * of.interval[1])
+                rows |= {setting.label: Spread(factor * of.mean, ends)} if of.runs else {}
             panels.append(forest(what, rows, what))
             continue
         order = np.argsort(np.array(values, float), kind="stable")
