@@ -73,9 +73,8 @@ def _print_plan(rows: Sequence[dict[str, Any]], folders: Iterable[Path], as_json
     if as_json:
         print_json(rows)
     for row in () if as_json else rows:
-        about = ", reuses ".join(
-            [f"{row['size_bytes'] / 1e6:.1f} MB", *filter(None, [", ".join(row["reused_stages"])])]
-        )
+        reused, size = ", ".join(row["reused_stages"]), f"{row['size_bytes'] / 1e6:.1f} MB"
+        about = f"{size}, reuses {reused}" if reused else size
         click.echo(f"{row['action']:<7} {row['recording']} ({about}) -> {row['run']}")
     todo = [row["size_bytes"] for row in rows if row["action"] not in ("skip", "refuse")]
     click.echo(f"{len(todo)} of {len(rows)} to replay, {sum(todo) / 1e6:.1f} MB", err=as_json)

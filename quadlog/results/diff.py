@@ -32,15 +32,14 @@ TIMINGS = frozenset({"ms", "us", "realtime_factor"})
 """Not compared: they differ from machine to machine."""
 
 WORDS = {
-    "poses": "positions", "pose_uncertainty": "bounds of positions", "ranges": "ranges", "links": "biases",
+    "poses": "positions", "pose_uncertainty": "bounds of positions", "links": "biases",
     "other_poses": "other positions", "target": "tracks of the person", "uwb_errors": "errors of UWB",
-    "joints": "joints", "scans": "scans", "cloud_samples": "points", "maps": "maps", "ground": "ground heights",
-    "plans": "replans", "paths": "planned paths", "astar": "replans by A*",
-    "resim_plans": "replans of the simulated walk",
-    "resim_paths": "paths of the simulated walk", "control": "simulated walks", "clearances": "distances to obstacles",
-    "contacts": "contacts", "body": "bodies", "gait": "gaits", "reference": "references", "fixes": "single fixes",
+    "cloud_samples": "points", "fixes": "single fixes", "ground": "ground heights", "plans": "replans",
+    "paths": "planned paths", "astar": "replans by A*", "resim_plans": "replans of the simulated walk",
+    "resim_paths": "paths of the simulated walk", "control": "simulated walks",
+    "clearances": "distances to obstacles", "body": "bodies", "gait": "gaits", "reference": "references",
 }  # fmt: skip
-"""Results in words."""
+"""Results in words; others are called by their names."""
 
 
 def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> DataFrame:
@@ -154,11 +153,7 @@ def _counted(whole: str, entries: Sequence[Mapping[str, Any]]) -> list[str]:
     for number, of in zip(counts, entries, strict=True):
         kinds.setdefault(number, []).extend([of] if of not in kinds.get(number, []) else [])
     return [
-        "none"
-        if number == 0
-        else f"{number} ({ascii_uppercase[kinds[number].index(of) % 26]})"
-        if len(kinds[number]) > 1
-        else str(number)
+        f"{number or 'none'}" + f" ({ascii_uppercase[kinds[number].index(of) % 26]})" * (len(kinds[number]) > 1)
         for number, of in zip(counts, entries, strict=True)
     ]
 

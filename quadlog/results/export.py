@@ -95,6 +95,7 @@ MOST_RUNS = 16
 
 def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
     """The figures of one run; of several those that differ, and of a sweep its metrics; or of compared planners."""
+    from quadlog.results.figures import merged_drawings
     from quadlog.results.find_runs import find_runs, run_labels
     from quadlog.results.page.side_by_side import short_names, sweep_panels
     from quadlog.results.run import load_run
@@ -116,25 +117,13 @@ def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
     if len(places) > MOST_RUNS:
         return drawings
     runs = [load_run(place) for place in places]
-    made = [{name: drawing for name, make in _makers().items() if (drawing := make(run))} for run in runs]
-    drawings |= made[0] if len(runs) == 1 else _merged(dict(zip(short_names(run_labels(places)), made, strict=True)))
+    if len(runs) == 1:
+        drawings |= {name: drawing for name, make in _makers().items() if (drawing := make(runs[0]))}
+    else:
+        drawings |= merged_drawings(dict(zip(short_names(run_labels(places)), runs, strict=True)))
     if not drawings:
         raise NotARun(places[0], "has nothing to draw")
     return drawings
-
-
-def _merged(made: Mapping[str, Mapping[str, Drawing]]) -> dict[str, Drawing]:
-    """The figures of several runs over each other; without those of one run alone."""
-    from quadlog.results.figures import FIGURES
-    from quadlog.results.view import Scene, merge_panels, merge_scenes
-
-    merged: dict[str, Drawing] = {}
-    for name in (figure.name for figure in FIGURES if figure.compared):
-        found = {run: drawings[name] for run, drawings in made.items() if name in drawings}
-        scenes = {run: drawing for run, drawing in found.items() if isinstance(drawing, Scene)}
-        panels = {run: drawing for run, drawing in found.items() if not isinstance(drawing, Scene)}
-        merged[name] = merge_scenes(scenes) if scenes else merge_panels(panels)
-    return {name: drawing for name, drawing in merged.items() if drawing}
 
 
 def _write(files: Files, sources: Sequence[Path], force: bool, recording: bool = False) -> list[Path]:

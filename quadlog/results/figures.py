@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from quadlog.errors import CannotWrite
 from quadlog.geometry import yaw_from_quat
 from quadlog.metrics.walking import stance_where
+from quadlog.results import view
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
@@ -75,7 +76,7 @@ def _moved(run: Run, wanted: Mapping[str, str]) -> Iterator[Panel]:
         return
     bodies = {"recorded, robot": poses, "simulated, resim": run.table("control"), "reference, text": _truth(run),
               "other track, olive": run.table("other_poses")}  # fmt: skip
-    moved = {look: _with_rates(table) for look, table in bodies.items() if table is not None}
+    moved = {look: with_rates(table) for look, table in bodies.items() if table is not None}
     for what, column in wanted.items():
         if moved["recorded, robot"][column].nunique() > 1:
             curves_of = (_series(table, f"{column}, {look}") for look, table in moved.items() if column in table)
@@ -94,7 +95,7 @@ def _truth(run: Run) -> DataFrame | None:
     return DataFrame({"seconds": run.seconds(truth.t_ns), **places, "yaw_rad": yaw_from_quat(truth.quat_xyzw)})
 
 
-def _with_rates(table: DataFrame) -> DataFrame:
+def with_rates(table: DataFrame) -> DataFrame:
     """A table of poses, yaw without jumps by turns, with speed and yaw_rate_rad over RATE_OVER_S, NaN in gaps."""
     seconds, yaw_rad = table["seconds"].to_numpy(), table["yaw_rad"].to_numpy(float, copy=True)
     known, rows = np.isfinite(yaw_rad), np.arange(len(table))
@@ -302,6 +303,17 @@ def drawings_of(run: Run) -> dict[str, Drawing]:
     """Each figure whose data the run has, by name: made once for the page and for the pictures."""
     made = {figure.name: figure.make(run) for figure in FIGURES}
     return {name: drawing for name, drawing in made.items() if drawing is not None}
+
+
+def merged_drawings(runs: Mapping[str, Run]) -> dict[str, Drawing]:
+    """The figures of several runs over each other, by name; without those of one run alone, or alike in all."""
+    merged = dict[str, Drawing]()
+    for figure in (figure for figure in FIGURES if figure.compared):
+        made: Any = {name: drawing for name, run in runs.items() if (drawing := figure.make(run))}
+        merge: Any = view.merge_scenes if figure.make is walk_scene else view.merge_panels
+        if made and (drawing := merge(made)):
+            merged[figure.name] = drawing
+    return merged
 
 
 def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:

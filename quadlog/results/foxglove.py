@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import json
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, islice, repeat
 from math import isfinite
@@ -24,8 +24,9 @@ from mcap.writer import CompressionType, Writer
 from quadlog.errors import NotARun
 from quadlog.geometry import quat_from_euler
 from quadlog.results.arrays import MapSequence
+from quadlog.results.figures import with_rates
 from quadlog.results.run import Run
-from quadlog.results.scenes import plan_ways
+from quadlog.results.scenes import plan_ways, position_errors
 from quadlog.results.text import value_text
 from quadlog.results.view import COLORS
 from quadlog.storage.atomic_write import whole_file, write_whole
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
 
-SPEED_OVER_NS = 500_000_000
-"""Speeds are differences of positions so far apart."""
 STEP_NS = 100_000_000
 """Of frames, which Foxglove interpolates, and of lines of errors, one in each such step."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
@@ -92,8 +91,8 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         ("/quadlog/map", run.maps, _grids),
         ("/quadlog/path", run.table("paths"), partial(_paths, color="plan")),
         ("/quadlog/resim/path", run.table("resim_paths"), partial(_paths, color="resim")),
-        ("/quadlog/error", _sparse(_position_errors(run)), _links),
-        ("/quadlog/resim/error", _sparse(control), _links),
+        ("/quadlog/error", position_errors(run), _errors),
+        ("/quadlog/resim/error", control, _errors),
         *((topic, table, partial(_values, topic=topic)) for topic, table in _numbers(run)),
     ]
     for topic, table, messages in named:
@@ -112,7 +111,7 @@ def _numbers(run: Run) -> Iterator[tuple[str, DataFrame]]:
     """Numbers over time by topic, all rows, with t_ns; columns of tags and links have their numbers in their names."""
     poses, errors, ranges, control = (run.table(name) for name in ("poses", "uwb_errors", "ranges", "control"))
     if poses is not None:
-        values = poses[["t_ns"]].assign(speed_mps=_speed(*(poses[name].to_numpy() for name in ("t_ns", "x_m", "y_m"))))
+        values = poses[["t_ns"]].assign(speed_mps=with_rates(poses)["speed"])
         if errors is not None:
             names = errors["source"] + "_error_tag_" + errors["tag"].astype(str) + "_m"
             values = values.merge(_by_name(errors, names, np.hypot(errors["error_x_m"], errors["error_y_m"])), "outer")
@@ -127,14 +126,6 @@ def _numbers(run: Run) -> Iterator[tuple[str, DataFrame]]:
     for topic, plans in (("/quadlog/plan", run.table("plans")), ("/quadlog/resim/plan", run.table("resim_plans"))):
         if plans is not None:
             yield topic, plans[_SEARCH]
-
-
-def _speed(t_ns: Any, x_m: Any, y_m: Any) -> Any:
-    """Over SPEED_OVER_NS after each instant (m/s), NaN where that is a gap or the end."""
-    ends = np.minimum(np.searchsorted(t_ns, t_ns + SPEED_OVER_NS), len(t_ns) - 1)
-    step_ns = t_ns[ends] - t_ns
-    known = (step_ns >= SPEED_OVER_NS) & (step_ns < 2 * SPEED_OVER_NS)
-    return np.where(known, np.hypot(x_m[ends] - x_m, y_m[ends] - y_m), np.nan) / np.where(known, step_ns * 1e-9, 1.0)
 
 
 def _by_name(table: DataFrame, names: Any, values: Any) -> DataFrame:
@@ -163,33 +154,18 @@ def _values(table: DataFrame, topic: str) -> Stream:
     return ((t, _Numbers(topic, row)) for t, row in zip(t_ns, rows, strict=True))
 
 
-def _position_errors(run: Run) -> DataFrame | None:
-    """Robot and reference, as control has robot and path, where the positions have an error."""
-    errors, poses = run.table("uwb_errors"), run.table("poses")
-    if errors is None or poses is None:
-        return None
-    track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
-    both = poses.merge(track, on="t_ns")
-    return both.assign(ref_x_m=both["x_m"] - both["error_x_m"], ref_y_m=both["y_m"] - both["error_y_m"])
+def _line(t: int, name: str, color: str, places: Sequence[Sequence[float]]) -> tuple[int, fox.SceneUpdate]:
+    """A line on the ground, which replaces the one of this name before."""
+    points = [fox.Point3(x=x, y=y, z=0.0) for x, y in places]
+    form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color(color)}
+    line = fox.LinePrimitive(pose=_pose(), points=points, **form)
+    return t, fox.SceneUpdate(entities=[fox.SceneEntity(timestamp=_time(t), frame_id="map", id=name, lines=[line])])
 
 
-def _links(table: DataFrame) -> Stream:
-    """A line from the robot to where it should be: the error."""
-    form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color("bad")}
-    rows = table[["t_ns", "x_m", "y_m", "ref_x_m", "ref_y_m"]].dropna()
-    for t, x, y, ref_x, ref_y in rows.itertuples(index=False):
-        line = fox.LinePrimitive(
-            pose=_pose(), points=[fox.Point3(x=x, y=y, z=0.0), fox.Point3(x=ref_x, y=ref_y, z=0.0)], **form
-        )
-        yield (
-            t,
-            fox.SceneUpdate(entities=[fox.SceneEntity(timestamp=_time(t), frame_id="map", id="error", lines=[line])]),
-        )
-
-
-def _sparse(table: DataFrame | None) -> Any:
-    """The first row in each step of STEP_NS."""
-    return None if table is None else table[(table["t_ns"] // STEP_NS).diff() != 0]
+def _errors(table: DataFrame) -> Stream:
+    """In each step of STEP_NS a line from the robot to where it should be."""
+    rows = table[(table["t_ns"] // STEP_NS).diff() != 0][["t_ns", "x_m", "y_m", "ref_x_m", "ref_y_m"]].dropna()
+    return (_line(t, "error", "bad", [place[:2], place[2:]]) for t, *place in rows.itertuples(index=False))
 
 
 def _placed(table: Table) -> Iterator[tuple[int, fox.Vector3, fox.Quaternion]]:
@@ -231,17 +207,12 @@ def _grids(maps: MapSequence) -> Stream:
 
 
 def _paths(paths: DataFrame, color: str) -> Stream:
-    """One line for each replan, which replaces the one before."""
+    """One line for each replan."""
     first, *ways = plan_ways(paths)
     places = np.column_stack(ways)
-    known = np.isfinite(places).all(axis=1)
-    points = [fox.Point3(x=x, y=y, z=0.0) for x, y in places[known].tolist()]
-    at = np.append(0, np.cumsum(known))[first].tolist()
-    form: dict[str, Any] = {"type": fox.LinePrimitiveLineType.LineStrip, "thickness": _LINE_M, "color": _color(color)}
-    for t, start, end in zip(paths["t_ns"].to_numpy()[first[:-1]].tolist(), at, at[1:], strict=False):
-        line = fox.LinePrimitive(pose=_pose(), points=points[start:end], **form)
-        entity = fox.SceneEntity(timestamp=_time(t), frame_id="map", id="path", lines=[line])
-        yield t, fox.SceneUpdate(entities=[entity])
+    for t, start, end in zip(paths["t_ns"].to_numpy()[first[:-1]].tolist(), first, first[1:], strict=False):
+        way = places[start:end]
+        yield _line(t, "path", color, way[np.isfinite(way).all(axis=1)].tolist())
 
 
 def _anchors(links: Table, t: int) -> Stream:

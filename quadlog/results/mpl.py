@@ -119,13 +119,6 @@ def _panel_picture(panels: Sequence[view.Panel], width_in: float, text: float, h
     return picture
 
 
-def _spread(columns: Sequence[view.Array]) -> float:
-    """From the least to the largest finite value."""
-    values = np.concatenate([np.zeros(0), *columns])
-    values = values[np.isfinite(values)]
-    return float(np.ptp(values)) if len(values) else 0.0
-
-
 def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view.Series]:
     """A dense curve as the band from the least to the largest value of each stroke, this long on x, and the mean.
 
@@ -369,14 +362,10 @@ def _draw_cells(axes: Axes, layer: view.Raster) -> None:
     (x, y), cell = layer.origin, side * layer.cell
     extent = (x, x + columns * cell, y, y + rows * cell)
     shown = np.ma.masked_invalid(values)
-    axes.imshow(shown, _shades(layer), origin="lower", extent=extent, vmin=layer.low, vmax=layer.high, zorder=0.7)
+    shades = [to_rgba(view.COLORS[layer.color], alpha) for alpha in (0.16, 0.85)]
+    colors = LinearSegmentedColormap.from_list("fade", shades)
+    axes.imshow(shown, colors, origin="lower", extent=extent, vmin=layer.low, vmax=layer.high, zorder=0.7)
     axes.set(xlim=limits[0], ylim=limits[1])  # imshow resets them
-
-
-def _shades(layer: view.Raster) -> LinearSegmentedColormap:
-    return LinearSegmentedColormap.from_list(
-        "fade", [to_rgba(view.COLORS[layer.color], alpha) for alpha in (0.16, 0.85)]
-    )
 
 
 def _draw_lines(
@@ -419,12 +408,8 @@ def _draw_track(axes: Axes, track: view.Track, instant: float | None) -> None:
     if instant is not None:
         axes.plot(track.x[past:], track.y[past:], dash, zorder=1.4, color=color, lw=0.8, alpha=0.3)
         if past and np.isfinite(track.x[past - 1]):
-            at: Any = {
-                "textcoords": "offset points",
-                "xytext": (7, 7 if track.color in view.CYCLE[:2] else -14),
-                "annotation_clip": True,
-            }
-            axes.annotate(track.label, (track.x[past - 1], track.y[past - 1]), **at, **_haloed(color))
+            place, at = (track.x[past - 1], track.y[past - 1]), (7, 7 if track.color in view.CYCLE[:2] else -14)
+            axes.annotate(track.label, place, at, "data", "offset points", annotation_clip=True, **_haloed(color))
     _draw_body(axes, track, instant)
 
 
@@ -442,15 +427,12 @@ def _draw_body(axes: Axes, track: view.Track, instant: float | None) -> None:
 
 MOST_FRAMES = 240
 FRAMES_PER_S = 12
-AROUND_M = 1.5
 
 
 def film(scene: view.Scene, path: Path) -> None:
     """The walk as .gif or .mp4: at most MOST_FRAMES frames, evenly over its time. Still layers are drawn once."""
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
-    walked = [(layer.x, layer.y) for layer in scene.layers if isinstance(layer, view.Track)]
-    scene = replace(scene, extent=view.extent_of(*walked, margin=AROUND_M))
     moving = [layer for layer in scene.layers if getattr(layer, "seconds", None) is not None]
     still = replace(scene, layers=[layer for layer in scene.layers if layer not in moving])
     left, right, bottom, top = scene.extent

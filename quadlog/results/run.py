@@ -234,9 +234,8 @@ def finish_run(run: Run, record: RunRecord) -> None:
 def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
     """A metric without what is not finite; of an interval both ends or none."""
     found = {key: of for key, of in metric.items() if isinstance(of, str) or math.isfinite(of)}
-    return (
-        found if {"low", "high"} <= found.keys() else {key: found[key] for key in found if key not in ("low", "high")}
-    )
+    ends = {"low", "high"}
+    return found if ends <= found.keys() else {key: of for key, of in found.items() if key not in ends}
 
 
 STORE = ".stages"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def walk_scene(run: Run) -> view.Scene | None:
     whole = view.extent_of(*walked, *places, margin=AROUND_M)
     if walls and side < STANDS_M:
         extent = _filled(walls[0])
-    body, known = (run.config.robot.length_m, run.config.robot.width_m), list(_activity(run))
+    body, known = (run.config.robot.length_m, run.config.robot.width_m), dict(_activity(run))
     return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=known)
 
 
@@ -111,18 +111,23 @@ def _anchors(run: Run) -> Iterator[view.Layer]:
         yield view.Marks("anchors", "soft", x_m, y_m, "triangle", names=[str(anchor.id) for anchor in anchors])
 
 
+def position_errors(run: Run) -> DataFrame | None:
+    """The poses that have an error, with ref_x_m and ref_y_m as control has them, and error_m; None without any."""
+    errors, poses = run.table("uwb_errors"), run.table("poses")
+    if errors is None or poses is None or not (errors["source"] == "track").any():
+        return None
+    track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
+    both = poses.merge(track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
+    both = both.assign(ref_x_m=both["x_m"] - both["error_x_m"], ref_y_m=both["y_m"] - both["error_y_m"])
+    return both.assign(error_m=np.hypot(both["error_x_m"], both["error_y_m"]))
+
+
 def error_scene(run: Run) -> view.Scene | None:
     """The robot's track in the colours of its error: of positions against a reference, else of the simulated walk."""
-    errors, poses, control, walk = run.table("uwb_errors"), run.table("poses"), run.table("control"), walk_scene(run)
-    if walk is None:
-        return None
-    if errors is not None and poses is not None and (errors["source"] == "track").any():
-        of_track = errors[(errors["source"] == "track") & (errors["tag"] == errors["tag"].min())]
-        table = poses.merge(of_track[["t_ns", "error_x_m", "error_y_m"]], on="t_ns")
-        table, what = table.assign(error_m=np.hypot(table["error_x_m"], table["error_y_m"])), "position error (m)"
-    elif control is not None:
-        table, what = control, "distance to the path (m)"
-    else:
+    walk, table, what = walk_scene(run), position_errors(run), "position error (m)"
+    if table is None:
+        table, what = run.table("control"), "distance to the path (m)"
+    if walk is None or table is None:
         return None
     rows = table.dropna(subset=["x_m", "y_m", "error_m"]).sort_values("seconds", kind="stable")
     seconds, x_m, y_m, error_m = view.break_gaps(*columns_of(rows, "seconds x_m y_m error_m"))
@@ -167,10 +172,10 @@ def _fixes(run: Run) -> Iterator[view.Layer]:
         if len(rows):
             seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
             yield view.Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
-    seconds = fixes["seconds"].to_numpy()
+    seconds, x_m, y_m, *spread_m2 = columns_of(fixes, "seconds x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
     until = np.minimum(later, seconds + view.GAP_S)
-    yield _ellipses(ELLIPSES, "fix", fixes, seconds=seconds, until=until)
+    yield view.Marks(ELLIPSES, "fix", x_m, y_m, "ring", seconds, until, *_axes_95(*spread_m2))
 
 
 def _late_ranges(run: Run) -> Iterator[view.Layer]:
@@ -370,15 +375,15 @@ _ROLES = {
 }  # fmt: skip
 
 
-def _activity(run: Run) -> Iterator[view.Activity]:
+def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:
     """When there was data of each role."""
     for label, name in _ROLES.items():
         table = run.table(name)
         if table is not None and not run.simulated:
             seconds = np.sort(table["seconds"].to_numpy())
             cut = np.flatnonzero(np.diff(seconds) > view.GAP_S)
-            spans = zip(seconds[np.append(0, cut + 1)].tolist(), seconds[np.append(cut, -1)].tolist(), strict=True)
-            yield view.Activity(label, spans=list(spans))
+            starts, ends = seconds[np.append(0, cut + 1)], seconds[np.append(cut, -1)]
+            yield label, list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0) -> view.Lines:
@@ -390,12 +395,6 @@ SCALE_95 = 2.4477
 """From the standard to the 95 % ellipse in two dimensions: √5.991."""
 EPOCH_S = 0.02
 """Fixes of several tags within this time belong together."""
-
-
-def _ellipses(label: str, color: str, fixes: DataFrame, **times: Any) -> view.Marks:
-    x_m, y_m, *spread_m2 = columns_of(fixes, "x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
-    axes: dict[str, Any] = dict(zip(("along", "cross", "aside"), _axes_95(*spread_m2), strict=True))
-    return view.Marks(label, color, x_m, y_m, "ring", **axes, **times)
 
 
 def _axes_95(xx_m2: view.Array, xy_m2: view.Array, yy_m2: view.Array) -> tuple[view.Array, view.Array, view.Array]:

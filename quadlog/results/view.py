@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,19 +187,11 @@ class Moment:
     ring: Sequence[float] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Activity:
-    """A row of the timeline: spans (start, end) in which there is data."""
-
-    label: str
-    spans: Sequence[tuple[float, float]] = ()
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """Layers, lowest first, in metres. extent: left, right, bottom, top of the first view; whole: of all there is.
 
-    body: length and width of the robot in metres.
+    body: length and width of the robot in metres. activity: rows of the timeline, spans (start, end) with data.
     """
 
     layers: Sequence[Layer]
@@ -208,7 +200,7 @@ class Scene:
     body: tuple[float, float] | None = None
     whole: tuple[float, float, float, float] | None = None
     moments: Sequence[Moment] = ()
-    activity: Sequence[Activity] = ()
+    activity: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
     @property
     def span(self) -> tuple[float, float] | None:
@@ -321,26 +313,22 @@ def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
 
     Curves that are alike in all runs are drawn once, in grey; a panel without others is left out.
     """
-    merged: dict[str, Panel] = {}
-    curves: dict[str, dict[str, dict[str, Series]]] = {}
+    merged: dict[str, tuple[Panel, list[Series], dict[str, dict[str, Series]]]] = {}
     for name, panels in runs.items():
         for panel in panels:
-            merged.setdefault(panel.what, replace(panel, series=[], marks=np.empty(0)))
+            *_, curves = merged.setdefault(panel.what, (replace(panel, marks=np.empty(0)), [], {}))
             for series in (of for of in panel.series if of.style != "band"):
-                curves.setdefault(panel.what, {}).setdefault(series.label, {})[name] = series
-    for what, of_panel in curves.items():
-        alike = {label: _alike([(of.x, of.y) for of in found.values()], len(runs)) for label, found in of_panel.items()}
-        shown = cast(list[Series], merged[what].series)
-        for place, (label, found) in enumerate(of_panel.items()):
-            for number, name in enumerate(list(runs)[:1] if alike[label] else runs):
-                if name not in found or all(alike.values()):
-                    continue
-                keep, one = thin_evenly(len(found[name].x), MOST_COMPARED), found[name]
-                color = "soft" if alike[label] else look(number)["color"]
-                label_of_run = label if alike[label] else f"{name}: {label}"
-                of: Any = {"color": color, "variant": place, "label": label_of_run, "x": one.x[keep], "y": one.y[keep]}
-                shown.append(replace(one, **of))
-    return [panel for panel in merged.values() if panel.series]
+                curves.setdefault(series.label, {})[name] = series
+    for _, shown, curves in merged.values():
+        alike = {label: _alike([(of.x, of.y) for of in found.values()], len(runs)) for label, found in curves.items()}
+        for place, (label, found) in enumerate(curves.items() if not all(alike.values()) else ()):
+            for number, name in enumerate(runs):
+                if name in found and not (alike[label] and number):
+                    one, of_run = found[name], (look(number)["color"], f"{name}: {label}")
+                    color, text = ("soft", label) if alike[label] else of_run
+                    keep = thin_evenly(len(one.x), MOST_COMPARED)
+                    shown.append(replace(one, color=color, variant=place, label=text, x=one.x[keep], y=one.y[keep]))
+    return [replace(panel, series=shown) for panel, shown, _ in merged.values() if shown]
 
 
 def _alike(columns: Sequence[tuple[Array, ...]], runs: int) -> bool:
@@ -367,9 +355,9 @@ def merge_scenes(runs: Mapping[str, Scene]) -> Scene:
         for place, label in enumerate(label for label in differing if name in found[label]):
             shown = name if len(differing) == 1 else f"{name}: {label}"
             layers.append(replace(found[label][name], label=shown, color=look(number)["color"], variant=place))
-    box = np.array([scene.extent for scene in runs.values()])
-    extent = (float(box[:, 0].min()), float(box[:, 1].max()), float(box[:, 2].min()), float(box[:, 3].max()))
-    return replace(first, layers=layers, extent=extent, moments=(), activity=())
+    boxes: Any = [(scene.extent[:2], scene.extent[2:]) for scene in runs.values()]
+    extent = extent_of(*boxes, margin=0.0)
+    return replace(first, layers=layers, extent=extent, moments=(), activity={})
 
 
 def farthest_apart(scene: Scene) -> Moment | None:

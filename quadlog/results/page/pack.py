@@ -126,7 +126,7 @@ class Pack:
 
     def _scene(self, scene: view.Scene) -> dict[str, Any]:
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
-        activity = [asdict(row) for row in scene.activity]
+        activity = [{"label": label, "spans": spans} for label, spans in scene.activity.items()]
         moments = [asdict(moment) for moment in scene.moments]
         return self._described(scene) | {"layers": layers, "activity": activity, "moments": moments, "span": scene.span}
 

@@ -30,7 +30,7 @@ from quadlog.results.text import (
     state_of,
     value_text,
 )
-from quadlog.results.view import TIME, Drawing, Moment, Scene
+from quadlog.results.view import TIME, Drawing, Scene
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -57,10 +57,9 @@ def write_run_page(run: Run, drawings: Mapping[str, Drawing] | None = None) -> P
 def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     """The page of a run and these drawings."""
     pack, views, sentences = Pack(), dict[str, blocks.Drawn](), verdict(run)
-    worst = _WORST.get(sentences[0].subject) if sentences and sentences[0].state in ("bad", "warn") else None
-    moments_of, first_ones = worst or ((), ())
-    places = {name: place for place, name in enumerate(first_ones)}
-    shown = sorted(FIGURES, key=lambda figure: places.get(figure.name, len(places)))  # others as they stand
+    worst = sentences[0].subject if sentences and sentences[0].state in ("bad", "warn") else ""
+    moments_of, first_ones = _WORST.get(worst, ((), ()))
+    shown = sorted(FIGURES, key=lambda of: first_ones.index(of.name) if of.name in first_ones else len(first_ones))
     for figure in (figure for figure in shown if figure.name in drawings):
         pack.add(figure.name, drawings[figure.name])
         views[figure.name] = blocks.Drawn(figure.name, figure.title, figure.caption)
@@ -68,7 +67,9 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     torques = [views.pop("torques")] if "torques" in views else []
     scene = drawings.get("trajectory")
     if isinstance(scene, Scene):
-        start = _start(scene.moments, (*moments_of, *_START))
+        names = (*moments_of, *_START)
+        ranked = sorted(scene.moments, key=lambda of: names.index(of.name) if of.name in names else len(names))
+        start = ranked[0].seconds if ranked else None
         player = blocks.Drawn("trajectory", moments=scene.moments, start=start)
         timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         del views["trajectory"]
@@ -84,12 +85,6 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
         blocks.Section("How it was made", list(_made(run))),
     ]
     return blocks.Page(run.title, sections, _facts(run), status(run), [("all runs", "../report.html")], pack)
-
-
-def _start(moments: Sequence[Moment], names: Sequence[str]) -> float | None:
-    """The instant of the first view: the worst one of what matters most, which the map then draws."""
-    ranked = sorted(moments, key=lambda moment: names.index(moment.name) if moment.name in names else len(names))
-    return ranked[0].seconds if ranked else None
 
 
 def _facts(run: Run) -> list[str]:

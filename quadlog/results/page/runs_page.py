@@ -7,7 +7,7 @@ import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
@@ -113,32 +113,26 @@ def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str], brief:
     brief: by name alone.
     """
     ends = len({row.exit_code for row in rows}) > 1
-    tops, found = {metric: _largest(rows, metric) for metric in metrics}, []
+    tops, found = {metric: 0.0 if brief else _largest(rows, metric) for metric in metrics}, []
     for row in rows:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
         worst = Sentence("", row.reason[:300], "bad") if row.run is None else verdict(row.run)[0]
-        saved = {} if row.run is None else row.run.metrics
-        href = "" if row.run is None else _link(row.name, row.run)
+        has_page = row.run is not None and (row.run.path / "report.html").is_file()  # else its folder is shown
+        href = "" if row.run is None else f"./{quote(row.name)}/{'report.html' * has_page}"
         cells = [Cell(row.name, shlex.quote(row.name), _facts(row.run), href)]
         cells += [Cell(word, state=state)] * ends
         if not brief:
             said = f"{worst.subject}: {worst.text}" if worst.subject else worst.text
             cells += [Cell("", track=_track(row.run)), Cell(said, STATES.index(worst.state), state=worst.state)]
-        for metric in metrics:
-            cell = _value_cell(metric, row.metrics.get(metric), bounds.get(metric), saved.get(metric))
-            cells.append(cell if brief else cell._replace(bar=_bar(row, metric, tops[metric])))
+        cells += [_value_cell(row, metric, bounds.get(metric), tops[metric]) for metric in metrics]
         found.append((STATES.index(state), STATES.index(worst.state), cells))
     found.sort(key=lambda of: of[:2])
-    columns = [
-        Column("run"),
-        *[Column("ended")] * ends,
-        *[Column("track", wide=True), Column("worst sentence")] * (not brief),
-    ]
+    whole = [] if brief else [Column("track", wide=True), Column("worst sentence")]
+    columns = [Column("run"), *[Column("ended")] * ends, *whole, *map(_column, metrics)]
     note = "" if brief else "Bars reach from 0 to the largest of the list; the dark line is the 95 % interval."
     command = "" if brief or len(rows) < 2 else "quadlog report --side-by-side"
-    rest = Table([*columns, *map(_column, metrics)], [cells for *_, cells in found], name, note, True, 100)
-    return rest._replace(command=command)
+    return Table(columns, [cells for *_, cells in found], name, note, True, 100, command=command)
 
 
 def _facts(run: Run | None) -> str:
@@ -180,32 +174,21 @@ def _largest(rows: Sequence[Listed], metric: str) -> float:
     return max([row.metrics[metric] for row in rows if math.isfinite(row.metrics.get(metric, math.nan))], default=0.0)
 
 
-def _bar(row: Listed, metric: str, top: float) -> tuple[float, float, float, float] | None:
-    value = row.metrics.get(metric, math.nan)
-    if not math.isfinite(value) or top <= 0:
-        return None
-    saved = None if row.run is None else row.run.metrics.get(metric)
-    interval = (0.0, 0.0) if saved is None or saved.interval is None else saved.interval
-    end, low, high = (round(100 * min(max(of / top, 0.0), 1.0), 1) for of in (value, *interval))
-    return 0.0, end, low, high
-
-
-def _link(name: str, run: Run) -> str:
-    """The run's page; its folder if it has none, as the runs of a sweep."""
-    return f"./{quote(name)}/{'report.html' if (run.path / 'report.html').is_file() else ''}"
-
-
 def _column(name: str) -> Column:
     unit = {"rad": "°"}.get(CATALOGUE[name].unit, CATALOGUE[name].unit)
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
-def _value_cell(name: str, value: float | None, bound: Bound | None = None, saved: SavedMetric | None = None) -> Cell:
-    if value is None or not math.isfinite(value):
+def _value_cell(row: Listed, name: str, bound: Bound | None, top: float) -> Cell:
+    """A metric of a run, with a bar from 0 towards top, where that is not 0."""
+    value, unit = row.metrics.get(name, math.nan), CATALOGUE[name].unit
+    if not math.isfinite(value):
         return Cell(NONE, state="" if bound is None else bound.state)
-    unit = CATALOGUE[name].unit
-    state = state_of(name, saved or SavedMetric(value, 0), bound)
-    return Cell(value_text(name, value, unit).removesuffix(f" {unit}"), value, state=state)
+    saved = (row.run.metrics if row.run is not None else {}).get(name, SavedMetric(value, 0))
+    ends = (value, *(saved.interval or (0.0, 0.0)))
+    bar: Any = (0.0, *(round(100 * min(max(of / top, 0.0), 1.0), 1) for of in ends)) if top > 0 else None
+    text = value_text(name, value, unit).removesuffix(f" {unit}")
+    return Cell(text, value, state=state_of(name, saved, bound), bar=bar)
 
 
 def spread_of(rows: Sequence[Listed]) -> list[Sentence]:

@@ -15,26 +15,15 @@ from quadlog.errors import ExitCode
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.metrics.differences import PairedDifference
 from quadlog.results.diff import unlike_settings
-from quadlog.results.figures import FIGURES
+from quadlog.results.figures import FIGURES, merged_drawings
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
-from quadlog.results.scenes import walk_scene
 from quadlog.results.studies.sweep import SweepSummary, text_of
 from quadlog.results.text import NONE, State, interval_text, label_of, unit_of, value_text
-from quadlog.results.view import (
-    Moment,
-    Panel,
-    Scene,
-    Series,
-    Spread,
-    farthest_apart,
-    forest,
-    merge_panels,
-    merge_scenes,
-)
+from quadlog.results.view import Moment, Panel, Scene, Series, Spread, farthest_apart, forest
 
 Paired = Mapping[str, Mapping[str, PairedDifference]]
 """By run: each metric less that of the first run, on the instants that both have."""
@@ -70,19 +59,15 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
 
 def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Moment]) -> list[Any]:
     """The tracks of the runs in one player, which starts where they are farthest apart, beside their curves."""
-    named, charts = dict(zip(short_names([*runs]), runs.values(), strict=True)), []
-    for figure in (figure for figure in FIGURES if figure.compared and figure.make is not walk_scene):
-        made = {name: figure.make(run) for name, run in named.items()}
-        panels = {name: drawing for name, drawing in made.items() if drawing and not isinstance(drawing, Scene)}
-        if panels and (merged := merge_panels(panels)):
-            pack.add(figure.name, merged)
-            charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
-    scenes = {name: scene for name, run in named.items() if (scene := walk_scene(run)) is not None}
-    if not scenes:
+    drawn, charts = merged_drawings(dict(zip(short_names([*runs]), runs.values(), strict=True))), []
+    scene = drawn.pop("trajectory", None)
+    for figure in (figure for figure in FIGURES if figure.name in drawn):
+        pack.add(figure.name, drawn[figure.name])
+        charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
+    if not isinstance(scene, Scene):
         return charts
-    merged_scene = merge_scenes(scenes)
-    pack.add("paths", merged_scene)
-    apart = [moment for moment in [farthest_apart(merged_scene)] if moment is not None]
+    pack.add("paths", scene)
+    apart = [moment for moment in [farthest_apart(scene)] if moment is not None]
     start = apart[0].seconds if apart else moments[0].seconds if moments else None
     view = blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start)
     return [blocks.Beside(view, charts)] if charts else [view]
@@ -190,14 +175,8 @@ def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]
             differs = _difference_text(name, difference) if number and over.runs and above.runs else ""
             interval = interval_text(name, over.interval, CATALOGUE[name].unit)
             best = summary.best.get(name) == number
-            cells.append(
-                Cell(
-                    text,
-                    over.mean if over.runs else None,
-                    "; ".join(filter(None, [interval, differs])),
-                    state="good" if best else "",
-                )
-            )
+            below, mean = "; ".join(filter(None, [interval, differs])), over.mean if over.runs else None
+            cells.append(Cell(text, mean, below, state="good" if best else ""))
         found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
     columns = [*map(Column, summary.keys), Column("failed", True)]
     columns += [Column(label_of(name), True, help=f"{CATALOGUE[name].meaning} ({name})") for name in summary.varying]
@@ -218,12 +197,10 @@ def sweep_panels(summary: SweepSummary) -> list[Panel]:
         factor, unit = unit_of(name, CATALOGUE[name].unit)
         over, what = summary.over[name], f"{label_of(name)}{f' ({unit})' if unit else ''}"
         if not numeric:
-            ends = [None if of.interval is None else (factor * of.interval[0], factor * of.interval[1]) for of in over]
-            rows = {
-                setting.label: Spread(factor * of.mean, interval)
-                for setting, of, interval in zip(summary.settings, over, ends, strict=True)
-                if of.runs
-            }
+            rows = {}
+            for setting, of in zip(summary.settings, over, strict=True):
+                ends = None if of.interval is None else (factor * of.interval[0], factor * of.interval[1])
+                rows |= {setting.label: Spread(factor * of.mean, ends)} if of.runs else {}
             panels.append(forest(what, rows, what))
             continue
         order = np.argsort(np.array(values, float), kind="stable")

@@ -61,13 +61,13 @@ _LACKING = ("stopped after position: no topic is fit to be the lidar", "no groun
 
 def matters(run: Run) -> list[str]:
     """The warnings that change what a reader may use: not what a log lacks, nor what holds of little of it."""
-    return [of for of in run.record.warnings if not (any(words in of for words in _LACKING) or _is_little(of))]
-
-
-def _is_little(warning: str) -> bool:
-    found = _SHARE.search(warning)
-    part, whole = sorted(map(int, filter(None, found.groups()))) if found else (1, 1)
-    return part <= LITTLE * whole
+    kept = []
+    for warning in run.record.warnings:
+        found = _SHARE.search(warning)
+        part, whole = sorted(map(int, filter(None, found.groups()))) if found else (1, 1)
+        if part > LITTLE * whole and not any(words in warning for words in _LACKING):
+            kept.append(warning)
+    return kept
 
 
 def walked_m(track: DataFrame) -> float:
@@ -204,9 +204,8 @@ def _meaning(run: Run, control: DataFrame, clearances: DataFrame | None) -> str:
         return ""
     ours, theirs = (sig(walked_m(of) / max(_lasted_s(of), 1e-9), 2) for of in (control, poses))
     apart = f"{sig(first_m, 2)} m from its target at first, {sig(last_m, 2)} m in the end"
-    return (
-        f" It falls behind the recorded robot ({ours} and {theirs} m/s): {apart}; that one {sig(theirs_last_m, 2)} m."
-    )
+    behind = f" It falls behind the recorded robot ({ours} and {theirs} m/s)"
+    return f"{behind}: {apart}; that one {sig(theirs_last_m, 2)} m."
 
 
 def _positions(run: Run) -> Iterator[Sentence]:

@@ -204,11 +204,8 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
             spreads[row["planner"]] = Spread(row["ratio_expanded"], _interval(row), ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
     what = f"times fewer {_what(comparison)} than {comparison.baseline}"
-    return (
-        forest(what, spreads, f"{comparison.baseline} / planner", {comparison.baseline: 1.0}, log=True)
-        if spreads
-        else None
-    )
+    x, marks = f"{comparison.baseline} / planner", {comparison.baseline: 1.0}
+    return forest(what, spreads, x, marks, log=True) if spreads else None
 
 
 def _what(comparison: Comparison) -> str:
