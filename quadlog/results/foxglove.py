@@ -103,6 +103,11 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
     yield "/quadlog/log", _log(run)
 
 
+def _sparse(table: DataFrame | None) -> Any:
+    """The first row in each step of STEP_NS."""
+    return None if table is None else table[(table["t_ns"] // STEP_NS).diff() != 0]
+
+
 _WALK = ["t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad", "vx_mps", "yaw_rate_radps"]
 _SEARCH = ["t_ns", "expanded", "generated", "reused_cells"]
 
@@ -164,7 +169,7 @@ def _line(t: int, name: str, color: str, places: Sequence[Sequence[float]]) -> t
 
 def _errors(table: DataFrame) -> Stream:
     """In each step of STEP_NS a line from the robot to where it should be."""
-    rows = table[(table["t_ns"] // STEP_NS).diff() != 0][["t_ns", "x_m", "y_m", "ref_x_m", "ref_y_m"]].dropna()
+    rows = _sparse(table)[["t_ns", "x_m", "y_m", "ref_x_m", "ref_y_m"]].dropna()
     return (_line(t, "error", "bad", [place[:2], place[2:]]) for t, *place in rows.itertuples(index=False))
 
 

@@ -185,9 +185,10 @@ def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]
 
 
 def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
-    long, high = (_spread([getattr(one, axis) for one in panel.series]) for axis in "xy")
-    for span in (np.inf if panel.rows else high, None):  # if one curve has to, all dense ones do
-        drawn = [one for series in panel.series for one in _ranges(series, (long or 1.0) * STROKE_IN / wide_in, span)]
+    left, right, bottom, top = view.extent_of(*((one.x, one.y) for one in panel.series), margin=0.0)
+    stroke = (right - left or 1.0) * STROKE_IN / wide_in
+    for span in (np.inf if panel.rows else top - bottom, None):  # if one curve has to, all dense ones do
+        drawn = [one for series in panel.series for one in _ranges(series, stroke, span)]
         if len(drawn) == len(panel.series):
             break
     for series in drawn:
