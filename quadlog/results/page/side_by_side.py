@@ -197,7 +197,7 @@ def sweep_panels(summary: SweepSummary) -> list[Panel]:
         factor, unit = unit_of(name, CATALOGUE[name].unit)
         over, what = summary.over[name], f"{label_of(name)}{f' ({unit})' if unit else ''}"
         if not numeric:
-            rows = {}
+            rows: dict[str, Spread] = {}
             for setting, of in zip(summary.settings, over, strict=True):
                 ends = None if of.interval is None else (factor * of.interval[0], factor * of.interval[1])
                 rows |= {setting.label: Spread(factor * of.mean, ends)} if of.runs else {}
