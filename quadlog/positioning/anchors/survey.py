@@ -1,8 +1,7 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
-Anchors, what lasts of the odometry's errors and the delay of the ranges are global unknowns of the batch [Nguyen].
-Each anchor starts where its ranges fit best along the odometry, and is surveyed only where no rival place, as a mirror
-image is, fits as well [Delama].
+Anchors, lasting errors of the odometry and the delay of the ranges are global unknowns of the batch [Nguyen]. Each
+anchor starts where its ranges fit best, and is surveyed only where no rival place, as a mirror image, does [Delama].
 """
 
 from __future__ import annotations

@@ -370,12 +370,11 @@ def solve(
 ) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
-    One-sided weights would shift a bias, unless paths are blocked: then the median of a link may be late, and ranges
-    count by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of
-    ranges being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the
-    errors is estimated once and kept. It is not estimated again, because motion that a stiffer track cannot follow
-    would look like persistent errors. warm: the start is near enough for robust weights. known: the noise; then the
-    start is warm, and a move of NEAR_M is the last.
+    One-sided weights would shift a bias, unless paths are blocked: then a link's median may be late, and ranges count
+    by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of ranges
+    being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the errors
+    is estimated, once, as motion that a stiffer track cannot follow would look like it. warm: the start is near enough
+    for robust weights. known: the noise; then the start is warm, and a move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
     given_m = robust.USUAL_STD_M if problem.range_std_m is None else problem.range_std_m

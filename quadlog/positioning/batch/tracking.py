@@ -273,10 +273,8 @@ def find_jumps(estimate: Estimate, starts: Starts) -> Float:
     stress = problem.stress(estimate.knots) * timeline.connected
     stress[timeline.firsts[timeline.firsts < len(stress)]] = 0.0  # these hold what is known of a start
     interval, second = problem.sampling.interval[problem.slots.slot], np.ones(round(1 / KNOT_S))
-    n, shorts, stress = (
-        np.convolve(each, second, "same")
-        for each in (*(np.bincount(interval, each, len(stress)) for each in (np.ones(len(short)), short)), stress)
-    )
+    counts = [np.bincount(interval, each, len(stress)) for each in (np.ones(len(short)), short)]
+    n, shorts, stress = (np.convolve(each, second, "same") for each in (*counts, stress))
     suspect = (stress > JUMP_STRESS) & (shorts > JUMP_SHORT_SHARE * n)
     sides = sliding_window_view(starts.pose[:, :2], 2 * JUMP_FIXES, axis=0).reshape(-1, 2, 2, JUMP_FIXES)
     step_m, at_s = np.hypot(*np.diff(sides.mean(axis=3))[..., 0].T), starts.t_s[JUMP_FIXES : 1 - JUMP_FIXES]
