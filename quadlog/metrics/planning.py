@@ -1,9 +1,8 @@
 """What planners did: of one run's replans, and of several planners on the same replans of one source.
 
 What a planner was asked for and what work it did is over all its replans: `replans`, `success_rate`, the totals and the
-mean of cells (a search that floods the window before it fails is work too), `fallback_share`. What compares planners is
-paired, over the replans that all of them solved, because one that gives up on the hard ones would look cheap and short:
-ratio, sub-optimality, times, lengths, turns.
+mean of cells (a search that floods the window before it fails is work too), `fallback_share`. Ratio, sub-optimality,
+times, lengths, turns are paired, over replans that all solved: one that gives up on hard ones would look cheap.
 """
 
 from __future__ import annotations

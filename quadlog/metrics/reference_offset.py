@@ -77,8 +77,7 @@ def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOff
 
     Every offset at which they overlap is searched. Not by speeds: those of a steady walk are alike at many offsets, and
     those of noisy positions at all. The interval is the sandwich estimate of a least-squares offset: the long-run
-    variance of the residuals' products with the velocity (`mean_interval_in_time`) over the square of the measured
-    curvature.
+    variance (`mean_interval_in_time`) of residuals' products with the velocity over the measured curvature's square.
     """
     durations_s = [int(np.ptp(each.t_ns)) / NS_PER_S if len(each.t_ns) else 0.0 for each in (reference, estimate)]
     if min(durations_s) < _LEAST_S:

@@ -116,8 +116,7 @@ def _count_ids(ids: Int) -> tuple[tuple[int, int], ...]:
 class Epochs:
     """Ranges of one tag to A anchors, gathered at E instants.
 
-    t_ns: (E,) mean time of the ranges of each epoch, in time order.
-    last_ns: (E,) time of the last of them: when the epoch was known in full.
+    t_ns, last_ns: (E,) mean time of the ranges of each epoch, in time order, and of the last: when all were known.
     range_m: (E, A), NaN where absent.
     """
 

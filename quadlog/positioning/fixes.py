@@ -30,8 +30,7 @@ LONG_STD, SHORT_STD = 1.25, 4.0
 seed 1 between 0.5 and 1.5: without late ranges they cost 1-2 %, with them they halve the error of eight anchors."""
 NO_LIMITS = (np.inf, np.inf)
 MOST_ROUNDS, RESTED_M, NEAR_M = 200, 1e-6, 0.01
-"""Steps of a descent; one too small to matter; and one that may be left when they are used up: two late ranges can
-leave Huber's cost all but flat."""
+"""Steps of a descent; one too small to matter; and one that may be left: late ranges can make Huber's cost flat."""
 NEAR_LINE_STD = 3.0
 """A fix that its own std across the line, times this, would carry over the line has no side."""
 TOLD_STD_M, MAX_PLACES = 0.3, 2000

@@ -114,8 +114,7 @@ MIN_LOG_S, MIN_WALK_M = 25.0, 0.5
 LARGEST_BIAS_M = 0.4
 """What a link may be off by on average before its anchor is in doubt."""
 COST_STD, NO_FIX_STD = 2.0, 20.0
-"""Residuals, in std, from where on a misfit counts by its order of magnitude only; a range that leads to no fix counts
-as if it were so many std off."""
+"""Residuals, in std, from where on a misfit counts by its order of magnitude; and of a range that leads to no fix."""
 CLEARLY_BETTER = 0.7
 """One layout is better than another if its misfit is below this share. Chosen on seeds 7000 on of simulated logs, 4 to
 8 anchors: the best wrong order came to 0.9 and more, the true one to 0.66 and less unless a symmetry hid it."""

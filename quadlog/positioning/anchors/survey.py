@@ -52,9 +52,7 @@ LEAST_STD_M, MOST_STD_M = 0.05, 1.0
 """Bounds of the std of ranges in line of sight."""
 LOOSE, LOOSE_YAW = 1.0, 10.0
 """Spectral density of the accelerations between knots. With 10 for x and y as well, the way between two knots is free
-by 0.08 m, ranges there say little, and the odometry's drift is taken for three times what it is. Robots turn on the
-spot: yaw stays free.
-"""
+by 0.08 m, ranges there say little, and odometry seems to drift three times as much. Robots turn on the spot."""
 
 
 @dataclass(frozen=True, slots=True)

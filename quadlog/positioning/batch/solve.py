@@ -275,8 +275,7 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     """The noise by what rounds so far show, and whether that is all.
 
     More ranges that are late than early show blocked paths; but where errors last, only if most are late: others are
-    reflections. Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a
-    link whose bias is its own seems late.
+    reflections. Three anchors are too few to show which is late; without calibration a link with a bias seems late.
     """
     slots, (span_s, n) = problem.slots, problem.heard
     std_m = weights.std_m[slots.range_link]
