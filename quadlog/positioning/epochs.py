@@ -77,10 +77,7 @@ def _repeated(ranges: RangeSeries) -> np.ndarray:
 
 
 def _close_ns(t_ns: Int) -> float:
-    """Ranges of a link, at t_ns (N,) in time order, that are no farther apart may be of one measurement.
-
-    A fraction of the usual time between two rounds, also where each range comes up to four times.
-    """
+    """How near ranges of a link, at t_ns (N,) in time order, may be of one measurement: a fraction of a usual round."""
     if len(t_ns) < 3:
         return 0.0
     return min(USUAL_EPOCH_S * 1e9, float(np.quantile(t_ns[2:] - t_ns[:-2], 0.6)) / 5)

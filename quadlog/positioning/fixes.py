@@ -296,10 +296,7 @@ def solve_on_side(
 
 
 def heights_are_told(anchors_m: Float, fixes: Fixes, range_std_m: float) -> bool:
-    """Whether to solve for the heights of a whole log, from its fixes at a height that is about right.
-
-    True where half of them or more would be unique and know their height to TOLD_STD_M.
-    """
+    """Whether to solve for heights: half of a log's fixes, at about the right one, would know it to TOLD_STD_M."""
     some = thin_rows(fixes.solved, MAX_PLACES)
     offset_m = np.column_stack([fixes.position_m, fixes.z_m])[some, None] - anchors_m
     range_m = np.linalg.norm(offset_m, axis=2) + 0.0 * fixes.residual_m[some]

@@ -231,10 +231,7 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
 
 
 def track_of(tracked: Tracked | Known, t_s: Float, t_ns: Int, tag: int | None) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags, at t_ns (N,), which are t_s.
-
-    Its covariances know that stamps are uncertain.
-    """
+    """Of a tag, or the body's origin at its tags' mean height, at t_ns (N,), which are t_s; stamps are uncertain."""
     (pose, rate, covariance), ranges, axes = tracked.poses(t_s), tracked.body.ranges, tracked.body.axes
     size, n, lever_m, height_m = len(axes), len(t_ns), np.zeros(2), ranges.height_m.mean()
     if tag is not None:

@@ -295,7 +295,7 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
 
 def walking_clock(timeline: Timeline, knots: Float) -> Float:
     """(K,) seconds at the knots by a clock that slows down with the body, and goes on between segments."""
-    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline))
+    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline.t_s))
     before, after = (at - NEAR_KNOTS).clip(0), (at + NEAR_KNOTS).clip(max=len(t_s) - 1)
     speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
     return np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
