@@ -32,7 +32,7 @@ def student_interval(values: Float, confidence: float = 0.95) -> Interval | None
         return None
     mean, half = float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values))
     half *= _student_quantile(len(values) - 1, confidence)
-    return (mean - half, mean + half)
+    return mean - half, mean + half
 
 
 def _student_quantile(freedom: float, confidence: float) -> float:

@@ -1,14 +1,13 @@
 """What planners did: of one run's replans, and of several planners on the same replans of one source.
 
 What a planner was asked for and what work it did is over all its replans: `replans`, `success_rate`, the totals and the
-mean of cells (a search that floods the window before it fails is work too), `fallback_share`. What compares planners is
-paired, over the replans that all of them solved, because one that gives up on the hard ones would look cheap and short:
-ratio, sub-optimality, times, lengths, turns.
+mean of cells (a search that floods the window before it fails is work too), `fallback_share`. Ratio, sub-optimality,
+times, lengths, turns are paired, over replans that all solved: one that gives up on hard ones would look cheap.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -120,10 +119,10 @@ def _row(planner: str, own: Table, paired: Table, ratio: Ratio | None, increment
         "ratio_low": low,
         "ratio_high": high,
         "suboptimality_mean": _some(np.mean, excess),
-        "suboptimality_p95": _some(_p95, excess),
+        "suboptimality_p95": _some(np.percentile, excess, 95),
         "fallback_share": _some(np.mean, own["from_scratch"][~is_first]) if incremental else None,
         "us_median": _some(np.median, paired["us"]),
-        "us_p95": _some(_p95, paired["us"]),
+        "us_p95": _some(np.percentile, paired["us"], 95),
         "length_m_total": _some(np.sum, paired["length_m"]),
         "turn_rad_total": _some(np.sum, paired["turn_rad"]),
     }
@@ -135,13 +134,9 @@ def _excess(cost: Float, optimal: Float) -> Float:
     return np.where(np.abs(excess) < ROUNDING, 0.0, excess)
 
 
-def _p95(values: NDArray[Any]) -> float:
-    return float(np.percentile(values, 95))
-
-
-def _some(figure: Any, values: NDArray[Any] | Sequence[float]) -> float | None:
+def _some(figure: Any, values: NDArray[Any], *of: int) -> float | None:
     """The figure of some values; None where there are none."""
-    return float(figure(values)) if len(values) else None
+    return float(figure(values, *of)) if len(values) else None
 
 
 def ratio_to_astar(t_ns: Int, expanded: Int, astar_expanded: Int) -> Metrics:

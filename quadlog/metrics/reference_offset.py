@@ -77,8 +77,7 @@ def estimate_time_offset(reference: PoseSeries, estimate: PoseSeries) -> TimeOff
 
     Every offset at which they overlap is searched. Not by speeds: those of a steady walk are alike at many offsets, and
     those of noisy positions at all. The interval is the sandwich estimate of a least-squares offset: the long-run
-    variance of the residuals' products with the velocity (`mean_interval_in_time`) over the square of the measured
-    curvature.
+    variance (`mean_interval_in_time`) of residuals' products with the velocity over the measured curvature's square.
     """
     durations_s = [int(np.ptp(each.t_ns)) / NS_PER_S if len(each.t_ns) else 0.0 for each in (reference, estimate)]
     if min(durations_s) < _LEAST_S:
@@ -153,7 +152,10 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
         if known.sum() * step_ns < _LEAST_S * NS_PER_S - 2 * shifts_ns[2]:
             return _unknown("too few poses at common times")
         sample_m, partners_m = sample_m[known], [each[known] for each in partners_m]
-        residuals_m = [_residual(sample_m, each) for each in partners_m]
+        motions = [rigid_motion(sample_m, each) for each in partners_m]
+        residuals_m = [
+            to - sample_m @ turn.T - shift_m for to, (turn, shift_m) in zip(partners_m, motions, strict=True)
+        ]
         squares_m2, centred_m = [rms(each) ** 2 for each in residuals_m], partners_m[1] - partners_m[1].mean(axis=0)
         velocity_mps = (partners_m[2] - partners_m[0]) / (2 * _DERIVATIVE_S)
         unexplained_mps = (residuals_m[2] - residuals_m[0]) / (2 * _DERIVATIVE_S)
@@ -174,12 +176,6 @@ def _refined(reference: PoseSeries, estimate: PoseSeries, start_s: float) -> Tim
     if interval is None:
         return _unknown("the walk is too short for an interval")
     return TimeOffset(offset_s, interval, t_ns[known] - round(offset_s * NS_PER_S), samples_s)
-
-
-def _residual(sample_m: Float, partner_m: Float) -> Float:
-    """(K, 3) what the best rigid motion of the samples leaves."""
-    rotation, shift_m = rigid_motion(sample_m, partner_m)
-    return partner_m - sample_m @ rotation.T - shift_m
 
 
 def _unknown(why: str) -> TimeOffset:

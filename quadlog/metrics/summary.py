@@ -89,10 +89,9 @@ def _worst(name: str, samples: Samples) -> tuple[float, int] | None:
 def detail_of(samples: Samples) -> dict[str, float]:
     """mean, std of N >= 1 samples (not of one), and p50 and p95, quantiles of their size."""
     x = samples.values
-    p50, p95 = (float(each) for each in np.percentile(np.abs(x), [50, 95]))
-    return {"mean": float(np.mean(x)), "p50": p50, "p95": p95} | (
-        {"std": float(np.std(x, ddof=1))} if len(x) > 1 else {}
-    )
+    p50, p95 = np.percentile(np.abs(x), [50, 95]).tolist()
+    found = {"mean": float(np.mean(x)), "p50": p50, "p95": p95}
+    return found | {"std": float(np.std(x, ddof=1))} if len(x) > 1 else found
 
 
 _VALUES: dict[Statistic, Callable[[Float], Any]] = {

@@ -77,10 +77,7 @@ def _repeated(ranges: RangeSeries) -> np.ndarray:
 
 
 def _close_ns(t_ns: Int) -> float:
-    """Ranges of a link, at t_ns (N,) in time order, that are no farther apart may be of one measurement.
-
-    A fraction of the usual time between two rounds, also where each range comes up to four times.
-    """
+    """How near ranges of a link, at t_ns (N,) in time order, may be of one measurement: a fraction of a usual round."""
     if len(t_ns) < 3:
         return 0.0
     return min(USUAL_EPOCH_S * 1e9, float(np.quantile(t_ns[2:] - t_ns[:-2], 0.6)) / 5)
@@ -116,8 +113,7 @@ def _count_ids(ids: Int) -> tuple[tuple[int, int], ...]:
 class Epochs:
     """Ranges of one tag to A anchors, gathered at E instants.
 
-    t_ns: (E,) mean time of the ranges of each epoch, in time order.
-    last_ns: (E,) time of the last of them: when the epoch was known in full.
+    t_ns, last_ns: (E,) mean time of the ranges of each epoch, in time order, and of the last: when all were known.
     range_m: (E, A), NaN where absent.
     """
 

@@ -30,8 +30,7 @@ LONG_STD, SHORT_STD = 1.25, 4.0
 seed 1 between 0.5 and 1.5: without late ranges they cost 1-2 %, with them they halve the error of eight anchors."""
 NO_LIMITS = (np.inf, np.inf)
 MOST_ROUNDS, RESTED_M, NEAR_M = 200, 1e-6, 0.01
-"""Steps of a descent; one too small to matter; and one that may be left when they are used up: two late ranges can
-leave Huber's cost all but flat."""
+"""Steps of a descent; one too small to matter; and one that may be left: late ranges can make Huber's cost flat."""
 NEAR_LINE_STD = 3.0
 """A fix that its own std across the line, times this, would carry over the line has no side."""
 TOLD_STD_M, MAX_PLACES = 0.3, 2000
@@ -43,13 +42,12 @@ is solved for must be known better than that."""
 class Fixes:
     """One row per epoch; numbers of a row that is not solved are NaN.
 
-    position_m: (E, 2) in map; covariance_m2: (E, 2, 2) of it.
-    z_m, z_std_m: (E,) height in map; where it was given instead of solved for, that, and a std of zero.
-    hdop: (E,) horizontal dilution of precision: sqrt(trace) of the smallest covariance there is at that place,
-    (sum u u^T)^-1, whatever the method. Without unit: times the range std it is the Cramér-Rao bound.
-    residual_m: (E, A) measured minus predicted, NaN where there is no range; residual_rms_m: (E,).
-    n_ranges: (E,); solved: (E,) bool; degenerate: (E,) bool, enough ranges, but from anchors on a line or with
-    no unique minimum nearby; outlier: (E,) bool, solved with a residual rms above the limit.
+    position_m: (E, 2) in map; covariance_m2: (E, 2, 2) of it. z_m, z_std_m: (E,) height in map; given: that, and zero.
+    hdop: (E,) horizontal dilution of precision: sqrt(trace) of the smallest covariance there is at that place, (sum u
+    u^T)^-1, whatever the method. Without unit: times the range std it is the Cramér-Rao bound. residual_m: (E, A)
+    measured minus predicted, NaN where there is no range; residual_rms_m: (E,). n_ranges: (E,). solved: (E,) bool;
+    degenerate: (E,) bool, enough ranges, but from anchors on a line or with no unique minimum nearby; outlier: (E,)
+    bool, solved with a residual rms above the limit.
     """
 
     position_m: Float
@@ -68,15 +66,14 @@ class Fixes:
 def solve_fixes(
     method: str, anchors_m: Float, range_m: Float, tag_height_m: float | None, range_std_m: float, outlier_m: float
 ) -> Fixes:
-    """Fixes by one of METHODS.
+    """Fixes by one of METHODS, with the tag's height in map, or None: solved for, from four ranges or more.
 
-    gauss_newton: maximum likelihood [Following, right form], with the Cramér-Rao bound as covariance.
-    huber: the same, but residuals beyond LONG_STD (late) or -SHORT_STD std pull with bounded force. No help with three
-    ranges, or with ranges that are all too long by a constant; its covariance is too small where ranges are late.
-    linear, weighted, paper: of squared ranges, see `_linear`.
+    gauss_newton: maximum likelihood [Following, right form], with the Cramér-Rao bound as covariance. huber: the same,
+    but residuals beyond LONG_STD (late) or -SHORT_STD std pull with bounded force. No help with three ranges, or with
+    ranges that are all too long by a constant; its covariance is too small where ranges are late. linear, weighted,
+    paper: of squared ranges, see `_linear`.
 
-    tag_height_m: the tag's height in map; None solves for it, from four ranges to anchors that differ in height. A
-    residual rms above outlier_m marks an outlier. The result marks what cannot be solved: too few ranges by n_ranges,
+    A residual rms above outlier_m marks an outlier. What cannot be solved is marked: too few ranges by n_ranges,
     anchors on a line (on a plane, where the height is solved for) or a mirror image that fits as well by degenerate.
 
     Raises UnknownName for another method.
@@ -258,10 +255,7 @@ def _completed(anchors_m: Float, range_m: Float, position_m: Float, covariance_m
 
 
 def are_on_line(anchor_ids: Int, anchors_m: Float, range_std_m: float, *, refuse: bool) -> bool:
-    """Whether all anchors (A, 3) lie on a line, which leaves two mirrored places for every fix.
-
-    Raises MissingInput for fewer than three anchors, AnchorsCollinear for those on a line if they are to be refused.
-    """
+    """Whether anchors (A, 3) are on a line. Raises AnchorsCollinear if so to refuse, MissingInput for fewer than 3."""
     if len(anchors_m) < 3:
         raise MissingInput(
             "position", f"{len(anchors_m)} UWB anchors are known, a fix needs three", "add [[uwb.anchors]]"
@@ -302,10 +296,7 @@ def solve_on_side(
 
 
 def heights_are_told(anchors_m: Float, fixes: Fixes, range_std_m: float) -> bool:
-    """Whether to solve for the heights of a whole log, from its fixes at a height that is about right.
-
-    True where half of them or more would be unique and know their height to TOLD_STD_M.
-    """
+    """Whether to solve for heights: half of a log's fixes, at about the right one, would know it to TOLD_STD_M."""
     some = thin_rows(fixes.solved, MAX_PLACES)
     offset_m = np.column_stack([fixes.position_m, fixes.z_m])[some, None] - anchors_m
     range_m = np.linalg.norm(offset_m, axis=2) + 0.0 * fixes.residual_m[some]

@@ -91,12 +91,11 @@ class TagResult:
 
     epoch_s: as given or derived; height_m: as given; height_solved: whether fixes and track solve for it instead.
     epochs: the ranges the fixes are made from, as measured. bias: what is subtracted beside the known biases, None
-    unless calibrated; shared_m: the bias of all links that the track alone does without, where it is not.
-    restart_ns: (R,) where the tag was carried away and its track begins again.
-    n_ranges, nis: (T,) of each of the track's instants, its ranges and what they miss the track by, squared, over the
-    variance that they have where range_std_m and the motion are right, by their weights over the mean weight.
-    range_std_m: (A,) of the ranges in sight of each link, as given or estimated. velocity: what odometry has of the
-    tag's motion, None where there is none.
+    unless calibrated; shared_m: the bias of all links that the track alone does without, where it is not. restart_ns:
+    (R,) where the tag was carried away and its track begins again. n_ranges, nis: (T,) of each of the track's instants,
+    its ranges and what they miss the track by, squared, over the variance that they have where range_std_m and the
+    motion are right, by weights over their mean. range_std_m: (A,) of ranges in sight of each link. velocity: by
+    odometry, None without.
     """
 
     tag: int

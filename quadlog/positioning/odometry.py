@@ -160,10 +160,8 @@ def _compare_legs(
         at = np.searchsorted(track_s, end_s, side="right") - 1
         covered &= (at >= 0) & (end_s - track_s[at] <= HOLD_S)
         ends.append(at.clip(0))
-    begin, end = ends
+    (begin, end), blank = ends, np.where(covered, 0.0, np.nan)
     own_m = np.column_stack([np.diff(np.interp(track_s[[begin, end]], t_s, each), axis=0)[0] for each in summed_m.T])
     true_m = track.position_m[end] - track.position_m[begin]
-    missed_m, way_m, own_way_m = (
-        np.where(covered, np.hypot(*each.T), np.nan) for each in (own_m - true_m, true_m, own_m)
-    )
+    missed_m, way_m, own_way_m = (np.hypot(*each.T) + blank for each in (own_m - true_m, true_m, own_m))
     return missed_m, way_m, own_way_m

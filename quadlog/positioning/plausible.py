@@ -29,9 +29,7 @@ def jumps(t_ns: Int, xy_m: Float, most_mps: float) -> Bool:
 
 
 def speeds(t_ns: Int, xy_m: Float, jumped: Bool) -> tuple[Float, Float]:
-    """(N,) speed over SPEED_OVER_NS from each row on, without the jumps (N-1,), NaN where a gap follows; (N,) s to the
-    next row.
-    """
+    """(N,) speed over SPEED_OVER_NS from each row on, but for jumps (N-1,), NaN at gaps; (N,) s to the next row."""
     way_m = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(jumped[:, None], 0.0, np.diff(xy_m, axis=0)), axis=0)])
     later = np.minimum(np.searchsorted(t_ns, t_ns + SPEED_OVER_NS), len(t_ns) - 1)
     over_ns = t_ns[later] - t_ns

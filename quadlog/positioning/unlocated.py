@@ -19,10 +19,7 @@ def located_rows(t_ns: Int, measured: np.ndarray) -> np.ndarray:
 
 
 def segment_of(at_ns: Int, t_ns: Int, most_s: float = 0.0) -> Int:
-    """(M,) which part of a track at t_ns (N,) instants (M,) lie in, from 0: a gap of more than a limit ends a part.
-
-    The limit is MAX_UNMEASURED_NS, or most_s if poses are used so far from their instants.
-    """
+    """(M,) in which part of a track (N,) instants lie, from 0; gaps over MAX_UNMEASURED_NS, and most_s, end a part."""
     ends = np.diff(t_ns) > max(MAX_UNMEASURED_NS, most_s * 1e9)
     return np.searchsorted(t_ns[1:][ends], at_ns, side="right")
 

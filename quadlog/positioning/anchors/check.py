@@ -84,9 +84,8 @@ def find_faults(anchors_m: Float, covariance: Float, known_m: Float, numbers: In
 
     places_m, alone, fixed = known_m[known], np.eye(len(rows)), np.empty((len(rows), 0))
     as_given, _, _ = fit(places_m, fixed)
-    swaps = {
-        pair: fit(places_m[_exchanged(len(known), *pair)], fixed)[0] for pair in combinations(range(len(known)), 2)
-    }
+    pairs = list(combinations(range(len(known)), 2))
+    swaps = {pair: fit(places_m[_exchanged(len(known), *pair)], fixed)[0] for pair in pairs}
     shifts = {k: fit(places_m, alone[:, 2 * k : 2 * k + 2]) for k in range(len(known))}
     best = min([*swaps.values(), *(misfit for misfit, _, _ in shifts.values())])
     if as_given - best <= SIGNIFICANT_STD**2:
@@ -115,8 +114,7 @@ MIN_LOG_S, MIN_WALK_M = 25.0, 0.5
 LARGEST_BIAS_M = 0.4
 """What a link may be off by on average before its anchor is in doubt."""
 COST_STD, NO_FIX_STD = 2.0, 20.0
-"""Residuals, in std, from where on a misfit counts by its order of magnitude only; a range that leads to no fix counts
-as if it were so many std off."""
+"""Residuals, in std, from where on a misfit counts by its order of magnitude; and of a range that leads to no fix."""
 CLEARLY_BETTER = 0.7
 """One layout is better than another if its misfit is below this share. Chosen on seeds 7000 on of simulated logs, 4 to
 8 anchors: the best wrong order came to 0.9 and more, the true one to 0.66 and less unless a symmetry hid it."""
@@ -145,12 +143,11 @@ class TagEpochs:
 def check_survey(
     logs: Sequence[TagEpochs], anchors_m: Float, range_std_m: float, acceleration_std_mps2: float
 ) -> SurveyFaults:
-    """Test anchors (A, 3) for an exchange of two, and one at a wrong place, by ranges alone.
+    """Test anchors (A, 3) for an exchange of two, and one at a wrong place, by ranges alone; one fault at a time.
 
-    These cannot show a survey that is moved, turned or mirrored as a whole, an exchange that a symmetric layout
-    hides, a displacement from a bias of half its size where the tag saw the anchor from one side only, or heights.
-    Three anchors contradict each other too rarely to be checked; four show that something is wrong by half a metre,
-    but accuse the right one only four times in five. One fault is looked for at a time: set it right, and check again.
+    These cannot show a survey that is moved, turned or mirrored as a whole, an exchange that a symmetric layout hides,
+    a displacement from a bias of half its size where the tag saw the anchor from one side only, or heights. Three
+    anchors contradict each other too rarely; four accuse the right one of half a metre only four times in five.
     """
     logs = [each for log in logs if len((each := log.thinned()).epochs) >= MIN_EPOCHS]
     if not logs:
@@ -207,14 +204,10 @@ def _placed(
     if np.sqrt(tracked.poses(t_s)[0].var(axis=0).sum()) < MIN_WALK_M:
         return None
     estimate, problem, m = tracked.last, tracked.last.problem, len(tracked.last.values)
-    level = np.tile(np.square([FREE_STD_M, FREE_STD_M, 1e-3]), n)
-    freed = replace(
-        problem,
-        model=replace(problem.model, free=m),
-        mean=np.append(problem.mean, np.zeros(3 * n)),
-        priors=np.array([block_diag(prior, np.diag(level)) for prior in problem.priors]),
-    )
-    values = np.append(estimate.values, np.zeros(3 * n))
+    level = np.diag(np.tile(np.square([FREE_STD_M, FREE_STD_M, 1e-3]), n))
+    priors = np.array([block_diag(prior, level) for prior in problem.priors])
+    mean, values = (np.append(each, np.zeros(3 * n)) for each in (problem.mean, estimate.values))
+    freed = replace(problem, model=replace(problem.model, free=m), mean=mean, priors=priors)
     solved = solve(freed, estimate.knots, values, estimate.weights, ROUNDS)
     placed_m = anchors_m + solved.values[m:].reshape(-1, 3)
     return placed_m, solved.covariance[m:, m:]

@@ -31,9 +31,7 @@ def place_in_frame(anchors_m: Float, covariance: Float, known_m: Float, start_st
 
 
 def misplaced(anchors_m: Float, covariance: Float, known_m: Float) -> tuple[dict[int, float], bool]:
-    """Known anchors (A, 2) farther from those of place_in_frame than the bounds allow, index -> distance in m; and
-    whether all fit the mirror image of the survey, which only three of them can exclude.
-    """
+    """Known anchors (A, 2) off by more than the bounds: index -> m; whether all of 3 or more fit the mirror image."""
     known = np.flatnonzero(np.isfinite(known_m[:, 0]))
     if len(known) < 2:
         return {}, False

@@ -1,8 +1,7 @@
 """Survey of UWB anchors by a walk: where each one stands, how well that is known, and which the walk does not show.
 
-Anchors, what lasts of the odometry's errors and the delay of the ranges are global unknowns of the batch [Nguyen].
-Each anchor starts where its ranges fit best along the odometry, and is surveyed only where no rival place, as a mirror
-image is, fits as well [Delama].
+Anchors, lasting errors of the odometry and the delay of the ranges are global unknowns of the batch [Nguyen]. Each
+anchor starts where its ranges fit best, and is surveyed only where no rival place, as a mirror image, does [Delama].
 """
 
 from __future__ import annotations
@@ -53,9 +52,7 @@ LEAST_STD_M, MOST_STD_M = 0.05, 1.0
 """Bounds of the std of ranges in line of sight."""
 LOOSE, LOOSE_YAW = 1.0, 10.0
 """Spectral density of the accelerations between knots. With 10 for x and y as well, the way between two knots is free
-by 0.08 m, ranges there say little, and the odometry's drift is taken for three times what it is. Robots turn on the
-spot: yaw stays free.
-"""
+by 0.08 m, ranges there say little, and odometry seems to drift three times as much. Robots turn on the spot."""
 
 
 @dataclass(frozen=True, slots=True)

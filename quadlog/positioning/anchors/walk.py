@@ -23,9 +23,7 @@ STANDING_M = 0.02
 
 @dataclass(frozen=True, slots=True)
 class OdometryPrior:
-    """Errors to expect of an odometry: std of its scales of way and of turns and of its yaw's drift, and its random
-    drift, in m and rad after 1 m of way.
-    """
+    """Std of an odometry's scales of way and turns, of its yaw's drift; random drift, in m and rad after 1 m."""
 
     scale_std: float
     turn_scale_std: float

@@ -217,14 +217,13 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
     at_starts = body.knots_from(starts, timeline)
     if last is None:
         return at_starts
-    pose, rate = last.problem.timeline.sample(timeline.t_s).of(last.knots)
-    ahead_s = (timeline.t_s - last.problem.timeline.t_s[-1]).clip(0.0)
+    old, begin_s = last.problem.timeline, timeline.t_s[0]
+    pose, rate = old.sample(timeline.t_s).of(last.knots)
+    ahead_s = (timeline.t_s - old.t_s[-1]).clip(0.0)
     knots = np.stack([pose + ahead_s[:, None] * rate, rate], axis=1)
-    old_s = last.problem.timeline.t_s
     for first_s in timeline.t_s[timeline.firsts].tolist():
-        if first_s > old_s[-1] or (
-            first_s > timeline.t_s[0] and np.abs(old_s[last.problem.timeline.firsts] - first_s).min() > 1e-6
-        ):
+        is_cut = first_s > begin_s and np.abs(old.t_s[old.firsts] - first_s).min() > 1e-6
+        if is_cut or first_s > old.t_s[-1]:
             new, since = timeline.t_s >= first_s, starts.t_s >= min(first_s, starts.t_s[-1])
             some = Starts(starts.t_s[since], starts.pose[since])
             knots[new] = body.knots_from(some, timeline)[new]
@@ -232,10 +231,7 @@ def _guess(body: Body, timeline: Timeline, starts: Starts, last: Estimate | None
 
 
 def track_of(tracked: Tracked | Known, t_s: Float, t_ns: Int, tag: int | None) -> Track:
-    """Of a tag, or of the body's origin at the mean height of its tags, at t_ns (N,), which are t_s.
-
-    Its covariances know that stamps are uncertain.
-    """
+    """Of a tag, or the body's origin at its tags' mean height, at t_ns (N,), which are t_s; stamps are uncertain."""
     (pose, rate, covariance), ranges, axes = tracked.poses(t_s), tracked.body.ranges, tracked.body.axes
     size, n, lever_m, height_m = len(axes), len(t_ns), np.zeros(2), ranges.height_m.mean()
     if tag is not None:

@@ -167,10 +167,7 @@ class RangeModel:
     scale: int | None = None
 
     def predict(self, slots: Slots, pose: Float, values: Float) -> tuple[Float, Float, Int, Float]:
-        """Predictions (N,), slopes by the pose (N, D), and by globals: columns (G, N), slopes (G, N).
-
-        pose (N, D) at the slots' instants; values (M,) of the globals.
-        """
+        """Predictions (N,), slopes by pose (N, D), globals' columns and slopes (G, N); values (M,) of globals."""
         axes, first = self.axes, self.free
         place_m, swing_m = axes.places(pose, slots.lever_m)
         apart_m = np.vstack([place_m.T, slots.height_m]) - self.anchors_m.T.take(slots.anchor, axis=1)

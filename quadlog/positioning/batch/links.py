@@ -19,8 +19,7 @@ WEAK_FIRST_PATH_DB = 6.0
 COMMON_STD_M = 0.2
 LINK_STDS_M = (0.0, 0.002, 0.02, 0.07)
 PRIORS = ("no biases", "one bias of all links", "one of all links, and small ones of each", "a bias of each link")
-"""Biases that are possible a priori, and the std of those of each link; real sets lie within 0 and 0.4 m, and links of
-one make share most of it."""
+"""Biases possible a priori, and their std for each link; real sets have 0 to 0.4 m, most of it in common."""
 NO_BIAS_M = 1e-3
 SCALE_STD, NO_SCALE = 0.05, 1e-5
 """Of the ranges' scale less one, where they have one and where not."""

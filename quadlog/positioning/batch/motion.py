@@ -1,7 +1,4 @@
-"""Knots in segments, the cubic Hermite spline between them, and how a coordinate may move from one to the next.
-
-The spline is the mean of a white-acceleration process [Barfoot].
-"""
+"""Knots in segments, cubic Hermite splines between them, the means of white-acceleration processes [Barfoot]."""
 
 from __future__ import annotations
 
@@ -26,9 +23,6 @@ class Timeline:
 
     t_s: Float
     connected: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.t_s)
 
     @property
     def firsts(self) -> Int:
@@ -134,7 +128,8 @@ def motion_information(motions: tuple[Motion, ...], timeline: Timeline) -> Float
     start = np.array([m.start_std for m in motions] + [m.start_rate_std for m in motions])
     at = np.arange(2 * size)
     for first in timeline.firsts.tolist():
-        row, shift = min(first, len(timeline) - 2), 0 if first < len(timeline) - 1 else 2 * size
+        row = min(first, len(timeline.connected) - 1)
+        shift = 2 * size * (first - row)
         information[row, at + shift, at + shift] += start**-2.0
     return information
 

@@ -18,8 +18,7 @@ HALF_TRUST_STD = 2.5
 SHARE_S, SHARE_PRIOR = 2.0, (0.3, 0.5)
 """Over how long the share of late ranges of a link is taken for constant, and pseudo-counts of late and other ones."""
 DELAYS_STD, ODD_SHARE, ODD_SPAN_M = (2.0, 5.0, 12.5), 0.01, 20.0
-"""Mean delays of late ranges, in std of ranges in sight; a range may be anything with this probability, over so wide
-a span."""
+"""Mean delays of late ranges, in std of ranges in sight; and how likely a range is anything, over so wide a span."""
 LATE_BY_STD, BLOCKED_SHARE, MOSTLY_SHARE, WHITE_S, WHITE_RANGES = 3.0, 0.03, 0.16, 0.25, 3.0
 """Paths are blocked where, of ranges off by more std, so many more are late than early. Errors of the ranges in sight
 that last no longer are white; others are reflections, unless so many more ranges are late. Chosen on walks of seeds

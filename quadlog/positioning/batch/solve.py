@@ -275,8 +275,7 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
     """The noise by what rounds so far show, and whether that is all.
 
     More ranges that are late than early show blocked paths; but where errors last, only if most are late: others are
-    reflections. Of three anchors ranges contradict each other too rarely to show which is late. Without calibration a
-    link whose bias is its own seems late.
+    reflections. Three anchors are too few to show which is late; without calibration a link with a bias seems late.
     """
     slots, (span_s, n) = problem.slots, problem.heard
     std_m = weights.std_m[slots.range_link]
@@ -296,7 +295,7 @@ def judge(problem: Problem, residual_m: Float, weights: Weights, knots: Float) -
 
 def walking_clock(timeline: Timeline, knots: Float) -> Float:
     """(K,) seconds at the knots by a clock that slows down with the body, and goes on between segments."""
-    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline))
+    t_s, place_m, at = timeline.t_s, knots[:, 0, :2], np.arange(len(timeline.t_s))
     before, after = (at - NEAR_KNOTS).clip(0), (at + NEAR_KNOTS).clip(max=len(t_s) - 1)
     speed_mps = np.hypot(*(place_m[after] - place_m[before]).T) / (t_s[after] - t_s[before])
     return np.append(0.0, np.cumsum(np.diff(t_s) * np.minimum(speed_mps[1:] / WALKING_MPS, 1.0)))
@@ -370,12 +369,11 @@ def solve(
 ) -> Estimate:
     """Iterate from a start: the globals with weights that are alike on both sides, the knots with lateness weights.
 
-    One-sided weights would shift a bias, unless paths are blocked: then the median of a link may be late, and ranges
-    count by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of
-    ranges being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the
-    errors is estimated once and kept. It is not estimated again, because motion that a stiffer track cannot follow
-    would look like persistent errors. warm: the start is near enough for robust weights. known: the noise; then the
-    start is warm, and a move of NEAR_M is the last.
+    One-sided weights would shift a bias, unless paths are blocked: then a link's median may be late, and ranges count
+    by the probability of line of sight, for both. Rounds: all ranges with weight one; robust weights, the std of ranges
+    being estimated, errors taken as white; then, after some more where paths are blocked, the persistence of the errors
+    is estimated, once, as motion that a stiffer track cannot follow would look like it. warm: the start is near enough
+    for robust weights. known: the noise; then the start is warm, and a move of NEAR_M is the last.
     """
     n, n_links, moved_m = len(problem.slots.range_m), problem.slots.n_links, np.inf
     given_m = robust.USUAL_STD_M if problem.range_std_m is None else problem.range_std_m

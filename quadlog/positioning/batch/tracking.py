@@ -82,10 +82,7 @@ class Odometry:
 
 @dataclass(frozen=True)
 class Body:
-    """What the track of a body with one tag or several is estimated from: R > 0 ranges in time order among anchors.
-
-    cuts_s: where it was carried away; yaw: whether that is tracked.
-    """
+    """R > 0 ranges in time order of a body's tags among anchors; cuts_s: carried away; yaw: whether that is tracked."""
 
     ranges: TagRanges
     anchors_m: Float
@@ -125,7 +122,7 @@ class Body:
     def knots_from(self, starts: Starts, timeline: Timeline) -> Float:
         """(K, 2, D) knots that stand at their places between starts."""
         axes = self.axes
-        knots, own = np.zeros((len(timeline), 2, len(axes))), [0, 1] if axes.yaw is None else [0, 1, axes.yaw]
+        knots, own = np.zeros((len(timeline.t_s), 2, len(axes))), [0, 1] if axes.yaw is None else [0, 1, axes.yaw]
         for axis, each in zip(own, starts.pose.T, strict=False):
             knots[:, 0, axis] = np.interp(timeline.t_s, starts.t_s, each)
         return knots
@@ -273,10 +270,8 @@ def find_jumps(estimate: Estimate, starts: Starts) -> Float:
     stress = problem.stress(estimate.knots) * timeline.connected
     stress[timeline.firsts[timeline.firsts < len(stress)]] = 0.0  # these hold what is known of a start
     interval, second = problem.sampling.interval[problem.slots.slot], np.ones(round(1 / KNOT_S))
-    n, shorts, stress = (
-        np.convolve(each, second, "same")
-        for each in (*(np.bincount(interval, each, len(stress)) for each in (np.ones(len(short)), short)), stress)
-    )
+    counts = [np.bincount(interval, each, len(stress)) for each in (np.ones(len(short)), short)]
+    n, shorts, stress = (np.convolve(each, second, "same") for each in (*counts, stress))
     suspect = (stress > JUMP_STRESS) & (shorts > JUMP_SHORT_SHARE * n)
     sides = sliding_window_view(starts.pose[:, :2], 2 * JUMP_FIXES, axis=0).reshape(-1, 2, 2, JUMP_FIXES)
     step_m, at_s = np.hypot(*np.diff(sides.mean(axis=3))[..., 0].T), starts.t_s[JUMP_FIXES : 1 - JUMP_FIXES]

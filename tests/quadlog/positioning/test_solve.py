@@ -27,7 +27,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
     timeline = make_timeline(t_s, 0.5, 2.0, np.empty(0))
     n, way_s = ranges.n_links, np.arange(0, 4.2, 0.1)
     way = Way(way_s, np.column_stack([0.5 * way_s, np.sin(way_s)]) + 0.01 * rng.standard_normal((42, 2)), 0.3 * way_s)
-    variance = np.full(len(timeline) - 1, 0.02)
+    variance = np.full(len(timeline.t_s) - 1, 0.02)
     others = (
         Steps(timeline, way, AXES, (n, n + 1, n + 2), (variance, variance / 2)),
         Steps(timeline, way, AXES, (), (variance, variance)),
@@ -44,7 +44,7 @@ def problem_of(seed: int = 0) -> tuple[Problem, np.ndarray, np.ndarray]:
         prior[None],
         others,
     )
-    knots = 0.1 * rng.standard_normal((len(timeline), 2, 4))
+    knots = 0.1 * rng.standard_normal((len(timeline.t_s), 2, 4))
     knots[:, 0, 0] += 3 + 0.5 * timeline.t_s
     knots[:, 0, 1] += 3
     return problem, knots, mean + 0.01 * rng.standard_normal(len(mean))
