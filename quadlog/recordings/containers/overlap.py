@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadlog.recordings.containers.chunk_file import Body, Chunk, Rows
 from quadlog.recordings.containers.container import MAX_TIME_NS, Channel, Damaged, RawMessage
@@ -84,16 +85,12 @@ class Held:
         current, data = -1, None
         for at in range(0, len(rows), _BLOCK):
             block = slice(at, at + _BLOCK)
-            each = zip(source[block].tolist(), rows[block].tolist(), strict=True)
-            for place, (index, (t_ns, number, begin, end)) in enumerate(each, at):
+            columns = rows[block].view(np.int64).reshape(-1, 4).T.tolist()
+            places = range(at, at + len(columns[0]))
+            for place, index, t_ns, number, begin, end in zip(places, source[block].tolist(), *columns, strict=True):
                 if index != current:
-                    current, part = index, due[index]
-                    data = self._data(part)
-                    if isinstance(data, Damaged):
-                        part.lost = True
-                        left = len(part.rows) + int(np.count_nonzero(source[place:] == index))
-                        self.lose(part.chunk, data, left)
-                if isinstance(data, memoryview):
+                    current, data = index, self._data(due, index, source[place:])
+                if data is not None:
                     yield RawMessage(channel_of[number], t_ns, data[begin:end])
         for part in due:
             if len(part.rows) and not part.lost:
@@ -104,19 +101,27 @@ class Held:
     def _wait(self, part: Part) -> None:
         heapq.heappush(self.parts, (int(part.rows["t_ns"][0]), part.chunk.offset, part))
 
-    def _data(self, part: Part) -> memoryview | Damaged | None:
-        """Read again if it was dropped; None for a part that is lost."""
+    def _data(self, due: list[Part], index: int, sources: NDArray[np.int64]) -> memoryview | None:
+        """The data of a due part, read again if it was dropped. None where that fails: what is left of it is lost.
+
+        sources: of which part each message is that is still to be given.
+        """
+        part = due[index]
         offset = part.chunk.offset
         if part.lost or offset in self.data:
             return None if part.lost else self.data[offset]
         body = self.load(part.chunk)
-        if not isinstance(body, Body):
-            return body
-        self.again_bytes -= len(body.data)
-        if self.again_bytes < 0:
-            return Damaged("too many large chunks overlap in time", "too-large")
-        self._keep(offset, body.data)
-        return body.data
+        if isinstance(body, Body):
+            self.again_bytes -= len(body.data)
+            if self.again_bytes >= 0:
+                self._keep(offset, body.data)
+                return body.data
+            body = Damaged("too many large chunks overlap in time", "too-large")
+        part.lost = True
+        self.lose(
+            part.chunk, body or Damaged("it cannot be read again"), len(part.rows) + int((sources == index).sum())
+        )
+        return None
 
     def _keep(self, offset: int, data: memoryview) -> None:
         while self.data and self.held_bytes + len(data) > _KEPT_BYTES:
