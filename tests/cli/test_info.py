@@ -8,6 +8,7 @@ import shlex
 import sys
 import tomllib
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from mcap.writer import Writer
@@ -91,7 +92,7 @@ def test_init_writes_a_config_that_loads_overwrites_none_and_reports_damage_as_i
     text = Path("quadlog.toml").read_text()
     assert all(line in text for line in ("# id = 4\n", "# id = 1\n"))
     schema = re.match(r"#:schema (file://\S+)\n", text)[1]  # as Even Better TOML and taplo read it
-    assert set(tomllib.loads(text)) <= set(json.loads(Path(schema[7:]).read_text())["properties"])
+    assert set(tomllib.loads(text)) <= set(json.loads(Path(unquote(schema[7:])).read_text())["properties"])
     Path("quadlog.toml").write_text("keep")
     assert "--force" in refused(1, "init", ranging)
     assert Path("quadlog.toml").read_text() == "keep"
