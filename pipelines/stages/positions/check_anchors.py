@@ -40,35 +40,21 @@ def check_located(
 
     Wrong places may look like a scale of the ranges: what is wrong with it is looked for without it as well.
     """
-    found = _check(located, anchors, settings, levers_m, odometry)
+    found = None if odometry is None else _by_odometry(located, anchors, levers_m, odometry)
+    if (found is None or found.unfit) and not located.on_line:
+        range_m = [each.without_scale(each.epochs.range_m - anchors.known_bias_m) for each in located.tags]
+        logs = [
+            TagEpochs(replace(each.epochs, range_m=own_m), each.height_m)
+            for each, own_m in zip(located.tags, range_m, strict=True)
+        ]
+        named = check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
+        found = named if found is None or named.swapped or named.shifted else found
+    found = found or SurveyFaults()
     if found == SurveyFaults() or all(each.bias is None or each.bias.scale == 0 for each in located.tags):
         return found
     unscaled = replace(located, tags=tuple(replace(each, bias=None) for each in located.tags))
-    named = _check(unscaled, anchors, settings, levers_m, odometry)
+    named = check_located(unscaled, anchors, settings, levers_m, odometry)
     return named if named.swapped or named.shifted else found
-
-
-def _check(
-    located: Located,
-    anchors: Anchors,
-    settings: LocateSettings,
-    levers_m: Mapping[int, tuple[float, float]],
-    odometry: PoseSeries | None,
-) -> SurveyFaults:
-    """With the scale of the ranges taken out."""
-    found = None if odometry is None else _by_odometry(located, anchors, levers_m, odometry)
-    if found is not None and not found.unfit:
-        return found
-    if located.on_line:
-        return found or SurveyFaults()
-    logs = [
-        TagEpochs(
-            replace(each.epochs, range_m=each.without_scale(each.epochs.range_m - anchors.known_bias_m)), each.height_m
-        )
-        for each in located.tags
-    ]
-    named = check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
-    return named if found is None or named.swapped or named.shifted else found
 
 
 def _by_odometry(
