@@ -113,17 +113,18 @@ def _difference_cell(name: str, paired: PairedDifference | None) -> Cell:
     low, high = paired.interval or (0.0, 0.0)
     largest = max(abs(paired.difference), abs(low), abs(high)) or 1.0
     at, low, high = (round(50 + 50 * of / largest, 1) for of in (paired.difference, low, high))
-    text, _, interval = _difference_text(name, paired).partition(" [")
     bar = None if paired.interval is None else (min(at, 50.0), max(at, 50.0), low, high)
-    return Cell(text, paired.difference, interval.removesuffix("]"), state=_judged(name, paired), bar=bar)
+    interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
+    return Cell(_signed(name, paired), paired.difference, interval, state=_judged(name, paired), bar=bar)
 
 
 def _difference_text(name: str, paired: PairedDifference) -> str:
-    if paired.same:
-        return "the same"
-    text = "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
     interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
-    return f"{text} [{interval}]" if interval else text
+    return "the same" if paired.same else _signed(name, paired) + (f" [{interval}]" if interval else "")
+
+
+def _signed(name: str, paired: PairedDifference) -> str:
+    return "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
 
 
 def _judged(name: str, paired: PairedDifference | None) -> State:
