@@ -5,6 +5,7 @@ once, and a walk over the records where no index describes them.
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -156,40 +157,40 @@ class ChunkFile(Container):
 
     # What a format is:
 
+    @abstractmethod
     def _open(self) -> None:
         """Find the chunks and what is known of them, by the index or a walk. Raises NothingReadable."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _identities(self) -> Iterable[tuple[int, Identity]]:
         """Channel ids of the file, in order, and what makes them a Channel."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
         """The chunk, checked and decompressed; None for one of more than at_most bytes. Raises Damaged."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[Any, memoryview]]]:
         """Messages, number of records and definitions in a buffer of whole records, of most + 1 records at most.
 
         Raises Damaged.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def _listed(self, chunks: Sequence[Chunk]) -> list[Rows]:
         """All messages of the chunks by their message indexes, with no end of theirs. Raises Damaged."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _step(self, position: int) -> int | None:
         """Take in the record at this offset: where the next one starts, None at the end. Raises Damaged."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _begin_of(self, mark: int) -> int | None:
         """Where the record begins whose mark lies there, None where there is no whole one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _define(self, kind: Any, content: memoryview) -> None:
         """Take in a record that says what a channel is. Raises Damaged."""
-        raise NotImplementedError
 
     # Opening:
 

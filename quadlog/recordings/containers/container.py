@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -117,12 +118,12 @@ class Loss:
     count: int | None = None
 
 
-class ClosedOnExit:
+class ClosedOnExit(ABC):
     """A context manager that closes itself."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release what it holds."""
-        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self
@@ -146,25 +147,25 @@ class Container(ClosedOnExit):
         self.losses: list[Loss] = []
         self.resources = ExitStack()
 
+    @abstractmethod
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """Messages with start_ns <= log time < end_ns in order of log time, one at a time; memory stays flat."""
-        raise NotImplementedError
 
+    @abstractmethod
     def log_times(self) -> Iterator[LogTimes]:
         """Log times of all messages from indexes alone, payloads unread.
 
         Raises Damaged, at once or on the way, where there is no index or it disagrees with itself.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def excerpt(self, budget: Budget) -> Container | None:
         """The same recording with some of its messages, from places spread evenly; None where it fits the budget.
 
         Closed with the recording itself. Damage elsewhere than in these places is not found.
         """
-        raise NotImplementedError
 
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
