@@ -20,7 +20,8 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from quadlog.results.page.pack import Pack
-from quadlog.results.text import State
+from quadlog.results.record import SavedMetric
+from quadlog.results.text import NONE, Bound, State, interval_text, state_of, value_text
 from quadlog.results.view import Moment
 from quadlog.storage.atomic_write import write_whole
 from quadlog.version import __version__
@@ -95,6 +96,14 @@ class Cell(NamedTuple):
     track: Sequence[tuple[str, str]] = ()
 
 
+def metric_cell(name: str, of: SavedMetric | None, bound: Bound | None = None, digits: int = 3) -> Cell:
+    """A value with its 95 % interval below, coloured by its bound, and without one by what is usual."""
+    if of is None:
+        return Cell(NONE) if bound is None else Cell("not measured", state="bad")
+    interval = interval_text(name, of.interval, of.unit)
+    return Cell(value_text(name, of.value, of.unit, digits), of.value, interval, state=state_of(name, of, bound))
+
+
 class Table(NamedTuple):
     """Rows of cells under a title. folded: first row shown only on demand. command: shown for the rows that a reader
     chooses, which can be filtered, too; it takes the values of their first cells.
@@ -113,7 +122,7 @@ class Table(NamedTuple):
 class Drawn(NamedTuple):
     """A drawing of the page's pack: panels of curves, or a scene, which has a player if it moves.
 
-    start: instant of the first view.
+    start: instant of the first view. charts: curves on the time axis of a scene, in a column beside it.
     """
 
     name: str
@@ -121,13 +130,7 @@ class Drawn(NamedTuple):
     caption: str = ""
     moments: Sequence[Moment] = ()
     start: float | None = None
-
-
-class Beside(NamedTuple):
-    """A scene with a player above its timeline, beside curves on its time axis in a column that scrolls by itself."""
-
-    scene: Drawn
-    charts: Sequence[Drawn]
+    charts: Sequence[Any] = ()
 
 
 class Text(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,27 +13,13 @@ from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.metrics.intervals import COVERAGE
 from quadlog.results.figures import FIGURES, drawings_of
 from quadlog.results.page import blocks
-from quadlog.results.page.blocks import Cell, Column, Table
+from quadlog.results.page.blocks import Cell, Column, Table, metric_cell
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import matters, status, verdict
+from quadlog.results.record import TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.text import (
-    Bound,
-    bounds_of,
-    count,
-    file_size,
-    interval_note,
-    interval_text,
-    label_of,
-    percent,
-    sig,
-    state_of,
-    value_text,
-)
+from quadlog.results.text import Bound, State, bounds_of, count, file_size, interval_note, label_of, percent, sig
 from quadlog.results.view import TIME, Drawing, Scene
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 _START = ("max_error_m", "eta_m", "ate_rmse_m", "uwb_rmse_m")
 _WORST = {
@@ -63,18 +49,16 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     for figure in (figure for figure in shown if figure.name in drawings):
         pack.add(figure.name, drawings[figure.name])
         views[figure.name] = blocks.Drawn(figure.name, figure.title, figure.caption)
-    first: list[Any] = [blocks.Verdict(sentences), blocks.Cards(cards(run))]
+    first = [blocks.Verdict(sentences), *([blocks.Cards(numbers)] if (numbers := cards(run)) else [])]
     torques = [views.pop("torques")] if "torques" in views else []
-    scene = drawings.get("trajectory")
-    if isinstance(scene, Scene):
+    if isinstance(scene := drawings.get("trajectory"), Scene):
         names = (*moments_of, *_START)
         ranked = sorted(scene.moments, key=lambda of: names.index(of.name) if of.name in names else len(names))
         start = ranked[0].seconds if ranked else None
-        player = blocks.Drawn("trajectory", moments=scene.moments, start=start)
-        timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         del views["trajectory"]
+        timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         curves = [views.pop(name) for name in timed]
-        first.append(blocks.Beside(player, curves) if curves else player)
+        first.append(blocks.Drawn("trajectory", moments=scene.moments, start=start, charts=curves))
     help_text = f"Drag in a chart, or turn the wheel with Ctrl, to zoom; double-click to see all. {pack.thinned}"
     sections = [
         blocks.Section("", [*first, *_lost(run)]),
@@ -98,7 +82,7 @@ def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
     """The metrics that matter of each theme; broken bounds first, and all of them."""
     bounds, found = bounds_of(run), []
     for theme, labels in THEMES.items():
-        shown = [_shown(run, name, bounds.get(name)) for name in labels if name in run.metrics or name in bounds]
+        shown = [_shown(run, name, bounds) for name in labels if name in run.metrics or name in bounds]
         shown.sort(key=lambda one: one.state != "bad")
         most = max(PER_CARD, sum(one.state == "bad" for one in shown))
         if shown and (theme != "Computing" or shown[0].state):  # which the page's head has
@@ -106,33 +90,28 @@ def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
     return found
 
 
-def _shown(run: Run, name: str, bound: Bound | None) -> blocks.Shown:
-    metric, meaning = run.metrics.get(name), f"{CATALOGUE[name].meaning} ({name})"
-    expected = "" if bound is None else f"expected {bound.words}"
-    if metric is None:
-        return blocks.Shown(label_of(name), "not measured", expected, meaning, "bad", None)
-    small = expected or interval_text(name, metric.interval, metric.unit)
-    value = value_text(name, metric.value, metric.unit)
-    seconds = None if metric.worst_t_ns is None else float(run.seconds(np.array([metric.worst_t_ns]))[0])
-    return blocks.Shown(label_of(name), value, small, meaning, state_of(name, metric, bound), seconds)
+def _shown(run: Run, name: str, bounds: Mapping[str, Bound]) -> blocks.Shown:
+    metric, bound = run.metrics.get(name), bounds.get(name)
+    cell, worst_t_ns = metric_cell(name, metric, bound), None if metric is None else metric.worst_t_ns
+    small = cell.below if bound is None else f"expected {bound.words}"
+    seconds = None if worst_t_ns is None else float(run.seconds(np.array([worst_t_ns]))[0])
+    return blocks.Shown(label_of(name), cell.text, small, f"{CATALOGUE[name].meaning} ({name})", cell.state, seconds)
 
 
 def metric_table(run: Run) -> Table:
     """All metrics, by theme."""
-    bounds = bounds_of(run)
+    bounds, rows = bounds_of(run), []
     known = [name for labels in THEMES.values() for name in labels]
-    rows = []
-    for name in [*(n for n in known if n in run.metrics or n in bounds), *(n for n in run.metrics if n not in known)]:
+    for name in (of for of in dict.fromkeys([*known, *run.metrics]) if of in run.metrics or of in bounds):
         metric, bound = run.metrics.get(name), bounds.get(name)
+        cell, samples = (
+            metric_cell(name, metric, bound, 4),
+            Cell("") if metric is None else Cell(count(metric.n), metric.n),
+        )
         meaning = f"{CATALOGUE[name].meaning if name in CATALOGUE else ''}."
-        cells = [Cell("not measured", state="bad"), Cell(""), Cell("")]
-        if metric is not None:
-            value, state = value_text(name, metric.value, metric.unit, 4), state_of(name, metric, bound)
-            interval, samples = Cell(interval_text(name, metric.interval, metric.unit)), Cell(count(metric.n), metric.n)
-            cells = [Cell(value, metric.value, state=state), interval, samples]
         below = meaning if bound is None else f"{meaning} Expected {bound.words}."
-        first = Cell(label_of(name), below=below, state=cells[0].state)
-        rows.append([first, Cell(name, code=True), *cells])
+        first = Cell(label_of(name), below=below, state=cell.state)
+        rows.append([first, Cell(name, code=True), cell._replace(below=""), Cell(cell.below), samples])
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
                Column("95 % interval", True, help=COVERAGE), Column("samples", True, True)]  # fmt: skip
     note = (f"{interval_note(run.record.recorded_s)}. "
@@ -140,18 +119,18 @@ def metric_table(run: Run) -> Table:
     return Table(columns, rows, "all-metrics", note, sortable=True)
 
 
-def frame_table(frame: DataFrame, heads: Mapping[str, str], name: str, note: str = "") -> Table:
-    """The columns of a frame that have a head; texts to the left, numbers to the right, `seconds` as links."""
-    text = {column: frame[column].dtype.kind not in "fiu" for column in heads if frame[column].astype(str).any()}
-    shown = frame.head(MOST_ROWS).to_dict("records")
-    rows = [[_cell(column, row[column], text[column]) for column in text] for row in shown]
-    if len(frame) > MOST_ROWS:
-        note = f"{note} The first {MOST_ROWS} of {count(len(frame))} rows.".strip()
-    return Table([Column(heads[column], not text[column]) for column in text], rows, name, note)
+def rows_table(rows: Sequence[Mapping[Any, Any]], heads: Mapping[str, str], name: str, note: str = "") -> list[Table]:
+    """The columns of these rows that have a head and a value; texts to the left, numbers to the right."""
+    filled = [column for column in heads if any(row[column] != "" for row in rows)]
+    text = {column: isinstance(rows[0][column], str | bool) for column in filled}
+    cells = [[_cell(column, row[column]) for column in text] for row in rows[:MOST_ROWS]]
+    if len(rows) > MOST_ROWS:
+        note = f"{note} The first {MOST_ROWS} of {count(len(rows))} rows.".strip()
+    return [Table([Column(heads[column], not text[column]) for column in text], cells, name, note)] if rows else []
 
 
-def _cell(column: str, value: Any, is_text: bool) -> Cell:
-    if is_text:
+def _cell(column: str, value: Any) -> Cell:
+    if isinstance(value, str | bool):
         return Cell({True: "yes", False: "no"}.get(value, str(value)))
     number = float(value) if np.isfinite(value) else None
     shown = percent(number) if column.endswith("share") else sig(number)
@@ -179,18 +158,18 @@ _SHOWN = {
 
 def _tables(run: Run, *names: str) -> Iterator[Table]:
     for name in names:
-        frame = run.table(name)
-        if frame is not None:
-            yield frame_table(frame, _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
+        if (frame := run.table(name)) is not None:
+            yield from rows_table(frame.to_dict("records"), _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
 
 
-def _torques(run: Run) -> Iterator[Table]:
+def _torques(run: Run) -> list[Table]:
     body = run.table("body")
-    if body is not None:
-        wide = body[body["phase"] != "all"].pivot_table("torque_rms_nm", "joint", ["body", "phase"], sort=False)
-        wide.columns = [", ".join(head) for head in wide.columns]
-        names = {"joint": "torque, rms (N·m)", **{head: head for head in wide.columns}}
-        yield frame_table(wide.reset_index(), names, "torques-of-bodies")
+    if body is None:
+        return []
+    wide = body[body["phase"] != "all"].pivot_table("torque_rms_nm", "joint", ["body", "phase"], sort=False)
+    wide.columns = [", ".join(head) for head in wide.columns]
+    heads = {"joint": "torque, rms (N·m)", **{head: head for head in wide.columns}}
+    return rows_table(wide.reset_index().to_dict("records"), heads, "torques-of-bodies")
 
 
 def _lost(run: Run) -> Iterator[Any]:
@@ -198,24 +177,17 @@ def _lost(run: Run) -> Iterator[Any]:
         f"{of.cause}{f' on {of.topic}' if of.topic else ''}{f', {count(of.count)} ×' if of.count else ''}: {of.detail}"
         for of in run.record.losses
     ]
-    if lines:
-        yield blocks.Notes("Lost from the recording", lines, "bad")
     warnings = [*matters(run), *run.notes]
-    if warnings:
-        yield blocks.Notes("Warnings", warnings)
-    if rest := [text for text in run.record.warnings if text not in warnings]:
-        yield blocks.Notes("To know", rest, "")
-
-
-def _records(rows: Sequence[Mapping[str, Any]], name: str, note: str = "") -> list[Table]:
-    """Rows of text and numbers below their names."""
-    from pandas import DataFrame
-
-    return [frame_table(DataFrame(rows), {key: key for key in rows[0]}, name, note)] if rows else []
+    rest = [text for text in run.record.warnings if text not in warnings]
+    states: dict[str, State] = {"Lost from the recording": "bad", "Warnings": "warn", "To know": ""}
+    for (title, state), texts in zip(states.items(), (lines, warnings, rest), strict=True):
+        if texts:
+            yield blocks.Notes(title, texts, state)
 
 
 def _topics(run: Run) -> Iterator[Any]:
-    yield from _records([of.model_dump() for of in run.record.topics], "topics-used")
+    heads = {name: name for name in TopicRecord.model_fields}
+    yield from rows_table([of.model_dump() for of in run.record.topics], heads, "topics-used")
     if run.record.notes:
         yield blocks.Details("Choices that affected the result", [*map(blocks.Text, run.record.notes)])
 
@@ -223,12 +195,10 @@ def _topics(run: Run) -> Iterator[Any]:
 def _made(run: Run) -> Iterator[Any]:
     record = run.record
     total_s = sum(stage.seconds for stage in record.stages) or 1.0
-    stages = [
-        {"stage": of.name, "time (s)": round(of.seconds, 2), "share": of.seconds / total_s,
-         "peak memory (MB)": of.peak_memory_mb} for of in record.stages
-    ]  # fmt: skip
+    stages = [of.model_dump() | {"time_s": round(of.seconds, 2), "share": of.seconds / total_s} for of in record.stages]
+    heads = {"name": "stage", "time_s": "time (s)", "share": "share", "peak_memory_mb": "peak memory (MB)"}
     note = f"Start-up, imports and compilation, took {record.startup_s:.1f} s more."
-    yield from _records(stages, "stages", note)
+    yield from rows_table(stages, heads, "stages", note)
     yield blocks.Text(shlex.join(record.command), code=True)
     kind, value = record.input.fingerprint or ("no fingerprint", "")
     size = file_size(record.input.size_bytes)

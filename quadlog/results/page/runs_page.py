@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
@@ -17,7 +18,7 @@ from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.diff import TIMINGS
 from quadlog.results.find_runs import find_runs, is_run, run_name
 from quadlog.results.page import blocks
-from quadlog.results.page.blocks import Cell, Column, Sentence, Table
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table, metric_cell
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.side_by_side import Paired, settings_table, sweep_blocks, tracks_and_curves
 from quadlog.results.page.verdict import verdict, walked_m
@@ -25,35 +26,37 @@ from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.studies.sweep import read_sweep_table, summarise_sweep
 from quadlog.results.tables import read_table
-from quadlog.results.text import (
-    NONE,
-    STATES,
-    Bound,
-    State,
-    bounds_of,
-    count,
-    label_of,
-    sig,
-    state_of,
-    value_text,
-)
+from quadlog.results.text import STATES, Bound, State, bounds_of, count, label_of, sig, unit_of, value_text
 from quadlog.results.view import thin_evenly
 
 MOST_DRAWN = 16
 """Runs whose paths and curves are drawn; the list has all."""
 COLUMNS = 6
-"""Metrics chosen for the list of runs; all of them are on demand."""
-END_WORDS: dict[int, tuple[str, State]] = {0: ("done", ""), 1: ("failed", "bad"), 3: ("with loss", "warn")}
+"""Metrics chosen for the list of runs; summary.parquet and sweep.parquet have all."""
+END_WORDS: dict[int, tuple[str, State]] = {1: ("failed", "bad"), 3: ("with loss", "warn"), 0: ("done", "")}
+"""Worst first."""
 
 
 class Listed(NamedTuple):
-    """A run of the list. name: of its folder; exit_code, reason: how its replay ended; metrics: its values by name."""
+    """A run of the list. name: of its folder; exit_code, reason: how its replay ended."""
 
     name: str
     exit_code: int
     reason: str
-    metrics: Mapping[str, float]
+    metrics: Mapping[str, SavedMetric]
     run: Run | None
+
+
+def _listed(folder: Path, name: str, exit_code: int, reason: str, metrics: Mapping[str, float]) -> Listed:
+    """A run inside the folder, without what is in it if it cannot be read or the name leads elsewhere."""
+    run = None
+    if all(part == run_name(part) for part in name.split("/")):
+        with suppress(QuadlogError):
+            run = Run(folder / name)
+    known = {key: SavedMetric(of, 0, CATALOGUE[key].unit) for key, of in metrics.items() if math.isfinite(of)}
+    lost = run is not None and run.record.losses
+    code = ExitCode.WITH_LOSS if lost and exit_code == ExitCode.DONE else exit_code
+    return Listed(name, code, reason, known if run is None else known | run.metrics, run)
 
 
 def list_page(
@@ -68,71 +71,52 @@ def list_page(
     compared = dict(list(runs.items())[:MOST_DRAWN])
     drawn = tracks_and_curves(compared, pack, []) if one_clock else []
     note = f"{count(len(runs) - MOST_DRAWN)} further runs are not drawn. " if len(runs) > MOST_DRAWN else ""
-    every = runs_table("every-metric", rows, chosen_metrics(rows, len(CATALOGUE)), brief=True)
     sections = [
         blocks.Section("", [blocks.Verdict([*findings, *_ends(rows)])]),
         *first,
-        blocks.Section("Runs", [runs_table("list", rows, chosen_metrics(rows))]),
+        blocks.Section("Runs", [runs_table(rows)]),
         blocks.Section("Paths and curves", drawn, f"{note}{pack.thinned}"),
         blocks.Section("Settings that differ", settings_table(compared)),
-        blocks.Section("All metrics", [blocks.Details("A column for each metric", [every])] if rows else []),
     ]
     return blocks.Page(title, sections, [f"{count(len(rows))} run{'s' * (len(rows) != 1)}"], pack=pack)
 
 
-def _opened(folder: Path, name: str) -> Run | None:
-    """A run inside the folder; None for one that cannot be read, and for a name that leads elsewhere."""
-    if any(part != run_name(part) for part in name.split("/")):
-        return None
-    try:
-        return Run(folder / name)
-    except QuadlogError:
-        return None
-
-
-def _ends(rows: Sequence[Listed]) -> list[Sentence]:
+def _ends(rows: Sequence[Listed]) -> Iterator[Sentence]:
     """How many runs ended how."""
     often = Counter(row.exit_code for row in rows)
-    found = [
-        Sentence(word.capitalize(), f"{count(often[code])} of {count(len(rows))} runs.", state or "good")
-        for code, (word, state) in END_WORDS.items() if often[code]
-    ]  # fmt: skip
-    return sorted(found, key=lambda line: STATES.index(line.state))
+    for code, (word, state) in END_WORDS.items():
+        if often[code]:
+            yield Sentence(word.capitalize(), f"{count(often[code])} of {count(len(rows))} runs.", state or "good")
 
 
 def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
     """The metrics that matter most of those that any run has: the first of each theme, then the second, and so on."""
-    there = {name for row in rows for name in row.metrics} - (TIMINGS if most == COLUMNS else set())
+    there = {name for row in rows for name in row.metrics} - TIMINGS
     ranked = [(place, name) for labels in THEMES.values() for place, name in enumerate(labels) if name in there]
     return [name for _, name in sorted(ranked, key=lambda item: item[0])[:most]]
 
 
-def runs_table(name: str, rows: Sequence[Listed], metrics: Sequence[str], brief: bool = False) -> Table:
-    """The runs, worst first: track, worst sentence and these metrics, coloured by bounds and alarms.
-
-    brief: by name alone.
-    """
-    ends = len({row.exit_code for row in rows}) > 1
-    tops, found = {metric: 0.0 if brief else _largest(rows, metric) for metric in metrics}, []
+def runs_table(rows: Sequence[Listed]) -> Table:
+    """The runs, worst first: track, worst sentence and metrics, coloured by bounds and alarms."""
+    ends, metrics = len({row.exit_code for row in rows}) > 1, chosen_metrics(rows)
+    tops, found = {metric: _largest(rows, metric) for metric in metrics}, []
     for row in rows:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
         worst = Sentence("", row.reason[:300], "bad") if row.run is None else verdict(row.run)[0]
         has_page = row.run is not None and (row.run.path / "report.html").is_file()  # else its folder is shown
         href = "" if row.run is None else f"./{quote(row.name)}/{'report.html' * has_page}"
-        cells = [Cell(row.name, shlex.quote(row.name), _facts(row.run), href)]
-        cells += [Cell(word, state=state)] * ends
-        if not brief:
-            said = f"{worst.subject}: {worst.text}" if worst.subject else worst.text
-            cells += [Cell("", track=_track(row.run)), Cell(said, STATES.index(worst.state), state=worst.state)]
+        said = f"{worst.subject}: {worst.text}" if worst.subject else worst.text
+        cells = [Cell(row.name, shlex.quote(row.name), _facts(row.run), href), *[Cell(word, state=state)] * ends]
+        cells += [Cell("", track=_track(row.run)), Cell(said, STATES.index(worst.state), state=worst.state)]
         cells += [_value_cell(row, metric, bounds.get(metric), tops[metric]) for metric in metrics]
         found.append((STATES.index(state), STATES.index(worst.state), cells))
     found.sort(key=lambda of: of[:2])
-    whole = [] if brief else [Column("track", wide=True), Column("worst sentence")]
-    columns = [Column("run"), *[Column("ended")] * ends, *whole, *map(_column, metrics)]
-    note = "" if brief else "Bars reach from 0 to the largest of the list; the dark line is the 95 % interval."
-    command = "" if brief or len(rows) < 2 else "quadlog report --side-by-side"
-    return Table(columns, [cells for *_, cells in found], name, note, True, 100, command=command)
+    columns = [Column("run"), *[Column("ended")] * ends, Column("track", wide=True), Column("worst sentence")]
+    note = "Bars reach from 0 to the largest of the list; the dark line is the 95 % interval."
+    command = "quadlog report --side-by-side" if len(rows) > 1 else ""
+    rows_found = [cells for *_, cells in found]
+    return Table([*columns, *map(_column, metrics)], rows_found, "list", note, True, 100, command=command)
 
 
 def _facts(run: Run | None) -> str:
@@ -171,58 +155,47 @@ def _largest(rows: Sequence[Listed], metric: str) -> float:
     """The end of the bars of a column; 1 for shares."""
     if CATALOGUE[metric].kind == "share":
         return 1.0
-    return max([row.metrics[metric] for row in rows if math.isfinite(row.metrics.get(metric, math.nan))], default=0.0)
+    return max([row.metrics[metric].value for row in rows if metric in row.metrics], default=0.0)
 
 
 def _column(name: str) -> Column:
-    unit = {"rad": "°"}.get(CATALOGUE[name].unit, CATALOGUE[name].unit)
+    unit = "" if CATALOGUE[name].kind in ("share", "factor") else unit_of(name, CATALOGUE[name].unit)[1]
     return Column(f"{label_of(name)}{f' ({unit})' if unit else ''}", True, help=f"{CATALOGUE[name].meaning} ({name})")
 
 
 def _value_cell(row: Listed, name: str, bound: Bound | None, top: float) -> Cell:
     """A metric of a run, with a bar from 0 towards top, where that is not 0."""
-    value, unit = row.metrics.get(name, math.nan), CATALOGUE[name].unit
-    if not math.isfinite(value):
-        return Cell(NONE, state="" if bound is None else bound.state)
-    saved = (row.run.metrics if row.run is not None else {}).get(name, SavedMetric(value, 0))
-    ends = (value, *(saved.interval or (0.0, 0.0)))
-    bar: Any = (0.0, *(round(100 * min(max(of / top, 0.0), 1.0), 1) for of in ends)) if top > 0 else None
-    text = value_text(name, value, unit).removesuffix(f" {unit}")
-    return Cell(text, value, state=state_of(name, saved, bound), bar=bar)
+    saved = row.metrics.get(name)
+    cell = metric_cell(name, saved, bound)
+    ends = () if saved is None else (saved.value, *(saved.interval or (0.0, 0.0)))
+    bar: Any = (0.0, *(round(100 * min(max(of / top, 0.0), 1.0), 1) for of in ends)) if ends and top > 0 else None
+    return cell._replace(text=cell.text.removesuffix(f" {CATALOGUE[name].unit}"), below="", bar=bar)
 
 
-def spread_of(rows: Sequence[Listed]) -> list[Sentence]:
+def spread_of(rows: Sequence[Listed]) -> Iterator[Sentence]:
     """Mean and sample deviation of the metrics that matter, over runs of one course."""
-    found = []
     for name in chosen_metrics(rows, 4):
-        values = np.array([row.metrics[name] for row in rows if name in row.metrics])
+        values = np.array([row.metrics[name].value for row in rows if name in row.metrics])
         if len(values) > 1:
             both = (value_text(name, float(of), CATALOGUE[name].unit) for of in (values.mean(), values.std(ddof=1)))
             text = f"{' ± '.join(both)} (mean and standard deviation of {len(values)} runs)."
-            found.append(Sentence(label_of(name), text))
-    return found
+            yield Sentence(label_of(name), text)
 
 
 def write_folder_page(folder: Path) -> Path:
     """report.html of a folder of runs, from its summary.parquet. Raises NotARun, CannotWrite."""
     summary = read_table(folder, "summary")
-    rows = []
-    for number, name in enumerate(summary["recording"].tolist()):
-        values = {key: float(summary[key][number]) for key in CATALOGUE if np.isfinite(summary[key][number])}
-        code, reason = int(summary["exit_code"][number]), summary["reason"][number]
-        rows.append(Listed(name, code, reason, values, _opened(folder, name)))
-    known = {row.name for row in rows}
+    ends = zip(summary["recording"].tolist(), summary["exit_code"].tolist(), summary["reason"], strict=True)
+    values = [{key: float(summary[key][number]) for key in CATALOGUE} for number in range(len(summary["recording"]))]
+    rows = [_listed(folder, *of, metrics) for of, metrics in zip(ends, values, strict=True)]
     inside = find_runs([folder]) if any(is_run(path) for path in folder.iterdir()) else []
-    for name in (path.relative_to(folder).as_posix() for path in inside):
-        if name not in known and (run := _opened(folder, name)) is not None:  # in an inner folder
-            code = ExitCode.WITH_LOSS if run.record.losses else ExitCode.DONE
-            rows.append(Listed(name, int(code), "", {key: of.value for key, of in run.metrics.items()}, run))
+    deeper = {path.relative_to(folder).as_posix() for path in inside} - {row.name for row in rows}
+    rows += filter(lambda row: row.run, (_listed(folder, name, 0, "", {}) for name in sorted(deeper)))
     simulated = [row.run.simulated for row in rows if row.run is not None]
     walks = bool(simulated) and all(simulated)
     title = f"{folder.resolve().name}: {count(len(rows))} {'walk' if walks else 'recording'}{'s' * (len(rows) != 1)}"
-    return blocks.write_page(
-        folder / "report.html", list_page(title, rows, spread_of(rows) if walks else [], [], Pack())
-    )
+    page = list_page(title, rows, [*spread_of(rows)] if walks else [], [], Pack())
+    return blocks.write_page(folder / "report.html", page)
 
 
 def write_sweep_page(folder: Path, paired: Paired) -> Path:
@@ -234,7 +207,7 @@ def write_sweep_page(folder: Path, paired: Paired) -> Path:
     summary = summarise_sweep(rows)
     best = {name: summary.settings[summary.best[name]].label for name in summary.varying if name in summary.best}
     findings = [Sentence("Best", f"{label_of(name)}: {of}, beyond chance.", "good") for name, of in best.items()]
-    listed = [Listed(row.run, row.exit_code, row.reason, row.metrics, _opened(folder, row.run)) for row in rows]
+    listed = [_listed(folder, row.run, row.exit_code, row.reason, row.metrics) for row in rows]
     title = f"{folder.resolve().name}: {' and '.join(summary.keys) or 'seeds'}"
     first = blocks.Section("What the sweep changes", sweep_blocks(summary, paired, pack))
     return blocks.write_page(folder / "report.html", list_page(title, listed, findings, [first], pack))

@@ -17,7 +17,7 @@ from quadlog.metrics.differences import PairedDifference
 from quadlog.results.diff import unlike_settings
 from quadlog.results.figures import FIGURES, merged_drawings
 from quadlog.results.page import blocks
-from quadlog.results.page.blocks import Cell, Column, Sentence, Table
+from quadlog.results.page.blocks import Cell, Column, Sentence, Table, metric_cell
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
 from quadlog.results.run import Run
@@ -69,8 +69,7 @@ def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Mom
     pack.add("paths", scene)
     apart = [moment for moment in [farthest_apart(scene)] if moment is not None]
     start = apart[0].seconds if apart else moments[0].seconds if moments else None
-    view = blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start)
-    return [blocks.Beside(view, charts)] if charts else [view]
+    return [blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start, charts=charts)]
 
 
 def short_names(names: Sequence[str]) -> Sequence[str]:
@@ -90,12 +89,8 @@ def compared_metrics(compared: Compared) -> Table:
     for metric in (metric for labels in THEMES.values() for metric in labels):
         found = {name: run.metrics[metric] for name, run in compared.runs.items() if metric in run.metrics}
         cells = [Cell(label_of(metric), below=metric)]
-        for name in compared.runs:
-            of = found.get(name)
-            text, value = (NONE, None) if of is None else (value_text(metric, of.value, of.unit), of.value)
-            below = "" if of is None else interval_text(metric, of.interval, of.unit)
-            cells.append(Cell(text, value, below))
-        cells += [_difference_cell(metric, compared.paired.get(name, {}).get(metric)) for name in others]
+        cells += [metric_cell(metric, found.get(name)) for name in compared.runs]
+        cells += [_difference(metric, compared.paired.get(name, {}).get(metric)) for name in others]
         alike = len(found) == len(compared.runs) and len({of.value for of in found.values()}) == 1
         if found:
             (same if alike else rows).append(cells)
@@ -106,32 +101,22 @@ def compared_metrics(compared: Compared) -> Table:
     return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
 
 
-def _difference_cell(name: str, paired: PairedDifference | None) -> Cell:
-    """The difference over its interval, with a bar from 0 in the middle."""
+def _difference(name: str, paired: PairedDifference | None) -> Cell:
+    """The difference over its interval, with a bar from 0 in the middle, coloured where it is beyond chance."""
     if paired is None or paired.same:
         return Cell(NONE if paired is None else "the same")
-    low, high = paired.interval or (0.0, 0.0)
+    unit, better, (low, high) = CATALOGUE[name].unit, CATALOGUE[name].better, paired.interval or (0.0, 0.0)
     largest = max(abs(paired.difference), abs(low), abs(high)) or 1.0
     at, low, high = (round(50 + 50 * of / largest, 1) for of in (paired.difference, low, high))
     bar = None if paired.interval is None else (min(at, 50.0), max(at, 50.0), low, high)
-    interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
-    return Cell(_signed(name, paired), paired.difference, interval, state=_judged(name, paired), bar=bar)
+    judged: State = "good" if (paired.difference > 0) == (better == "higher") else "bad"
+    text = "+" * (paired.difference > 0) + value_text(name, paired.difference, unit, 2)
+    below = interval_text(name, paired.interval, unit)
+    return Cell(text, paired.difference, below, state=judged if paired.clear and better else "", bar=bar)
 
 
-def _difference_text(name: str, paired: PairedDifference) -> str:
-    interval = interval_text(name, paired.interval, CATALOGUE[name].unit)
-    return "the same" if paired.same else _signed(name, paired) + (f" [{interval}]" if interval else "")
-
-
-def _signed(name: str, paired: PairedDifference) -> str:
-    return "+" * (paired.difference > 0) + value_text(name, paired.difference, CATALOGUE[name].unit, 2)
-
-
-def _judged(name: str, paired: PairedDifference | None) -> State:
-    better = CATALOGUE[name].better
-    if paired is None or not paired.clear or not better:
-        return ""
-    return "good" if (paired.difference > 0) == (better == "higher") else "bad"
+def _in_words(difference: Cell) -> str:
+    return difference.text + (f" [{difference.below}]" if difference.below else "")
 
 
 def _better(compared: Compared) -> list[Sentence]:
@@ -139,9 +124,10 @@ def _better(compared: Compared) -> list[Sentence]:
     first, found = next(iter(compared.runs)), []
     looks: dict[State, tuple[str, State]] = {"good": ("better", "good"), "bad": ("worse", "warn")}
     for name, paired in compared.paired.items():
+        cells = {metric: _difference(metric, of) for metric, of in paired.items()}
         for judged, (word, state) in looks.items():
-            clear = [metric for metric in paired if _judged(metric, paired[metric]) == judged]
-            shown = [f"{label_of(metric)} ({_difference_text(metric, paired[metric])})" for metric in clear[:3]]
+            clear = [metric for metric, cell in cells.items() if cell.state == judged]
+            shown = [f"{label_of(metric)} ({_in_words(cells[metric])})" for metric in clear[:3]]
             more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
             if clear:
                 found.append(Sentence(name, f"{word} than {first} beyond chance in {', '.join(shown)}{more}.", state))
@@ -173,7 +159,7 @@ def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]
             if difference is None:
                 difference = PairedDifference(above.mean, above.interval, False, above.mean == 0)
             text = NONE if over.runs == 0 else value_text(name, over.mean, CATALOGUE[name].unit)
-            differs = _difference_text(name, difference) if number and over.runs and above.runs else ""
+            differs = _in_words(_difference(name, difference)) if number and over.runs and above.runs else ""
             interval = interval_text(name, over.interval, CATALOGUE[name].unit)
             best = summary.best.get(name) == number
             below, mean = "; ".join(filter(None, [interval, differs])), over.mean if over.runs else None
