@@ -31,10 +31,9 @@ def walk_scene(run: Run) -> view.Scene | None:
     tracks, walls, ways = list(_tracks(run)), list(_walls(run)), list(_reference(run))
     if not tracks:
         return None
-    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_course(run), *_fixes(run), *_late_ranges(run)]
-    layers += [*_plans(run), *ways, *tracks, *_errors(run), *_contacts(run)]
-    moved: list[view.Lines | view.Track] = [*ways, *tracks]
-    walked = [(way.x, way.y) for way in moved]
+    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_fixes(run), *_late_ranges(run)]
+    layers += [*_plans(run), *ways, *tracks, *_errors(run)]
+    walked = [(way.x, way.y) for way in (*ways, *tracks)]
     left, right, bottom, top = view.extent_of(*walked, margin=0.0)
     side = max(right - left, top - bottom)
     extent = view.extent_of(*walked, margin=min(AROUND_M, max(AROUND_SHARE * side, 0.5)))
@@ -49,22 +48,15 @@ def walk_scene(run: Run) -> view.Scene | None:
 
 def _tracks(run: Run) -> Iterator[view.Track]:
     target = run.table("target")
-    # The robot's own future lies on its own track.
-    if target is not None and set(target["source"].unique()) != {"ahead"}:
-        yield from _track(target, "target", "target", shape="person")
-    if not run.simulated:
-        yield from _track(run.table("poses"), "robot", "robot")
-    yield from _track(run.table("control"), "simulated robot", "resim")
-
-
-def _track(table: DataFrame | None, label: str, color: str, **look: Any) -> Iterator[view.Track]:
-    """The rows of a table that have a position."""
-    rows = _located(table)
-    if rows is None:
-        return
-    names = [name for name in ("x_m", "y_m", "yaw_rad") if name in rows]
-    columns: Any = view.break_gaps(rows["seconds"].to_numpy(), *columns_of(rows, " ".join(names)))
-    yield view.Track(label, color, *columns, **look)
+    if target is not None and set(target["source"].unique()) == {"ahead"}:
+        target = None  # the robot's own future lies on its own track
+    poses = None if run.simulated else run.table("poses")
+    shown: Any = [(target, "target", "target", "person"), (poses, "robot", "robot", "body"),
+                  (run.table("control"), "simulated robot", "resim", "body")]  # fmt: skip
+    for table, label, color, shape in shown:
+        if (rows := _located(table)) is not None:
+            names = "seconds x_m y_m" + " yaw_rad" * ("yaw_rad" in rows)
+            yield view.Track(label, color, *view.break_gaps(*columns_of(rows, names)), shape=shape)
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
@@ -83,11 +75,9 @@ def _reference(run: Run) -> Iterator[view.Lines]:
     truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
     other = _located(run.table("other_poses"))
     if truth is not None:
-        _, x_m, y_m = view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)
-        yield line("reference", "text", x_m, y_m, 1)
+        yield line("reference", "text", *view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)[1:], 1)
     if other is not None:
-        _, x_m, y_m = view.break_gaps(*columns_of(other, "seconds x_m y_m"))
-        yield line("other track", "olive", x_m, y_m, 2)
+        yield line("other track", "olive", *view.break_gaps(*columns_of(other, "seconds x_m y_m"))[1:], 2)
 
 
 def _walls(run: Run) -> Iterator[Any]:
@@ -147,18 +137,11 @@ def _scans(run: Run) -> Iterator[view.Layer]:
     keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
     keep = keep[view.thin_evenly(len(keep), MOST_OBSTACLES)]
     scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
-    seconds, cos, sin = run.seconds(saved["t_ns"])[scan], np.cos(saved["yaw_rad"][scan]), np.sin(saved["yaw_rad"][scan])
-    x_m = saved["x_m"][scan] + cos * ahead_m - sin * left_m
-    y_m = saved["y_m"][scan] + sin * ahead_m + cos * left_m
+    seconds, turn = run.seconds(saved["t_ns"])[scan], np.exp(1j * saved["yaw_rad"][scan])
+    place = saved["x_m"][scan] + 1j * saved["y_m"][scan] + turn * (ahead_m + 1j * left_m)
     if len(keep):
-        yield view.Marks(OBSTACLES, "note", x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S, hidden=True)
-
-
-def _course(run: Run) -> Iterator[view.Layer]:
-    paths = run.table("paths")
-    if run.simulated and paths is not None:
-        x_m, y_m = columns_of(paths, "x_m y_m")
-        yield line("course", "note", x_m, y_m, 1)
+        ends = {"seconds": seconds - NEAR_S, "until": seconds + NEAR_S}
+        yield view.Marks(OBSTACLES, "note", place.real, place.imag, **ends, hidden=True)
 
 
 def _fixes(run: Run) -> Iterator[view.Layer]:
@@ -170,8 +153,8 @@ def _fixes(run: Run) -> Iterator[view.Layer]:
     outlier = fixes["outlier"].to_numpy()
     for label, color, rows in (("UWB fixes", "fix", fixes[~outlier]), ("outlying fixes", "olive", fixes[outlier])):
         if len(rows):
-            seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
-            yield view.Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
+            ends = {"seconds": rows["seconds"].to_numpy() - NEAR_S, "until": rows["seconds"].to_numpy() + NEAR_S}
+            yield view.Marks(label, color, *columns_of(rows, "x_m y_m"), **ends)
     seconds, x_m, y_m, *spread_m2 = columns_of(fixes, "seconds x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
     until = np.minimum(later, seconds + view.GAP_S)
@@ -206,13 +189,14 @@ def is_late(run: Run, ranges: DataFrame) -> view.Array:
 
 
 def _plans(run: Run) -> Iterator[view.Lines]:
+    """The plan of each instant; of a simulated walk its course."""
     wanted = [("paths", "plan, recorded walk", "fix", 1, 0), ("resim_paths", "plan, simulated walk", "plan", 0, 12)]
-    for name, label, color, variant, shown in [] if run.simulated else wanted:
-        paths = run.table(name)
-        if paths is not None:
-            first, x_m, y_m = plan_ways(paths)
-            seconds = paths["seconds"].to_numpy()[first[:-1]]
-            yield view.Lines(label, color, first, x_m, y_m, seconds, variant, shown)
+    for name, label, color, variant, shown in wanted:
+        if (paths := run.table(name)) is not None and not run.simulated:
+            first, *way = plan_ways(paths)
+            yield view.Lines(label, color, first, *way, paths["seconds"].to_numpy()[first[:-1]], variant, shown)
+        elif paths is not None:
+            yield line("course", "note", *columns_of(paths, "x_m y_m"), 1)
 
 
 def plan_ways(paths: DataFrame) -> tuple[view.Array, view.Array, view.Array]:
@@ -223,46 +207,37 @@ def plan_ways(paths: DataFrame) -> tuple[view.Array, view.Array, view.Array]:
 
 
 def _errors(run: Run) -> Iterator[view.Layer]:
-    """The line from the simulated robot to the nearest point of its reference path: the error itself."""
-    control = run.table("control")
+    """The line from the simulated robot to the nearest point of its reference path: the error itself; contacts."""
+    control, contacts = run.table("control"), run.table("contacts")
     if control is not None and control["ref_x_m"].notna().any():
         seconds, *ends = view.break_gaps(*columns_of(control, "seconds x_m ref_x_m y_m ref_y_m"))
         x, y = (np.stack(pair, axis=1).ravel() for pair in (ends[:2], ends[2:]))
         first = np.arange(0, len(x) + 1, 2)
         yield view.Lines("distance to the path", "bad", first, x, y, seconds, shown=0, measured=True)
-
-
-def _contacts(run: Run) -> Iterator[view.Layer]:
-    contacts = run.table("contacts")
     if contacts is not None:
-        x_m, y_m = columns_of(contacts, "x_m y_m")
-        yield view.Marks("contact", "bad", x_m, y_m, "cross")
+        yield view.Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), "cross")
 
 
 def _moments(run: Run) -> list[view.Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag, bound and gap after the first of them."""
-    contacts, table = [], run.table("contacts")
+    table, words, contacts = run.table("contacts"), (("no collision", ""), ("collision", "collisions")), []
     if table is not None:
-        words, shows = (("no collision", ""), ("collision", "collisions")), (OBSTACLES,)
-        for at, cause, hit, x_m, y_m in zip(*columns_of(table, "seconds cause collision x_m y_m"), strict=True):
-            contacts.append(view.Moment(float(at), cause, *words[bool(hit)], shows, (), (x_m, y_m, x_m, y_m)))
-        contacts.sort(key=lambda moment: moment.value != "collision")
-    known = {moment.seconds: moment for moment in contacts}
-    before = len(known)
-    for theme, names in THEMES.items():
-        for name in names:
-            metric, label = run.metrics.get(name), CATALOGUE[name].label
-            if metric is None or metric.worst_t_ns is None or name in _AS_GOOD:
-                continue
+        rows: Any = table.sort_values("collision", ascending=False, kind="stable").itertuples()
+        for row in rows:
+            place, said = (row.x_m, row.y_m, row.x_m, row.y_m), words[row.collision]
+            contacts.append(view.Moment(row.seconds, row.cause, *said, (OBSTACLES,), line=place))
+    known = {moment.seconds: moment for moment in contacts}  # one for all metrics of one error
+    for theme, name in ((theme, name) for theme, names in THEMES.items() for name in names if name not in _AS_GOOD):
+        metric, label = run.metrics.get(name), CATALOGUE[name].label
+        if metric is not None and metric.worst_t_ns is not None:
             seconds, worst = float(run.seconds(np.array([metric.worst_t_ns]))[0]), metric.worst
             value = "" if worst is None else value_text(name, abs(worst), metric.unit)
             what = label if label.startswith(("nearest", "largest")) else f"worst {label}"
             if name == "clearance_min_m" and worst is not None and worst < 0:
                 what, value = "body", f"{value} inside an obstacle"
             drawn = {} if worst is None else _claim(run, name, float(worst), metric.worst_t_ns)
-            # One for all metrics of one error.
             known.setdefault(seconds, view.Moment(seconds, what, value, name, _SHOWS.get(theme, ()), **drawn))
-    worst_ones = [*list(known.values())[before:], *_worst_of_tags(run), *_gaps(run)]
+    worst_ones = [*(of for of in known.values() if of not in contacts), *_worst_of_tags(run), *_gaps(run)]
     return [*contacts[:MOST_CONTACTS], *worst_ones, *contacts[MOST_CONTACTS:]][:MOST_MOMENTS]
 
 
@@ -274,34 +249,34 @@ _AS_GOOD = ("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "
             "uwb_nis", "rpe_rmse_m", "reference_time_offset_s")  # fmt: skip
 """Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
 _FIXES = ("UWB fixes", "outlying fixes", ELLIPSES := "95 % ellipse of the fix")
+_WALKED = ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
 AGREES_M = 0.01
 """A line is drawn for a value that differs from its length by no more."""
 
 
 def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
     """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
-    truth, drawn = run.trajectory("reference") if name == "ate_rmse_m" else None, dict[str, Any]()
-    walked = name in ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
-    row = _row(run, "control" if walked else "poses", t_ns) if walked or truth is not None else None
-    if name in ("uwb_rmse_m", "uwb_nees", "uwb_coverage_95"):
-        drawn = _claimed_error(run, "fixes" if name == "uwb_rmse_m" else "track", t_ns)
-    elif row is not None and truth is not None:
+    if name in ("uwb_nees", "uwb_coverage_95"):
+        return _claimed_error(run, "track", t_ns)
+    drawn, truth = dict[str, Any](), run.trajectory("reference")
+    if name == "uwb_rmse_m":
+        drawn = _claimed_error(run, "fixes", t_ns)
+    elif name == "ate_rmse_m" and truth is not None and (row := _row(run, "poses", t_ns)) is not None:
         drawn = {"line": (row.x_m, row.y_m, *truth.position_m[int(np.abs(truth.t_ns - t_ns).argmin()), :2].tolist())}
-    elif row is not None and name == "clearance_min_m":
-        drawn, worst = _nearest_obstacle(run, worst, t_ns, row), max(worst, 0.0)
-    elif row is not None:
+    elif name in _WALKED and (row := _row(run, "control", t_ns)) is not None:
         drawn = {"line": (row.x_m, row.y_m, row.ref_x_m, row.ref_y_m)}
+        if name == "clearance_min_m":
+            drawn, worst = _nearest_obstacle(run, worst, t_ns, row), max(worst, 0.0)
     x0, y0, x1, y1 = drawn.get("line", [np.nan] * 4)
-    agrees = abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M
-    return drawn if agrees or name in ("uwb_nees", "uwb_coverage_95") else {}
+    return drawn if abs(np.hypot(x1 - x0, y1 - y0) - abs(worst)) <= AGREES_M else {}
 
 
 def _row(run: Run, name: str, t_ns: int, **equal: Any) -> Any:
     """The first row of a table at an instant in which columns equal these; None without one."""
     table = run.table(name)
-    at = np.empty(0, int) if table is None else np.flatnonzero(table["t_ns"].to_numpy() == t_ns)
-    rows = (table.iloc[k] for k in at.tolist() if all(table[key].iat[k] == of for key, of in equal.items()))  # type: ignore[union-attr,index]
-    return next(rows, None)
+    for key, value in (equal | {"t_ns": t_ns}).items() if table is not None else ():
+        table = table[table[key] == value]  # type: ignore[index]
+    return None if table is None or not len(table) else table.iloc[0]
 
 
 def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str, Any]:
@@ -312,11 +287,10 @@ def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str,
         place = spread = _row(run, "fixes", t_ns, tag=error.tag)
     if error is None or place is None:
         return {}
-    x_m, y_m = place.x_m, place.y_m
+    at = (place.x_m, place.y_m)
     axes_m = [np.nan] if spread is None else _axes_95(spread.cov_xx_m2, spread.cov_xy_m2, spread.cov_yy_m2)
-    ring = (x_m, y_m, *map(float, axes_m))
-    line = (x_m, y_m, x_m - error.error_x_m, y_m - error.error_y_m)
-    return {"line": line, "ring": ring if np.isfinite(ring).all() else (), "hides": _FIXES}
+    ring = (*at, *map(float, axes_m)) if np.isfinite(axes_m).all() else ()
+    return {"line": (*at, at[0] - error.error_x_m, at[1] - error.error_y_m), "ring": ring, "hides": _FIXES}
 
 
 def _nearest_obstacle(run: Run, clearance_m: float, t_ns: int, body: Any) -> dict[str, Any]:

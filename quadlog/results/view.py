@@ -30,24 +30,28 @@ COLORS = {
     "fix": "#56B4E9", "olive": "#8A7A00", "text": "#1A1A1A", "soft": "#8C8C8C", "wall": "#6E6E6E", "cell": "#1A1A1A",
     "bad": "#B3003C",
 }  # fmt: skip
-MOST_DOTS = 200
-"""Of a row of a forest plot."""
-MOST_COMPARED = 4000
-"""Samples of a curve beside those of other runs, whose own pages have all."""
+MOST_DOTS, MOST_COMPARED = 200, 4000
+"""Of a row of a forest plot; samples of a curve beside those of other runs, whose own pages have all."""
 CYCLE = ("robot", "target", "plan", "resim", "note", "fix", "olive", "text")
 """Colours of things that are many and alike (anchors, runs, planners); after these they repeat with another variant."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Series:
+class Named:
+    """What a legend lists, in a colour of COLORS."""
+
+    label: str
+    color: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series(Named):
     """A curve: x (N,) rising, y (N,).
 
     style: band fills between y and upper (N,). variant: 0 solid or filled, then dashed or hollow, and so on.
     events: each sample is of its own instant alone, and has no value at others.
     """
 
-    label: str
-    color: str
     x: Array
     y: Array
     style: Literal["line", "points", "steps", "band"] = "line"
@@ -81,14 +85,9 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Raster:
-    """Still cells: values (rows, columns), NaN for none, row = y, from low, pale, to high, in the colour.
+class Raster(Named):
+    """Still cells: values (rows, columns), NaN for none, row = y, pale at low. origin: lower-left corner."""
 
-    origin: lower-left corner.
-    """
-
-    label: str
-    color: str
     values: Array
     origin: tuple[float, float]
     cell: float
@@ -97,17 +96,15 @@ class Raster:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Windows:
+class Windows(Named):
     """The occupied cells of a map sequence, each map shown from its instant, seconds (S,), until the next one's."""
 
-    label: str
-    color: str
     seconds: Array
     maps: MapSequence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
+class Lines(Named):
     """Polylines with NaN in gaps; line k has the rows first[k] to first[k + 1] of x and y.
 
     seconds (K,): line k is shown from then until the next one's. shown: number of timed lines in a picture of the whole
@@ -115,8 +112,6 @@ class Lines:
     second one.
     """
 
-    label: str
-    color: str
     first: Array
     x: Array
     y: Array
@@ -127,15 +122,13 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Marks:
+class Marks(Named):
     """Points. seconds, until (N,): the time in which each is shown. names: written beside the points.
 
     along, cross, aside (N,): of rings instead of points, (x + along cos φ, y + cross cos φ + aside sin φ).
     hidden: switched off until the reader switches it on; left out of pictures.
     """
 
-    label: str
-    color: str
     x: Array
     y: Array
     shape: Literal["dot", "triangle", "cross", "ring"] = "dot"
@@ -149,14 +142,12 @@ class Marks:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(Named):
     """Something that moves: seconds (N,) rising; x, y (N,) NaN in gaps; yaw NaN where unknown.
 
     values: a quantity with its unit and its values (N,), which colour the track in pictures.
     """
 
-    label: str
-    color: str
     seconds: Array
     x: Array
     y: Array
@@ -247,19 +238,14 @@ def forest(
 
     marks: a vertical line, by its name. log: x is logarithmic where all of it is positive.
     """
-    series = []
+    series, named = list[Series](), dict(marks or {})
     for place, (name, of) in enumerate(rows.items()):
-        dots = np.sort(np.asarray(of.dots, float))
-        dots = dots[np.isfinite(dots)]
+        dots = np.sort([dot for dot in of.dots if np.isfinite(dot)])
         dots = dots[thin_evenly(len(dots), MOST_DOTS)]
-        shown = ((dots, "points", 1), (np.array(of.interval or ()), "line", 0), (np.array([of.value]), "points", 0))
-        series += [
-            Series(name, of.color, values, np.full(len(values), place), style, variant)  # type: ignore[arg-type]
-            for values, style, variant in shown
-            if len(values)
-        ]
+        shown: Any = ((dots, "points", 1), (np.array(of.interval or ()), "line", 0), ([of.value], "points", 0))
+        for values, style, variant in (each for each in shown if len(each[0])):
+            series.append(Series(name, of.color, np.asarray(values), np.full(len(values), place), style, variant))
     positive = log and all((one.x > 0).all() for one in series)
-    named = dict(marks or {})
     at = np.array(list(named.values()), float)
     return Panel(what, series, x, marks=at, rows=list(rows), log=positive, mark=", ".join(named))
 
@@ -313,51 +299,53 @@ def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
 
     Curves that are alike in all runs are drawn once, in grey; a panel without others is left out.
     """
-    merged: dict[str, tuple[Panel, list[Series], dict[str, dict[str, Series]]]] = {}
+    merged, shown = dict[str, tuple[Panel, list[tuple[str, Series]]]](), []
     for name, panels in runs.items():
         for panel in panels:
-            *_, curves = merged.setdefault(panel.what, (replace(panel, marks=np.empty(0)), [], {}))
-            for series in (of for of in panel.series if of.style != "band"):
-                curves.setdefault(series.label, {})[name] = series
-    for _, shown, curves in merged.values():
-        alike = {label: _alike([(of.x, of.y) for of in found.values()], len(runs)) for label, found in curves.items()}
-        for place, (label, found) in enumerate(curves.items() if not all(alike.values()) else ()):
-            for number, name in enumerate(runs):
-                if name in found and not (alike[label] and number):
-                    one, of_run = found[name], (look(number)["color"], f"{name}: {label}")
-                    color, text = ("soft", label) if alike[label] else of_run
-                    keep = thin_evenly(len(one.x), MOST_COMPARED)
-                    shown.append(replace(one, color=color, variant=place, label=text, x=one.x[keep], y=one.y[keep]))
-    return [replace(panel, series=shown) for panel, shown, _ in merged.values() if shown]
+            curves = [(name, of) for of in panel.series if of.style != "band"]
+            merged.setdefault(panel.what, (panel, []))[1].extend(curves)
+    for panel, found in merged.values():
+        series = _over_each_other(found, [*runs], "x y")
+        if any(of.color != "soft" for of in series):
+            kept = [(of, thin_evenly(len(of.x), MOST_COMPARED)) for of in series]
+            series = [replace(of, x=of.x[at], y=of.y[at]) for of, at in kept]
+            shown.append(replace(panel, series=series, marks=np.empty(0)))
+    return shown
 
 
-def _alike(columns: Sequence[tuple[Array, ...]], runs: int) -> bool:
-    """Whether all runs have the same columns."""
-    first, *others = columns
-    return len(columns) == runs > 1 and all(
-        all(np.array_equal(one, other, equal_nan=True) for one, other in zip(first, each, strict=True))
-        for each in others
-    )
+def _over_each_other(
+    found: Sequence[tuple[str, Any]], runs: Sequence[str], columns: str, brief: bool = False
+) -> list[Any]:
+    """Curves or tracks of runs in the colours of the runs, by their names: what all have alike once, in grey.
+
+    brief: one of each run is called by the run alone.
+    """
+    of_label: dict[str, dict[str, Any]] = {}
+    for name, one in found:
+        of_label.setdefault(one.label, {})[name] = one
+    shown, differing = [], []
+    for label, of in of_label.items():
+        first, *others = ([getattr(one, column) for column in columns.split()] for one in of.values())
+        same = all(np.array_equal(*pair, equal_nan=True) for other in others for pair in zip(first, other, strict=True))
+        if same and len(of) == len(runs) > 1:
+            shown.append(replace(of[runs[0]], color="soft", variant=len(shown)))
+        else:
+            differing.append(label)
+    for number, name in enumerate(runs):
+        for place, label in enumerate(label for label in differing if name in of_label[label]):
+            text = name if brief and len(differing) == 1 else f"{name}: {label}"
+            shown.append(replace(of_label[label][name], label=text, color=look(number)["color"], variant=place))
+    return shown
 
 
 def merge_scenes(runs: Mapping[str, Scene]) -> Scene:
     """The tracks of several runs in one scene on the walls of the first, a colour for each run; those alike in grey."""
     first = next(iter(runs.values()))
-    layers: list[Layer] = [layer for layer in first.layers if isinstance(layer, Raster)]
-    found: dict[str, dict[str, Track]] = {}
-    for name, scene in runs.items():
-        for track in (layer for layer in scene.layers if isinstance(layer, Track)):
-            found.setdefault(track.label, {})[name] = track
-    same = [label for label, of in found.items() if _alike([(it.seconds, it.x, it.y) for it in of.values()], len(runs))]
-    layers += [replace(next(iter(found[label].values())), color="soft") for label in same]
-    differing = [label for label in found if label not in same]
-    for number, name in enumerate(runs):
-        for place, label in enumerate(label for label in differing if name in found[label]):
-            shown = name if len(differing) == 1 else f"{name}: {label}"
-            layers.append(replace(found[label][name], label=shown, color=look(number)["color"], variant=place))
+    tracks = [(name, of) for name, scene in runs.items() for of in scene.layers if isinstance(of, Track)]
+    walls = [layer for layer in first.layers if isinstance(layer, Raster)]
     boxes: Any = [(scene.extent[:2], scene.extent[2:]) for scene in runs.values()]
-    extent = extent_of(*boxes, margin=0.0)
-    return replace(first, layers=layers, extent=extent, moments=(), activity={})
+    layers = [*walls, *_over_each_other(tracks, [*runs], "seconds x y", brief=True)]
+    return replace(first, layers=layers, extent=extent_of(*boxes, margin=0.0), moments=(), activity={})
 
 
 def farthest_apart(scene: Scene) -> Moment | None:
