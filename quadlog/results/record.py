@@ -15,17 +15,7 @@ from typing import Any, cast
 from uuid import uuid4
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    StrictFloat,
-    StrictInt,
-    StrictStr,
-    TypeAdapter,
-    ValidationError,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, StrictFloat, StrictInt, TypeAdapter, ValidationError, field_validator
 from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
@@ -43,8 +33,7 @@ from quadlog.version import __version__
 RUN_FORMAT = 1
 """Increased when scripts that read run folders have to change, for a file, column or unit."""
 _MAX_BYTES = 64 << 20
-_DAMAGE: tuple[type[Exception], ...] = (ValueError, OSError, LookupError, EOFError, RuntimeError, OverflowError)
-_DAMAGE += (zipfile.BadZipFile, zlib.error)
+_DAMAGE = (ValueError, OSError, LookupError, EOFError, RuntimeError, OverflowError, zipfile.BadZipFile, zlib.error)
 
 
 class Record(BaseModel):
@@ -107,12 +96,10 @@ class PluginRecord(Record):
 class RunRecord(Record):
     """The content of run.json.
 
-    command: the arguments, the program first. options: what else the result depends on (stamp, start_s, until, …).
-    recorded_s: length of what was replayed. notes: choices that affected the result. startup_s: imports and
-    compilation, not part of the stages. realtime_factor: recorded_s / seconds in the stages. reused: stages taken from
-    earlier replays. anchors_from_messages: whether the anchors in config are those that the messages carry.
-    results: keys of the stages' results in the folder `.stages` beside the run, and that of the run itself.
-    finished: False from the first file of a run to the last one, which is this record again.
+    options: what else the result depends on (stamp, start_s, until, …). recorded_s: length of what was replayed.
+    notes: choices that affected the result. startup_s: imports and compilation, not part of the stages. reused: stages
+    taken from earlier replays. anchors_from_messages: whether the anchors in config are those that the messages carry.
+    results: keys in `.stages` of the stages' results and of the run. finished: False until this is the last file.
     """
 
     quadlog_version: str
@@ -151,10 +138,6 @@ class RunRecord(Record):
         """URLs may contain passwords or signatures."""
         return [redacted_text(word) for word in command]
 
-    def to_dict(self) -> dict[str, Any]:
-        """The JSON object, without fields that are None."""
-        return self.model_dump(mode="json", exclude_none=True)
-
 
 _Number = StrictInt | StrictFloat
 
@@ -165,7 +148,7 @@ class SavedMetric:
 
     value: _Number
     n: StrictInt = Field(0, ge=0)
-    unit: StrictStr = ""
+    unit: str = ""
     low: _Number | None = None
     high: _Number | None = None
     worst: _Number | None = None
@@ -214,7 +197,7 @@ def is_finished(run: Path) -> bool:
 
 def write_record(run: Path, record: RunRecord, *, finished: bool) -> None:
     """`run.json`. Raises CannotWrite."""
-    content = record.to_dict() | {"finished": finished}
+    content = record.model_dump(mode="json", exclude_none=True) | {"finished": finished}
     write_whole(run / "run.json", to_json(content))
 
 

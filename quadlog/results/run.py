@@ -88,7 +88,7 @@ class Run:
         from quadlog.results.page.verdict import status, verdict
 
         told = [(one.subject, one.text) for one in verdict(self)]
-        rows = [(theme, *one[:3]) for theme, shown in cards(self) for one in shown]
+        rows = [(theme, name.text, of.text, of.below) for theme, shown in cards(self) for name, of in shown]
         items = "".join(f"<li><b>{escape(subject)}</b>: {escape(text)}</li>" for subject, text in told)
         lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
         head = f"<b>{escape(self.title)}</b>: {escape(status(self)[0])}"

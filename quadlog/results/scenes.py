@@ -21,9 +21,7 @@ STANDS_M = 1.0
 """A robot that moves less stands; then the first view is all that it saw."""
 NEAR_S = 1.0
 """Fixes and late ranges are shown at instants within this time."""
-MOST_OBSTACLES = 6000
-"""Obstacle points of all saved scans together."""
-LATE, OBSTACLES = "late ranges (NLOS)", "obstacle points"
+LATE = "late ranges (NLOS)"
 
 
 def walk_scene(run: Run) -> view.Scene | None:
@@ -31,7 +29,7 @@ def walk_scene(run: Run) -> view.Scene | None:
     tracks, walls, ways = list(_tracks(run)), list(_walls(run)), list(_reference(run))
     if not tracks:
         return None
-    layers: list[view.Layer] = [*walls, *_scans(run), *_anchors(run), *_fixes(run), *_late_ranges(run)]
+    layers: list[view.Layer] = [*walls, *_anchors(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_errors(run)]
     walked = [(way.x, way.y) for way in (*ways, *tracks)]
     left, right, bottom, top = view.extent_of(*walked, margin=0.0)
@@ -126,24 +124,6 @@ def error_scene(run: Run) -> view.Scene | None:
     return view.Scene([*walls, *_anchors(run), track], walk.extent) if len(rows) > 1 else None
 
 
-def _scans(run: Run) -> Iterator[view.Layer]:
-    """Obstacle points of the saved scans, about their instants."""
-    saved = run.arrays("cloud_samples")
-    names = [] if saved is None else saved["classes"].tolist()
-    if saved is None or "obstacle" not in names:
-        return
-    scan = np.repeat(np.arange(len(saved["t_ns"])), np.diff(saved["offset"]))
-    known = np.isfinite(saved["xyz_m"]).all(axis=1) & np.isfinite(saved["x_m"][scan])
-    keep = np.flatnonzero(known & (saved["label"] == names.index("obstacle")))
-    keep = keep[view.thin_evenly(len(keep), MOST_OBSTACLES)]
-    scan, ahead_m, left_m = scan[keep], *saved["xyz_m"][keep, :2].T
-    seconds, turn = run.seconds(saved["t_ns"])[scan], np.exp(1j * saved["yaw_rad"][scan])
-    place = saved["x_m"][scan] + 1j * saved["y_m"][scan] + turn * (ahead_m + 1j * left_m)
-    if len(keep):
-        ends = {"seconds": seconds - NEAR_S, "until": seconds + NEAR_S}
-        yield view.Marks(OBSTACLES, "note", place.real, place.imag, **ends, hidden=True)
-
-
 def _fixes(run: Run) -> Iterator[view.Layer]:
     """Fixes of the moment, those that the track leaves out in another colour, with their 95 % ellipses."""
     fixes = run.table("fixes")
@@ -224,8 +204,8 @@ def _moments(run: Run) -> list[view.Moment]:
     if table is not None:
         rows: Any = table.sort_values("collision", ascending=False, kind="stable").itertuples()
         for row in rows:
-            place, said = (row.x_m, row.y_m, row.x_m, row.y_m), words[row.collision]
-            contacts.append(view.Moment(row.seconds, row.cause, *said, (OBSTACLES,), line=place))
+            place = (row.x_m, row.y_m, row.x_m, row.y_m)
+            contacts.append(view.Moment(row.seconds, row.cause, *words[row.collision], line=place))
     known = {moment.seconds: moment for moment in contacts}  # one for all metrics of one error
     for theme, name in ((theme, name) for theme, names in THEMES.items() for name in names if name not in _AS_GOOD):
         metric, label = run.metrics.get(name), CATALOGUE[name].label
@@ -236,13 +216,12 @@ def _moments(run: Run) -> list[view.Moment]:
             if name == "clearance_min_m" and worst is not None and worst < 0:
                 what, value = "body", f"{value} inside an obstacle"
             drawn = {} if worst is None else _claim(run, name, float(worst), metric.worst_t_ns)
-            known.setdefault(seconds, view.Moment(seconds, what, value, name, _SHOWS.get(theme, ()), **drawn))
+            shows = (LATE,) if theme == "Position" else ()
+            known.setdefault(seconds, view.Moment(seconds, what, value, name, shows, **drawn))
     worst_ones = [*(of for of in known.values() if of not in contacts), *_worst_of_tags(run), *_gaps(run)]
     return [*contacts[:MOST_CONTACTS], *worst_ones, *contacts[MOST_CONTACTS:]][:MOST_MOMENTS]
 
 
-_SHOWS = {"Position": (LATE,), "Walking": (OBSTACLES,)}
-"""Layers that the worst instants of a theme show."""
 MOST_CONTACTS, MOST_MOMENTS = 6, 200
 """Contacts before the worst instants, and all."""
 _AS_GOOD = ("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m",

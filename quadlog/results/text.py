@@ -104,9 +104,8 @@ def interval_text(name: str, interval: Interval | None, unit: str = "") -> str:
     kind = CATALOGUE[name].kind if name in CATALOGUE else "quantity"
     if interval is None or kind in ("count", "yes or no"):
         return ""
-    return " to ".join(
-        value_text(name, end, unit, 2).removesuffix(" ×" if kind == "factor" else f" {unit}") for end in interval
-    )
+    end = " ×" if kind == "factor" else f" {unit}"
+    return " to ".join(value_text(name, of, unit, 2).removesuffix(end) for of in interval)
 
 
 def interval_note(recorded_s: float) -> str:
@@ -234,13 +233,10 @@ def _lines(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -
     alone = [name] if cell_len(name) > widths[0] else []
     parts = [wrapped(cell, size) for cell, size in zip(["" if alone else name, *others], widths, strict=True)]
     for texts in zip_longest(*parts, fillvalue=""):
-        alone += filter(None, ["  ".join(map(_padded, texts, widths, right)).rstrip()])
+        blanks = [" " * (size - cell_len(text)) for text, size in zip(texts, widths, strict=True)]
+        padded = [gap + text if number else text + gap for text, gap, number in zip(texts, blanks, right, strict=True)]
+        alone += filter(None, ["  ".join(padded).rstrip()])
     return alone
-
-
-def _padded(text: str, size: int, right: bool) -> str:
-    blank = " " * (size - cell_len(text))
-    return blank + text if right else text + blank
 
 
 def wrapped(text: str, width: float, indent: str = "") -> list[str]:
@@ -291,11 +287,8 @@ def print_tables(tables: Sequence[TitledTable], to: str, notes: Sequence[str] = 
     return needs + "\n".join([*blocks, *filter(None, [below])])
 
 
-MOST_BESIDE = 4
-"""Runs that are shown side by side."""
-_LONGEST_LABEL = 10
-_ONE_RUN = "quantiles of samples: --format csv."
-_OF_RUNS = "95 %: interval of the mean over all such runs (Student; of falls Wilson); every run: --format csv."
+MOST_BESIDE, _LONGEST_LABEL = 4, 10
+"""Runs that are shown side by side, and the label of a column."""
 _CSV = ("run", "metric", "value", "unit", "n", "mean", "std", "p50", "p95", "low", "high")
 
 
@@ -311,18 +304,19 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         rows = [[str(run.path), *map(values[run.label].get, names)] for run in runs]
         return print_table(["run", *names], rows, to)
     if to == "csv":
-        rows = [
-            [str(run.path), name, of.value, of.unit, of.n,
-             *map(of.detail.get, _CSV[5:9]), *(of.interval or (None, None))]
-            for run in runs for name, of in run.metrics.items()
-        ]  # fmt: skip
-        return print_table(_CSV, rows, to)
+        found = [(run, name, of) for run in runs for name, of in run.metrics.items()]
+        more = [[*map(of.detail.get, _CSV[5:9]), *(of.interval or (None, None))] for *_, of in found]
+        rows = [[str(run.path), name, of.value, of.unit, of.n] for run, name, of in found]
+        return print_table(_CSV, [[*one, *other] for one, other in zip(rows, more, strict=True)], to)
     if len(runs) == 1:
         (run,) = runs
         found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]
         tables = [TitledTable(f"Metrics of {run.label}", ("metric", "value", "95 %", "unit", "n"), found)]
-        return print_tables(tables, to, [f"{interval_note(run.recorded_s)}; {_ONE_RUN}"], terminal_width())
-    notes = ["The runs are not averaged, because their settings differ:", *differing] if differing else [_OF_RUNS]
+        note = f"{interval_note(run.recorded_s)}; quantiles of samples: --format csv."
+        return print_tables(tables, to, [note], terminal_width())
+    notes = ["95 %: interval of the mean over all such runs (Student; of falls Wilson); every run: --format csv."]
+    if differing:
+        notes = ["The runs are not averaged, because their settings differ:", *differing]
     return values_text(values, to, notes, averaged=not differing)
 
 
@@ -331,9 +325,8 @@ def values_text(
 ) -> str:
     """Metrics of runs by label: side by side where they are few or not averaged, and how they spread over the runs."""
     known = {name for values in runs.values() for name in values}
-    units = {name: CATALOGUE[name].unit for name in CATALOGUE if name in known} | dict.fromkeys(
-        sorted(known - CATALOGUE.keys()), ""
-    )
+    units = {name: CATALOGUE[name].unit for name in CATALOGUE if name in known}
+    units |= dict.fromkeys(sorted(known - CATALOGUE.keys()), "")
     labels, tables, legend = list(runs), [], list[str]()
     for first in range(0, len(labels), MOST_BESIDE) if len(labels) <= MOST_BESIDE or not averaged else ():
         heads = mine = labels[first : first + MOST_BESIDE]

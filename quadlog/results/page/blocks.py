@@ -44,23 +44,6 @@ class Verdict(NamedTuple):
     lines: Sequence[Sentence]
 
 
-class Shown(NamedTuple):
-    """A number in words. small: its 95 % interval or bound. help: its meaning. seconds: a link to an instant."""
-
-    label: str
-    value: str
-    small: str
-    help: str
-    state: State
-    seconds: float | None
-
-
-class Cards(NamedTuple):
-    """Tiles: a title with one large number and a few small ones."""
-
-    cards: Sequence[tuple[str, Sequence[Shown]]]
-
-
 class Notes(NamedTuple):
     """A box of lines that a reader must not miss: losses, warnings."""
 
@@ -94,6 +77,12 @@ class Cell(NamedTuple):
     seconds: float | None = None
     bar: tuple[float, float, float, float] | None = None
     track: Sequence[tuple[str, str]] = ()
+
+
+class Cards(NamedTuple):
+    """Tiles: a title, and names with their meaning below, each beside a value with its interval or bound below."""
+
+    cards: Sequence[tuple[str, Sequence[tuple[Cell, Cell]]]]
 
 
 def metric_cell(name: str, of: SavedMetric | None, bound: Bound | None = None, digits: int = 3) -> Cell:

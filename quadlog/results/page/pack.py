@@ -24,8 +24,6 @@ UNITS = {
     "first": 1.0,
 }  # fmt: skip
 """Of instants (s), positions (m or cells), angles (rad) and counts; others get a power of ten by their span."""
-POSE_S = 0.04
-"""Positions more often are more than a screen shows, which interpolates between them."""
 MOST_SAMPLES, MOST_POSES, MOST_LINES, MOST_LINE_POINTS, MOST_MARKS = 400_000, 9000, 1200, 200_000, 30_000
 MOST_MAP_BYTES = 8 << 20
 """Of the maps of one scene, a bit a cell, before they are deflated."""
@@ -178,19 +176,10 @@ class Pack:
         return self._described(replace(layer, first=first, x=layer.x[every], y=layer.y[every], seconds=seconds))
 
     def _track(self, track: view.Track) -> dict[str, Any]:
-        """A pose each POSE_S or less often, with the row before each gap and the gap.
-
-        Its yaw is unwrapped, so that a straight line between two poses is the shorter turn.
-        """
-        seconds, gap = track.seconds, np.isnan(track.x)
-        in_gap = gap | np.append(False, gap[:-1])
-        logged_s = np.cumsum(np.where(in_gap, 0.0, np.diff(seconds, prepend=seconds[:1])))
-        step_s = max(POSE_S, float(logged_s[-1]) / MOST_POSES)
-        slot = np.floor(logged_s / step_s + 1e-6)
-        kept = np.append(True, np.diff(slot) > 0) | in_gap | np.append(gap[1:], True)
-        if step_s > POSE_S and not kept.all():
-            self._notes[f"{track.label}: a position every {step_s:.2g} s"] = None
-        yaw = track.yaw
+        """Poses with all gaps and the rows beside them; yaw unwrapped: between two poses it takes the shorter turn."""
+        gaps, yaw = np.flatnonzero(np.isnan(track.x)), track.yaw
+        beside = np.clip([gaps - 1, gaps, gaps + 1], 0, len(track.x) - 1)
+        kept = np.union1d(self._thin(len(track.x), MOST_POSES, f"positions of {track.label}"), beside)
         if yaw is not None:
             yaw = np.where(np.isnan(yaw), np.nan, np.unwrap(np.nan_to_num(yaw)))
-        return self._described(replace(track, yaw=yaw), np.flatnonzero(kept))
+        return self._described(replace(track, yaw=yaw), kept)

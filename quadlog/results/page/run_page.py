@@ -78,24 +78,24 @@ def _facts(run: Run) -> list[str]:
     return [f"{sig(record.recorded_s)} s", *speed, made, ", ".join(stage.name for stage in record.stages)]
 
 
-def cards(run: Run) -> list[tuple[str, list[blocks.Shown]]]:
+def cards(run: Run) -> list[tuple[str, list[tuple[Cell, Cell]]]]:
     """The metrics that matter of each theme; broken bounds first, and all of them."""
     bounds, found = bounds_of(run), []
     for theme, labels in THEMES.items():
         shown = [_shown(run, name, bounds) for name in labels if name in run.metrics or name in bounds]
-        shown.sort(key=lambda one: one.state != "bad")
-        most = max(PER_CARD, sum(one.state == "bad" for one in shown))
-        if shown and (theme != "Computing" or shown[0].state):  # which the page's head has
+        shown.sort(key=lambda one: one[1].state != "bad")
+        most = max(PER_CARD, sum(value.state == "bad" for _, value in shown))
+        if shown and (theme != "Computing" or shown[0][1].state):  # which the page's head has
             found.append((theme, shown[:most]))
     return found
 
 
-def _shown(run: Run, name: str, bounds: Mapping[str, Bound]) -> blocks.Shown:
+def _shown(run: Run, name: str, bounds: Mapping[str, Bound]) -> tuple[Cell, Cell]:
     metric, bound = run.metrics.get(name), bounds.get(name)
-    cell, worst_t_ns = metric_cell(name, metric, bound), None if metric is None else metric.worst_t_ns
-    small = cell.below if bound is None else f"expected {bound.words}"
+    value, worst_t_ns = metric_cell(name, metric, bound), None if metric is None else metric.worst_t_ns
     seconds = None if worst_t_ns is None else float(run.seconds(np.array([worst_t_ns]))[0])
-    return blocks.Shown(label_of(name), cell.text, small, f"{CATALOGUE[name].meaning} ({name})", cell.state, seconds)
+    label = Cell(label_of(name), below=f"{CATALOGUE[name].meaning} ({name})", seconds=seconds)
+    return label, value if bound is None else value._replace(below=f"expected {bound.words}")
 
 
 def metric_table(run: Run) -> Table:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.errors import ExitCode
 from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.metrics.differences import PairedDifference
 from quadlog.results.diff import unlike_settings
@@ -20,8 +19,9 @@ from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table, metric_cell
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import status
+from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
-from quadlog.results.studies.sweep import SweepSummary, text_of
+from quadlog.results.studies.sweep import SweepSummary
 from quadlog.results.text import NONE, State, interval_text, label_of, unit_of, value_text
 from quadlog.results.view import Moment, Panel, Scene, Series, Spread, farthest_apart, forest
 
@@ -50,7 +50,9 @@ def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ())
     sections = [
         blocks.Section("", first + ([blocks.Notes("Not comparable", notes)] if notes else [])),
         blocks.Section("Paths and curves", drawn, pack.thinned),
-        blocks.Section("Metrics", [compared_metrics(compared)]),
+        blocks.Section(
+            "Metrics", [compared_metrics({name: run.metrics for name, run in compared.runs.items()}, compared.paired)]
+        ),
         blocks.Section("Settings that differ", settings_table(compared.runs)),
     ]
     facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
@@ -78,25 +80,23 @@ def short_names(names: Sequence[str]) -> Sequence[str]:
     return short if len(set(short)) == len(short) else names
 
 
-def compared_metrics(compared: Compared) -> Table:
+def compared_metrics(runs: Mapping[str, Mapping[str, SavedMetric]], paired: Paired) -> Table:
     """A row for each metric that a run has; after each run but the first its difference to that, with a bar about 0.
 
     Differences are coloured only where they are beyond chance.
     """
-    first, *others = compared.runs
-    rows: list[list[Cell]] = []
-    same: list[list[Cell]] = []
+    first, *others = runs
+    rows, same = list[list[Cell]](), list[list[Cell]]()
     for metric in (metric for labels in THEMES.values() for metric in labels):
-        found = {name: run.metrics[metric] for name, run in compared.runs.items() if metric in run.metrics}
-        cells = [Cell(label_of(metric), below=metric)]
-        cells += [metric_cell(metric, found.get(name)) for name in compared.runs]
-        cells += [_difference(metric, compared.paired.get(name, {}).get(metric)) for name in others]
-        alike = len(found) == len(compared.runs) and len({of.value for of in found.values()}) == 1
+        found = {name: of[metric] for name, of in runs.items() if metric in of}
+        cells = [Cell(label_of(metric), below=metric), *(metric_cell(metric, found.get(name)) for name in runs)]
+        cells += [_difference(metric, paired.get(name, {}).get(metric)) for name in others]
+        alike = len(found) == len(runs) and len({of.value for of in found.values()}) == 1
         if found:
             (same if alike else rows).append(cells)
-    note = f"Below a value: its 95 % interval. Differences to {first} are those of the instants that both have, "
+    note = f"Below a value: its 95 % interval. Differences to {first} are of what both have, "
     note += "coloured where they are beyond chance (all differences together, Bonferroni)."
-    columns = [Column("metric"), *(Column(name, True) for name in compared.runs)]
+    columns = [Column("metric"), *(Column(name, True) for name in runs)]
     columns += [Column(f"{name} less {first}" if len(others) > 1 else "difference", True) for name in others]
     return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
 
@@ -149,27 +149,21 @@ DECADES = 30.0
 
 def sweep_blocks(summary: SweepSummary, paired: Paired, pack: Pack) -> list[Any]:
     """Each metric that varies over the swept key, as panels, and with its difference to the first value, as a table."""
-    panels, found = sweep_panels(summary), []
-    for number, setting in enumerate(summary.settings):
-        failed = sum(row.exit_code == ExitCode.FAILED for row in setting.rows)
-        cells = [Cell(f"{failed} of {len(setting.rows)}", failed, state="bad" if failed else "")]
-        for name in summary.varying:
-            over, above = summary.over[name][number], summary.above[name][number]
-            difference = paired.get(setting.rows[0].run, {}).get(name) if summary.seeds == 1 else None
-            if difference is None:
-                difference = PairedDifference(above.mean, above.interval, False, above.mean == 0)
-            text = NONE if over.runs == 0 else value_text(name, over.mean, CATALOGUE[name].unit)
-            differs = _in_words(_difference(name, difference)) if number and over.runs and above.runs else ""
-            interval = interval_text(name, over.interval, CATALOGUE[name].unit)
-            best = summary.best.get(name) == number
-            below, mean = "; ".join(filter(None, [interval, differs])), over.mean if over.runs else None
-            cells.append(Cell(text, mean, below, state="good" if best else ""))
-        found.append([*(Cell(text_of(value)) for value in setting.values.values()), *cells])
-    columns = [*map(Column, summary.keys), Column("failed", True)]
-    columns += [Column(label_of(name), True, help=f"{CATALOGUE[name].meaning} ({name})") for name in summary.varying]
-    note = "Below a value: its 95 % interval, and its difference to that of the first row."
-    table = Table(columns, found, "settings-values", note, sortable=True)
-    if panels:
+    means, differences = dict[str, dict[str, SavedMetric]](), dict[str, dict[str, PairedDifference]]()
+    names = short_names([setting.label for setting in summary.settings])
+    for number, (label, setting) in enumerate(zip(names, summary.settings, strict=True)):
+        over, above = ({name: of[name][number] for name in summary.varying} for of in (summary.over, summary.above))
+        means[label] = {
+            name: SavedMetric(of.mean, of.runs, CATALOGUE[name].unit, *(of.interval or (None, None)))
+            for name, of in over.items() if of.runs
+        }  # fmt: skip
+        own = paired.get(setting.rows[0].run, {}) if summary.seeds == 1 else {}
+        differences[label] = {
+            name: own.get(name) or PairedDifference(of.mean, of.interval, False, of.mean == 0)
+            for name, of in above.items() if of.runs
+        }  # fmt: skip
+    table = compared_metrics(means, differences)
+    if panels := sweep_panels(summary):
         pack.add("swept", panels, "swept")
     drawn = [blocks.Drawn("swept", "Metrics over the values of the sweep")] if panels else []
     return [*drawn, table, *map(blocks.Text, summary.notes())]

@@ -37,7 +37,7 @@ def test_a_run_is_unfinished_from_its_first_file_to_its_last(tmp_path: Path, tin
         check_place(run.path)
     check_place(run.path, replace=True)
     finish_run(run, tiny_record)
-    assert load_run(run.path).record.to_dict() == tiny_record.to_dict()
+    assert load_run(run.path).record.model_dump(mode="json") == tiny_record.model_dump(mode="json")
 
 
 @pytest.mark.parametrize("name", ["notes.md", "config.toml", "run.json", "map.pgm", "poses.parquet"])

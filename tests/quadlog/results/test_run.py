@@ -44,7 +44,7 @@ def test_tables_are_those_of_the_files_with_seconds_read_once(tiny_run: Path) ->
 
 def test_everything_else_is_that_of_the_files(tiny_run: Path, tiny_record: RunRecord) -> None:
     run = quadlog.load_run(tiny_run)
-    assert (run.path, run.record.to_dict()) == (tiny_run, tiny_record.to_dict())
+    assert (run.path, run.record.model_dump(mode="json")) == (tiny_run, tiny_record.model_dump(mode="json"))
     assert run.config.planner.name == "ia_star"
     assert run.metrics == {"eta_m": SavedMetric(0.123, 200, "m"), "fallen": SavedMetric(0, 1)}
     assert (run.metric("eta_m"), run.metric("ate_rmse_m")) == (0.123, None)

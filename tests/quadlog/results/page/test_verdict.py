@@ -177,9 +177,9 @@ def test_all_bounds_that_were_not_measured_are_shown(tiny_run: Path) -> None:
     names = ("ate_rmse_m", "uwb_rmse_m", "uwb_nees", "uwb_nis", "uwb_bias_m", "eta_m")
     expecting(**{name: {"max": 0.2} for name in names})(tiny_run)
     run = Run(tiny_run)
-    shown = {one.label: one for _, numbers in cards(run) for one in numbers}
+    shown = {name.text: value for _, numbers in cards(run) for name, value in numbers}
     missing = [CATALOGUE[name].label for name in names[:-1]]
-    assert {label for label, one in shown.items() if one.value == "not measured"} == set(missing)
+    assert {label for label, one in shown.items() if one.text == "not measured"} == set(missing)
     assert {shown[label].state for label in missing} == {"bad"}
     assert shown[CATALOGUE["eta_m"].label].state == "good"
     rows = {row[1].text: row for row in metric_table(run).rows}
