@@ -230,9 +230,8 @@ def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
         look |= {"markersize": size, "markeredgewidth": 0.5, "fillstyle": "none" if series.variant else "full"}
         axes.plot(series.x[keep], series.y[keep], "o", **look)
     else:
-        step = "steps-post" if series.style == "steps" else "default"
         dash = "-" if in_rows else DASHES[series.variant % 4]
-        axes.plot(series.x, series.y, dash, drawstyle=step, linewidth=3 if in_rows else None, **look)
+        axes.plot(series.x, series.y, dash, linewidth=3 if in_rows else None, **look)
 
 
 def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: float | None) -> Picture:

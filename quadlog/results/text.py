@@ -51,15 +51,6 @@ def percent(share: float | None, digits: int = 3) -> str:
     return NONE if share is None or not math.isfinite(share) else f"{sig(100 * share, digits)}\u202f%"
 
 
-def file_size(size: float) -> str:
-    """Bytes in decimal units."""
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} TB"
-
-
 def minus(text: str) -> str:
     """The text of a number with a true minus sign."""
     return f"\u2212{text[1:]}" if text.startswith("-") else text

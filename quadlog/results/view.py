@@ -54,7 +54,7 @@ class Series(Named):
 
     x: Array
     y: Array
-    style: Literal["line", "points", "steps", "band"] = "line"
+    style: Literal["line", "points", "band"] = "line"
     variant: int = 0
     upper: Array | None = None
     events: bool = False

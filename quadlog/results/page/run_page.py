@@ -18,7 +18,7 @@ from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import matters, status, verdict
 from quadlog.results.record import TopicRecord
 from quadlog.results.run import Run
-from quadlog.results.text import Bound, State, bounds_of, count, file_size, interval_note, label_of, percent, sig
+from quadlog.results.text import Bound, State, bounds_of, count, interval_note, label_of, percent, sig
 from quadlog.results.view import TIME, Drawing, Scene
 
 _START = ("max_error_m", "eta_m", "ate_rmse_m", "uwb_rmse_m")
@@ -201,7 +201,7 @@ def _made(run: Run) -> Iterator[Any]:
     yield from rows_table(stages, heads, "stages", note)
     yield blocks.Text(shlex.join(record.command), code=True)
     kind, value = record.input.fingerprint or ("no fingerprint", "")
-    size = file_size(record.input.size_bytes)
+    size = f"{record.input.size_bytes / 1e6:.3g} MB"
     yield blocks.Text(f"Input: {record.input.path}, {size}, {kind} {value}. Seed {record.seed}.")
     if (config := run.path / "config.toml").is_file():
         text = config.read_text(encoding="utf-8", errors="replace")

@@ -1,16 +1,14 @@
 "use strict";
 // Curves by uPlot with every sample; it draws the least and the largest of each pixel column.
 // Those of a group with one x axis show the same stretch of it and the instant of the group's clock.
-const HEIGHTS = { panel: 150, lane: 56, narrow: 104, over: 88, row: 17 };
+const HEIGHTS = { panel: 150, lane: 40, beside: 74, row: 17, axis: 24 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
 const TIME = "time (s)";
-
-const MOST_LETTERS = 75; // of a title and a legend in one line
 const inPrint = matchMedia("print");
 
-// Beside a map on a wide screen titles and values lie over the plots, and all have one time axis above them.
-const liesOver = (place) => place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
+// Beside a map on a wide screen all curves have one time axis above them.
+const isBeside = (place) => place.closest(".beside") && matchMedia("(min-width: 75rem)").matches;
 
 const openCurves = (places, { columns }) => {
   for (const place of places) {
@@ -23,7 +21,7 @@ const openCurves = (places, { columns }) => {
     }
   }
   for (const stretch of Object.values(stretches)) stretch.shown = [...stretch.whole];
-  for (const column of document.querySelectorAll(".beside .curves")) if (liesOver(column)) openAxis(column);
+  for (const column of document.querySelectorAll(".beside .curves")) if (isBeside(column)) openAxis(column);
   // A chart is made when it comes near the screen, so that a page of thirty opens at once.
   const near = new IntersectionObserver((seen) => {
     for (const { isIntersecting, target } of seen) if (isIntersecting) target.open();
@@ -31,26 +29,25 @@ const openCurves = (places, { columns }) => {
   for (const place of places) {
     const { group, panels } = pageData.charts[place.dataset.chart];
     for (const panel of panels) {
-      const letters = panel.series.reduce((sum, { label, style }) => sum + (style === "band" || panel.rows.length ? 0 : label.length + 7), panel.what.length);
-      const over = liesOver(place) && letters < MOST_LETTERS;
       const words = element("p", { class: "what" }, panel.what);
       if (panel.beyond) words.append(element("small", {}, ` ${panel.beyond} beyond`));
-      const plot = element("div", { class: "plot" });
-      place.append(element("div", { class: `panel${panel.lane ? " lane" : ""}${over ? " over" : ""}` }, words, plot));
-      const few = panel.series.every(({ y }) => columns[y].filter(Number.isFinite).length < 2);
-      if (few) {
+      const [head, plot] = [element("div", { class: "head" }, words), element("div", { class: "plot" })];
+      place.append(element("div", { class: panel.lane ? "panel lane" : "panel" }, head, plot));
+      if (panel.series.every(({ y }) => columns[y].filter(Number.isFinite).length < 2)) {
         const only = ({ label, y }) => `${label} ${short(columns[y].find(Number.isFinite) ?? NaN, 3)}`;
         plot.replaceWith(element("p", { class: "only" }, panel.series.map(only).join(", ")));
         continue;
       }
       const last = panel === panels.at(-1) || panel.x !== TIME;
-      const plain = over ? HEIGHTS.over : place.closest(".beside") ? HEIGHTS.narrow : HEIGHTS.panel;
-      const height = panel.rows.length ? HEIGHTS.row * panel.rows.length + (over ? 24 : 56) : panel.lane ? HEIGHTS.lane : plain;
+      const hasAxis = () => last && (!isBeside(place) || inPrint.matches);
+      const plain = panel.lane ? HEIGHTS.lane : place.closest(".beside") ? HEIGHTS.beside : HEIGHTS.panel;
+      const rows = HEIGHTS.row * panel.rows.length + (panel.x === TIME ? 6 : HEIGHTS.axis);
+      const height = (panel.rows.length ? rows : plain) + HEIGHTS.axis * hasAxis();
       plot.style.minHeight = `${height}px`;
       plot.open = () => {
         near.unobserve(plot);
         plot.open = () => {};
-        openCurve(plot, panel, group, height + (last && !over ? 24 : 0), last, columns, over); // for the axis
+        openCurve({ plot, head, panel, group, height, hasAxis, stretch: stretchOf(group, panel.x) }, columns);
       };
       near.observe(plot);
     }
@@ -97,26 +94,25 @@ const pointPaths = (hollow, across) => (chart, number, first, last) => {
   return hollow ? { stroke: path, fill: null, flags: 0 } : { stroke: null, fill: path, flags: 0 };
 };
 
-const optionsOf = (panel, group, height, last, stretch, over) => {
+const optionsOf = ({ head, panel, group, height, hasAxis, stretch }) => {
   const axis = (size) => ({ stroke: () => paint("soft"), grid: { stroke: () => paint("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", gap: 4, size });
   const rows = panel.rows.length;
   const letters = 7 * Math.max(...panel.rows.map((name) => name.length)) + 8;
   const names = rows && { ...axis(panel.x === TIME ? 48 : Math.min(letters, 170)), splits: () => panel.rows.map((_, row) => row), values: () => panel.rows, stroke: () => paint("text") };
   const far = (low, high, log) => (log ? [low / 1.05, high * 1.05] : [low - 0.03 * (high - low), high + 0.03 * (high - low)]);
   const [logX, logY] = [rows ? panel.log : panel.log_x, !rows && panel.log];
-  const below = () => (last && (!over || inPrint.matches) ? (panel.x === TIME ? 20 : 34) : 6);
+  const below = () => (hasAxis() ? (panel.x === TIME ? 20 : 34) : 6);
   const numbers = (_, values) => values.map((value) => (value === null ? "" : short(value)));
   const fading = (color, share) => () => `color-mix(in srgb, ${paint(color)} ${share}%, transparent)`;
   const looks = {
     points: ({ color, variant }) => ({ fill: () => paint(color), width: variant ? 1 : 0, paths: pointPaths(variant > 0, !rows ? 2.5 : variant ? 5 : 9) }),
-    steps: () => ({ paths: uPlot.paths.stepped({ align: 1 }) }),
     band: () => ({ width: 0 }),
     line: ({ variant }) => ({ dash: rows ? [] : DASHES[variant % 4] }),
   };
   const look = (one) => ({ label: one.label, stroke: () => paint(one.color), width: rows ? 4 : 1.5, points: { show: false }, value: (_, value) => short(value, 3), single: one.style === "points", events: one.events, ...looks[one.style](one) });
   const [series, bands] = [[{ label: panel.x, class: "unseen", value: (_, value) => short(value) }], []];
   for (const one of panel.series) {
-    series.push({ ...look(one), ...(over && one.style === "band" && { class: "unseen" }) });
+    series.push({ ...look(one), ...(one.style === "band" && panel.x === TIME && { class: "unseen" }) });
     if (one.style !== "band") continue;
     series.at(-1).value = (chart, low, number, at) => (at === null ? "–" : `${short(low, 3)} to ${short(chart.data[number + 1][at], 3)}`);
     series.push({ ...look(one), class: "unseen" });
@@ -147,10 +143,10 @@ const optionsOf = (panel, group, height, last, stretch, over) => {
     height,
     series,
     bands,
-    padding: [over ? 17 : 6, 8, 0, 0],
+    padding: [4, 8, 0, 0],
     scales: { x: { time: false, distr: logX ? 3 : 1, range: () => (panel.x === TIME ? stretch.shown : far(...stretch.shown, logX)) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : logY ? { distr: 3, range: (_, low, high) => (low > 0 ? far(low, high, true) : [0.1, 1]) } : { range: panel.limits ? () => panel.limits : within } },
-    axes: [{ ...axis(below), ...(logX && decades), values: (...all) => (below() > 6 ? (panel.x === TIME ? seconds : numbers)(...all) : []), ...(last && panel.x !== TIME && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
-    legend: { show: !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" } },
+    axes: [{ ...axis(below), ...(logX && decades), values: (...all) => (hasAxis() ? (panel.x === TIME ? seconds : numbers)(...all) : []), ...(panel.x !== TIME && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
+    legend: { show: !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" }, mount: (_, legend) => head.append(legend) },
     cursor: {
       y: false,
       drag: { x: true, y: false, setScale: false, dist: 4 },
@@ -162,8 +158,8 @@ const optionsOf = (panel, group, height, last, stretch, over) => {
     hooks: {
       setCursor: [(chart) => chart.cursor.left < 0 && chart.head?.()], // the pointer has left: back to the clock's instant
       draw: [marks],
-      ready: [nameSeries, (chart) => setTimeout(() => chart.head?.())],
-      setSeries: [(chart, number) => chart.root.querySelectorAll(".u-label button")[number]?.setAttribute("aria-pressed", String(chart.series[number].show))],
+      ready: [() => nameSeries(head), (chart) => setTimeout(() => chart.head?.())],
+      setSeries: [(chart, number) => head.querySelectorAll(".u-label button")[number]?.setAttribute("aria-pressed", String(chart.series[number].show))],
       setSelect: [
         (chart) => {
           const { left, width } = chart.select;
@@ -188,7 +184,7 @@ const decades = {
 };
 
 // The names of a legend are buttons that show and hide their curves.
-const nameSeries = ({ root }) => root.querySelectorAll(".u-label").forEach((name) => name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent)));
+const nameSeries = (head) => head.querySelectorAll(".u-label").forEach((name) => name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent)));
 
 // Each series is read off at its own nearest sample: others may have samples in between. Where it has none near there is
 // no value: in and beside gaps, at single points farther than a gap, and of events at the instant of another sample.
@@ -206,9 +202,9 @@ const nearestSample = (chart, number, index, instant) => {
   return near !== undefined && (joined || Math.abs(xs[near] - instant) <= pageData.gap_s) ? near : null;
 };
 
-const openCurve = (plot, panel, group, height, last, columns, over) => {
-  const stretch = stretchOf(group, panel.x);
-  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(panel, group, height, last, stretch, over) }, joined(panel.series, columns), plot);
+const openCurve = (spec, columns) => {
+  const { plot, panel, group, height, stretch } = spec;
+  const chart = new uPlot({ width: plot.clientWidth, ...optionsOf(spec) }, joined(panel.series, columns), plot);
   stretch.charts.push(chart);
   plot.style.minHeight = "";
   if (panel.x === TIME) addHead(chart, clockOf(group), stretch);
