@@ -15,7 +15,7 @@ from quadlog.results.find_runs import files_beside_runs, is_run, refuse_existing
 from quadlog.results.page.blocks import write_page
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.page.runs_page import MOST_DRAWN, write_sweep_page
-from quadlog.results.page.side_by_side import Compared, side_by_side_page
+from quadlog.results.page.side_by_side import side_by_side_page
 from quadlog.results.record import is_finished
 from quadlog.results.run import Run
 from quadlog.results.studies.sweep import TABLE, read_sweep_table
@@ -47,21 +47,12 @@ def write_side_by_side(runs: Sequence[Path], output: Path, force: bool) -> Path:
     if len({path.resolve() for path in runs}) < max(len(runs), 2):
         raise UsageError("--side-by-side takes two runs or more, and none twice")
     refuse_existing(output, force, runs)
-    compared, notes = _compare(runs)
-    page = side_by_side_page(" and ".join(dict.fromkeys(run.title for run in compared.runs.values())), compared, notes)
+    named = dict(zip(run_labels(runs), map(Run, runs), strict=True))
+    paired, notes = pair_runs(named)
+    first = next(iter(named.values()))
+    differences = [moment for name in paired for moment in first_moments(diff_runs(first, named[name]), first)]
     with new_folder(output.parent):
-        return write_page(output, page)
-
-
-def _compare(paths: Sequence[Path]) -> tuple[Compared, list[str]]:
-    """The runs by name, what differs between the first and each other one, and why runs cannot be paired."""
-    runs = dict(zip(run_labels(paths), map(Run, paths), strict=True))
-    first, *others = runs.values()
-    paired, notes = pair_runs(runs)
-    moments = [
-        moment for name, run in runs.items() if name in paired for moment in first_moments(diff_runs(first, run), first)
-    ]
-    return Compared(runs, not notes and len(paired) == len(others), paired, moments), notes
+        return write_page(output, side_by_side_page(named, paired, differences, notes))
 
 
 def pair_runs(runs: Mapping[str, Run]) -> tuple[dict[str, Mapping[str, PairedDifference]], list[str]]:

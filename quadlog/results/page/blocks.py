@@ -64,8 +64,8 @@ class Column(NamedTuple):
 class Cell(NamedTuple):
     """A cell. value: what its column is sorted by, if not the text. below: a smaller second line.
 
-    bar: where a bar begins and ends, and its interval, in percent of the column. track: polylines (colour, points) in
-    96 by 64, a single point being a mark.
+    bar: where a bar begins and ends, and its interval, in percent of the column. track: left, top, width and height of
+    a picture, and its polylines (colour, points), a point given twice being a mark.
     """
 
     text: str
@@ -76,7 +76,7 @@ class Cell(NamedTuple):
     code: bool = False
     seconds: float | None = None
     bar: tuple[float, float, float, float] | None = None
-    track: Sequence[tuple[str, str]] = ()
+    track: tuple[str, Sequence[tuple[str, str]]] | None = None
 
 
 class Cards(NamedTuple):

@@ -27,7 +27,7 @@ from quadlog.results.run import Run
 from quadlog.results.studies.sweep import read_sweep_table, summarise_sweep
 from quadlog.results.tables import read_table
 from quadlog.results.text import STATES, Bound, State, bounds_of, count, label_of, sig, unit_of, value_text
-from quadlog.results.view import thin_evenly
+from quadlog.results.view import extent_of, thin_evenly
 
 MOST_DRAWN = 16
 """Runs whose paths and curves are drawn; the list has all."""
@@ -99,7 +99,13 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
 def runs_table(rows: Sequence[Listed]) -> Table:
     """The runs, worst first: track, worst sentence and metrics, coloured by bounds and alarms."""
     ends, metrics = len({row.exit_code for row in rows}) > 1, chosen_metrics(rows)
-    tops, found = {metric: _largest(rows, metric) for metric in metrics}, []
+    known = {
+        name: [
+            1.0 if CATALOGUE[name].kind == "share" else row.metrics[name].value for row in rows if name in row.metrics
+        ]
+        for name in metrics
+    }
+    tops, found = {name: max(values) for name, values in known.items()}, []
     for row in rows:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)
@@ -125,37 +131,24 @@ def _facts(run: Run | None) -> str:
     if run is None or poses is None:
         return ""
     sources = [] if run.simulated else sorted(set(map(str, poses["source"])))
-    lasted = [] if run.record.recorded_s is None else [f"{sig(run.record.recorded_s)} s"]
-    return " · ".join([*lasted, f"{sig(walked_m(poses))} m", *sources])
+    return " · ".join([f"{sig(run.record.recorded_s)} s", f"{sig(walked_m(poses))} m", *sources])
 
 
-THUMBNAIL, AROUND, POINTS = (96.0, 64.0), 4.0, 150
+POINTS = 150
+"""Of a track in a thumbnail."""
 
 
-def _track(run: Run | None) -> list[tuple[str, str]]:
-    """The tracks of the robot, recorded and simulated, and contacts, as polylines of a thumbnail."""
-    if run is None:
-        return []
-    tables = {"robot": run.table("poses"), "resim": run.table("control"), "bad": run.table("contacts")}
-    places = {color: table[["x_m", "y_m"]].dropna().to_numpy() for color, table in tables.items() if table is not None}
-    every = np.concatenate([np.empty((0, 2)), *places.values()])
-    if not len(every):
-        return []
-    room, middle = np.array(THUMBNAIL), (every.max(axis=0) + every.min(axis=0)) / 2
-    scale = max(float((np.ptp(every, axis=0) / (room - 2 * AROUND)).max()), 1e-3)
-    found = []
+def _track(run: Run | None) -> tuple[str, Sequence[tuple[str, str]]]:
+    """The tracks of the robot, recorded and simulated, and contacts, in metres, as `Cell.track` has them."""
+    names = {} if run is None else {"poses": "robot", "control": "resim", "contacts": "bad"}
+    tables = {color: run.table(name) for name, color in names.items() if run is not None}
+    places = {color: of[["x_m", "y_m"]].dropna().to_numpy() * (1, -1) for color, of in tables.items() if of is not None}
+    lines = []
     for color, xy_m in places.items():
-        shown = room / 2 + (xy_m[thin_evenly(len(xy_m), POINTS)] - middle) * (1, -1) / scale
-        points = [f"{x:.1f},{y:.1f}" for x, y in shown.tolist()]
-        found += [(color, f"{point} {point}") for point in points] if color == "bad" else [(color, " ".join(points))]
-    return found
-
-
-def _largest(rows: Sequence[Listed], metric: str) -> float:
-    """The end of the bars of a column; 1 for shares."""
-    if CATALOGUE[metric].kind == "share":
-        return 1.0
-    return max([row.metrics[metric].value for row in rows if metric in row.metrics], default=0.0)
+        points = [f"{x:.2f},{y:.2f}" for x, y in xy_m[thin_evenly(len(xy_m), POINTS)].tolist()]
+        lines += [(color, f"{point} {point}") for point in points] if color == "bad" else [(color, " ".join(points))]
+    left, right, top, bottom = extent_of(*(xy_m.T for xy_m in places.values())) if places else (0.0, 1.0, 0.0, 1.0)
+    return f"{left:.2f} {top:.2f} {right - left:.2f} {bottom - top:.2f}", lines
 
 
 def _column(name: str) -> Column:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,34 +29,27 @@ Paired = Mapping[str, Mapping[str, PairedDifference]]
 """By run: each metric less that of the first run, on the instants that both have."""
 
 
-class Compared(NamedTuple):
-    """Runs that are drawn over each other: by name, whether they share a clock, and what differs between the first
-    and each other one. first_differences: instants at which results part.
+def side_by_side_page(
+    runs: Mapping[str, Run], paired: Paired, differences: Sequence[Moment], notes: Sequence[str]
+) -> blocks.Page:
+    """The page of runs side by side: their metrics with differences to the first, paths, curves and settings.
+
+    differences: instants at which results part. notes: why runs are not paired.
     """
-
-    runs: Mapping[str, Run]
-    shares_clock: bool
-    paired: Paired
-    first_differences: Sequence[Moment]
-
-
-def side_by_side_page(title: str, compared: Compared, notes: Sequence[str] = ()) -> blocks.Page:
-    """The page of runs side by side: their metrics with differences to the first, paths, curves and settings."""
-    pack = Pack()
-    drawn = tracks_and_curves(compared.runs, pack, compared.first_differences)
-    said = {name: (run.title, *status(run)) for name, run in compared.runs.items()}
+    pack, first = Pack(), next(iter(runs))
+    drawn = tracks_and_curves(runs, pack, differences)
+    said = {name: (run.title, *status(run)) for name, run in runs.items()}
     statuses = [Sentence(name, f"{of}: {words}.", state) for name, (of, words, state) in said.items()]
-    first: list[Any] = [blocks.Verdict([*_better(compared), *statuses])]
+    verdict = blocks.Verdict([*_better(first, paired), *statuses])
     sections = [
-        blocks.Section("", first + ([blocks.Notes("Not comparable", notes)] if notes else [])),
+        blocks.Section("", [verdict, *([blocks.Notes("Not comparable", notes)] if notes else [])]),
         blocks.Section("Paths and curves", drawn, pack.thinned),
-        blocks.Section(
-            "Metrics", [compared_metrics({name: run.metrics for name, run in compared.runs.items()}, compared.paired)]
-        ),
-        blocks.Section("Settings that differ", settings_table(compared.runs)),
+        blocks.Section("Metrics", [compared_metrics({name: run.metrics for name, run in runs.items()}, paired)]),
+        blocks.Section("Settings that differ", settings_table(runs)),
     ]
-    facts = [f"{len(compared.runs)} runs", "one clock" if compared.shares_clock else "each from its own start"]
-    return blocks.Page(title, sections, facts, pack=pack)
+    has_one_clock = not notes and len(paired) == len(runs) - 1
+    facts = [f"{len(runs)} runs", "one clock" if has_one_clock else "each from its own start"]
+    return blocks.Page(" and ".join(dict.fromkeys(run.title for run in runs.values())), sections, facts, pack=pack)
 
 
 def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Moment]) -> list[Any]:
@@ -115,25 +108,18 @@ def _difference(name: str, paired: PairedDifference | None) -> Cell:
     return Cell(text, paired.difference, below, state=judged if paired.clear and better else "", bar=bar)
 
 
-def _in_words(difference: Cell) -> str:
-    return difference.text + (f" [{difference.below}]" if difference.below else "")
-
-
-def _better(compared: Compared) -> list[Sentence]:
+def _better(first: str, paired: Paired) -> list[Sentence]:
     """In what the other runs are better or worse than the first, beyond chance."""
-    first, found = next(iter(compared.runs)), []
-    looks: dict[State, tuple[str, State]] = {"good": ("better", "good"), "bad": ("worse", "warn")}
-    for name, paired in compared.paired.items():
-        cells = {metric: _difference(metric, of) for metric, of in paired.items()}
+    found, looks = list[Sentence](), dict[State, tuple[str, State]](good=("better", "good"), bad=("worse", "warn"))
+    for name, of_run in paired.items():
+        cells = {metric: _difference(metric, of) for metric, of in of_run.items()}
         for judged, (word, state) in looks.items():
-            clear = [metric for metric, cell in cells.items() if cell.state == judged]
-            shown = [f"{label_of(metric)} ({_in_words(cells[metric])})" for metric in clear[:3]]
+            clear = [(metric, cell) for metric, cell in cells.items() if cell.state == judged]
+            shown = [f"{label_of(metric)} ({cell.text} [{cell.below}])" for metric, cell in clear[:3]]
             more = f" and {len(clear) - 3} more" if len(clear) > 3 else ""
             if clear:
                 found.append(Sentence(name, f"{word} than {first} beyond chance in {', '.join(shown)}{more}.", state))
-    if compared.paired and not found:
-        found.append(Sentence("Metrics", f"No difference to {first} is beyond chance."))
-    return found
+    return found or [Sentence("Metrics", f"No difference to {first} is beyond chance.")] * bool(paired)
 
 
 def settings_table(runs: Mapping[str, Run]) -> list[Table]:

@@ -1,7 +1,7 @@
 "use strict";
 // Curves by uPlot with every sample; it draws the least and the largest of each pixel column.
 // Those of a group with one x axis show the same stretch of it and the instant of the group's clock.
-const HEIGHTS = { panel: 150, lane: 40, beside: 74, row: 17, axis: 24 };
+const HEIGHTS = { panel: 150, lane: 40, beside: 76, row: 17, axis: 24 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
 const TIME = "time (s)";
@@ -143,7 +143,7 @@ const optionsOf = ({ head, panel, group, height, hasAxis, stretch }) => {
     height,
     series,
     bands,
-    padding: [4, 8, 0, 0],
+    padding: [6, 8, 0, 0],
     scales: { x: { time: false, distr: logX ? 3 : 1, range: () => (panel.x === TIME ? stretch.shown : far(...stretch.shown, logX)) }, y: rows ? { dir: -1, range: () => [-0.6, rows - 0.4] } : logY ? { distr: 3, range: (_, low, high) => (low > 0 ? far(low, high, true) : [0.1, 1]) } : { range: panel.limits ? () => panel.limits : within } },
     axes: [{ ...axis(below), ...(logX && decades), values: (...all) => (hasAxis() ? (panel.x === TIME ? seconds : numbers)(...all) : []), ...(panel.x !== TIME && { label: panel.x, labelSize: 14, labelFont: "12px system-ui" }) }, names || { ...axis(48), ...(logY && decades), values: numbers, space: panel.lane ? 18 : 26 }],
     legend: { show: !rows && new Set(panel.series.map((one) => one.label)).size > (panel.x === TIME ? 0 : 1), markers: { width: 3, stroke: (_, number) => series[number].stroke(), fill: () => "transparent" }, mount: (_, legend) => head.append(legend) },
