@@ -21,14 +21,12 @@ from quadlog.storage.remote_path import RemotePath, copy_object
 
 FAILED = "failed.json"
 """The reason why a recording was not replayed. A folder without other files counts as absent."""
-# Files that quadlog writes into a run folder; `--force` removes only these.
 OWN_FILES = frozenset(
-    {
-        *(f"{name}.parquet" for name in TABLES if name != "summary"),
-        *(file for files in STAGE_FILES.values() for file in files),
-        *("run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json", FAILED),
-    }
+    [f"{name}.parquet" for name in TABLES if name != "summary"]
+    + [file for files in STAGE_FILES.values() for file in files]
+    + ["run.json", "config.toml", "report.html", "derived.mcap", "foxglove-layout.json", FAILED]
 )
+"""Files that quadlog writes into a run folder; `--force` removes only these."""
 PLOTS, PICTURES = "plots", ("trajectory", "tracking_error", "uwb_error", "expanded")
 """The folder of a run's pictures, and the figures of which quadlog writes NAME.png there; others are the user's."""
 OWN_PICTURES = frozenset(f"{PLOTS}/{name}.png" for name in PICTURES)
@@ -60,8 +58,7 @@ def run_names(recordings: Sequence[Path]) -> list[str]:
     Case is ignored, as some file systems do.
     """
     short = [run_name(path.resolve().name if path.is_dir() else stem(path)) for path in recordings]
-    often = Counter(name.casefold() for name in short)
-    taken: dict[str, str] = {}
+    often, taken = Counter(name.casefold() for name in short), dict[str, str]()
     for name, path in zip(short, recordings, strict=True):
         unique = name if often[name.casefold()] == 1 else run_name(path.name)
         numbered = chain([unique], (f"{unique}-{number}" for number in count(2)))
@@ -146,12 +143,11 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
     return failed
 
 
-# Small files that describe a run.
 RECORDS = frozenset({"run.json", "config.toml", "metrics.json"})
-# Files that metrics are computed from.
 MEASURED = RECORDS.union(name for name in OWN_FILES if name.endswith(".parquet"))
-# Largest size of runs to copy.
+"""Small files that describe a run; files that metrics are computed from."""
 MAX_BYTES = 1 << 36
+"""Of the runs that are copied."""
 
 
 @contextmanager
@@ -246,7 +242,7 @@ def _never_replaced(path: Path, inputs: Iterable[object], own: Collection[str], 
     if (path.name in OWN_FILES and is_run(folder)) or (folder.name == PLOTS and is_run(folder.parent)):
         return f"a file of the run {folder}"
     others = {name for name in _FOLDER_TABLES.difference(own) if (folder / name).exists()}
-    if path.name in others or (path.name == "report.html" and others):
+    if path.name in others | ({"report.html"} if others else set()):
         return f"a file of the folder of results {folder}"
     if path.resolve() in {file.resolve() for each in inputs if isinstance(each, Path) for file in own_files(each)}:
         return "an input of this command"

@@ -37,7 +37,7 @@ _DAMAGE = (ValueError, OSError, LookupError, EOFError, RuntimeError, OverflowErr
 
 
 class Record(BaseModel):
-    """A part of run.json: frozen, without NaN; fields that a later version added are ignored."""
+    """A part of run.json, in which fields that a later version added are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 

@@ -98,14 +98,9 @@ def chosen_metrics(rows: Sequence[Listed], most: int = COLUMNS) -> list[str]:
 
 def runs_table(rows: Sequence[Listed]) -> Table:
     """The runs, worst first: track, worst sentence and metrics, coloured by bounds and alarms."""
-    ends, metrics = len({row.exit_code for row in rows}) > 1, chosen_metrics(rows)
-    known = {
-        name: [
-            1.0 if CATALOGUE[name].kind == "share" else row.metrics[name].value for row in rows if name in row.metrics
-        ]
-        for name in metrics
-    }
-    tops, found = {name: max(values) for name, values in known.items()}, []
+    ends, metrics, found = len({row.exit_code for row in rows}) > 1, chosen_metrics(rows), []
+    known = {name: [row.metrics[name].value for row in rows if name in row.metrics] for name in metrics}
+    tops = {name: 1.0 if CATALOGUE[name].kind == "share" else max(known[name]) for name in metrics}
     for row in rows:
         word, state = END_WORDS.get(row.exit_code, (f"exit {row.exit_code}", "bad"))
         bounds = {} if row.run is None else bounds_of(row.run)

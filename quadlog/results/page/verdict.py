@@ -26,10 +26,8 @@ NOISE_OVER_S = 0.35
 """Noise is what third differences over this time hold; those of a walk are small."""
 FEWEST_ERRORS = 3.0
 """With fewer independent errors a log says nothing of its bound, unless it is grossly wrong."""
-_SOURCES = {
-    "uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
-    "file": "a trajectory file",
-}  # fmt: skip
+_SOURCES = {"uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
+            "file": "a trajectory file"}  # fmt: skip
 """In words; others are as they are."""
 
 
@@ -99,18 +97,18 @@ def _recorded(run: Run) -> Iterator[Sentence]:
         yield Sentence("Recorded walk", "Positions were not computed (--until ingest).")
         return
     walk = "By its positions, which are not to be trusted, the robot" if _implausible(run) else "The robot"
+    state: State = "bad" if _implausible(run) else "good"
     if poses is None or set(poses["source"].unique()) == {"fixed"}:
         fixed = "" if poses is None else ": the robot is fixed at the origin"
-        yield Sentence("Recorded walk", f"No source gave positions of the robot{fixed}.", "bad")
+        text, state = f"No source gave positions of the robot{fixed}.", "bad"
     elif max(float(np.ptp(poses[name].dropna())) for name in ("x_m", "y_m")) < STANDS_M:
-        stayed = f"{walk} stayed within {STANDS_M:g} m for {sig(_lasted_s(poses))} s."
-        yield Sentence("Recorded walk", stayed, "bad" if _implausible(run) else "good")
+        text = f"{walk} stayed within {STANDS_M:g} m for {sig(_lasted_s(poses))} s."
     else:
         did = "followed its target for" if _follows(target) else "walked"
         length_m, lasted_s = walked_m(poses), _lasted_s(poses)
         speed = f" ({sig(length_m / lasted_s, 2)} m/s)" if lasted_s else ""
         text = f"{walk} {did} {sig(length_m)} m in {sig(lasted_s)} s{speed}."
-        yield Sentence("Recorded walk", text, "bad" if _implausible(run) else "good")
+    yield Sentence("Recorded walk", text, state)
     if poses is not None:
         yield from _missing(run, poses)
     if plans is not None:
@@ -170,13 +168,11 @@ def _simulated(run: Run) -> Iterator[Sentence]:
     clearance_m = run.metric("clearance_min_m")
     if hits:
         text += f"; it touched obstacles {len(hits)} ×, first at {min(hits):.1f} s"
-        states.append("bad")
-    elif clearance_m is not None and clearance_m < 0:
-        text += f"; inside an obstacle by up to {sig(-clearance_m, 2)} m"
-        states.append("bad")
     elif clearance_m is not None:
-        text += f"; nearest obstacle {sig(clearance_m, 2)} m away"
+        inside, away = f"inside an obstacle by up to {sig(-clearance_m, 2)} m", f"{sig(clearance_m, 2)} m away"
+        text += f"; {inside if clearance_m < 0 else f'nearest obstacle {away}'}"
         states += ["warn"] * _alarms(run, "clearance_min_m")
+    states += ["bad"] * bool(hits or (clearance_m is not None and clearance_m < 0))
     outside = 0.0 if clearances is None else float(clearances["clearance_m"].isna().mean())
     if outside > 0:
         text += f"; outside of the recorded maps for {percent(outside, 2)} of the time"
@@ -213,7 +209,7 @@ def _positions(run: Run) -> Iterator[Sentence]:
     if run.simulated or poses is None or set(poses["source"].unique()) == {"fixed"}:
         return
     source = Counter(poses["source"].tolist()).most_common(1)[0][0]
-    text, state = f"From {_SOURCES.get(source, source)}", "good"
+    text, wrong = f"From {_SOURCES.get(source, source)}", False
     error_m, aligned_m = run.metric("ate_rmse_m"), run.metric("ate_aligned_rmse_m")
     bound_m, coverage = _bound_m(run), run.metric("uwb_coverage_95")
     if error_m is not None:
@@ -230,15 +226,14 @@ def _positions(run: Run) -> Iterator[Sentence]:
         text += f" (NEES {sig(nees, 2)}, 2 is consistent)" * unlike
         wide = not seldom and nees < 1
         text += ": the bound is wider than needed" if wide else ": do not trust the bound"
-        state = "good" if wide else "bad"
+        wrong = not wide
     elif (seen := run.metrics["uwb_nees"].independent if "uwb_nees" in run.metrics else None) and seen < FEWEST_ERRORS:
         few = f"about {seen:.0f} independent errors" if seen >= 1.5 else "one constant error"
         text += f" ({few}: too little to judge the bound)"
     if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
-    if doubts := _implausible(run):
-        text, state = "; ".join([text, *doubts]), "bad"
-    yield Sentence("Positions", f"{text}.", state)  # type: ignore[arg-type]
+    doubts = _implausible(run)
+    yield Sentence("Positions", f"{'; '.join([text, *doubts])}.", "bad" if wrong or doubts else "good")
 
 
 def _alarms(run: Run, name: str) -> bool:

@@ -11,7 +11,7 @@ const openScene = (place, scene, block) => {
   const canvas = element("canvas", { role: "img", "aria-label": place.dataset.name });
   const stage = element("div", { class: "stage" }, canvas);
   const view = openView(scene, canvas, block);
-  const known = new Map(view.layers.map((layer) => [layer, layer.hidden ?? false])); // as they were at first
+  for (const layer of view.layers) layer.first = layer.hidden ??= false;
   const claim = element("output", { class: "tip claim", hidden: true });
   let opened = null;
   let [fitted, own] = [true, false]; // whether the view is the first one, and whether the reader chose it
@@ -36,12 +36,10 @@ const openScene = (place, scene, block) => {
   const follow = button("follow", "follow the robot (F)", () => changed(() => (view.follows() ? fit() : view.near(12))), { "aria-pressed": "false" });
   const walk = button("walk", "show the walk (0)", () => changed(fit));
   const whole = button("all", "show all, with anchors and walls (A)", () => changed(() => view.fit(scene.whole ?? scene.extent)));
-  const closer = button("+", "zoom in", () => changed(() => view.zoom(1.5)));
-  const farther = button("\u2212", "zoom out", () => changed(() => view.zoom(1 / 1.5)));
+  const zooms = [["+", "zoom in", 1.5], ["\u2212", "zoom out", 1 / 1.5]].map(([sign, name, by]) => button(sign, name, () => changed(() => view.zoom(by))));
   const legend = legendOf(view.layers, () => (draw(), moves && clock.rest()));
   const timeline = element("div", { class: "timeline", role: "group", "aria-label": HELP });
-  stage.append(element("div", { class: "tools" }, closer, farther, walk, ...(scene.whole ? [whole] : []), ...(moves ? [follow] : [])));
-  stage.append(claim);
+  stage.append(element("div", { class: "tools" }, ...zooms, walk, ...(scene.whole ? [whole] : []), ...(moves ? [follow] : [])), claim);
   place.append(stage, element("div", { class: "legend" }, legend), ...(moves ? [timeline] : []));
   place.classList.add("open");
   onWidth(stage, (width) => {
@@ -82,12 +80,12 @@ const openScene = (place, scene, block) => {
   clock.listeners.push(draw);
   // What the address of the page says beside the instant.
   const state = () => {
-    const toggled = view.layers.filter((layer) => (layer.hidden ?? false) !== known.get(layer)).map(({ label }) => label);
+    const toggled = view.layers.filter(({ hidden, first }) => hidden !== first).map(({ label }) => label);
     return { ...(own ? { view: view.place().map((value) => value.toFixed(2)).join() } : {}), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
   };
   const restore = (instant, { view: wanted, layers }, closely = true) => {
     const moment = scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
-    if (layers) for (const layer of view.layers) layer.hidden = known.get(layer) !== layers.split("~").includes(layer.label);
+    if (layers) for (const layer of view.layers) layer.hidden = layer.first !== layers.split("~").includes(layer.label);
     legend.mark();
     if (moment && !wanted) openMoment(moment, closely);
     else clock.set(instant);
@@ -113,20 +111,14 @@ const groupsOf = (moments) => {
   return groups;
 };
 
-const GLYPHS = { area: "■", line: "━", dashed: "╍", dot: "●", triangle: "▲", cross: "✕", ring: "○" };
+const GLYPHS = { raster: "■", windows: "■", dot: "●", triangle: "▲", cross: "✕", ring: "○" };
 
 const legendOf = (layers, draw) => {
-  const form = ({ kind, variant, shape }) =>
-    kind === "marks" ? shape : kind === "raster" || kind === "windows" ? "area" : variant ? "dashed" : "line";
   const entries = layers.map((layer) => {
-    const toggle = () => {
-      layer.hidden = !layer.hidden;
-      legend.mark();
-      draw();
-    };
-    const swatch = element("i", { "aria-hidden": "true" }, GLYPHS[form(layer)]);
-    swatch.style.color = `var(--${layer.color})`;
-    return element("button", { type: "button", onclick: toggle }, swatch, layer.label);
+    const { kind, shape, variant, color, label } = layer;
+    const swatch = element("i", { "aria-hidden": "true" }, GLYPHS[kind] ?? GLYPHS[shape] ?? (variant ? "╍" : "━"));
+    swatch.style.color = `var(--${color})`;
+    return element("button", { type: "button", onclick: () => ((layer.hidden = !layer.hidden), legend.mark(), draw()) }, swatch, label);
   });
   const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);
   legend.mark = () => entries.forEach((made, at) => made.setAttribute("aria-pressed", String(!layers[at].hidden)));
@@ -210,22 +202,19 @@ const addTransport = (place, scene, clock, groups, openMoment, step) => {
   const time = element("output", { class: "clock" });
   const speed = element("select", { "aria-label": "speed" }, ...SPEEDS.map((times) => element("option", { value: times, selected: times === 1 }, `${times} ×`)));
   const share = (instant) => `${(100 * (Math.min(Math.max(instant, from), until) - from)) / (until - from)}%`;
-  const rows = [{ label: groups.length ? "moments" : "", spans: [] }, ...scene.activity].map(({ label, spans }, row) => {
-    const strip = element("div", { class: "strip" });
-    strip.addEventListener("click", (event) => event.target === strip && seek(from + ((until - from) * event.offsetX) / strip.clientWidth));
-    for (const [start, end] of spans) {
-      const mark = element("i", { class: "span" });
-      Object.assign(mark.style, { left: share(start), right: `calc(100% - ${share(end)})` });
-      strip.append(mark);
-    }
-    for (const group of row ? [] : groups) {
-      const mark = element("i", { class: "moment", title: group.map(wordsOf).join("\n"), onclick: () => openMoment(group[0]) });
-      mark.style.left = share(group[0].seconds);
-      strip.append(mark);
-    }
-    return label ? [element("span", { class: "role" }, label), strip] : [];
-  });
-  const activity = element("div", { class: "activity", "aria-hidden": "true" }, ...rows.flat());
+  const row = (label, marks) => {
+    const jump = (event) => event.target.matches(".strip") && seek(from + ((until - from) * event.offsetX) / event.target.clientWidth);
+    return [element("span", { class: "role" }, label), element("div", { class: "strip", onclick: jump }, ...marks)];
+  };
+  const mark = (attributes, style) => {
+    const made = element("i", attributes);
+    Object.assign(made.style, style);
+    return made;
+  };
+  const dots = groups.map((group) => mark({ class: "moment", title: group.map(wordsOf).join("\n"), onclick: () => openMoment(group[0]) }, { left: share(group[0].seconds) }));
+  const spanOf = ([start, end]) => mark({ class: "span" }, { left: share(start), right: `calc(100% - ${share(end)})` });
+  const rows = [...(dots.length ? row("moments", dots) : []), ...scene.activity.flatMap((role) => row(role.label, role.spans.map(spanOf)))];
+  const activity = element("div", { class: "activity", "aria-hidden": "true" }, ...rows);
   const steps = groups.length ? [button("\u2039", "moment before ([)", () => step(-1)), button("\u203a", "next moment (])", () => step(1))] : [];
   place.append(play, element("div", { class: "tracks" }, slider, activity), ...steps, time, speed);
   clock.pause = () => playing && setPlaying(false);

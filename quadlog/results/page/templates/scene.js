@@ -49,9 +49,8 @@ const openView = (scene, canvas, block) => {
   const stills = [picture(1, 1), picture(1, 1)];
   let pen = screen;
   const layers = scene.layers.map((layer) => {
-    const made = { ...layer, bytes: block.cells[layer.cells] };
-    for (const name of COLUMNS) if (name in layer) made[name] = block.columns[layer[name]];
-    return made;
+    const columns = COLUMNS.filter((name) => name in layer).map((name) => [name, block.columns[layer[name]]]);
+    return { ...layer, bytes: block.cells[layer.cells], ...Object.fromEntries(columns) };
   });
   const tracks = layers.filter(({ kind }) => kind === "track");
   const walker = tracks.findLast(({ shape }) => shape === "body") ?? tracks[tracks.length - 1];
@@ -261,6 +260,10 @@ const openView = (scene, canvas, block) => {
     pen = screen;
   };
   const world = (px, py) => [view.x + (px - size.x / 2) / view.scale, view.y - (py - size.y / 2) / view.scale];
+  const fit = ([left, right, bottom, top]) => {
+    follow = false;
+    view = { x: (left + right) / 2, y: (bottom + top) / 2, scale: Math.min(size.x / (right - left), size.y / (top - bottom)) };
+  };
   recolor();
   return {
     layers,
@@ -282,10 +285,7 @@ const openView = (scene, canvas, block) => {
       }
       if (claim) drawClaim(claim);
     },
-    fit: ([left, right, bottom, top]) => {
-      follow = false;
-      view = { x: (left + right) / 2, y: (bottom + top) / 2, scale: Math.min(size.x / (right - left), size.y / (top - bottom)) };
-    },
+    fit,
     near: (across) => {
       follow = true;
       view.scale = Math.min(size.x, size.y) / across;
@@ -294,9 +294,8 @@ const openView = (scene, canvas, block) => {
     open: ({ line, ring: [left, up, ...axes], seconds }) => {
       const robot = poseAt(walker, seconds) ?? view;
       const [x0, y0, x1, y1] = line.length ? line : [left ?? robot.x, up ?? robot.y, left ?? robot.x, up ?? robot.y];
-      const across = Math.max(4, 2.5 * Math.hypot(x1 - x0, y1 - y0), 2.5 * Math.max(0, ...axes));
-      follow = false;
-      view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.min(size.x, size.y) / across };
+      const half = Math.max(2, 1.25 * Math.hypot(x1 - x0, y1 - y0), 1.25 * Math.max(0, ...axes));
+      fit([(x0 + x1) / 2 - half, (x0 + x1) / 2 + half, (y0 + y1) / 2 - half, (y0 + y1) / 2 + half]);
     },
     place: (wanted) => {
       if (wanted) [follow, view] = [false, { x: wanted[0], y: wanted[1], scale: size.x / wanted[2] }];

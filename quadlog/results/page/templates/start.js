@@ -20,11 +20,10 @@
   addEventListener("hashchange", () => goTo(location.hash));
   // Once the clock rests: a browser refuses an address a frame.
   let waiting = 0;
-  const follow = ({ clock, state }) => {
+  for (const { clock, state } of moving.slice(0, 1)) {
     const say = () => history.replaceState(null, "", `#${new URLSearchParams({ t: clock.now.toFixed(3), ...state() })}`);
     clock.rest = () => (clearTimeout(waiting), (waiting = setTimeout(say, 400)));
-  };
-  if (moving.length) follow(moving[0]);
+  }
   addEventListener("click", (event) => {
     const link = event.target.closest('a[href^="#t="]');
     if (!link || !goTo(link.hash)) return; // a second click on a link changes no hash
