@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -61,10 +62,10 @@ def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Mom
         charts.append(blocks.Drawn(figure.name, figure.title, figure.caption))
     if not isinstance(scene, Scene):
         return charts
-    pack.add("paths", scene)
-    apart = [moment for moment in [farthest_apart(scene)] if moment is not None]
-    start = apart[0].seconds if apart else moments[0].seconds if moments else None
-    return [blocks.Drawn("paths", "paths", moments=[*apart, *moments], start=start, charts=charts)]
+    moments = [*filter(None, [farthest_apart(scene)]), *moments]
+    pack.add("paths", replace(scene, moments=moments))
+    start = moments[0].seconds if moments else None
+    return [blocks.Drawn("paths", "paths", moments=moments, start=start, charts=charts)]
 
 
 def short_names(names: Sequence[str]) -> Sequence[str]:

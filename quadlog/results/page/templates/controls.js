@@ -99,7 +99,7 @@ const openScene = (place, scene, block) => {
   return { stage, keys, clock, state, restore, start: () => clock.now ?? restore(Number(place.dataset.start ?? from), {}, false) };
 };
 
-const wordsOf = ({ what, value }) => `${what} ${value}`;
+const wordsOf = ({ what, value }) => `${what}${/^[a-z]/.test(value) ? "," : ""} ${value}`;
 
 // Moments within half a second of the first one are one dot of the timeline.
 const groupsOf = (moments) => {

@@ -70,7 +70,8 @@ const openAxis = (column) => {
   onWidth(place, (width) => chart.setSize({ width, height: 20 }));
   redraws.push(() => chart.redraw(false, true));
 };
-const seconds = (_, values) => values.map((value) => (value === null ? "" : `${short(value)} s`));
+// Without one that the right edge would cut.
+const seconds = ({ scales: { x: { min, max } } }, values) => values.map((value) => (value === null || value > max - 0.015 * (max - min) ? "" : `${short(value)} s`));
 
 // Columns over one x. NaN becomes null, a gap; where another series has a sample and this one has none is undefined.
 const joined = (series, columns) => {
