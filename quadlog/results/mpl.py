@@ -40,7 +40,7 @@ ROW_IN, LETTER_IN, EDGE_IN = 0.21, 0.078, 0.06
 LEAST, DECADES = 0.4, 300
 """Of a panel's height; an axis that spans less has ticks at 1, 2 and 5."""
 STROKE_IN, DENSE, SEEN, FAINT = 1 / 48, 4.0, 0.14, 0.03
-"""Curves of more than so many samples in a stroke's width are drawn as the ranges and means of strokes where a range is
+"""Curves of more samples in a stroke's width are drawn as the range, mean and rms of each stroke where a range is
 more than such a share of the curve's, and of the panel's.
 """
 MOST_CELLS = 800
@@ -120,7 +120,7 @@ def _panel_picture(panels: Sequence[view.Panel], width_in: float, text: float, h
 
 
 def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view.Series]:
-    """A dense curve as the band from the least to the largest value of each stroke, this long on x, and the mean.
+    """A dense curve as the band from the least to the largest value of each stroke, this long on x, and mean ± rms.
 
     Others, and those with small ranges for a panel of this span, as they are; without one all dense ones are ranges.
     """
@@ -131,13 +131,16 @@ def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view
     edges = np.linspace(series.x[known[0]], series.x[known[-1]], strokes + 1)
     at = np.minimum(np.searchsorted(edges, series.x[known], side="right") - 1, strokes - 1)
     first, y = np.flatnonzero(np.diff(at, prepend=-1)), series.y[known]
-    low, high, mean = np.full((3, strokes), np.nan)  # NaN in gaps
+    low, high, mean, rms = np.full((4, strokes), np.nan)  # NaN in gaps
     low[at[first]], high[at[first]] = np.minimum.reduceat(y, first), np.maximum.reduceat(y, first)
-    mean[at[first]] = np.add.reduceat(y, first) / np.diff(first, append=len(y))
+    samples = np.diff(first, append=len(y))
+    mean[at[first]] = np.add.reduceat(y, first) / samples
+    rms[at[first]] = np.sqrt(np.add.reduceat((y - mean[at]) ** 2, first) / samples)
     if np.nanmean(high - low) <= (0.0 if span is None else max(SEEN * np.ptp(y), FAINT * span)):
         return [series]
     x = (edges[1:] + edges[:-1]) / 2
-    return [replace(series, x=x, y=low, upper=high, style="band"), replace(series, x=x, y=mean, style="line")]
+    bands = [replace(series, x=x, y=y, upper=of, style="band") for y, of in ((low, high), (mean - rms, mean + rms))]
+    return [*bands, replace(series, x=x, y=mean, style="line")]
 
 
 Words = Sequence[tuple[str, str, str]]
@@ -195,7 +198,7 @@ def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
         _draw_series(axes, series, bool(panel.rows))
     upright, soft = axes.get_xaxis_transform(), view.COLORS["soft"]
     axes.vlines(panel.marks, 0, 1, soft, ":", transform=upright, linewidth=0.6)
-    notes = ["mean and range"] if len(drawn) > len(panel.series) else []
+    notes = ["range, mean ± rms"] if len(drawn) > len(panel.series) else []
     if panel.robust:
         low, high, beyond = view.robust_limits(panel)
         axes.set_ylim(low, high)
@@ -254,6 +257,7 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
     more = max((right - left) / wide_in, (top - bottom) / high_in) / 2
     x, y, across, along = (left + right) / 2, (bottom + top) / 2, more * wide_in, more * high_in
     draw_scene(axes, replace(scene, extent=(x - across, x + across, y - along, y + along)))
+    axes.locator_params("x", nbins=6)
     if scales:
         y, thick = (below_in + high_in + 0.08 * text) / height_in, 0.09 * text / height_in
         place = picture.add_axes((0.45, y, 0.55 - RIGHT_IN / width_in, thick))
@@ -272,11 +276,12 @@ SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 def _write_names(axes: Axes, scene: view.Scene) -> None:
     """The name of each line, track and named mark beside it, at the place where it covers least."""
     ink: list[view.Array] = [np.zeros((0, 2))]
+    walls = ink[0]
     named: list[tuple[str, Any, view.Array]] = []
     for layer in scene.layers:
         if isinstance(layer, view.Raster):
             row, column = np.nonzero(np.isfinite(layer.values))
-            ink.append(np.array(layer.origin) + layer.cell * (np.column_stack([column, row]) + 0.5))
+            walls = np.array(layer.origin) + layer.cell * (np.column_stack([column, row]) + 0.5)
         elif isinstance(layer, view.Marks):
             colors = repeat(view.COLORS[layer.color])
             named += zip(layer.names, colors, np.column_stack([layer.x, layer.y])[:, None], strict=False)
@@ -285,22 +290,24 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
         ink.append(points)
         named += [(name, color, points)] * (has_name and name[:1] not in ("", "_"))
     picture: Any = axes.figure
-    area, taken, to_pixels = axes.bbox, list[Bbox](), axes.transData.transform
+    area, taken, to_pixels, gap = axes.bbox, list[Bbox](), axes.transData.transform, 0.05 * picture.get_dpi()
     covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in ink])
-    covered = to_pixels(covered[np.isfinite(covered).all(axis=1)])
+    covered, walls = to_pixels(covered[np.isfinite(covered).all(axis=1)]), to_pixels(walls)
 
     def cost(place: tuple[int, Bbox]) -> float:
         order, box = place
         outside = not (area.contains(*box.min) and area.contains(*box.max))
-        return order / len(SIDES) + 4 * box.count_contains(covered) + 1e4 * (box.count_overlaps(taken) + outside)
+        badly = box.count_overlaps(taken) + outside
+        on_walls = box.padded(gap).count_contains(walls)
+        return order / len(SIDES) + 4 * box.count_contains(covered) + 1e3 * on_walls + 1e6 * badly
 
     for name, color, points in named:
         known = to_pixels(points[np.isfinite(points).all(axis=1)])
         at = [point for point in known[view.thin_evenly(len(known), PLACES)][::-1] if area.contains(*point)]
-        size, gap = _size(picture, name), 0.05 * picture.get_dpi()
+        size = _size(picture, name)
         corners = [point + (size / 2 + gap) * side - size / 2 for point in at for side in SIDES]
         places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in enumerate(corners)]
-        if places and cost(best := min(places, key=cost)) < 1e4:
+        if places and cost(best := min(places, key=cost)) < 1e6:
             taken.append(best[1].padded(gap))
             x, y = axes.transData.inverted().transform(best[1].get_points().mean(axis=0))
             axes.text(x, y, name, ha="center", va="center", **_haloed(color))
