@@ -225,16 +225,26 @@ def _moments(run: Run) -> list[view.Moment]:
 MOST_CONTACTS, MOST_MOMENTS = 6, 200
 """Contacts before the worst instants, and all."""
 _AS_GOOD = ("ate_aligned_rmse_m", "ate_time_corrected_rmse_m", "plan_error_m", "following_distance_mean_m",
-            "uwb_nis", "rpe_rmse_m", "reference_time_offset_s")  # fmt: skip
+            "uwb_nis", "uwb_bias_m", "rpe_rmse_m", "reference_time_offset_s")  # fmt: skip
 """Metrics whose worst instant shows no more than that of another one, or nothing that the map draws."""
 _FIXES = ("UWB fixes", "outlying fixes", ELLIPSES := "95 % ellipse of the fix")
 _WALKED = ("max_error_m", "eta_m", "sigma_m", "cross_track_rmse_m", "clearance_min_m")
+_PLAN = ("plans", "start_x_m", "start_y_m", ("plan, simulated walk",))
+_PLACES = {"uwb_residual_m": ("fixes", "x_m", "y_m", _FIXES), "suboptimality_mean": _PLAN, "expanded_mean": _PLAN}
+"""Table and columns of the place of a worst sample that is no length on the map, and what else is of its kind."""
 AGREES_M = 0.01
 """A line is drawn for a value that differs from its length by no more."""
 
 
 def _claim(run: Run, name: str, worst: float, t_ns: int) -> dict[str, Any]:
-    """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that is no length on the map."""
+    """`line`, `ring` and `hides` of the worst sample of a metric; nothing of one that has no place on the map."""
+    if name in _PLACES:
+        table, x, y, kind = _PLACES[name]
+        row = _row(run, table, t_ns)
+        return {} if row is None else {"line": (row[x], row[y]) * 2, "hides": kind}
+    if name == "heading_rmse_rad" and (row := _row(run, "control", t_ns)) is not None:
+        course = np.exp(1j * (row.yaw_rad - row.heading_error_rad))  # one metre of where the path leads
+        return {"line": (row.x_m, row.y_m, row.x_m + course.real, row.y_m + course.imag)}
     if name in ("uwb_nees", "uwb_coverage_95"):
         return _claimed_error(run, "track", t_ns)
     drawn, truth = dict[str, Any](), run.trajectory("reference")

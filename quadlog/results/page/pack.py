@@ -41,6 +41,7 @@ class Pack:
         self._parts: list[bytes] = []
         self._cells: list[bytes] = []
         self._notes: dict[str, None] = {}
+        self._instants: list[float] = []
 
     def __bool__(self) -> bool:
         return bool(self.charts or self.scenes)
@@ -95,11 +96,14 @@ class Pack:
         self._cells.append(content)
         return len(self._cells) - 1
 
-    def _thin(self, length: int, most: int, what: str) -> view.Array:
-        """Indices of at most `most` of so many things, with a note if some are left out."""
+    def _thin(self, length: int, most: int, what: str, seconds: view.Array | None = None) -> view.Array:
+        """Indices of at most `most` of so many things, and of those of moments, with a note if some are left out."""
         if length <= most:
             return np.arange(length)
         kept = view.thin_evenly(length, most)
+        if seconds is not None:
+            at = np.searchsorted(seconds, self._instants, side="right") - 1
+            kept = np.union1d(kept, at[at >= 0])
         self._notes[f"{count(len(kept))} of {count(length)} {what}"] = None
         return kept
 
@@ -123,6 +127,7 @@ class Pack:
         return self._described(panel) | {"series": series} | limits
 
     def _scene(self, scene: view.Scene) -> dict[str, Any]:
+        self._instants = [moment.seconds for moment in scene.moments]
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
         activity = [{"label": label, "spans": spans} for label, spans in scene.activity.items()]
         moments = [asdict(moment) for moment in scene.moments]
@@ -152,7 +157,7 @@ class Pack:
         """
         maps, (rows, columns) = layer.maps, layer.maps.shape
         width = (columns + 7) // 8
-        chosen = self._thin(len(maps), max(1, MOST_MAP_BYTES // (rows * width)), "maps")
+        chosen = self._thin(len(maps), max(1, MOST_MAP_BYTES // (rows * width)), "maps", layer.seconds)
         before, parts = np.zeros((rows, width), np.uint8), []
         for index in chosen.tolist():
             column, row = maps.corner[index].tolist()
@@ -166,7 +171,7 @@ class Pack:
 
     def _lines(self, layer: view.Lines) -> dict[str, Any]:
         most = MOST_POSES if layer.measured else MOST_LINES
-        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}")
+        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}", layer.seconds)
         points = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
         rows = [np.arange(layer.first[k], layer.first[k + 1]) for k in chosen]
         rows = [of[view.thin_evenly(len(of), points)] for of in rows]

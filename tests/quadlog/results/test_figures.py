@@ -130,7 +130,8 @@ def test_a_moment_draws_what_it_claims(tiny_run: Path) -> None:
     worst = {
         "ate_rmse_m": (0.1, poses["t_ns"][30]), "uwb_rmse_m": (error_m[27], poses["t_ns"][27]),
         "eta_m": (control["error_m"][143], control["t_ns"][143]), "uwb_nees": (7.0, poses["t_ns"][21]),
-        "clearance_min_m": (-0.18, control["t_ns"][3]),
+        "clearance_min_m": (-0.18, control["t_ns"][3]), "heading_rmse_rad": (0.3, control["t_ns"][60]),
+        "expanded_mean": (9, read_table(tiny_run, "plans")["t_ns"][2]), "uwb_residual_m": (0.2, fixes["t_ns"][12]),
     }  # fmt: skip
     saved = {
         name: {"value": 0.1, "n": 9, "unit": "m", "worst": float(of), "worst_t_ns": int(at)}
@@ -146,6 +147,8 @@ def test_a_moment_draws_what_it_claims(tiny_run: Path) -> None:
     at = np.flatnonzero((fixes["t_ns"] == poses["t_ns"][27]) & (fixes["tag"] == 0))
     assert moments["uwb_rmse_m"].line[:2] == pytest.approx([fixes["x_m"][at[0]], fixes["y_m"][at[0]]])
     assert {"UWB fixes", "95 % ellipse of the fix"} <= set(moments["uwb_rmse_m"].hides)
+    assert all(len(moments[name].line) == 4 for name in worst if name != "clearance_min_m")
+    assert moments["expanded_mean"].hides == ("plan, simulated walk",)
     assert len(moments["uwb_rmse_m"].ring) == len(moments["uwb_nees"].ring) == 5
     assert (moments["clearance_min_m"].what, moments["clearance_min_m"].value) == ("body", "0.18 m inside an obstacle")
     pack = Pack()
@@ -210,6 +213,19 @@ def test_words_of_a_figure_never_cover_each_other(
     assert covered == []
 
 
+def test_no_name_lies_on_a_wall() -> None:
+    """Posts stand around all of the track but its start."""
+    posts = np.full((40, 100), np.nan)
+    posts[2::6, 14::5] = 1.0
+    way = np.linspace(0, 5, 200)
+    track = Track("robot", "robot", way, way, np.full(200, 2.0))
+    scene = Scene([Raster("walls", "wall", posts, (0.0, 0.0), 0.1, 0.0, 1.0), track], (-0.5, 10, 0, 4))
+    with mpl.styled(8.0):
+        axes = mpl.picture_of(scene, 3.5, 8.0).axes[0]
+        cells = axes.transData.transform(0.1 * (np.argwhere(np.isfinite(posts))[:, ::-1] + 0.5))
+        assert [text.get_window_extent().count_contains(cells) for text in axes.texts] == [0]
+
+
 def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Series] = []
     monkeypatch.setattr(mpl, "_draw_series", lambda axes, series, in_rows: drawn.append(series))
@@ -217,8 +233,10 @@ def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(mon
     smooth, dense = Series("a", "robot", x, np.sin(x / 3)), Series("b", "target", x, np.sin(70 * x) + (x == 30))
     dense.y[(x > 40) & (x < 45)] = np.nan
     render([Panel("smooth", [smooth]), Panel("rows", [dense], rows="a"), Panel("dense", [dense])], width_in=3.5)
-    assert [one.style for one in drawn] == ["line", "line", "band", "line"]
-    band, mean = drawn[2:]
+    assert [one.style for one in drawn] == ["line", "line", "band", "band", "line"]
+    band, around, mean = drawn[2:]
+    assert np.nanmedian(around.upper - mean.y) == pytest.approx(0.5**0.5, rel=0.05)
+    assert np.nanmedian(mean.y - around.y) == pytest.approx(0.5**0.5, rel=0.05)
     assert (np.nanmin(band.y), np.nanmax(band.upper)) == (np.nanmin(dense.y), np.nanmax(dense.y))
     assert np.abs(mean.y[np.isfinite(mean.y)]).max() < 0.1
     assert np.isnan(mean.y[(mean.x > 41) & (mean.x < 44)]).all()
