@@ -42,6 +42,8 @@ const openScene = (place, scene, block) => {
   stage.append(element("div", { class: "tools" }, ...zooms, walk, ...(scene.whole ? [whole] : []), ...(moves ? [follow] : [])), claim);
   place.append(stage, element("div", { class: "legend" }, legend), ...(moves ? [timeline] : []));
   place.classList.add("open");
+  // A walk that is higher than wide has a narrower map, and the curves more room.
+  place.closest(".beside")?.style.setProperty("--aspect", (scene.extent[1] - scene.extent[0]) / (scene.extent[3] - scene.extent[2]));
   onWidth(stage, (width) => {
     const [left, right, bottom, top] = scene.extent;
     const fitting = Math.min(0.5 * innerHeight, (width * (top - bottom)) / (right - left));
