@@ -329,9 +329,8 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
         yield view.Moment(float(seconds[at]), what, value, name, (LATE,), **drawn)
 
 
-_ROLES = {
-    "lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "target", "joints": "joints", "plans": "plans"
-}  # fmt: skip
+_ROLES = {"lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "target", "joints": "joints",
+          "plans": "plans"}  # fmt: skip
 
 
 def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:

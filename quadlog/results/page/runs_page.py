@@ -129,8 +129,7 @@ def _facts(run: Run | None) -> str:
     return " · ".join([f"{sig(run.record.recorded_s)} s", f"{sig(walked_m(poses))} m", *sources])
 
 
-POINTS = 150
-"""Of a track in a thumbnail."""
+POINTS = 150  # of a track in a thumbnail
 
 
 def _track(run: Run | None) -> tuple[str, Sequence[tuple[str, str]]]:
