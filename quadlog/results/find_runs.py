@@ -76,11 +76,8 @@ def find_runs(paths: Sequence[Path]) -> list[Path]:
     A folder with a run.json is a run, finished or not. Hidden folders and `files_beside_runs` are left out. Raises
     NotARun for a path without runs.
     """
-    found: dict[Path, Path] = {}
-    beside = files_beside_runs(paths)
-    for path in paths:
-        if path in beside:
-            continue
+    found, beside = dict[Path, Path](), files_beside_runs(paths)
+    for path in (path for path in paths if path not in beside):
         if not path.is_dir():
             raise NotARun(path, "is no folder" if path.exists() else "no such folder")
         inside = [path] if is_run(path) else list(_runs_in(path, _DEEPEST))
@@ -159,10 +156,8 @@ def runs_here(
     Also a function that gives a path in them as the user gave it. Raises NotARun, TooLarge, StorageFailed.
     """
     with tempfile.TemporaryDirectory(prefix="quadlog-") as scratch:
-        here = [
-            fetch_runs(path, Path(scratch) / str(number), names) if isinstance(path, RemotePath) else path
-            for number, path in enumerate(paths)
-        ]
+        places = ((path, Path(scratch) / str(number)) for number, path in enumerate(paths))
+        here = [fetch_runs(path, place, names) if isinstance(path, RemotePath) else path for path, place in places]
 
         def as_given(path: Path | str) -> str:
             for local, given in zip(here, paths, strict=True):

@@ -31,7 +31,8 @@ def walk_scene(run: Run) -> view.Scene | None:
         return None
     layers: list[view.Layer] = [*walls, *_anchors(run), *_fixes(run), *_late_ranges(run)]
     layers += [*_plans(run), *ways, *tracks, *_errors(run)]
-    walked = [(way.x, way.y) for way in (*ways, *tracks)]
+    moved: list[Any] = [*ways, *tracks]
+    walked = [(way.x, way.y) for way in moved]
     left, right, bottom, top = view.extent_of(*walked, margin=0.0)
     side = max(right - left, top - bottom)
     extent = view.extent_of(*walked, margin=min(AROUND_M, max(AROUND_SHARE * side, 0.5)))
@@ -54,7 +55,8 @@ def _tracks(run: Run) -> Iterator[view.Track]:
     for table, label, color, shape in shown:
         if (rows := _located(table)) is not None:
             names = "seconds x_m y_m" + " yaw_rad" * ("yaw_rad" in rows)
-            yield view.Track(label, color, *view.break_gaps(*columns_of(rows, names)), shape=shape)
+            seconds, x_m, y_m, *yaw = view.break_gaps(*columns_of(rows, names))
+            yield view.Track(label, color, seconds, x_m, y_m, yaw[0] if yaw else None, shape)
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
@@ -73,9 +75,11 @@ def _reference(run: Run) -> Iterator[view.Lines]:
     truth = None if run.simulated or run.metric("ate_rmse_m") is None else run.trajectory("reference")
     other = _located(run.table("other_poses"))
     if truth is not None:
-        yield line("reference", "text", *view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)[1:], 1)
+        yield line(
+            "reference", "text", *view.break_gaps(run.seconds(truth.t_ns), *truth.position_m[:, :2].T)[1:], variant=1
+        )
     if other is not None:
-        yield line("other track", "olive", *view.break_gaps(*columns_of(other, "seconds x_m y_m"))[1:], 2)
+        yield line("other track", "olive", *view.break_gaps(*columns_of(other, "seconds x_m y_m"))[1:], variant=2)
 
 
 def _walls(run: Run) -> Iterator[Any]:
@@ -133,8 +137,8 @@ def _fixes(run: Run) -> Iterator[view.Layer]:
     outlier = fixes["outlier"].to_numpy()
     for label, color, rows in (("UWB fixes", "fix", fixes[~outlier]), ("outlying fixes", "olive", fixes[outlier])):
         if len(rows):
-            ends = {"seconds": rows["seconds"].to_numpy() - NEAR_S, "until": rows["seconds"].to_numpy() + NEAR_S}
-            yield view.Marks(label, color, *columns_of(rows, "x_m y_m"), **ends)
+            seconds, x_m, y_m = columns_of(rows, "seconds x_m y_m")
+            yield view.Marks(label, color, x_m, y_m, seconds=seconds - NEAR_S, until=seconds + NEAR_S)
     seconds, x_m, y_m, *spread_m2 = columns_of(fixes, "seconds x_m y_m cov_xx_m2 cov_xy_m2 cov_yy_m2")
     later = np.append(seconds, np.inf)[np.searchsorted(seconds, seconds + EPOCH_S, side="right")]
     until = np.minimum(later, seconds + view.GAP_S)
@@ -173,10 +177,11 @@ def _plans(run: Run) -> Iterator[view.Lines]:
     wanted = [("paths", "plan, recorded walk", "fix", 1, 0), ("resim_paths", "plan, simulated walk", "plan", 0, 12)]
     for name, label, color, variant, shown in wanted:
         if (paths := run.table(name)) is not None and not run.simulated:
-            first, *way = plan_ways(paths)
-            yield view.Lines(label, color, first, *way, paths["seconds"].to_numpy()[first[:-1]], variant, shown)
+            first, x_m, y_m = plan_ways(paths)
+            seconds = paths["seconds"].to_numpy()[first[:-1]]
+            yield view.Lines(label, color, first, x_m, y_m, seconds, variant, shown)
         elif paths is not None:
-            yield line("course", "note", *columns_of(paths, "x_m y_m"), 1)
+            yield line("course", "note", *columns_of(paths, "x_m y_m"), variant=1)
 
 
 def plan_ways(paths: DataFrame) -> tuple[view.Array, view.Array, view.Array]:
@@ -195,7 +200,8 @@ def _errors(run: Run) -> Iterator[view.Layer]:
         first = np.arange(0, len(x) + 1, 2)
         yield view.Lines("distance to the path", "bad", first, x, y, seconds, shown=0, measured=True)
     if contacts is not None:
-        yield view.Marks("contact", "bad", *columns_of(contacts, "x_m y_m"), "cross")
+        x_m, y_m = columns_of(contacts, "x_m y_m")
+        yield view.Marks("contact", "bad", x_m, y_m, "cross")
 
 
 def _moments(run: Run) -> list[view.Moment]:
@@ -333,9 +339,8 @@ def _worst_of_tags(run: Run) -> Iterator[view.Moment]:
         yield view.Moment(float(seconds[at]), what, value, name, (LATE,), **drawn)
 
 
-_ROLES = {
-    "lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "target", "joints": "joints", "plans": "plans"
-}  # fmt: skip
+_ROLES = {"lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "target", "joints": "joints",
+          "plans": "plans"}  # fmt: skip
 
 
 def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:
@@ -349,7 +354,7 @@ def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:
             yield label, list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
-def line(label: str, color: str, x: view.Array, y: view.Array, variant: int = 0) -> view.Lines:
+def line(label: str, color: str, x: view.Array, y: view.Array, *, variant: int = 0) -> view.Lines:
     """One still polyline."""
     return view.Lines(label, color, np.array([0, len(x)]), x, y, variant=variant)
 

@@ -295,10 +295,10 @@ def metrics_text(runs: Sequence[MeasuredRun], to: str, differing: Sequence[str] 
         rows = [[str(run.path), *map(values[run.label].get, names)] for run in runs]
         return print_table(["run", *names], rows, to)
     if to == "csv":
-        found = [(run, name, of) for run in runs for name, of in run.metrics.items()]
-        more = [[*map(of.detail.get, _CSV[5:9]), *(of.interval or (None, None))] for *_, of in found]
-        rows = [[str(run.path), name, of.value, of.unit, of.n] for run, name, of in found]
-        return print_table(_CSV, [[*one, *other] for one, other in zip(rows, more, strict=True)], to)
+        every = [(str(run.path), name, of) for run in runs for name, of in run.metrics.items()]
+        ends = [[*map(of.detail.get, _CSV[5:9]), *(of.interval or (None, None))] for *_, of in every]
+        rows = [[path, name, of.value, of.unit, of.n, *end] for (path, name, of), end in zip(every, ends, strict=True)]
+        return print_table(_CSV, rows, to)
     if len(runs) == 1:
         (run,) = runs
         found = [(name, of.value, ends_text(of.interval), of.unit, of.n) for name, of in run.metrics.items()]

@@ -299,7 +299,7 @@ def merge_panels(runs: Mapping[str, Sequence[Panel]]) -> list[Panel]:
 
     Curves that are alike in all runs are drawn once, in grey; a panel without others is left out.
     """
-    merged, shown = dict[str, tuple[Panel, list[tuple[str, Series]]]](), []
+    merged, shown = dict[str, tuple[Panel, list[tuple[str, Series]]]](), list[Panel]()
     for name, panels in runs.items():
         for panel in panels:
             curves = [(name, of) for of in panel.series if of.style != "band"]
@@ -323,7 +323,7 @@ def _over_each_other(
     of_label: dict[str, dict[str, Any]] = {}
     for name, one in found:
         of_label.setdefault(one.label, {})[name] = one
-    shown, differing = [], []
+    shown, differing = list[Any](), list[str]()
     for label, of in of_label.items():
         first, *others = ([getattr(one, column) for column in columns.split()] for one in of.values())
         same = all(np.array_equal(*pair, equal_nan=True) for other in others for pair in zip(first, other, strict=True))

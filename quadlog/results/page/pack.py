@@ -19,10 +19,8 @@ from quadlog.results.text import count
 
 DIGITS = 1e4
 """A curve's span is divided into at least so many steps: finer than a pixel."""
-UNITS = {
-    **dict.fromkeys(("seconds", "until", "marks", "x", "y", "along", "cross", "aside"), 1e-3), "yaw": 1e-4,
-    "first": 1.0,
-}  # fmt: skip
+UNITS = dict.fromkeys(("seconds", "until", "marks", "x", "y", "along", "cross", "aside"), 1e-3)
+UNITS |= {"yaw": 1e-4, "first": 1.0}
 """Of instants (s), positions (m or cells), angles (rad) and counts; others get a power of ten by their span."""
 MOST_SAMPLES, MOST_POSES, MOST_LINES, MOST_LINE_POINTS, MOST_MARKS = 400_000, 9000, 1200, 200_000, 30_000
 MOST_MAP_BYTES = 8 << 20
@@ -61,14 +59,9 @@ class Pack:
     def finish(self) -> dict[str, Any]:
         """All that the page's scripts need, as plain JSON."""
         packed = zlib.compress(b"".join([*self._parts, *self._cells]), 6)
-        return {
-            "charts": self.charts,
-            "scenes": self.scenes,
-            "gap_s": view.GAP_S,
-            "columns": self._columns,
-            "cells": [len(content) for content in self._cells],
-            "packed": base64.b64encode(packed).decode(),
-        }
+        sizes, text = [len(content) for content in self._cells], base64.b64encode(packed).decode()
+        drawings = {"charts": self.charts, "scenes": self.scenes, "gap_s": view.GAP_S}
+        return drawings | {"columns": self._columns, "cells": sizes, "packed": text}
 
     def _column(self, values: view.Array, unit: float | None = None) -> int:
         """The number of a column; equal ones are stored once. unit: None for a power of ten by the span."""
@@ -98,9 +91,9 @@ class Pack:
 
     def _thin(self, length: int, most: int, what: str, seconds: view.Array | None = None) -> view.Array:
         """Indices of at most `most` of so many things, and of those of moments, with a note if some are left out."""
-        if length <= most:
-            return np.arange(length)
         kept = view.thin_evenly(length, most)
+        if len(kept) == length:
+            return kept
         if seconds is not None:
             at = np.searchsorted(seconds, self._instants, side="right") - 1
             kept = np.union1d(kept, at[at >= 0])
@@ -129,9 +122,8 @@ class Pack:
     def _scene(self, scene: view.Scene) -> dict[str, Any]:
         self._instants = [moment.seconds for moment in scene.moments]
         layers = [{"kind": type(layer).__name__.lower(), **self._layer(layer)} for layer in scene.layers]
-        activity = [{"label": label, "spans": spans} for label, spans in scene.activity.items()]
         moments = [asdict(moment) for moment in scene.moments]
-        return self._described(scene) | {"layers": layers, "activity": activity, "moments": moments, "span": scene.span}
+        return self._described(scene) | {"layers": layers, "moments": moments, "span": scene.span}
 
     def _layer(self, layer: view.Layer) -> dict[str, Any]:
         match layer:
@@ -170,11 +162,10 @@ class Pack:
         return self._described(layer, chosen) | place | corner | shape
 
     def _lines(self, layer: view.Lines) -> dict[str, Any]:
-        most = MOST_POSES if layer.measured else MOST_LINES
-        chosen = self._thin(len(layer.first) - 1, most, f"lines of {layer.label}", layer.seconds)
+        most, ends = MOST_POSES if layer.measured else MOST_LINES, layer.first
+        chosen = self._thin(len(ends) - 1, most, f"lines of {layer.label}", layer.seconds)
         points = max(8, MOST_LINE_POINTS // max(len(chosen), 1))
-        rows = [np.arange(layer.first[k], layer.first[k + 1]) for k in chosen]
-        rows = [of[view.thin_evenly(len(of), points)] for of in rows]
+        rows = [ends[k] + view.thin_evenly(ends[k + 1] - ends[k], points) for k in chosen]
         every = np.concatenate([np.empty(0, int), *rows])
         seconds = None if layer.seconds is None else layer.seconds[chosen]
         first = np.cumsum([0, *map(len, rows)])

@@ -49,7 +49,7 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
     for figure in (figure for figure in shown if figure.name in drawings):
         pack.add(figure.name, drawings[figure.name])
         views[figure.name] = blocks.Drawn(figure.name, figure.title, figure.caption)
-    first = [blocks.Verdict(sentences), *([blocks.Cards(numbers)] if (numbers := cards(run)) else [])]
+    first: list[Any] = [blocks.Verdict(sentences), *([blocks.Cards(numbers)] if (numbers := cards(run)) else [])]
     torques = [views.pop("torques")] if "torques" in views else []
     if isinstance(scene := drawings.get("trajectory"), Scene):
         names = (*moments_of, *_START)
@@ -131,7 +131,7 @@ def rows_table(rows: Sequence[Mapping[Any, Any]], heads: Mapping[str, str], name
 
 def _cell(column: str, value: Any) -> Cell:
     if isinstance(value, str | bool):
-        return Cell({True: "yes", False: "no"}.get(value, str(value)))
+        return Cell(value if isinstance(value, str) else "yes" if value else "no")
     number = float(value) if np.isfinite(value) else None
     shown = percent(number) if column.endswith("share") else sig(number)
     return Cell(shown, number, seconds=number if column == "seconds" else None)

@@ -129,8 +129,7 @@ def _facts(run: Run | None) -> str:
     return " · ".join([f"{sig(run.record.recorded_s)} s", f"{sig(walked_m(poses))} m", *sources])
 
 
-POINTS = 150
-"""Of a track in a thumbnail."""
+POINTS = 150  # of a track in a thumbnail
 
 
 def _track(run: Run | None) -> tuple[str, Sequence[tuple[str, str]]]:
@@ -142,7 +141,8 @@ def _track(run: Run | None) -> tuple[str, Sequence[tuple[str, str]]]:
     for color, xy_m in places.items():
         points = [f"{x:.2f},{y:.2f}" for x, y in xy_m[thin_evenly(len(xy_m), POINTS)].tolist()]
         lines += [(color, f"{point} {point}") for point in points] if color == "bad" else [(color, " ".join(points))]
-    left, right, top, bottom = extent_of(*(xy_m.T for xy_m in places.values())) if places else (0.0, 1.0, 0.0, 1.0)
+    boxes: Any = [xy_m.T for xy_m in places.values()] or [np.empty((2, 0))]
+    left, right, top, bottom = extent_of(*boxes)
     return f"{left:.2f} {top:.2f} {right - left:.2f} {bottom - top:.2f}", lines
 
 

@@ -165,10 +165,9 @@ def sweep_panels(summary: SweepSummary) -> list[Panel]:
         factor, unit = unit_of(name, CATALOGUE[name].unit)
         over, what = summary.over[name], f"{label_of(name)}{f' ({unit})' if unit else ''}"
         if not numeric:
-            rows: dict[str, Spread] = {}
-            for setting, of in zip(summary.settings, over, strict=True):
-                ends = None if of.interval is None else (factor * of.interval[0], factor * of.interval[1])
-                rows |= {setting.label: Spread(factor * of.mean, ends)} if of.runs else {}
+            ends = (None if of.interval is None else (factor * of.interval[0], factor * of.interval[1]) for of in over)
+            spreads = [Spread(factor * of.mean, end) for of, end in zip(over, ends, strict=True)]
+            rows = {of.label: row for of, row in zip(summary.settings, spreads, strict=True) if np.isfinite(row.value)}
             panels.append(forest(what, rows, what))
             continue
         order = np.argsort(np.array(values, float), kind="stable")

@@ -174,7 +174,7 @@ const addTransport = (place, scene, clock, groups, openMoment, step) => {
   let [playing, before, owed, shown, turn] = [false, null, 0, 0, 0];
   const seek = (instant, turn) => clock.set(Math.min(Math.max(instant, from), until), turn);
   // Where nothing was recorded, nothing is played.
-  const spans = scene.activity.flatMap((row) => row.spans);
+  const spans = Object.values(scene.activity).flat();
   const skipGap = (instant) => {
     const begins = spans.filter(([, end]) => end >= instant).map(([begin]) => begin);
     return begins.length ? Math.max(instant, Math.min(...begins)) : instant;
@@ -215,7 +215,7 @@ const addTransport = (place, scene, clock, groups, openMoment, step) => {
   };
   const dots = groups.map((group) => mark({ class: "moment", title: group.map(wordsOf).join("\n"), onclick: () => openMoment(group[0]) }, { left: share(group[0].seconds) }));
   const spanOf = ([start, end]) => mark({ class: "span" }, { left: share(start), right: `calc(100% - ${share(end)})` });
-  const rows = [...(dots.length ? row("moments", dots) : []), ...scene.activity.flatMap((role) => row(role.label, role.spans.map(spanOf)))];
+  const rows = [...(dots.length ? row("moments", dots) : []), ...Object.entries(scene.activity).flatMap(([role, spans]) => row(role, spans.map(spanOf)))];
   const activity = element("div", { class: "activity", "aria-hidden": "true" }, ...rows);
   const steps = groups.length ? [button("\u2039", "moment before ([)", () => step(-1)), button("\u203a", "next moment (])", () => step(1))] : [];
   place.append(play, element("div", { class: "tracks" }, slider, activity), ...steps, time, speed);
