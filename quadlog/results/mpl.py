@@ -277,17 +277,18 @@ def _write_names(axes: Axes, scene: view.Scene) -> None:
         outside = not (axes.bbox.contains(*box.min) and axes.bbox.contains(*box.max))
         return box.count_contains(covered) + 1e6 * (box.count_overlaps(taken) + outside)
 
+    gap = axes.figure.dpi / 14
     for layer in (layer for layer in scene.layers if isinstance(layer, view.Marks)):
-        points, gap = axes.transData.transform(np.column_stack([layer.x, layer.y])), 5 * axes.figure.dpi / 72
+        points = axes.transData.transform(np.column_stack([layer.x, layer.y]))
         for name, point in zip(layer.names, points, strict=False):
-            written = axes.text(0, 0, name, ha="center", va="center", **_haloed(view.COLORS[layer.color]))
-            size = np.array(written.get_window_extent().size)
-            box = min(
-                (Bbox.from_bounds(*(point + gap * side + (side - 1) * size / 2), *size) for side in SIDES), key=cost
-            )
-            written.set_position(axes.transData.inverted().transform(box.get_points().mean(axis=0)))
-            written.set_visible(cost(box) < 1e6)
-            taken += [box] if written.get_visible() else []
+            if axes.bbox.contains(*point):
+                written = axes.text(0, 0, name, ha="center", va="center", **_haloed(view.COLORS[layer.color]))
+                size = np.array(written.get_window_extent().size)
+                corners = point - size / 2 + (size / 2 + gap) * SIDES
+                box = min((Bbox.from_bounds(*corner, *size) for corner in corners), key=cost)
+                taken.append(box)
+                x, y = axes.transData.inverted().transform(box.get_points().mean(axis=0))
+                written.set(position=(x, y), visible=cost(box) < 1e6)
 
 
 def _haloed(color: Any) -> dict[str, Any]:
