@@ -18,7 +18,7 @@ from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
 from quadlog.results.tables import CONTACTS, FOOT_FORCES
 from quadlog.results.view import Array, Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
-from quadlog.storage.atomic_write import write_whole
+from quadlog.storage.atomic_write import write_whole, writing
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -325,12 +325,10 @@ def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:
     if folder.is_symlink():
         raise CannotWrite(folder, "is a link; pictures are not written through it")
     wanted = {name: drawings[name] for name in PICTURES if name in drawings}
-    try:
+    with writing(folder):
         for name in PICTURES:
             (folder / f"{name}.png").unlink(missing_ok=True)
         folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, error.strerror or str(error)) from error
     if wanted:
         from quadlog.results.mpl import render  # matplotlib, which a replay without plots does without
     for name, drawing in wanted.items():

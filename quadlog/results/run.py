@@ -29,7 +29,15 @@ from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, 
 from quadlog.results.find_runs import OWN_FILES, OWN_PICTURES, PLOTS, fetch, fetch_runs, is_absent
 from quadlog.results.record import RunRecord, SavedMetric, is_finished, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
+from quadlog.storage.atomic_write import (
+    check_name,
+    is_part,
+    new_folder,
+    part_folder,
+    uninterrupted,
+    write_whole,
+    writing,
+)
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -254,18 +262,15 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
     try:
         with new_folder(path.parent), part_folder(path.parent / STORE) as part:
             yield part
-            try:
-                with uninterrupted():
-                    check_place(path, force)
-                    if says_run(path):
-                        part.rename(path.parent / STORE / f"{_NEW}{path.name}")
-                        settle(path)
-                    else:  # in one step, which fails where another process was faster
-                        for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
-                            left.unlink(missing_ok=True)
-                        part.rename(path)
-            except OSError as error:
-                raise CannotWrite(path, error.strerror or str(error)) from error
+            with writing(path), uninterrupted():
+                check_place(path, force)
+                if says_run(path):
+                    part.rename(path.parent / STORE / f"{_NEW}{path.name}")
+                    settle(path)
+                else:  # in one step, which fails where another process was faster
+                    for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
+                        left.unlink(missing_ok=True)
+                    part.rename(path)
     finally:
         with suppress(OSError):
             (path.parent / STORE).rmdir()  # where it holds no results
@@ -279,10 +284,8 @@ def check_place(path: Path, replace: bool = False) -> None:
     """
     check_name(path)
     settle(path)
-    try:
+    with writing(path):
         names = {entry.name for entry in path.iterdir()} if path.exists() or path.is_symlink() else set()
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
     if path.is_symlink() and (replace or not says_run(path)):
         raise CannotWrite(path, "it is a symbolic link, and nothing is made or removed behind one")
     if all(is_absent(name) for name in names):
@@ -302,7 +305,7 @@ def settle(path: Path) -> None:
     Raises CannotWrite.
     """
     new, old = (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD))
-    try:
+    with writing(path):
         _leave_others(old, path)
         if is_finished(new):
             if path.is_dir():
@@ -311,8 +314,6 @@ def settle(path: Path) -> None:
             _leave_others(old, path)
         elif says_run(old) and not path.exists():
             old.rename(path)
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
 
 
 def _leave_others(old: Path, path: Path) -> None:

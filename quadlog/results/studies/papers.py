@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.errors import CannotWrite
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.text import State, TitledTable, count, ends_text, print_table, print_tables, sig
 from quadlog.results.view import Panel, Spread, forest
-from quadlog.storage.atomic_write import write_whole
+from quadlog.storage.atomic_write import write_whole, writing
 
 
 class Verdict(StrEnum):
@@ -175,11 +174,7 @@ SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces
 
 def csv_text(table: PaperTable) -> str:
     """All rows in full precision, an empty field where there is no value."""
-    rows = [
-        (row.quantity, row.paper, row.ours, row.low, row.high, row.difference, row.reproduces or "", row.note)
-        for row in table.rows
-    ]
-    return print_table(COLUMNS, rows, "csv")
+    return print_table(COLUMNS, [[getattr(row, name) for name in COLUMNS] for row in table.rows], "csv")
 
 
 def latex_text(table: PaperTable) -> str:
@@ -207,10 +202,8 @@ def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
     """
     for name in (PAGE, *(f"{name}.{suffix}" for name in names for suffix in SUFFIXES)):
         refuse_existing(folder / name, force)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, error.strerror or str(error)) from error
 
 
 def write_table(folder: Path, table: PaperTable, walks: Sequence[Mapping[str, Any]]) -> None:
