@@ -18,17 +18,7 @@ from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.tables import read_parquet, table_schema, write_table
-from quadlog.results.text import (
-    State,
-    TitledTable,
-    count,
-    ends_text,
-    percent,
-    print_table,
-    print_tables,
-    sig,
-    terminal_width,
-)
+from quadlog.results.text import State, TitledTable, ends_text, percent, print_table, print_tables, sig, terminal_width
 from quadlog.results.view import Panel, Series, Spread, forest, look
 from quadlog.storage.atomic_write import uninterrupted, write_whole, writing
 
@@ -130,7 +120,7 @@ def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
 def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> blocks.Page:
     """The page. about: how to read it; losses: what of recordings was lost."""
     pack, names = Pack(), [printable(source.comparison.source) for source in sources]
-    more = f" and {count(len(names) - 3)} more" if len(names) > 3 else ""
+    more = f" and {sig(len(names) - 3)} more" if len(names) > 3 else ""
     sections, lines = [], []
     for number, (name, source) in enumerate(zip(names, sources, strict=True)):
         own = _verdict(source.comparison)
@@ -244,7 +234,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
         total = row[f"{comparison.counted}_total"]
         cells = [Cell(sig(of), of) for of in (row["ratio_expanded"], row["us_median"])]
         cells += [Cell(percent(of), of) for of in (row["success_rate"], row["suboptimality_mean"])]
-        cells += [Cell(count(total), total)]
+        cells += [Cell(sig(total), total)]
         cells += [Cell(sig(of), of) for of in (total / row["replans"], row["us_p95"], row["length_m_total"])]
         cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row["planner"]])
         cells[2] = cells[2]._replace(state="" if row["success_rate"] == 1 else "warn")
