@@ -16,7 +16,7 @@ from quadlog.results import view
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
-from quadlog.results.tables import CONTACTS, FOOT_FORCES
+from quadlog.results.tables import CONTACTS, FOOT_FORCES, FORCES
 from quadlog.results.view import Array, Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
 from quadlog.storage.atomic_write import write_whole, writing
 
@@ -117,7 +117,7 @@ def _gait(run: Run) -> Iterator[Panel]:
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual  # slow to import
 
     columns = CONTACTS if joints[[*FOOT_FORCES]].isna().all(axis=None) else FOOT_FORCES
-    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
+    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), FORCES, "simulated", "resim")]
     for below, (table, columns, label, color) in enumerate(bodies):
         carried = np.empty((0, 4)) if table is None else table[[*columns]].to_numpy(float)
         if table is None or np.isnan(carried).all():
@@ -167,7 +167,6 @@ def _reference_changes(run: Run, control: DataFrame) -> Array:
 
 
 _LEGS = ("front left", "front right", "rear left", "rear right")
-_FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 
 
 def search(run: Run) -> list[Panel] | None:
