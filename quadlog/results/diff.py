@@ -52,7 +52,8 @@ def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> D
     from pandas import DataFrame
 
     def recorded(what: Callable[[Run], dict[str, Any]]) -> Iterator[dict[str, Any]]:
-        return merge_frames("run.json", DataFrame([what(a)], dtype=object), DataFrame([what(b)], dtype=object))
+        one, other = (DataFrame([what(run)], dtype=object) for run in (a, b))
+        return merge_frames("run.json", one, other)
 
     found = [{"stage": MADE, **row} for row in recorded(_origins)]
     for stage, files in STAGE_FILES.items():
@@ -72,15 +73,12 @@ def first_moments(differences: DataFrame, run: Run) -> list[Moment]:
     """The first instant at which each result of two runs differs."""
     timed = differences[differences["t_ns"].notna()].drop_duplicates("result")
     seconds = run.seconds(timed["t_ns"].to_numpy(np.int64)).tolist()
-    return [
-        Moment(at, f"{WORDS.get(str(row.result), str(row.result))} differ first", _values(row))
-        for at, row in zip(seconds, timed.itertuples(), strict=True)
-    ]
-
-
-def _values(row: Any) -> str:
-    """What differs, in both runs."""
-    return row.column if row.a is row.b is None else f"{row.column}: {_text(row.a)}, {_text(row.b)}"
+    moments = []
+    row: Any
+    for at, row in zip(seconds, timed.itertuples(), strict=True):
+        values = row.column if row.a is row.b is None else f"{row.column}: {_text(row.a)}, {_text(row.b)}"
+        moments.append(Moment(at, f"{WORDS.get(row.result, row.result)} differ first", values))
+    return moments
 
 
 def diff_text(differences: DataFrame, start_ns: int) -> str:

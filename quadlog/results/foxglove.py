@@ -27,7 +27,6 @@ from quadlog.results.arrays import MapSequence
 from quadlog.results.figures import with_rates
 from quadlog.results.run import Run
 from quadlog.results.scenes import plan_ways, position_errors
-from quadlog.results.text import value_text
 from quadlog.results.view import COLORS
 from quadlog.storage.atomic_write import whole_file, write_whole
 
@@ -47,7 +46,7 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     """`derived.mcap` in the run's folder, or `path`, from saved results; missing results are left out.
 
     The topics are those of docs/files.md. A walk along a course was not logged: its tf is the simulated robot's, its
-    path the course. The same results give the same bytes, so durations are left out.
+    path the course. The same results give the same bytes.
     Raises NotARun for damaged files and for times that Foxglove cannot show, TooLarge, CannotWrite.
     """
     path, context = path or run.path / "derived.mcap", Context()
@@ -128,7 +127,6 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
             yield topic, messages(table)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
         yield f"/quadlog/uwb/fix/{number}", _poses(rows)
-    yield "/quadlog/log", _log(run)
 
 
 def _sparse(table: DataFrame | None) -> Any:
@@ -239,19 +237,6 @@ def _anchors(links: Table, t: int) -> Stream:
         label = fox.TextPrimitive(pose=_pose(x, y, z + _ANCHOR_M), text=name, **form)
         entities.append(fox.SceneEntity(timestamp=_time(t), frame_id="map", id=name, spheres=[ball], texts=[label]))
     yield t, fox.SceneUpdate(entities=entities)
-
-
-def _log(run: Run) -> Stream:
-    """Losses, warnings and metrics at the start of the run, so that they are always shown."""
-    lines = [("Error", "loss", f"{of.detail} ({of.topic})" if of.topic else of.detail) for of in run.record.losses]
-    lines += [("Warning", "warning", text) for text in run.record.warnings]
-    for name, of in sorted(run.metrics.items()):
-        lines.append(("Info", "metric", f"{name} = {value_text(name, of.value, of.unit, 6)} (n = {of.n})"))
-    for level, name, text in lines:
-        if not text.startswith("realtime_factor"):
-            text = text.encode("utf-8", "replace").decode()  # lone surrogates cannot be encoded
-            form = {"timestamp": _time(run.start_ns), "level": getattr(fox.LogLevel, level)}
-            yield run.start_ns, fox.Log(**form, message=text, name=name)
 
 
 def _pose(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> fox.Pose:

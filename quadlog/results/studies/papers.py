@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,6 +16,7 @@ from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
+from quadlog.results.record import to_json
 from quadlog.results.text import State, TitledTable, count, ends_text, print_table, print_tables, sig
 from quadlog.results.view import Panel, Spread, forest
 from quadlog.storage.atomic_write import write_whole, writing
@@ -187,12 +187,9 @@ def latex_text(table: PaperTable) -> str:
 def shown_cells(row: PaperRow) -> tuple[str, ...]:
     """A row as people read it, in the order of SHOWN, with four significant digits."""
     ends = None if row.low is None or row.high is None else (row.low, row.high)
-    paper, difference = (row.claim, "") if row.claim else (_short(row.paper), _short(row.difference))
-    return row.quantity, paper, _short(row.ours), ends_text(ends, 4), difference, row.reproduces or ""
-
-
-def _short(value: float | None) -> str:
-    return "" if value is None else sig(value, 4)
+    paper, difference = ("" if of is None else sig(of, 4) for of in (row.paper, row.difference))
+    printed = (row.claim, "") if row.claim else (paper, difference)
+    return row.quantity, printed[0], sig(row.ours, 4), ends_text(ends, 4), printed[1], row.reproduces or ""
 
 
 def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
@@ -211,8 +208,7 @@ def write_table(folder: Path, table: PaperTable, walks: Sequence[Mapping[str, An
     from quadlog.results.mpl import render  # slow to import
 
     content = {"table": asdict(table), "walks": walks}
-    files = {"csv": csv_text(table).encode(), "tex": latex_text(table).encode()}
-    files["json"] = f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode()
+    files = {"csv": csv_text(table).encode(), "tex": latex_text(table).encode(), "json": to_json(content)}
     if (panel := table_panel(table)) is not None:
         files["png"] = render([panel])
     for suffix, written in files.items():
