@@ -17,7 +17,7 @@ from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, FORCES
-from quadlog.results.view import Array, Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
+from quadlog.results.view import Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
 from quadlog.storage.atomic_write import write_whole, writing
 
 if TYPE_CHECKING:
@@ -151,19 +151,12 @@ def error_curve(column: str, what: str, mean: str, deviation: str) -> Callable[[
                 low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
-        return [Panel(what, series, zero=True, marks=_reference_changes(run, control))]
+        # The reference path of a replay is replaced where its nearest point jumps.
+        step_m, walked_m = (np.hypot(control[f"{of}x_m"].diff(), control[f"{of}y_m"].diff()) for of in ("ref_", ""))
+        marks = control["seconds"].to_numpy()[(step_m > walked_m + 0.1) & (not run.simulated)]
+        return [Panel(what, series, zero=True, marks=marks)]
 
     return make
-
-
-def _reference_changes(run: Run, control: DataFrame) -> Array:
-    """Instants at which the reference path of a replay is replaced: its nearest point jumps."""
-    if run.simulated:
-        return np.empty(0)
-    step_m = np.hypot(np.diff(control["ref_x_m"]), np.diff(control["ref_y_m"]))
-    walked_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
-    jumped = np.flatnonzero(step_m > walked_m + 0.1) + 1
-    return np.asarray(control["seconds"].to_numpy()[jumped])
 
 
 _LEGS = ("front left", "front right", "rear left", "rear right")

@@ -96,12 +96,8 @@ OPTIONAL |= {*_TORQUES, *FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
-# Columns that older tables lack; they are read as NaN or empty text.
-ADDED = {
-    "summary": frozenset({*METRIC_NAMES, *COST_NAMES, "worker"}),
-    "control": frozenset({"plan_error_m", "energy_j"}),
-    "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
-}
+# Columns that older tables lack, as those above; they are read as NaN or empty text.
+ADDED = OPTIONAL | {"z_m", "roll_rad", "pitch_rad"}
 
 # Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384
@@ -198,7 +194,7 @@ def read_table(
         kind = schema.field(column).type
         if column in table.column_names:
             found[column] = _to_numpy(path, column, table.column(column), kind)
-        elif column in ADDED.get(name, ()):
+        elif column in ADDED:
             found[column] = np.full(table.num_rows, *(("", object) if kind == pa.string() else (np.nan,)))
         else:
             raise NotARun(path, f"has no column {column}")

@@ -111,7 +111,8 @@ class PaperTable:
         for row in self.rows:
             if row.reproduces is not None:
                 found.setdefault(row.of or row.quantity, set()).add(row.reproduces)
-        return {claim: _joined(verdicts) for claim, verdicts in found.items()}
+        clear = {claim: of & {Verdict.YES, Verdict.NO} or of & {Verdict.UNDECIDED} or of for claim, of in found.items()}
+        return {claim: next(iter(of)) if len(of) == 1 else Verdict.UNDECIDED for claim, of in clear.items()}
 
     @property
     def reproduced(self) -> str:
@@ -128,13 +129,6 @@ class PaperTable:
         return f"quadlog tables {self.name}{fast}{seed}"
 
 
-def _joined(verdicts: set[Verdict]) -> Verdict:
-    clear = verdicts & {Verdict.YES, Verdict.NO}
-    if len(clear) == 1:
-        return clear.pop()
-    return Verdict.NOT_COMPARABLE if verdicts == {Verdict.NOT_COMPARABLE} else Verdict.UNDECIDED
-
-
 COLORS = {Verdict.YES: "robot", Verdict.NO: "target", Verdict.UNDECIDED: "note"}
 MOST, HEAD, TAIL = 10.0, 42, 18
 """What lies farther off stands at the edge. Letters at the beginning and end of a long name that are kept."""
@@ -146,7 +140,8 @@ def table_panel(table: PaperTable) -> Panel | None:
     rows: dict[str, Spread] = {}
     for row in table.rows:
         if (spread := _spread(row)) is not None:
-            label = _label(row.quantity)
+            name = row.quantity.rpartition(" (")[0]
+            label = name if len(name) <= HEAD + TAIL else f"{name[:HEAD]}…{name[-TAIL:]}"
             rows[row.quantity if label in rows else label] = spread
     return forest(table.name, rows, AXIS, marks={"as printed": 0.0}) if rows else None
 
@@ -160,11 +155,6 @@ def _spread(row: PaperRow) -> Spread | None:
     places = (np.array([row.ours, row.low, row.high]) - printed) / ((row.high - row.low) / 2)
     ours, low, high = np.clip(places, -MOST, MOST).tolist()
     return Spread(ours, (low, high), color=COLORS[row.reproduces])
-
-
-def _label(quantity: str) -> str:
-    name = quantity.rpartition(" (")[0]
-    return name if len(name) <= HEAD + TAIL else f"{name[:HEAD]}…{name[-TAIL:]}"
 
 
 PAGE, SUFFIXES = "report.html", ("csv", "tex", "png", "json")
