@@ -50,7 +50,8 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     Raises NotARun for damaged files and for times that Foxglove cannot show, TooLarge, CannotWrite.
     """
     path, context = path or run.path / "derived.mcap", Context()
-    options = MCAPWriteOptions(compression_threads=0)  # not as many as there are cores, which would show in the bytes
+    # Not as many threads as there are cores, which would show in the bytes. The name is known to `is_recording`.
+    options = MCAPWriteOptions(profile="quadlog", compression_threads=0)
     with whole_file(path) as part, _Steady(part, "wb") as file:
         try:
             with open_mcap(file, context=context, writer_options=options):

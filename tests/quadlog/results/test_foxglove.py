@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from mcap.reader import SeekingReader
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
-from quadlog.errors import NotARun
+from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.arrays import load_maps
 from quadlog.results.foxglove import STEP_NS, write_derived, write_layout
 from quadlog.results.record import RunRecord
@@ -115,6 +116,19 @@ def test_what_cannot_be_shown_leaves_no_file(tmp_path: Path, tiny_record: RunRec
     with pytest.raises(NotARun, match="before 1970 or after 2106"):
         write_derived(Run(tmp_path, tiny_record))
     assert sorted(each.name for each in tmp_path.iterdir()) == ["poses.parquet"]
+
+
+def test_a_full_disk_is_one_error_and_leaves_no_file(
+    tiny_run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
+    try:
+        with pytest.raises(CannotWrite):
+            write_derived(Run(tiny_run), tmp_path / "a.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (capfd.readouterr().err, [path.name for path in tmp_path.iterdir()]) == ("", [tiny_run.name])
 
 
 def test_the_lidar_is_a_frame(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:
