@@ -25,9 +25,7 @@ from quadlog.results.export import EXPORTERS, export_figures, export_run, length
 @click.option("--only", metavar="NAME,...", help="Figures to write, by name. Default: all.")
 @click.option("--format", "picture", type=click.Choice(["pdf", "svg", "png"]), help="Format of figures. Default: pdf.")
 @click.option("--width", "width_in", type=length_in, metavar="WIDTH", help="Width of figures. Default: 3.5in.")
-@click.option(
-    "--height", "height_in", type=length_in, metavar="HEIGHT", help="Height of figures whose panels allow it."
-)
+@click.option("--height", "height_in", type=length_in, metavar="HEIGHT", help="Height, where panels allow it.")
 @click.option("--font", type=click.Choice(["sans", "serif"]), help="Letters of figures. Default: sans.")
 @options.FORCE
 def command(runs: tuple[Path, ...], to: str, output: Path | None, force: bool, **look: Any) -> int:

@@ -51,7 +51,7 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     """
     path, context = path or run.path / "derived.mcap", Context()
     # Not as many threads as there are cores, which would show in the bytes. The name is known to `is_recording`.
-    options = MCAPWriteOptions(profile="quadlog", compression_threads=0)
+    options = MCAPWriteOptions(profile="quadlog", compression_level=1, compression_threads=0)
     with whole_file(path) as part, _Steady(part, "wb") as file:
         try:
             with open_mcap(file, context=context, writer_options=options):
