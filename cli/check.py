@@ -57,9 +57,7 @@ def command(runs: tuple[Path, ...], expect: Path, write: bool, junit: Path | Non
         print_json([check.to_dict() for check in checks])
     else:
         show(check_text(checks))
-    errors = [check.error for check in checks if check.error is not None]
-    for error in errors:
+    for error in (errors := [check.error for check in checks if check.error is not None]):
         say(f"quadlog: {error}")
-    if errors:
-        return ExitCode.FAILED
-    return ExitCode.DONE if all(check.holds for check in checks) else ExitCode.CHECK_FAILED
+    held = all(check.holds for check in checks)
+    return ExitCode.FAILED if errors else ExitCode.DONE if held else ExitCode.CHECK_FAILED

@@ -41,7 +41,7 @@ def cell(text: str) -> tuple[int, int]:
 @options.CONFIG
 @options.set_option("grid.cell_m=0.2")
 @options.FORMAT
-@options.output_option("Folder for tables, plots and a page.")
+@options.output_option("Folder for tables and a page.")
 @options.SEED
 @options.FORCE
 def command(sources: tuple[str, ...], to: str, output: Path | None, force: bool, ties: str, **given: Any) -> int:

@@ -24,8 +24,8 @@ from quadlog.results.export import EXPORTERS, export_figures, export_run, length
 @options.output_option("File (tum, mcap, gif, mp4) or folder (csv, rosmap, figures) to write.")
 @click.option("--only", metavar="NAME,...", help="Figures to write, by name. Default: all.")
 @click.option("--format", "picture", type=click.Choice(["pdf", "svg", "png"]), help="Format of figures. Default: pdf.")
-@click.option("--width", "width_in", metavar="WIDTH", help="Width of figures. Default: 3.5in.")
-@click.option("--height", "height_in", metavar="HEIGHT", help="Height of figures whose panels allow it.")
+@click.option("--width", "width_in", type=length_in, metavar="WIDTH", help="Width of figures. Default: 3.5in.")
+@click.option("--height", "height_in", type=length_in, metavar="HEIGHT", help="Height, where panels allow it.")
 @click.option("--font", type=click.Choice(["sans", "serif"]), help="Letters of figures. Default: sans.")
 @options.FORCE
 def command(runs: tuple[Path, ...], to: str, output: Path | None, force: bool, **look: Any) -> int:
@@ -39,7 +39,6 @@ def command(runs: tuple[Path, ...], to: str, output: Path | None, force: bool, *
     Without -o the result is written to the current folder, named after the run folder RUN.
     """
     look = {name: value for name, value in look.items() if value is not None}
-    look |= {name: length_in(look[name]) for name in ("width_in", "height_in") if name in look}
     if to == "figures":
         only = [name.strip() for name in look.pop("only", "").split(",") if name.strip()]
         written = export_figures(runs, output, force, only, **look)

@@ -18,9 +18,11 @@ from quadlog.pipelines.executor.machine import ignore_interrupts, is_out_of_memo
 from quadlog.storage.urls import is_url
 from quadlog.version import __version__
 
+VERSIONS = "Show the versions of quadlog, packages and plug-ins, and exit."
+
 
 def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
-    """Print the versions of quadlog, Python, packages and plug-ins, and exit."""
+    """As VERSIONS says."""
     if not asked or ctx.resilient_parsing:
         return
     from quadlog.config.plugins import all_plugins
@@ -78,14 +80,7 @@ class LazyGroup(click.Group):
     epilog=examples("info walk.mcap", "replay walk.mcap -c quadlog.toml", "metrics runs/walk --explain ate_rmse_m"),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=print_versions,
-    help="Show the versions of quadlog, packages and plug-ins, and exit.",
-)
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=print_versions, help=VERSIONS)
 def cli() -> None:
     """Replay recordings of a quadruped robot through positioning, mapping, planning and control.
 

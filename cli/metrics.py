@@ -12,6 +12,8 @@ from quadlog.cli import options
 from quadlog.cli.progress import report_skipped, say, show
 from quadlog.errors import UsageError
 
+METRIC: dict[str, Any] = {"shell_complete": options.metrics}
+
 
 @options.command(
     "metrics",
@@ -26,12 +28,8 @@ from quadlog.errors import UsageError
 @click.option("--align", is_flag=True, help="Align each trajectory with the reference first.")
 @click.option("--project-to-plane", type=click.Choice(["xy"]), help="Ignore height, roll and pitch.")
 @options.FORMAT
-@options.repeated(
-    "--fail-if", metavar="CONDITION", shell_complete=options.metrics, help="Exit with 4 if it holds, as in 'eta_m>0.3'"
-)
-@click.option(
-    "--explain", metavar="METRIC", shell_complete=options.metrics, help="Explain a metric; list worst instants."
-)
+@options.repeated("--fail-if", **METRIC, metavar="CONDITION", help="Exit with 4 if it holds, as in 'eta_m>0.3'")
+@click.option("--explain", **METRIC, metavar="METRIC", help="Explain a metric; list worst instants.")
 def command(
     runs: tuple[Path, ...], reference: Path | None, to: str, fail_if: tuple[str, ...], explain: str | None, **how: Any
 ) -> int:

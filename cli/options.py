@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import reduce
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -38,27 +39,18 @@ def command(name: str, *arguments: str, **settings: Any) -> Callable[[Callable[.
     return click.command(name, epilog=examples(*(f"{name} {each}" for each in arguments)), **settings)
 
 
-def files(*words: str) -> Complete:
+def words(found: Callable[[], Iterable[str]]) -> Complete:
+    """Completes these words."""
+    return lambda _ctx, _param, typed: [CompletionItem(word) for word in found() if word.startswith(typed)]
+
+
+def files(*also: str) -> Complete:
     """Completes names of files and folders, and these words."""
-    return lambda _ctx, _param, typed: [*_beginning(typed, words), CompletionItem(typed, type="file")]
+    return lambda *typed: [*words(lambda: also)(*typed), CompletionItem(typed[-1], type="file")]
 
 
-def _beginning(typed: str, words: Iterable[str]) -> list[CompletionItem]:
-    return [CompletionItem(word) for word in words if word.startswith(typed)]
-
-
-def config_keys(_ctx: click.Context, _param: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Completes KEY= of the configuration."""
-    from quadlog.config.file import all_keys
-
-    return _beginning(typed, (f"{key}=" for key in all_keys()))
-
-
-def metrics(_ctx: click.Context, _param: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Completes names of metrics."""
-    from quadlog.metrics.catalogue import CATALOGUE
-
-    return _beginning(typed, CATALOGUE)
+config_keys = words(lambda: [f"{key}=" for key in import_module("quadlog.config.file").all_keys()])
+metrics = words(lambda: import_module("quadlog.metrics.catalogue").CATALOGUE)
 
 
 def all_planners() -> tuple[str, ...]:
@@ -137,8 +129,8 @@ def output_option(text: str, default: str | None = None, **settings: Any) -> Dec
 
 def planner_option(*names: str, help: str, **settings: Any) -> Decorator:  # noqa: A002 - as click calls it
     """An option that takes the name of a planner."""
-    complete: Complete = lambda _ctx, _param, typed: _beginning(typed, all_planners())  # noqa: E731
-    return click.option(*names, type=planner_name, metavar="NAME", shell_complete=complete, help=help, **settings)
+    how: dict[str, Any] = {"type": planner_name, "metavar": "NAME", "shell_complete": words(all_planners)}
+    return click.option(*names, help=help, **how, **settings)
 
 
 def replay_options(function: Callable[..., Any]) -> Callable[..., Any]:

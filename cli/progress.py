@@ -94,11 +94,8 @@ class Bars(BatchLines):
 
         super().__init__(self._print, notes)
         self._bars = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=12),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(elapsed_when_finished=True),
-            TextColumn("{task.fields[words]}", markup=False),
+            *(TextColumn("{task.description}", markup=False), BarColumn(bar_width=12), MofNCompleteColumn()),
+            *(TimeRemainingColumn(elapsed_when_finished=True), TextColumn("{task.fields[words]}", markup=False)),
             console=Console(stderr=True),
             speed_estimate_period=3600,
         )
@@ -126,14 +123,14 @@ class Bars(BatchLines):
     def _end(self) -> None:
         """A full bar, with its duration, for the stage that has ended."""
         if self._first is not None and not self._tally.recordings:
-            steps = max(next(task.completed for task in self._bars.tasks if task.id == self._first), 1)
+            steps = max(self._bars.tasks[self._first].completed, 1)
             self._bars.update(self._first, total=steps, completed=steps)
 
     def advance(self, recorded_s: float | None = None) -> None:
         """One more step, and the mean rate."""
         if self._first is not None:
-            factor = recorded_s / max(working_s() - self._began_s, 1e-9) if recorded_s else None
-            self._bars.update(self._first, advance=1, words=_rate(factor))
+            rate = _rate(recorded_s and recorded_s / max(working_s() - self._began_s, 1e-9))
+            self._bars.update(self._first, advance=1, words=rate)
 
     def compiled(self, kernels: int) -> None:
         """A bar of its own."""
@@ -164,4 +161,4 @@ class Bars(BatchLines):
 
 
 def _rate(factor: float | None) -> str:
-    return "" if factor is None else f"{factor:.1f}x real time"
+    return f"{factor:.1f}x real time" if factor else ""

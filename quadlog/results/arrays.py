@@ -147,7 +147,7 @@ def _read(archive: zipfile.ZipFile, name: str, dtype: str, shape: Shape) -> Arra
 
 _BLOCK_BYTES = 1 << 20
 """Packed bits of maps that are written and read at once, so that memory does not grow with the sequence."""
-_MAX_CELLS_PER_SIDE = 16384
+_MAX_CELLS_PER_SIDE, _BLOCK = 16384, "occupied_bits_{:06d}"
 
 
 class MapsWriter(ExitStack[bool | None]):
@@ -191,7 +191,7 @@ class MapsWriter(ExitStack[bool | None]):
 
     def _write_block(self) -> None:
         first = len(self._t_ns) - len(self._block)
-        _add(self._archive, _block_name(first // _maps_per_block(self.shape)), np.stack(self._block))
+        _add(self._archive, _BLOCK.format(first // _maps_per_block(self.shape)), np.stack(self._block))
         self._block.clear()
 
 
@@ -251,9 +251,11 @@ class MapSequence:
         """(rows, columns) bool of map `i`, a copy. Raises IndexError, or NotARun for a damaged file."""
         if not 0 <= i < len(self):
             raise IndexError(f"map {i} of {len(self)}")
-        number, place = divmod(i, _maps_per_block(self.shape))
+        number, place = divmod(i, each := _maps_per_block(self.shape))
         if number != self._block_number:
-            self._block, self._block_number = self._read_block(number), number
+            shape = (min(each, len(self) - number * each), self.shape[0], -(-self.shape[1] // 8))
+            with _open_npz(self._path) as archive:
+                self._block, self._block_number = _read(archive, _BLOCK.format(number), "u1", shape), number
         return np.unpackbits(self._block[place], axis=1, count=self.shape[1]).view(np.bool_)
 
     @cached_property
@@ -285,12 +287,6 @@ class MapSequence:
         share = np.where(covered > 0, occupied / np.maximum(covered, 1), np.nan)
         return Occupancy(share, self.origin_m[sane].min(axis=0), self.cell_m * coarse)
 
-    def _read_block(self, number: int) -> NDArray[np.uint8]:
-        each = _maps_per_block(self.shape)
-        shape = (min(each, len(self) - number * each), self.shape[0], -(-self.shape[1] // 8))
-        with _open_npz(self._path) as archive:
-            return _read(archive, _block_name(number), "u1", shape)
-
 
 def load_maps(run: Path) -> MapSequence:
     """The recorded map sequence of a run folder. Raises NotARun, TooLarge."""
@@ -299,7 +295,3 @@ def load_maps(run: Path) -> MapSequence:
 
 def _maps_per_block(shape: tuple[int, int]) -> int:
     return max(1, _BLOCK_BYTES // (shape[0] * -(-shape[1] // 8)))
-
-
-def _block_name(number: int) -> str:
-    return f"occupied_bits_{number:06d}"

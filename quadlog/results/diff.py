@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from string import ascii_uppercase
@@ -53,7 +52,8 @@ def diff_runs(a: Run, b: Run, absolute: float = 0.0, relative: float = 0.0) -> D
     from pandas import DataFrame
 
     def recorded(what: Callable[[Run], dict[str, Any]]) -> Iterator[dict[str, Any]]:
-        return merge_frames("run.json", DataFrame([what(a)], dtype=object), DataFrame([what(b)], dtype=object))
+        one, other = (DataFrame([what(run)], dtype=object) for run in (a, b))
+        return merge_frames("run.json", one, other)
 
     found = [{"stage": MADE, **row} for row in recorded(_origins)]
     for stage, files in STAGE_FILES.items():
@@ -73,15 +73,12 @@ def first_moments(differences: DataFrame, run: Run) -> list[Moment]:
     """The first instant at which each result of two runs differs."""
     timed = differences[differences["t_ns"].notna()].drop_duplicates("result")
     seconds = run.seconds(timed["t_ns"].to_numpy(np.int64)).tolist()
-    return [
-        Moment(at, f"{WORDS.get(str(row.result), str(row.result))} differ first", _values(row))
-        for at, row in zip(seconds, timed.itertuples(), strict=True)
-    ]
-
-
-def _values(row: Any) -> str:
-    """What differs, in both runs."""
-    return row.column if row.a is row.b is None else f"{row.column}: {_text(row.a)}, {_text(row.b)}"
+    moments = []
+    row: Any
+    for at, row in zip(seconds, timed.itertuples(), strict=True):
+        values = row.column if row.a is row.b is None else f"{row.column}: {_text(row.a)}, {_text(row.b)}"
+        moments.append(Moment(at, f"{WORDS.get(row.result, row.result)} differ first", values))
+    return moments
 
 
 def diff_text(differences: DataFrame, start_ns: int) -> str:
@@ -133,29 +130,21 @@ def unlike_settings(records: Sequence[RunRecord], missing: str = "not set") -> d
     A list of tables is compared as a whole: the number of its entries, and a letter where equal numbers differ.
     """
     runs = [_flat(of.config.model_dump(mode="json")) | _flat(of.options) | {"seed": of.seed} for of in records]
-    lists = {key: key[: found.start()] for run in runs for key in run if (found := _ENTRY.search(key))}
-    wholes = {
-        whole: [{key: run[key] for key in run if lists.get(key) == whole} for run in runs]
-        for whole in dict.fromkeys(lists.values())
-    }
-    values = {key: [str(run.get(key, missing)) for run in runs] for of in runs for key in of if key not in lists}
-    values |= {whole: _counted(whole, of) for whole, of in wholes.items()}
-    return {key: of for key, of in values.items() if len(set(of)) > 1}
+    columns = {key: [run.get(key, missing) for run in runs] for of in runs for key in of}
+    return {key: [_whole(value, of) for value in of] for key, of in columns.items() if any(it != of[0] for it in of)}
 
 
-_ENTRY = re.compile(r"\.\d+(?=\.)")
+def _whole(value: Any, among: Sequence[Any]) -> str:
+    """A setting as text; a list of tables by its length, with a letter for each kind among those of one length."""
+    lists = [of for of in among if _is_tables(of)]
+    if not lists or not _is_tables(value):
+        return "none" if lists else str(value)
+    kinds = [of for at, of in enumerate(lists) if len(of) == len(value) and of not in lists[:at]]
+    return f"{len(value)}" + f" ({ascii_uppercase[kinds.index(value) % 26]})" * (len(kinds) > 1)
 
 
-def _counted(whole: str, entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The number of entries of each run's list, with a letter for each kind among those of one number."""
-    counts = [len({key[len(whole) + 1 :].partition(".")[0] for key in of}) for of in entries]
-    kinds: dict[int, list[Mapping[str, Any]]] = {}
-    for number, of in zip(counts, entries, strict=True):
-        kinds.setdefault(number, []).extend([of] if of not in kinds.get(number, []) else [])
-    return [
-        f"{number or 'none'}" + f" ({ascii_uppercase[kinds[number].index(of) % 26]})" * (len(kinds[number]) > 1)
-        for number, of in zip(counts, entries, strict=True)
-    ]
+def _is_tables(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], Mapping)
 
 
 def _origins(run: Run) -> dict[str, Any]:
@@ -164,7 +153,7 @@ def _origins(run: Run) -> dict[str, Any]:
     kind, mark = record.input.fingerprint or ("input", None)
     options = {key: value for key, value in record.options.items() if key != "seed"}
     versions = {"quadlog": record.quadlog_version, **record.packages}
-    config = _flat(record.config.model_dump(mode="json", exclude_none=True), "config.")
+    config = _flat(record.config.model_dump(mode="json", exclude_none=True), "config.", lists=True)
     return config | {kind: mark, "seed": record.seed} | _flat(options, "options.") | versions
 
 
@@ -174,12 +163,12 @@ def _read(run: Run) -> dict[str, Any]:
     return topics | {f"loss {number}": of.detail for number, of in enumerate(run.record.losses)}
 
 
-def _flat(values: Mapping[str, Any] | Sequence[Any], prefix: str = "") -> dict[str, Any]:
-    """The values of nested tables and lists of tables by dotted key."""
+def _flat(values: Mapping[Any, Any], prefix: str = "", lists: bool = False) -> dict[str, Any]:
+    """The values of nested tables by dotted key. lists: also those of lists of tables, by number."""
     found: dict[str, Any] = {}
-    for key, value in values.items() if isinstance(values, Mapping) else enumerate(values):
-        nested = isinstance(value, Mapping) or (isinstance(value, list) and value and isinstance(value[0], Mapping))
-        found |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    for key, value in values.items():
+        table = dict(enumerate(value)) if lists and _is_tables(value) else value
+        found |= _flat(table, f"{prefix}{key}.", lists) if isinstance(table, Mapping) else {f"{prefix}{key}": value}
     return found
 
 

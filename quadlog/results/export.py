@@ -35,6 +35,8 @@ def export_run(run: Path, to: str, output: Path | None = None, force: bool = Fal
         raise UnknownName("format", to, EXPORTERS)
     find, suffix = EXPORTERS[to]
     loaded = load_run(run)
+    if not loaded.tables:
+        raise NotARun(run, "has no tables")
     files = find(loaded, output or Path(f"{loaded.path.resolve().name}-{suffix}"), **options)
     return _write(files, [run], force, recording=to == "mcap")
 
@@ -149,13 +151,6 @@ def _copy(source: Path, path: Path) -> None:
     write_whole(path, source.read_bytes())
 
 
-def _with_tables(run: Run) -> Run:
-    """Raises NotARun for one without tables."""
-    if not run.tables:
-        raise NotARun(run.path, "has no tables")
-    return run
-
-
 def _csv(run: Run, output: Path) -> Files:
     """Every table, numbers in full precision, an empty field where there is no value."""
     from pandas import DataFrame
@@ -169,13 +164,13 @@ def _csv(run: Run, output: Path) -> Files:
         with whole_file(path) as part:
             DataFrame(table).to_csv(part, index=False, lineterminator="\n")
 
-    return {output / f"{name}.csv": write for name in _with_tables(run).tables}
+    return {output / f"{name}.csv": write for name in run.tables}
 
 
 def _mcap(run: Run, output: Path) -> Files:
     from quadlog.results.foxglove import write_derived
 
-    return {output: partial(write_derived, _with_tables(run))}
+    return {output: partial(write_derived, run)}
 
 
 def _film(run: Run, output: Path, to: str) -> Files:

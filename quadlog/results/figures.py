@@ -16,9 +16,9 @@ from quadlog.results import view
 from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
-from quadlog.results.tables import CONTACTS, FOOT_FORCES
-from quadlog.results.view import Array, Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
-from quadlog.storage.atomic_write import write_whole
+from quadlog.results.tables import CONTACTS, FOOT_FORCES, FORCES
+from quadlog.results.view import Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
+from quadlog.storage.atomic_write import write_whole, writing
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -117,7 +117,7 @@ def _gait(run: Run) -> Iterator[Panel]:
     from quadlog.positioning.leg_odometry import CARRIES_SHARE, share_of_usual  # slow to import
 
     columns = CONTACTS if joints[[*FOOT_FORCES]].isna().all(axis=None) else FOOT_FORCES
-    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), _FORCES, "simulated", "resim")]
+    bodies = [(joints, columns, "recorded", "robot"), (run.table("control"), FORCES, "simulated", "resim")]
     for below, (table, columns, label, color) in enumerate(bodies):
         carried = np.empty((0, 4)) if table is None else table[[*columns]].to_numpy(float)
         if table is None or np.isnan(carried).all():
@@ -151,23 +151,15 @@ def error_curve(column: str, what: str, mean: str, deviation: str) -> Callable[[
                 low, high = max(eta_m - sigma_m, 0.0) * ones, (eta_m + sigma_m) * ones
                 series.insert(0, Series("η ± σ", "soft", ends, low, "band", upper=high))
             series.append(Series("mean η", "text", ends, eta_m * ones, variant=1))
-        return [Panel(what, series, zero=True, marks=_reference_changes(run, control))]
+        # The reference path of a replay is replaced where its nearest point jumps.
+        step_m, walked_m = (np.hypot(control[f"{of}x_m"].diff(), control[f"{of}y_m"].diff()) for of in ("ref_", ""))
+        marks = control["seconds"].to_numpy()[(step_m > walked_m + 0.1) & (not run.simulated)]
+        return [Panel(what, series, zero=True, marks=marks)]
 
     return make
 
 
-def _reference_changes(run: Run, control: DataFrame) -> Array:
-    """Instants at which the reference path of a replay is replaced: its nearest point jumps."""
-    if run.simulated:
-        return np.empty(0)
-    step_m = np.hypot(np.diff(control["ref_x_m"]), np.diff(control["ref_y_m"]))
-    walked_m = np.hypot(np.diff(control["x_m"]), np.diff(control["y_m"]))
-    jumped = np.flatnonzero(step_m > walked_m + 0.1) + 1
-    return np.asarray(control["seconds"].to_numpy()[jumped])
-
-
 _LEGS = ("front left", "front right", "rear left", "rear right")
-_FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
 
 
 def search(run: Run) -> list[Panel] | None:
@@ -325,12 +317,10 @@ def write_plots(run: Path, drawings: Mapping[str, Drawing]) -> None:
     if folder.is_symlink():
         raise CannotWrite(folder, "is a link; pictures are not written through it")
     wanted = {name: drawings[name] for name in PICTURES if name in drawings}
-    try:
+    with writing(folder):
         for name in PICTURES:
             (folder / f"{name}.png").unlink(missing_ok=True)
         folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, error.strerror or str(error)) from error
     if wanted:
         from quadlog.results.mpl import render  # matplotlib, which a replay without plots does without
     for name, drawing in wanted.items():

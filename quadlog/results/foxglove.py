@@ -1,25 +1,25 @@
 """Foxglove: `derived.mcap`, the results of a run as messages on the input's clock, and a layout that shows them.
 
-Messages carry the SDK's schemas and encodings, numbers over time a JSON schema of their fields; the file itself is
-written by the mcap package, whose channel numbers depend on nothing but the order here.
+Messages have the SDK's schemas, numbers over time a JSON schema of their fields.
 """
 
 from __future__ import annotations
 
 import heapq
 import json
-import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import chain, islice, repeat
-from math import isfinite
+from io import FileIO
+from itertools import chain, islice
+from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import foxglove.messages as fox
 import numpy as np
-from foxglove import Schema
-from mcap.writer import CompressionType, Writer
+from foxglove import Channel, Context, Schema, channels, open_mcap
+from foxglove.mcap import MCAPWriteOptions
 
 from quadlog.errors import NotARun
 from quadlog.geometry import quat_from_euler
@@ -27,16 +27,15 @@ from quadlog.results.arrays import MapSequence
 from quadlog.results.figures import with_rates
 from quadlog.results.run import Run
 from quadlog.results.scenes import plan_ways, position_errors
-from quadlog.results.text import value_text
 from quadlog.results.view import COLORS
 from quadlog.storage.atomic_write import whole_file, write_whole
-from quadlog.version import __version__
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
+Logs = Iterator[tuple[int, Any, Callable[..., None]]]  # the same, each with what writes it
 
 STEP_NS = 100_000_000
 """Of frames, which Foxglove interpolates, and of lines of errors, one in each such step."""
@@ -47,30 +46,60 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     """`derived.mcap` in the run's folder, or `path`, from saved results; missing results are left out.
 
     The topics are those of docs/files.md. A walk along a course was not logged: its tf is the simulated robot's, its
-    path the course. The same results give the same bytes, so durations are left out.
+    path the course. The same results give the same bytes.
     Raises NotARun for damaged files and for times that Foxglove cannot show, TooLarge, CannotWrite.
     """
-    path = path or run.path / "derived.mcap"
-    with whole_file(path) as part, part.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(library=f"quadlog {__version__}")
-        streams = []
+    path, context = path or run.path / "derived.mcap", Context()
+    # Not as many threads as there are cores, which would show in the bytes. The name is known to `is_recording`.
+    options = MCAPWriteOptions(profile="quadlog", compression_level=1, compression_threads=0)
+    with whole_file(path) as part, _Steady(part, "wb") as file:
         try:
-            for topic, messages in _topics(run):
-                for first in islice(messages, 1):
-                    schema = first[1].get_schema()
-                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    encoding = "protobuf" if schema.encoding == "protobuf" else "json"
-                    channel = writer.register_channel(topic, encoding, number)
-                    streams.append(zip(repeat(channel), chain([first], messages)))
-            # Merged as streams, so that the maps of a long run are not in memory at once.
-            for channel, (t_ns, message) in heapq.merge(*streams, key=lambda each: each[1][0]):
-                writer.add_message(channel, t_ns, message.encode(), t_ns)
-        except (OverflowError, struct.error) as error:
+            with open_mcap(file, context=context, writer_options=options):
+                logs = [_log_typed(topic, messages, context) for topic, messages in _topics(run)]
+                logs += [_log_numbers(topic, table, context) for topic, table in _numbers(run)]
+                # Merged as streams, so that the maps of a long run are not in memory at once.
+                for t_ns, message, log in heapq.merge(*logs, key=itemgetter(0)):
+                    log(message, log_time=t_ns)
+                    if file.error is not None:
+                        break
+        except OverflowError as error:
             words = f"has a time that Foxglove cannot show, before 1970 or after 2106: {error}"
             raise NotARun(run.path, words) from error
-        writer.finish()  # type: ignore[no-untyped-call]
+        if file.error is not None:
+            raise file.error
     return path
+
+
+class _Steady(FileIO):
+    """A file that keeps its error, of which the SDK would print a line for each later message."""
+
+    error: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        """Whatever becomes of it."""
+        try:
+            return super().write(content)
+        except OSError as error:
+            self.error = error
+            return len(content)
+
+
+def _log_typed(topic: str, messages: Stream, context: Context) -> Logs:
+    """Messages of one of the SDK's types."""
+    for first in islice(messages, 1):
+        channel: Any = getattr(channels, f"{type(first[1]).__name__}Channel")(topic, context=context)
+        yield from ((t_ns, message, channel.log) for t_ns, message in chain([first], messages))
+
+
+def _log_numbers(topic: str, table: DataFrame, context: Context) -> Logs:
+    """A JSON object of each row, without what is not finite; the tables have more digits."""
+    rows = table.drop(columns="t_ns").astype(float)
+    form = {"type": "object", "properties": {key: {"type": "number"} for key in rows}}
+    schema = Schema(name=topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
+    channel: Any = Channel(topic, schema=schema, message_encoding="json", context=context)
+    text = rows.to_json(orient="records", lines=True, double_precision=6)
+    lines = re.sub(r'"[^"]+":null,?', "", text).replace(",}", "}").encode().splitlines()
+    yield from ((t_ns, line, channel.log) for t_ns, line in zip(table["t_ns"].tolist(), lines, strict=True))
 
 
 def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
@@ -93,14 +122,12 @@ def _topics(run: Run) -> Iterator[tuple[str, Stream]]:
         ("/quadlog/resim/path", run.table("resim_paths"), partial(_paths, color="resim")),
         ("/quadlog/error", position_errors(run), _errors),
         ("/quadlog/resim/error", control, _errors),
-        *((topic, table, partial(_values, topic=topic)) for topic, table in _numbers(run)),
     ]
     for topic, table, messages in named:
         if table is not None:
             yield topic, messages(table)
     for number, rows in () if fixes is None else fixes.groupby("tag"):
         yield f"/quadlog/uwb/fix/{number}", _poses(rows)
-    yield "/quadlog/log", _log(run)
 
 
 def _sparse(table: DataFrame | None) -> Any:
@@ -137,26 +164,6 @@ def _by_name(table: DataFrame, names: Any, values: Any) -> DataFrame:
     """A column of each name with the values (N,) of each instant."""
     rows = table[["t_ns"]].assign(name=names, value=values)
     return rows.pivot_table("value", "t_ns", "name", aggfunc="first").reset_index()
-
-
-class _Numbers(NamedTuple):
-    """A message of numbers as JSON, without what is not finite; the tables have more digits."""
-
-    topic: str
-    values: Mapping[str, float]
-
-    def get_schema(self) -> Schema:
-        form = {"type": "object", "properties": {key: {"type": "number"} for key in self.values}}
-        return Schema(name=self.topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
-
-    def encode(self) -> bytes:
-        return json.dumps({key: round(value, 6) for key, value in self.values.items() if isfinite(value)}).encode()
-
-
-def _values(table: DataFrame, topic: str) -> Stream:
-    t_ns = table["t_ns"].tolist()
-    rows: Any = table.drop(columns="t_ns").astype(float).to_dict("records")
-    return ((t, _Numbers(topic, row)) for t, row in zip(t_ns, rows, strict=True))
 
 
 def _line(t: int, name: str, color: str, places: Sequence[Sequence[float]]) -> tuple[int, fox.SceneUpdate]:
@@ -231,19 +238,6 @@ def _anchors(links: Table, t: int) -> Stream:
         label = fox.TextPrimitive(pose=_pose(x, y, z + _ANCHOR_M), text=name, **form)
         entities.append(fox.SceneEntity(timestamp=_time(t), frame_id="map", id=name, spheres=[ball], texts=[label]))
     yield t, fox.SceneUpdate(entities=entities)
-
-
-def _log(run: Run) -> Stream:
-    """Losses, warnings and metrics at the start of the run, so that they are always shown."""
-    lines = [("Error", "loss", f"{of.detail} ({of.topic})" if of.topic else of.detail) for of in run.record.losses]
-    lines += [("Warning", "warning", text) for text in run.record.warnings]
-    for name, of in sorted(run.metrics.items()):
-        lines.append(("Info", "metric", f"{name} = {value_text(name, of.value, of.unit, 6)} (n = {of.n})"))
-    for level, name, text in lines:
-        if not text.startswith("realtime_factor"):
-            text = text.encode("utf-8", "replace").decode()  # lone surrogates cannot be encoded
-            form = {"timestamp": _time(run.start_ns), "level": getattr(fox.LogLevel, level)}
-            yield run.start_ns, fox.Log(**form, message=text, name=name)
 
 
 def _pose(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> fox.Pose:

@@ -6,7 +6,6 @@ import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from itertools import repeat
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,10 +16,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgba
 from matplotlib.figure import Figure as Picture
-from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Bbox, offset_copy
 
 from quadlog.results import view
 
@@ -86,37 +84,37 @@ def styled(point_size: float, font: Literal["sans", "serif"] = "sans") -> Abstra
 
 def picture_of(drawing: view.Drawing, width_in: float, point_size: float, height_in: float | None = None) -> Picture:
     """As render, a figure of matplotlib's, to be made within `styled`."""
-    make: Any = _scene_picture if isinstance(drawing, view.Scene) else _panel_picture
-    made: Picture = make(drawing, width_in, point_size / POINT_SIZE, height_in)
-    return made
-
-
-def _panel_picture(panels: Sequence[view.Panel], width_in: float, text: float, height_in: float | None) -> Picture:
-    """A legend of all panels over panels one below the other with one x axis, each with its quantity above it."""
-    letters = max((len(name) for panel in panels for name in panel.rows), default=0)
-    left_in = text * max(LEFT_IN, 0.15 + LETTER_IN * letters)
-    inside_in = width_in - left_in - RIGHT_IN
-    picture = Picture(figsize=(width_in, 1.0))
+    picture, text = Picture(figsize=(width_in, 1.0)), point_size / POINT_SIZE
     FigureCanvasAgg(picture)
-    flow, legend_in = _flow(picture, _words(panels), text)
-    heights_in = [text * ROW_IN * len(of.rows) if of.rows else LANE_IN if of.lane else PANEL_IN for of in panels]
+    if isinstance(drawing, view.Scene):
+        _draw_whole(picture, drawing, _write_legend(picture, _scene_words(drawing), text), text, height_in)
+    else:
+        _draw_panels(picture, drawing, _write_legend(picture, _words(drawing), text), text, height_in)
+    return picture
+
+
+def _draw_panels(
+    picture: Picture, panels: Sequence[view.Panel], legend_in: float, text: float, height_in: float | None
+) -> None:
+    """Panels below the legend, one below the other with one x axis, each with its quantity above it."""
+    letters = max((len(name) for panel in panels for name in panel.rows), default=0)
+    left_in, wide_in = text * max(LEFT_IN, 0.15 + LETTER_IN * letters), picture.get_figwidth()
+    sizes_in = [text * ROW_IN * len(of.rows) if of.rows else LANE_IN if of.lane else PANEL_IN for of in panels]
     fixed_in = legend_in + text * (ABOVE_IN * len(panels) + BELOW_IN)
     if height_in is not None:
-        heights_in = [of * max((height_in - fixed_in) / sum(heights_in), LEAST) for of in heights_in]
-    top_in = height_in = fixed_in + sum(heights_in)
-    picture.set_size_inches(width_in, height_in)
-    _write_legend(picture, flow)
-    top_in, first = height_in - legend_in, None
-    for panel, panel_in in zip(panels, heights_in, strict=True):
+        sizes_in = [of * max((height_in - fixed_in) / sum(sizes_in), LEAST) for of in sizes_in]
+    top_in = height_in = fixed_in + sum(sizes_in)
+    picture.set_figheight(height_in)
+    top_in, first, inside_in = height_in - legend_in, None, wide_in - left_in - RIGHT_IN
+    for panel, panel_in in zip(panels, sizes_in, strict=True):
         top_in -= ABOVE_IN * text + panel_in
-        box = (left_in / width_in, top_in / height_in, inside_in / width_in, panel_in / height_in)
+        box = (left_in / wide_in, top_in / height_in, inside_in / wide_in, panel_in / height_in)
         axes = first = picture.add_axes(box, sharex=first)
         above_in = top_in + panel_in + 0.06 * text
-        picture.text(EDGE_IN / width_in, above_in / height_in, panel.what, color=view.COLORS["text"])
+        picture.text(EDGE_IN / wide_in, above_in / height_in, panel.what, color=view.COLORS["text"])
         _draw_panel(axes, panel, inside_in)
         axes.xaxis.set_visible(panel is panels[-1])  # ticks take most of the time
     axes.set_xlabel(panels[-1].x)
-    return picture
 
 
 def _ranges(series: view.Series, stroke: float, span: float | None) -> list[view.Series]:
@@ -162,29 +160,34 @@ def _glyph(of: Any) -> str:
     return GLYPHS.get(getattr(of, "style", getattr(of, "shape", ""))) or LINES[of.variant % 4]
 
 
-def _flow(picture: Picture, words: Words, text: float) -> tuple[list[tuple[float, float, str, str]], float]:
-    """x, y from the top (in), colour and sign or text of each of the words, in rows that fit; height of all (in)."""
-    placed, x_in, y_in = [], EDGE_IN, 0.1 * text
+def _scene_words(scene: view.Scene) -> Words:
+    """The layers that a picture of the whole time shows."""
+    left, right, bottom, top = scene.extent
+    named: list[Any] = [
+        of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")
+    ]
+    named += [of for of in scene.layers if isinstance(of, view.Track) and of.values is None]
+    named += [of for of in scene.layers if isinstance(of, view.Lines) and (of.seconds is None or of.shown)]
+    there = (of for of in named if ((left < of.x) & (of.x < right) & (bottom < of.y) & (of.y < top)).any())
+    return list(dict.fromkeys((_glyph(of), of.color, of.label) for of in there))
+
+
+def _write_legend(picture: Picture, words: Words, text: float) -> float:
+    """The words in rows that fit, below the upper edge; returns the height of all (in).
+
+    Artists alone, since matplotlib's legend takes longer than the curves.
+    """
+    x_in, y_in = EDGE_IN, 0.1 * text
     for glyph, color, word in words:
-        long_in = 0.2 * text + _size(picture, word)[0] / picture.dpi
+        sign, name = (picture.text(0, 1, of, va="center") for of in (glyph, word))
+        sign.set_color(view.COLORS[color])
+        long_in = 0.2 * text + name.get_window_extent().width / picture.dpi
         if x_in > EDGE_IN and x_in + long_in > picture.get_figwidth() - EDGE_IN:
             x_in, y_in = EDGE_IN, y_in + ROW_IN * text
-        placed += [(x_in, y_in, color, glyph), (x_in + 0.2 * text, y_in, "text", word)]
+        for artist, at_in in ((sign, x_in), (name, x_in + 0.2 * text)):
+            artist.set_transform(offset_copy(picture.transFigure, picture, at_in, -y_in))
         x_in += long_in + 0.12 * text
-    return placed, y_in + 0.1 * text if words else 0.0
-
-
-def _size(picture: Any, word: str) -> view.Array:
-    """Width and height (2,) of a text (pixels)."""
-    canvas: Any = picture.canvas
-    return np.array(canvas.get_renderer().get_text_width_height_descent(word, FontProperties(), False)[:2])
-
-
-def _write_legend(picture: Picture, flow: Sequence[tuple[float, float, str, str]]) -> None:
-    """Artists alone, since matplotlib's legend takes longer than the curves."""
-    wide_in, high_in = picture.get_size_inches()
-    for x_in, y_in, color, shown in flow:
-        picture.text(x_in / wide_in, 1 - y_in / high_in, shown, color=view.COLORS[color], va="center")
+    return y_in + 0.1 * text if words else 0.0
 
 
 def _draw_panel(axes: Axes, panel: view.Panel, wide_in: float) -> None:
@@ -237,22 +240,17 @@ def _draw_series(axes: Axes, series: view.Series, in_rows: bool) -> None:
         axes.plot(series.x, series.y, dash, linewidth=3 if in_rows else None, **look)
 
 
-def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: float | None) -> Picture:
-    """The whole time of a scene below the legend of its marks; lines and tracks have their names beside them."""
+def _draw_whole(picture: Picture, scene: view.Scene, legend_in: float, text: float, height_in: float | None) -> None:
+    """The whole time of a scene below the legend and the scale of a track's colours."""
     left, right, bottom, top = scene.extent
-    left_in, below_in = LEFT_IN * text, BELOW_IN * text
+    left_in, below_in, width_in = LEFT_IN * text, BELOW_IN * text, picture.get_figwidth()
     wide_in = width_in - left_in - RIGHT_IN
-    picture = Picture(figsize=(width_in, 1.0))
-    FigureCanvasAgg(picture)
-    marks = [of for of in scene.layers if isinstance(of, view.Marks) and not (of.hidden or of.shape == "ring")]
-    marks = [of for of in marks if ((left < of.x) & (of.x < right) & (bottom < of.y) & (of.y < top)).any()]
-    flow, above_in = _flow(picture, [(_glyph(of), of.color, of.label) for of in marks], text)
     scales = [of.values[0] for of in scene.layers if isinstance(of, view.Track) and of.values is not None]
-    above_in = max(above_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)
+    above_in = max(legend_in, 0.1 * text) + 2 * ROW_IN * text * len(scales)
     high_in = float(np.clip(wide_in * (top - bottom) / (right - left), 0.3 * wide_in, 1.1 * width_in))
     high_in = high_in if height_in is None else max(height_in - below_in - above_in, 0.3)
     height_in = below_in + high_in + above_in
-    picture.set_size_inches(width_in, height_in)
+    picture.set_figheight(height_in)
     axes = picture.add_axes((left_in / width_in, below_in / height_in, wide_in / width_in, high_in / height_in))
     more = max((right - left) / wide_in, (top - bottom) / high_in) / 2
     x, y, across, along = (left + right) / 2, (bottom + top) / 2, more * wide_in, more * high_in
@@ -263,61 +261,37 @@ def _scene_picture(scene: view.Scene, width_in: float, text: float, height_in: f
         place = picture.add_axes((0.45, y, 0.55 - RIGHT_IN / width_in, thick))
         picture.colorbar(axes.collections[-1], place, orientation="horizontal", ticklocation="top")
         picture.text(EDGE_IN / width_in, y, scales[0], color=view.COLORS["text"])
-    _write_legend(picture, flow)
     _write_names(axes, scene)
-    return picture
 
 
-MOST_INK, PLACES = 1500, 18
-"""Points of a layer that names avoid; places along a line that are tried, those at its end first."""
 SIDES = np.array([(x, y) for x in (1, 0, -1) for y in (1, 0, -1) if x or y])
 
 
 def _write_names(axes: Axes, scene: view.Scene) -> None:
-    """The name of each line, track and named mark beside it, at the place where it covers least."""
-    ink: list[view.Array] = [np.zeros((0, 2))]
-    walls = ink[0]
-    named: list[tuple[str, Any, view.Array]] = []
+    """The name of each named mark on the side of it where it covers least; none where it would cover another."""
+    taken, covered = list[Bbox](), np.zeros((0, 2))
     for layer in scene.layers:
         if isinstance(layer, view.Raster):
             row, column = np.nonzero(np.isfinite(layer.values))
-            walls = np.array(layer.origin) + layer.cell * (np.column_stack([column, row]) + 0.5)
-        elif isinstance(layer, view.Marks):
-            colors = repeat(view.COLORS[layer.color])
-            named += zip(layer.names, colors, np.column_stack([layer.x, layer.y])[:, None], strict=False)
-    drawn: list[Any] = [*axes.lines, *axes.collections]
-    for name, color, points, has_name in map(_line_of, drawn):
-        ink.append(points)
-        named += [(name, color, points)] * (has_name and name[:1] not in ("", "_"))
-    picture: Any = axes.figure
-    area, taken, to_pixels, gap = axes.bbox, list[Bbox](), axes.transData.transform, 0.05 * picture.get_dpi()
-    covered = np.concatenate([of[view.thin_evenly(len(of), MOST_INK)] for of in ink])
-    covered, walls = to_pixels(covered[np.isfinite(covered).all(axis=1)]), to_pixels(walls)
+            cells = np.array(layer.origin) + layer.cell * (np.column_stack([column, row]) + 0.5)
+            covered = np.concatenate([covered, axes.transData.transform(cells)])
 
-    def cost(place: tuple[int, Bbox]) -> float:
-        order, box = place
-        outside = not (area.contains(*box.min) and area.contains(*box.max))
-        badly = box.count_overlaps(taken) + outside
-        on_walls = box.padded(gap).count_contains(walls)
-        return order / len(SIDES) + 4 * box.count_contains(covered) + 1e3 * on_walls + 1e6 * badly
+    def cost(box: Bbox) -> float:
+        outside = not (axes.bbox.contains(*box.min) and axes.bbox.contains(*box.max))
+        return box.count_contains(covered) + 1e6 * (box.count_overlaps(taken) + outside)
 
-    for name, color, points in named:
-        known = to_pixels(points[np.isfinite(points).all(axis=1)])
-        at = [point for point in known[view.thin_evenly(len(known), PLACES)][::-1] if area.contains(*point)]
-        size = _size(picture, name)
-        corners = [point + (size / 2 + gap) * side - size / 2 for point in at for side in SIDES]
-        places = [(order, Bbox.from_bounds(*corner, *size)) for order, corner in enumerate(corners)]
-        if places and cost(best := min(places, key=cost)) < 1e6:
-            taken.append(best[1].padded(gap))
-            x, y = axes.transData.inverted().transform(best[1].get_points().mean(axis=0))
-            axes.text(x, y, name, ha="center", va="center", **_haloed(color))
-
-
-def _line_of(artist: Any) -> tuple[str, Any, view.Array, bool]:
-    """Name, colour and points of what is drawn, and whether it is a line."""
-    if isinstance(artist, LineCollection):
-        return str(artist.get_label()), artist.get_colors()[0], np.concatenate([*artist.get_segments()]), True
-    return artist.get_label(), artist.get_color(), artist.get_xydata(), artist.get_linestyle() != "None"
+    gap = axes.figure.dpi / 14
+    for layer in (layer for layer in scene.layers if isinstance(layer, view.Marks)):
+        points = axes.transData.transform(np.column_stack([layer.x, layer.y]))
+        for name, point in zip(layer.names, points, strict=False):
+            if axes.bbox.contains(*point):
+                written = axes.text(0, 0, name, ha="center", va="center", **_haloed(view.COLORS[layer.color]))
+                size = np.array(written.get_window_extent().size)
+                corners = point - size / 2 + (size / 2 + gap) * SIDES
+                box = min((Bbox.from_bounds(*corner, *size) for corner in corners), key=cost)
+                taken.append(box)
+                x, y = axes.transData.inverted().transform(box.get_points().mean(axis=0))
+                written.set(position=(x, y), visible=cost(box) < 1e6)
 
 
 def _haloed(color: Any) -> dict[str, Any]:

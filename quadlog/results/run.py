@@ -27,9 +27,9 @@ from quadlog.messages import Float, Int, PoseSeries
 from quadlog.recordings.file_names import says_run
 from quadlog.results.arrays import ARRAYS, MapSequence, load_maps, read_arrays, write_arrays
 from quadlog.results.find_runs import OWN_FILES, OWN_PICTURES, PLOTS, fetch, fetch_runs, is_absent
-from quadlog.results.record import RunRecord, SavedMetric, is_finished, read_metrics, read_record, to_json, write_record
+from quadlog.results.record import RunRecord, SavedMetric, read_metrics, read_record, to_json, write_record
 from quadlog.results.tables import TABLES, TIMED, UNBOUNDED, read_table, start_ns, write_table
-from quadlog.storage.atomic_write import check_name, is_part, new_folder, part_folder, uninterrupted, write_whole
+from quadlog.storage.atomic_write import check_name, new_folder, part_folder, uninterrupted, write_whole, writing
 from quadlog.storage.formats.tum import read_tum
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -240,7 +240,6 @@ def _finite(metric: Mapping[str, Any]) -> dict[str, Any]:
 
 STORE = ".stages"
 """The folder beside runs that holds results of stages, and what is not complete; no command takes it for a run."""
-_NEW, _OLD = "new-", "old-"
 
 
 @contextmanager
@@ -254,18 +253,16 @@ def new_run(path: Path, force: bool = False) -> Iterator[Path]:
     try:
         with new_folder(path.parent), part_folder(path.parent / STORE) as part:
             yield part
-            try:
-                with uninterrupted():
-                    check_place(path, force)
-                    if says_run(path):
-                        part.rename(path.parent / STORE / f"{_NEW}{path.name}")
-                        settle(path)
-                    else:  # in one step, which fails where another process was faster
-                        for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
-                            left.unlink(missing_ok=True)
-                        part.rename(path)
-            except OSError as error:
-                raise CannotWrite(path, error.strerror or str(error)) from error
+            with writing(path), uninterrupted():
+                check_place(path, force)
+                if says_run(path):
+                    path.rename(_aside(path))
+                for left in filter(lambda entry: is_absent(entry.name), path.glob("*")):
+                    left.unlink(missing_ok=True)
+                try:
+                    part.rename(path)  # in one step, which fails where another process was faster
+                finally:
+                    settle(path)
     finally:
         with suppress(OSError):
             (path.parent / STORE).rmdir()  # where it holds no results
@@ -275,14 +272,12 @@ def check_place(path: Path, replace: bool = False) -> None:
     """Whether a run may be made here.
 
     Raises RunExists for a run without the flag; CannotWrite if the folder is no run but has files, or is a link, and if
-    somebody else's folder is in the way of the new one.
+    somebody else's folder is in the way of the old one.
     """
     check_name(path)
     settle(path)
-    try:
+    with writing(path):
         names = {entry.name for entry in path.iterdir()} if path.exists() or path.is_symlink() else set()
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
     if path.is_symlink() and (replace or not says_run(path)):
         raise CannotWrite(path, "it is a symbolic link, and nothing is made or removed behind one")
     if all(is_absent(name) for name in names):
@@ -291,38 +286,30 @@ def check_place(path: Path, replace: bool = False) -> None:
         raise CannotWrite(path, "the folder holds other files and is no run of quadlog")
     if not replace:
         raise RunExists(path)
-    for other in (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD)):
-        if other.exists():
-            raise CannotWrite(other, "it is no finished run of quadlog; move it away")
+    if _aside(path).exists():
+        raise CannotWrite(_aside(path), "it is no run of quadlog; move it away")
+
+
+def _aside(path: Path) -> Path:
+    """Where a run waits while it is replaced."""
+    return path.parent / STORE / f"old-{path.name}"
 
 
 def settle(path: Path) -> None:
-    """Put a complete new run in its place by two renames, unless a kill cut these off: then what is left of them.
+    """What is left of a run that was replaced, perhaps until a kill: it comes back where the new one never came.
 
-    Raises CannotWrite.
+    Its files that are not quadlog's are moved into the new one, the rest is removed. Raises CannotWrite.
     """
-    new, old = (path.parent / STORE / f"{prefix}{path.name}" for prefix in (_NEW, _OLD))
-    try:
-        _leave_others(old, path)
-        if is_finished(new):
-            if path.is_dir():
-                path.rename(old)
-            new.rename(path)
-            _leave_others(old, path)
-        elif says_run(old) and not path.exists():
+    old = _aside(path)
+    with writing(path):
+        if says_run(old) and not path.exists():
             old.rename(path)
-    except OSError as error:
-        raise CannotWrite(path, error.strerror or str(error)) from error
-
-
-def _leave_others(old: Path, path: Path) -> None:
-    """Move what is not quadlog's from a run that was replaced into the new one, and remove the rest."""
-    if not (says_run(old) and path.is_dir()):
-        return
-    for entry in [*old.glob(f"{PLOTS}/*"), *old.iterdir()]:
-        name = entry.relative_to(old)
-        own = is_part(name.name) or str(name) in OWN_FILES | OWN_PICTURES | {PLOTS}
-        if not own and not (path / name).exists():
-            (path / name).parent.mkdir(exist_ok=True)
-            entry.rename(path / name)
-    shutil.rmtree(old, ignore_errors=True)
+        if not says_run(old):
+            return
+        for entry in [*old.glob(f"{PLOTS}/*"), *old.iterdir()]:
+            name = entry.relative_to(old)
+            own = is_absent(name.name) or str(name) in OWN_FILES | OWN_PICTURES | {PLOTS}
+            if not own and not (path / name).exists():
+                (path / name).parent.mkdir(exist_ok=True)
+                entry.rename(path / name)
+        shutil.rmtree(old, ignore_errors=True)

@@ -29,18 +29,17 @@ def table_schema(columns: str) -> pa.Schema:
 
 
 METRIC_NAMES = tuple(CATALOGUE)
+_JOINTS = (("q", "rad"), ("dq", "radps"), ("tau", "nm"))
 
 COST_NAMES = ("wall_s", "peak_memory_mb", "input_bytes")
 """Cost of replaying a recording in a batch."""
 
-_JOINT_NAMES = ("q_{:02d}_rad", "dq_{:02d}_radps", "tau_{:02d}_nm")
-_TORQUES = tuple(f"tau_{joint:02d}_nm" for joint in range(12))
-JOINT_COLUMNS = tuple(tuple(name.format(joint) for joint in range(12)) for name in _JOINT_NAMES)
+JOINT_COLUMNS = tuple(tuple(f"{of}_{joint:02d}_{unit}" for joint in range(12)) for of, unit in _JOINTS)
 """Names of a body's angles, rates and torques, by joint."""
 CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
 FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
 DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
-_FORCES = tuple(f"fz_{leg}_n" for leg in range(4))
+FORCES, _TORQUES = tuple(f"fz_{leg}_n" for leg in range(4)), JOINT_COLUMNS[2]
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
     "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
@@ -76,7 +75,7 @@ TABLES: dict[str, pa.Schema] = {
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
         "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
-        f"{' '.join((*_TORQUES, *_FORCES))} fallen:bool energy_j"
+        f"{' '.join((*_TORQUES, *FORCES))} fallen:bool energy_j"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
@@ -92,17 +91,13 @@ TABLES: dict[str, pa.Schema] = {
 
 # Columns that may be left out when writing, and are then null.
 OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"}
-OPTIONAL |= {*_TORQUES, *_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
+OPTIONAL |= {*_TORQUES, *FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
 
-# Columns that older tables lack; they are read as NaN or empty text.
-ADDED = {
-    "summary": frozenset({*METRIC_NAMES, *COST_NAMES, "worker"}),
-    "control": frozenset({"plan_error_m", "energy_j"}),
-    "poses": frozenset({"z_m", "roll_rad", "pitch_rad"}),
-}
+# Columns that older tables lack, as those above; they are read as NaN or empty text.
+ADDED = OPTIONAL | {"z_m", "roll_rad", "pitch_rad"}
 
 # Size of row groups, whatever the size of batches, so that files depend only on the data and memory is bounded.
 _GROUP_ROWS = 16384
@@ -194,13 +189,12 @@ def read_table(
     for column in wanted:
         if column not in schema.names:
             raise UnknownName(f"column of {name}", column, schema.names)
-    table = read_parquet(path, wanted)
-    found = {}
+    table, found = read_parquet(path, wanted), {}
     for column in wanted:
         kind = schema.field(column).type
         if column in table.column_names:
-            found[column] = column_to_numpy(path, table, column, kind)
-        elif column in ADDED.get(name, ()):
+            found[column] = _to_numpy(path, column, table.column(column), kind)
+        elif column in ADDED:
             found[column] = np.full(table.num_rows, *(("", object) if kind == pa.string() else (np.nan,)))
         else:
             raise NotARun(path, f"has no column {column}")
@@ -225,9 +219,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         return parquet.read(columns=there)
 
 
-def column_to_numpy(path: Path, table: pa.Table, column: str, kind: pa.DataType) -> NDArray[Any]:
-    """One column (N,) as read_table gives it, of the file `path`, which NotARun names when it has no such values."""
-    values = table.column(column)
+def _to_numpy(path: Path, column: str, values: pa.ChunkedArray, kind: pa.DataType) -> NDArray[Any]:
+    """One column (N,) as read_table gives it. Raises NotARun."""
     if values.type != kind:
         raise NotARun(path, f"has no column {column} of type {kind}")
     if values.null_count and kind != pa.float64():

@@ -45,13 +45,13 @@ def whole_file(path: Path) -> Iterator[Path]:
     part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
     _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
-        with _told(path):
+        with writing(path):
             with suppress(OSError):
                 remove_stale_parts(part.parent)
             part.open("xb").close()  # nobody's file or link is written through
         yield part
         # Data first, then the name: a power cut must not leave the name without the data.
-        with _told(path, gone="its unfinished file, or the folder, was removed by another process"):
+        with writing(path, gone="its unfinished file, or the folder, was removed by another process"):
             with part.open("rb") as file:
                 os.fsync(file.fileno())
             part.replace(path)
@@ -65,7 +65,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _told(path: Path, gone: str = "") -> Iterator[None]:
+def writing(path: Path, gone: str = "") -> Iterator[None]:
     """What the system refuses within becomes CannotWrite; gone: the reason where the file is not there."""
     try:
         yield
@@ -121,7 +121,7 @@ def new_folder(path: Path) -> Iterator[None]:
     if not path.exists():
         _new_folders.add(path)  # before it is there, since a signal may come at any moment
     try:
-        with _told(path):
+        with writing(path):
             path.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.errors import CannotWrite
 from quadlog.results.find_runs import refuse_existing
 from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
+from quadlog.results.record import to_json
 from quadlog.results.text import State, TitledTable, count, ends_text, print_table, print_tables, sig
 from quadlog.results.view import Panel, Spread, forest
-from quadlog.storage.atomic_write import write_whole
+from quadlog.storage.atomic_write import write_whole, writing
 
 
 class Verdict(StrEnum):
@@ -112,7 +111,8 @@ class PaperTable:
         for row in self.rows:
             if row.reproduces is not None:
                 found.setdefault(row.of or row.quantity, set()).add(row.reproduces)
-        return {claim: _joined(verdicts) for claim, verdicts in found.items()}
+        clear = {claim: of & {Verdict.YES, Verdict.NO} or of & {Verdict.UNDECIDED} or of for claim, of in found.items()}
+        return {claim: next(iter(of)) if len(of) == 1 else Verdict.UNDECIDED for claim, of in clear.items()}
 
     @property
     def reproduced(self) -> str:
@@ -129,13 +129,6 @@ class PaperTable:
         return f"quadlog tables {self.name}{fast}{seed}"
 
 
-def _joined(verdicts: set[Verdict]) -> Verdict:
-    clear = verdicts & {Verdict.YES, Verdict.NO}
-    if len(clear) == 1:
-        return clear.pop()
-    return Verdict.NOT_COMPARABLE if verdicts == {Verdict.NOT_COMPARABLE} else Verdict.UNDECIDED
-
-
 COLORS = {Verdict.YES: "robot", Verdict.NO: "target", Verdict.UNDECIDED: "note"}
 MOST, HEAD, TAIL = 10.0, 42, 18
 """What lies farther off stands at the edge. Letters at the beginning and end of a long name that are kept."""
@@ -147,7 +140,8 @@ def table_panel(table: PaperTable) -> Panel | None:
     rows: dict[str, Spread] = {}
     for row in table.rows:
         if (spread := _spread(row)) is not None:
-            label = _label(row.quantity)
+            name = row.quantity.rpartition(" (")[0]
+            label = name if len(name) <= HEAD + TAIL else f"{name[:HEAD]}…{name[-TAIL:]}"
             rows[row.quantity if label in rows else label] = spread
     return forest(table.name, rows, AXIS, marks={"as printed": 0.0}) if rows else None
 
@@ -163,11 +157,6 @@ def _spread(row: PaperRow) -> Spread | None:
     return Spread(ours, (low, high), color=COLORS[row.reproduces])
 
 
-def _label(quantity: str) -> str:
-    name = quantity.rpartition(" (")[0]
-    return name if len(name) <= HEAD + TAIL else f"{name[:HEAD]}…{name[-TAIL:]}"
-
-
 PAGE, SUFFIXES = "report.html", ("csv", "tex", "png", "json")
 COLUMNS = ("quantity", "paper", "ours", "low", "high", "difference", "reproduces", "note")
 SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces")
@@ -175,11 +164,7 @@ SHOWN = ("quantity", "paper", "ours", "95 % interval", "difference", "reproduces
 
 def csv_text(table: PaperTable) -> str:
     """All rows in full precision, an empty field where there is no value."""
-    rows = [
-        (row.quantity, row.paper, row.ours, row.low, row.high, row.difference, row.reproduces or "", row.note)
-        for row in table.rows
-    ]
-    return print_table(COLUMNS, rows, "csv")
+    return print_table(COLUMNS, [[getattr(row, name) for name in COLUMNS] for row in table.rows], "csv")
 
 
 def latex_text(table: PaperTable) -> str:
@@ -192,12 +177,9 @@ def latex_text(table: PaperTable) -> str:
 def shown_cells(row: PaperRow) -> tuple[str, ...]:
     """A row as people read it, in the order of SHOWN, with four significant digits."""
     ends = None if row.low is None or row.high is None else (row.low, row.high)
-    paper, difference = (row.claim, "") if row.claim else (_short(row.paper), _short(row.difference))
-    return row.quantity, paper, _short(row.ours), ends_text(ends, 4), difference, row.reproduces or ""
-
-
-def _short(value: float | None) -> str:
-    return "" if value is None else sig(value, 4)
+    paper, difference = ("" if of is None else sig(of, 4) for of in (row.paper, row.difference))
+    printed = (row.claim, "") if row.claim else (paper, difference)
+    return row.quantity, printed[0], sig(row.ours, 4), ends_text(ends, 4), printed[1], row.reproduces or ""
 
 
 def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
@@ -207,10 +189,8 @@ def prepare_folder(folder: Path, names: Sequence[str], force: bool) -> None:
     """
     for name in (PAGE, *(f"{name}.{suffix}" for name in names for suffix in SUFFIXES)):
         refuse_existing(folder / name, force)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWrite(folder, error.strerror or str(error)) from error
 
 
 def write_table(folder: Path, table: PaperTable, walks: Sequence[Mapping[str, Any]]) -> None:
@@ -218,8 +198,7 @@ def write_table(folder: Path, table: PaperTable, walks: Sequence[Mapping[str, An
     from quadlog.results.mpl import render  # slow to import
 
     content = {"table": asdict(table), "walks": walks}
-    files = {"csv": csv_text(table).encode(), "tex": latex_text(table).encode()}
-    files["json"] = f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode()
+    files = {"csv": csv_text(table).encode(), "tex": latex_text(table).encode(), "json": to_json(content)}
     if (panel := table_panel(table)) is not None:
         files["png"] = render([panel])
     for suffix, written in files.items():

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.errors import CannotWrite, printable
+from quadlog.errors import printable
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planner_verdict import verdict_lines
 from quadlog.metrics.planning import Comparison, Ratio
@@ -18,19 +18,9 @@ from quadlog.results.page import blocks
 from quadlog.results.page.blocks import Cell, Column, Sentence, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.tables import read_parquet, table_schema, write_table
-from quadlog.results.text import (
-    State,
-    TitledTable,
-    count,
-    ends_text,
-    percent,
-    print_table,
-    print_tables,
-    sig,
-    terminal_width,
-)
+from quadlog.results.text import State, TitledTable, ends_text, percent, print_table, print_tables, sig, terminal_width
 from quadlog.results.view import Panel, Series, Spread, forest, look
-from quadlog.storage.atomic_write import uninterrupted, write_whole
+from quadlog.storage.atomic_write import uninterrupted, write_whole, writing
 
 REPLANS = table_schema(
     "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
@@ -85,7 +75,6 @@ MOST_DRAWN = 8
 """Sources with charts, the first ones; the others have their verdict and their table."""
 Columns = Mapping[str, NDArray[Any]]
 PAGE = "report.html"
-TEXTS = {"planners.csv": "csv", "planners.json": "json", "planners.tex": "latex"}
 TABLES = ("planners.parquet", "replans.parquet", "scenarios.parquet")
 
 
@@ -99,46 +88,29 @@ class ComparedSource(NamedTuple):
 
 def earlier_files(folder: Path, force: bool) -> list[Path]:
     """The files of an earlier comparison, report.html first. Raises AlreadyExists unless `force`, CannotWrite."""
-    named = (folder / name for name in (PAGE, *TEXTS, *TABLES))
-    found = [*(path for path in named if path.exists()), *sorted((folder / "plots").glob("source-[0-9]*-ratios.png"))]
+    found = [path for name in (PAGE, *TABLES) if (path := folder / name).exists()]
     for path in found:
         refuse_existing(path, force, own=TABLES)
     return found
 
 
 def write_comparison(
-    folder: Path,
-    sources: Sequence[ComparedSource],
-    rows: Sequence[Row],
-    about: Sequence[str],
-    losses: Sequence[str] = (),
+    folder: Path, sources: Sequence[ComparedSource], rows: Sequence[Row], about: Sequence[str], losses: Sequence[str]
 ) -> None:
     """All files in place of an earlier comparison's, report.html last; signals are delayed until then.
 
-    planners and replans as Parquet, scenarios.parquet with a .scen file, planners.csv, .json and .tex,
-    plots/source-N-ratios.png, report.html. rows: of planners.parquet; about, losses: as of planners_page.
-    Raises CannotWrite.
+    rows: of planners.parquet; about, losses: as of planners_page. Raises CannotWrite.
     """
-    from quadlog.results import mpl  # slow to import, and not needed where nothing is written
-
-    panels = [ratio_panel(source.comparison) for source in sources]
-    files = {f"plots/source-{n}-ratios.png": mpl.render([panel]) for n, panel in enumerate(panels, 1) if panel}
-    files |= {name: format_rows(rows, to, about).encode() for name, to in TEXTS.items()}
-    files[PAGE] = blocks.render(planners_page(sources, about, losses))
+    page = blocks.render(planners_page(sources, about, losses))
     scenarios = [source.scenarios for source in sources if source.scenarios is not None]
-    with uninterrupted():
-        try:
-            (folder / "plots").mkdir(exist_ok=True)
-            for path in earlier_files(folder, force=True):
-                path.unlink()
-        except OSError as error:
-            raise CannotWrite(folder, error.strerror or str(error)) from error
+    with uninterrupted(), writing(folder):
+        for path in earlier_files(folder, force=True):
+            path.unlink()
         write_table(folder / TABLES[0], PLANNERS, {name: [row[name] for row in rows] for name in PLANNERS.names})
         write_table(folder / TABLES[1], REPLANS, _joined([source.replans for source in sources]))
         if scenarios:
             write_table(folder / TABLES[2], SCENARIOS, _joined(scenarios))
-        for name, content in files.items():
-            write_whole(folder / name, content)
+        write_whole(folder / PAGE, page)
 
 
 def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
@@ -148,7 +120,7 @@ def _joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
 def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losses: Sequence[str] = ()) -> blocks.Page:
     """The page. about: how to read it; losses: what of recordings was lost."""
     pack, names = Pack(), [printable(source.comparison.source) for source in sources]
-    more = f" and {count(len(names) - 3)} more" if len(names) > 3 else ""
+    more = f" and {sig(len(names) - 3)} more" if len(names) > 3 else ""
     sections, lines = [], []
     for number, (name, source) in enumerate(zip(names, sources, strict=True)):
         own = _verdict(source.comparison)
@@ -163,7 +135,7 @@ def planners_page(sources: Sequence[ComparedSource], about: Sequence[str], losse
         first += sections.pop().blocks[1:]
     notes = [blocks.Details("Rules, counts and intervals", [blocks.Text(printable(line)) for line in about])]
     facts = [f"{len(sources[0].comparison.rows)} planners", "the same problems for all"]
-    files = [(name, f"./{name}") for name in ("planners.csv", "planners.parquet", "replans.parquet")]
+    files = [(name, f"./{name}") for name in TABLES[:2]]
     sections = [blocks.Section("", first), *sections, blocks.Section("How to read this", notes, pack.thinned)]
     return blocks.Page(f"Planners on {', '.join(names[:3])}{more}", sections, facts, links=files, pack=pack)
 
@@ -177,22 +149,26 @@ def _verdict(comparison: Comparison) -> list[Sentence]:
 def _drawn(source: ComparedSource, number: int, pack: Pack) -> list[Any]:
     """The ratios, what each replan took, and the table."""
     charts = []
-    if number < MOST_DRAWN:
-        ratios = ratio_panel(source.comparison)
-        for name, title, caption, panels in (
-            (f"ratios-{number}", "Ratios", RATIO_CAPTION, [ratios] if ratios else []),
-            (f"answers-{number}", "Each replan", ANSWER_CAPTION, answer_panels(source)),
-        ):
-            if panels:
-                pack.add(name, panels, f"source-{number}")
-                charts.append(blocks.Drawn(name, title, caption))
+    for name, panels in figures_of(source).items() if number < MOST_DRAWN else ():
+        pack.add(f"{name}-{number}", panels, f"source-{number}")
+        charts.append(blocks.Drawn(f"{name}-{number}", *CAPTIONS[name]))
     return [*charts, planner_table(source.comparison, number)]
 
 
-RATIO_CAPTION = (
-    "Dot: the median over episodes; bar: its 95 % interval; small dots: episodes. Right of the line is better."
-)
-ANSWER_CAPTION = "Replans in their order; 0 cells lie below the axis."
+CAPTIONS = {
+    "ratios": (
+        "Ratios",
+        "Dot: the median over episodes; bar: its 95 % interval; small dots: episodes. Right of the line is better.",
+    ),
+    "replans": ("Each replan", "Replans in their order; 0 cells lie below the axis."),
+}
+
+
+def figures_of(source: ComparedSource) -> dict[str, list[Panel]]:
+    """The ratios and what each replan took, as far as there is something to draw."""
+    ratios = ratio_panel(source.comparison)
+    made = {"ratios": [ratios] if ratios else [], "replans": answer_panels(source)}
+    return {name: panels for name, panels in made.items() if panels}
 
 
 def ratio_panel(comparison: Comparison) -> Panel | None:
@@ -239,10 +215,9 @@ def saved_figures(folder: Path) -> dict[str, list[Panel]]:
         ratios = dict.fromkeys((row["planner"] for row in own), Ratio(1.0, np.empty(0), None))
         comparison = Comparison(source, own, baseline, "expanded", {}, ratios)
         table = {name: values[columns["source"] == source] for name, values in columns.items()}
-        panel = ratio_panel(comparison)
-        figures |= {f"source-{number}-ratios": [panel]} if panel else {}
-        figures |= {f"source-{number}-replans": answer_panels(ComparedSource(comparison, table))}
-    return {name: panels for name, panels in figures.items() if panels}
+        drawn = figures_of(ComparedSource(comparison, table))
+        figures |= {f"source-{number}-{name}": panels for name, panels in drawn.items()}
+    return figures
 
 
 def planner_table(comparison: Comparison, number: int) -> Table:
@@ -259,7 +234,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
         total = row[f"{comparison.counted}_total"]
         cells = [Cell(sig(of), of) for of in (row["ratio_expanded"], row["us_median"])]
         cells += [Cell(percent(of), of) for of in (row["success_rate"], row["suboptimality_mean"])]
-        cells += [Cell(count(total), total)]
+        cells += [Cell(sig(total), total)]
         cells += [Cell(sig(of), of) for of in (total / row["replans"], row["us_p95"], row["length_m_total"])]
         cells[0] = cells[0]._replace(below=ends_text(_interval(row)), state=states[row["planner"]])
         cells[2] = cells[2]._replace(state="" if row["success_rate"] == 1 else "warn")

@@ -49,9 +49,9 @@ def write_sweep_table(folder: Path, rows: Sequence[SweepRow]) -> None:
     """
     keys = {key: _column([row.values[key] for row in rows]) for key in rows[0].values}
     fields = [pa.field(key, kind, nullable=False) for key, (kind, _) in keys.items()]
-    columns: dict[str, Any] = {key: values for key, (_, values) in keys.items()}
-    columns |= {name: [getattr(row, name) for row in rows] for name in _ENDS.names}
-    columns |= {name: [row.metrics.get(name, np.nan) for row in rows] for name in SWEEP_METRICS}
+    flat = [row.to_dict() for row in rows]
+    columns = {name: [of.get(name, np.nan) for of in flat] for name in (*_ENDS.names, *SWEEP_METRICS)}
+    columns |= {key: values for key, (_, values) in keys.items()}
     write_table(folder / TABLE, pa.schema([*fields, *_ENDS, *_METRICS]), columns)
 
 

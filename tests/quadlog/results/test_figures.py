@@ -20,7 +20,7 @@ from quadlog.results.page.pack import Pack
 from quadlog.results.run import Run
 from quadlog.results.scenes import walk_scene
 from quadlog.results.tables import TABLES, read_table, write_table
-from quadlog.results.view import COLORS, Panel, Raster, Scene, Series, Track
+from quadlog.results.view import COLORS, Marks, Panel, Raster, Scene, Series, Track
 from quadlog.storage.formats.tum import write_tum
 from tests.lab.runs import change, change_json, until_ingest, with_gap, with_large_map, with_many_anchors
 
@@ -214,16 +214,16 @@ def test_words_of_a_figure_never_cover_each_other(
 
 
 def test_no_name_lies_on_a_wall() -> None:
-    """Posts stand around all of the track but its start."""
-    posts = np.full((40, 100), np.nan)
-    posts[2::6, 14::5] = 1.0
-    way = np.linspace(0, 5, 200)
-    track = Track("robot", "robot", way, way, np.full(200, 2.0))
-    scene = Scene([Raster("walls", "wall", posts, (0.0, 0.0), 0.1, 0.0, 1.0), track], (-0.5, 10, 0, 4))
+    """An anchor has walls on three sides of it, another one on the side that is left, mirrored."""
+    walls = np.full((40, 100), np.nan)
+    walls[20:24, 10:50] = walls[17:24, 10:28] = walls[17:24, 32:50] = 1.0
+    walls[17:19, 60:100] = walls[17:24, 60:78] = walls[17:24, 82:100] = 1.0
+    anchors = Marks("anchors", "target", np.array([3.0, 8.0]), np.array([1.95, 1.95]), names=("A1", "A2"))
+    scene = Scene([Raster("walls", "wall", walls, (0.0, 0.0), 0.1, 0.0, 1.0), anchors], (-0.5, 10, 0, 4))
     with mpl.styled(8.0):
         axes = mpl.picture_of(scene, 3.5, 8.0).axes[0]
-        cells = axes.transData.transform(0.1 * (np.argwhere(np.isfinite(posts))[:, ::-1] + 0.5))
-        assert [text.get_window_extent().count_contains(cells) for text in axes.texts] == [0]
+        cells = axes.transData.transform(0.1 * (np.argwhere(np.isfinite(walls))[:, ::-1] + 0.5))
+        assert [text.get_window_extent().count_contains(cells) for text in axes.texts] == [0, 0]
 
 
 def test_a_dense_curve_is_the_range_of_each_stroke_and_nothing_is_lost_of_it(monkeypatch: pytest.MonkeyPatch) -> None:

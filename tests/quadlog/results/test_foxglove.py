@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -19,8 +20,7 @@ from mcap.reader import SeekingReader
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.schema import Config
-from quadlog.errors import NotARun
-from quadlog.recordings.containers.container import Loss
+from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.arrays import load_maps
 from quadlog.results.foxglove import STEP_NS, write_derived, write_layout
 from quadlog.results.record import RunRecord
@@ -118,22 +118,30 @@ def test_what_cannot_be_shown_leaves_no_file(tmp_path: Path, tiny_record: RunRec
     assert sorted(each.name for each in tmp_path.iterdir()) == ["poses.parquet"]
 
 
-def test_the_lidar_is_a_frame_and_any_words_are_logged(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:
+def test_a_full_disk_is_one_error_and_leaves_no_file(
+    tiny_run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
+    try:
+        with pytest.raises(CannotWrite):
+            write_derived(Run(tiny_run), tmp_path / "a.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (capfd.readouterr().err, [path.name for path in tmp_path.iterdir()]) == ("", [tiny_run.name])
+
+
+def test_the_lidar_is_a_frame(tiny_run: Path, tiny_record: RunRecord, tmp_path: Path) -> None:
     mount = {"x_m": 0.2, "y_m": -0.1, "z_m": 0.45, "roll_deg": 10.0, "pitch_deg": -20.0, "yaw_deg": 90.0}
-    words = ["Γειά \U0001f415 \x00\n</script>", "half a pair: \ud800"]
-    changed = {"config": Config.model_validate({"lidar": {"mount": mount}}), "warnings": words[1:]}
-    changed |= {"losses": [Loss("crc", words[0])]}
+    changed = {"config": Config.model_validate({"lidar": {"mount": mount}})}
     found = decode_mcap(write_derived(Run(tiny_run, tiny_record.model_copy(update=changed)), tmp_path / "a.mcap"))
     ((t_ns, frame),) = found["/quadlog/tf_static"]
     assert (t_ns, frame.parent_frame_id, frame.child_frame_id) == (START_NS, "base", "lidar")
     assert (frame.translation.x, frame.translation.y, frame.translation.z) == (0.2, -0.1, 0.45)
     assert (scipys(frame.rotation).inv() * Rotation.from_euler("ZYX", [90, -20, 10], degrees=True)).magnitude() < 1e-9
-    lines = [line.message for _, line in found["/quadlog/log"]]
-    assert lines[:2] == [words[0], "half a pair: ?"]
-    assert not [line for line in lines if "realtime_factor" in line]  # a duration is no result
 
 
-PANELS = {"3D": official.ThreeDeeConfig, "RosOut": official.LogConfig, "Plot": official.PlotConfig}
+PANELS = {"3D": official.ThreeDeeConfig, "Plot": official.PlotConfig}
 SETTINGS = {
     "Grid": official.BaseRendererGridTopicSettings,
     "PoseInFrame": official.BaseRendererPoseTopicSettings,

@@ -71,7 +71,7 @@ def test_the_charts_have_every_answer_of_the_table(kind, questions, request):
     table = pq.read_table(folder / "replans.parquet").to_pandas().sort_values(["episode", "replan"], kind="stable")
     data, columns = drawn(folder / "report.html")
     assert "<script>alert" not in (folder / "report.html").read_text()
-    charts = {panel["what"]: panel["series"] for panel in data["charts"]["answers-0"]["panels"]}
+    charts = {panel["what"]: panel["series"] for panel in data["charts"]["replans-0"]["panels"]}
     for number, name in enumerate(NAMES):
         mine = table[table["planner"] == name]
         assert len(mine) == (questions or len(mine)) > 1
