@@ -116,11 +116,11 @@ def test_a_list_of_runs_is_sorted_and_unfolded(tmp_path: Path, probe: Probe) -> 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
 @pytest.mark.parametrize("kind", ["whole", "ingest", "folder", "side by side", "sweep", "planners", "papers"])
 def test_axe_finds_nothing_serious(tiny_run: Path, probe: Probe, kind: str, size: tuple[int, int]) -> None:
-    """Needs axe.min.js of axe-core, by QUADLOG_AXE or in axe-playwright-python, which is not imported."""
-    package = find_spec("axe_playwright_python")
+    """Needs axe.min.js of axe-core, by QUADLOG_AXE or in axe-core-python, which is not imported."""
+    package = find_spec("axe_core_python")
     found = Path(package.origin).with_name("axe.min.js") if package and package.origin else None
     if not (library := os.environ.get("QUADLOG_AXE") or found):
-        pytest.skip("no axe.min.js: install axe-playwright-python, or name it by QUADLOG_AXE")
+        pytest.skip("no axe.min.js: install axe-core-python, or name it by QUADLOG_AXE")
     library = Path(library).read_text()
     assert probe(PAGES[kind](tiny_run), "axe", size, library=library)["bad"] == []
 
