@@ -35,7 +35,6 @@ from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunF
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.file_names import recording_files
 from quadlog.storage.atomic_write import write_whole
-from quadlog.storage.remote_object import ObjectInfo
 from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import redacted_text
 from quadlog.version import __version__
@@ -270,10 +269,8 @@ def own_files(path: Path) -> list[Path]:
 
 def input_bytes(files: Iterable[Path]) -> int:
     """Size of a recording's files; files of unknown size count as 0 bytes."""
-    found = [each.look().info if isinstance(each, RemotePath) else each.stat() for each in files]
-    return sum(
-        (each.size_bytes or 0) if isinstance(each, ObjectInfo) else each.st_size for each in found if each is not None
-    )
+    found = [each.look() if isinstance(each, RemotePath) else each.stat() for each in files]
+    return sum(each.st_size for each in found if each is not None)
 
 
 def describe_input(path: Path) -> InputRecord:
@@ -305,7 +302,7 @@ def describe_input(path: Path) -> InputRecord:
 
 def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     try:
-        found = [each.open_object().info for each in files]
+        found = [each.info() for each in files]
     except FileNotFoundError:
         raise RecordingNotFound(str(path), "no such file on the server") from None
     size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]

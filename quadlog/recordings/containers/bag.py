@@ -14,9 +14,10 @@ import numpy as np
 from quadlog.errors import NothingReadable
 from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
 from quadlog.recordings.containers.chunked import ChunkedReader
-from quadlog.recordings.containers.compression import Unpacked, decompress
+from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
 from quadlog.recordings.formatting import ros2_type_name
+from quadlog.storage.byte_source import Kept
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -149,7 +150,7 @@ class BagReader(ChunkedReader):
 
     def _open(self) -> None:
         self._connections: dict[int, _Connection] = {}
-        self._unpacked = Unpacked()
+        self._unpacked = Kept()
         try:
             self._read_index()
         except Damaged as damage:
@@ -272,9 +273,10 @@ class BagReader(ChunkedReader):
             return None
 
         def unpack() -> memoryview:
-            return decompress(scheme, memoryview(read_at(self._file, begin, end - begin)), size, self._file, begin)
+            stored = memoryview(read_at(self._file, begin, end - begin))
+            return decompress(scheme, stored, size, self._spare_bytes, begin)
 
-        data = self._unpacked.data(chunk.offset, unpack) if scheme == "bz2" else unpack()
+        data = memoryview(self._unpacked.data(chunk.offset, unpack)) if scheme == "bz2" else unpack()
         return self._body(data, end - begin, chunk)
 
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[_Fields, memoryview]]]:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadlog.recordings.containers import compression
 from quadlog.recordings.containers.container import (
     MAX_CHUNK_BYTES,
     MAX_DEFINITION_BYTES,
@@ -27,13 +28,13 @@ from quadlog.recordings.containers.container import (
     Loss,
 )
 from quadlog.recordings.formatting import instant, several
-from quadlog.storage.byte_ranges import ByteSource, Span
+from quadlog.storage.byte_source import ByteSource, Span
 
 ROW = np.dtype([("t_ns", "<i8"), ("channel", "<i8"), ("begin", "<i8"), ("end", "<i8")])
 """A message of a chunk: its log time, its channel's id, and where its payload lies in the decompressed chunk."""
 Rows = np.ndarray[Any, np.dtype[np.void]]
 
-_LEAST_BYTES = 8
+_LEAST_BYTES, _SPARE_RECORDS = 8, 1 << 16
 _LOOSE_BYTES = 1 << 22
 _SEARCHED_BYTES, _MARK_BYTES = 1 << 20, 64
 
@@ -144,6 +145,8 @@ class ChunkFile(Container):
         super().__init__(path, warnings)
         self.resources.callback(file.close)
         self._file = file
+        self._spare_bytes = compression.Allowance(compression.SPARE_BYTES)
+        self._spare_records = compression.Allowance(_SPARE_RECORDS)
         self._chunks: list[Chunk] = []
         # What the file itself says that it has, for each channel id.
         self._declared: Mapping[int, int] | None = None
@@ -284,9 +287,9 @@ class ChunkFile(Container):
         Time and memory are spent in proportion to what was read: a message takes some bytes of the file, because its
         time and its sequence number change; those that take fewer count against the file's allowance.
         """
-        worth, spare = stored_bytes // _LEAST_BYTES, self._file.spare_records.left(chunk.offset)
+        worth, spare = stored_bytes // _LEAST_BYTES, self._spare_records.left(chunk.offset)
         rows, records, definitions = self._parse(data, worth + spare)
-        self._file.spare_records.take(chunk.offset, min(records - worth, spare))
+        self._spare_records.take(chunk.offset, min(records - worth, spare))
         if records > worth + spare:
             raise Damaged(f"it holds more than {worth + spare} records", "too-large")
         return Body(data, stored_bytes, rows, definitions)

@@ -30,7 +30,7 @@ from quadlog.recordings.containers.container import (
 )
 from quadlog.recordings.containers.overlap import Held, chosen
 from quadlog.recordings.formatting import instant, several
-from quadlog.storage.byte_ranges import ByteSource
+from quadlog.storage.byte_source import ByteSource
 
 _DAY_NS = 86_400 * 10**9
 # Of the file's beginning, kept for the next look.
@@ -125,6 +125,7 @@ class ChunkedReader(ChunkFile):
                 del body
                 yield from held.messages(horizon_ns, wanted)
             self._first.forget()
+            self._file.check_unchanged()
             if start_ns is None and end_ns is None:
                 self._compare_counts(wanted, due, counts)
         finally:
@@ -180,6 +181,7 @@ class ChunkedReader(ChunkFile):
                     tally[number] += len(t_ns)
                     yield LogTimes(channel, t_ns)
         self._report()
+        self._file.check_unchanged()
         declared = Counter(self._declared or {})
         if +tally != +declared:
             raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import bz2
 import io
-import os
 import shutil
 import tempfile
 import threading
@@ -15,8 +14,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, cast
-from weakref import finalize
+from typing import Any, BinaryIO
 
 import lz4.frame
 import zstandard
@@ -24,10 +22,11 @@ import zstandard
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.container import MAX_CHUNK_BYTES, Damaged, Loss, RawMessage
 from quadlog.recordings.formatting import several
-from quadlog.storage.byte_ranges import SPARE_BYTES, ByteSource
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
+SPARE_BYTES = 1 << 32
+"""What all chunks of a file may hold beyond what their size is worth."""
 # What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
 _ALWAYS_BYTES = 1 << 25
 _MAX_RATIO = 256
@@ -44,17 +43,34 @@ class Incomplete(Exception):
     """Compressed data ends in the middle of a frame."""
 
 
-def decompress(compression: str, data: memoryview, size: int, file: ByteSource, offset: int) -> memoryview:
-    """The size bytes that data holds, a chunk of the file at this offset.
+class Allowance:
+    """So much for all places of a file together; a place that is read again counts once."""
 
-    Raises Damaged when it holds something else, the scheme is unknown, or the file has no allowance left for it.
+    def __init__(self, most: int) -> None:
+        self._left, self._taken = most, dict[int, int]()
+
+    def left(self, place: int) -> int:
+        """What the place may take, with what it took before."""
+        return self._left + self._taken.get(place, 0)
+
+    def take(self, place: int, amount: int) -> bool:
+        """Whether there is so much for the place."""
+        if self._taken.get(place, 0) < amount <= self.left(place):
+            self._left, self._taken[place] = self.left(place) - amount, amount
+        return amount <= self.left(place)
+
+
+def decompress(compression: str, data: memoryview, size: int, spare: Allowance, offset: int) -> memoryview:
+    """The size bytes that data holds, a chunk of a file at this offset. spare: bytes beyond what their size is worth.
+
+    Raises Damaged when it holds something else, the scheme is unknown, or there is no allowance left for it.
     """
     if compression not in SUPPORTED:
         raise Damaged(f"compressed with {compression!r}, which quadlog does not read", "compression")
     if size > (limit := largest_size(len(data))):
         raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
     beyond = size - _MAX_RATIO * len(data)
-    if beyond > 0 and not file.spare_bytes.take(offset, beyond * _COST.get(compression, 1)):
+    if beyond > 0 and not spare.take(offset, beyond * _COST.get(compression, 1)):
         raise Damaged(f"the chunks before it hold too much for their size; {size} bytes more are too many", "too-large")
     if compression in ("", "none"):
         body: bytes | bytearray | memoryview = data
@@ -145,34 +161,6 @@ _INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
     "lz4": partial(_inflate_streams, lz4.frame.LZ4FrameDecompressor),
     "bz2": partial(_inflate_streams, bz2.BZ2Decompressor),
 }
-
-
-class Unpacked:
-    """Chunks that take long to decompress, kept in a nameless temporary file for a second reading while there is room.
-
-    Safe to use from several threads.
-    """
-
-    def __init__(self) -> None:
-        self._file: BinaryIO | None = None
-        self._places: dict[int, tuple[int, int]] = {}
-        self._end = self._room = 0
-        self._lock = threading.Lock()
-
-    def data(self, key: int, unpack: Callable[[], memoryview]) -> memoryview:
-        """What `unpack` gives, or gave before for this key. Raises what it raises."""
-        if (place := self._places.get(key)) is not None and self._file is not None:
-            return memoryview(os.pread(self._file.fileno(), place[1], place[0]))
-        data = unpack()
-        with self._lock, suppress(OSError):  # the disk is full: it is decompressed again
-            if self._file is None:
-                self._file = cast(BinaryIO, tempfile.TemporaryFile(prefix="quadlog-"))  # noqa: SIM115
-                finalize(self, self._file.close)
-                self._room = shutil.disk_usage(tempfile.gettempdir()).free // 2
-            if self._end + len(data) <= self._room and os.pwrite(self._file.fileno(), data, self._end) == len(data):
-                self._places[key] = self._end, len(data)
-                self._end += len(data)
-        return data
 
 
 _MAX_UNPACKED_BYTES = 1 << 37

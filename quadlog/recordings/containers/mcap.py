@@ -344,7 +344,7 @@ class McapReader(ChunkedReader):
         return self._body(data, len(fields.data), chunk)
 
     def _checked(self, scheme: str, stored: memoryview, size: int, crc: int, chunk: Chunk) -> memoryview:
-        data = decompress(scheme, stored, size, self._file, chunk.offset)
+        data = decompress(scheme, stored, size, self._spare_bytes, chunk.offset)
         if crc and crc32(data) != crc:
             raise Damaged("its checksum (CRC) does not match", "crc")
         return data

@@ -13,8 +13,9 @@ from quadlog.recordings.containers import bag, compression, db3, mcap
 from quadlog.recordings.containers.container import Container
 from quadlog.recordings.containers.split import open_split
 from quadlog.recordings.file_names import recording_suffix
-from quadlog.storage.byte_ranges import ByteSource, LocalBytes
-from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.byte_source import ByteSource, LocalBytes
+from quadlog.storage.remote_object import RemoteBytes
+from quadlog.storage.remote_path import RemotePath, copied
 
 _HEAD_BYTES = 32
 MOST_CHANNELS = 4096  # a topic each, or nearly; each costs a row, a look for its role and perhaps a loss
@@ -88,26 +89,23 @@ def _open_local(path: Path, place: Path, warnings: Sequence[str] = ()) -> Contai
 
 def _open_remote(remote_path: RemotePath) -> Container:
     """What lies behind a URL: by range where server and format allow it, else copied first."""
-    from quadlog.storage.byte_ranges import RemoteBytes
-    from quadlog.storage.remote_path import copied
-
     path = cast(Path, remote_path)
     # Of a name from elsewhere only the suffix is taken, and only one that recordings have.
     name = f"copy{recording_suffix(path)}"
     try:
-        remote = remote_path.open_object()
+        info = remote_path.info()
     except FileNotFoundError:
         raise RecordingNotFound(path, "no such file on the server") from None
-    if remote.info.size_bytes is None or not remote.info.ranges:
-        what = "does not report the file's size" if remote.info.ranges else "does not serve byte ranges"
+    if info.size_bytes is None or not info.ranges:
+        what = "does not report the file's size" if info.ranges else "does not serve byte ranges"
         warning = f"the server {what}; the whole file was copied before it was read"
-        return _open_copy(path, name, copied(remote, name), [warning])
+        return _open_copy(path, name, copied(remote_path, name), [warning])
     with ExitStack() as on_error:
-        file = RemoteBytes(remote, remote.info.size_bytes)
+        file = RemoteBytes(remote_path.url, info)
         on_error.callback(file.close)
         head = file.read(0, _HEAD_BYTES)
         if compression.is_zstd(head) or head.startswith(db3.MAGIC):
-            return _open_copy(path, name, copied(remote, name))
+            return _open_copy(path, name, copied(remote_path, name))
         container = _open_chunked(path, file, head)
         on_error.pop_all()
         return container

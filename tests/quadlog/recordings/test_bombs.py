@@ -16,10 +16,9 @@ import pytest
 import zstandard
 
 from quadlog.errors import TooLarge
-from quadlog.recordings.containers.compression import unpack_messages
+from quadlog.recordings.containers.compression import SPARE_BYTES, unpack_messages
 from quadlog.recordings.containers.container import Channel, Loss, RawMessage
 from quadlog.recordings.containers.open import MOST_CHANNELS, open_container
-from quadlog.storage.byte_ranges import SPARE_BYTES
 from tests.lab import recordings
 
 MEBIBYTE = 1 << 20
@@ -111,7 +110,7 @@ def test_what_chunks_hold_beyond_their_size_counts_once_for_a_file_and_however_o
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """bzip2 takes a sixth of a second for the 31 MB of each of these chunks, which have 110 bytes."""
-    monkeypatch.setattr("quadlog.storage.byte_ranges.SPARE_BYTES", SPARE_BYTES // 4)
+    monkeypatch.setattr("quadlog.recordings.containers.compression.SPARE_BYTES", SPARE_BYTES // 4)
     data = recordings.bag_message(bytes(31 * MEBIBYTE))
     path = recordings.bag_of(tmp_path / "a.bag", b"bz2", bz2.compress(data), len(data), 40)
     assert path.stat().st_size < 13_500
