@@ -196,7 +196,11 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
     content = read_object(run, "run.json", "is no finished run: it has no run.json")
     found, version = content.get("run_format", RUN_FORMAT), content.get("quadlog_version")
     if type(found) is not int or found != RUN_FORMAT:  # before its other fields, which may differ
-        raise UnknownRunFormat(run, found, version, RUN_FORMAT, __version__)
+        raise UnknownRunFormat(
+            run,
+            f"{printable(found)[:40]}, written by quadlog {printable(version)[:40]}; this quadlog, "
+            f"{__version__}, reads format {RUN_FORMAT}: use that version, or replay the recording again",
+        )
     with reading(run / "run.json"):
         record = RunRecord.model_validate(content)
     if not (record.finished or unfinished):
