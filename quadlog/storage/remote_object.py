@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime
-from email.utils import parsedate_to_datetime
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -40,14 +38,6 @@ class ObjectInfo:
     def st_size(self) -> int:
         """As `os.stat` has it; 0 where unknown."""
         return self.size_bytes or 0
-
-    @property
-    def st_mtime_ns(self) -> int:
-        """The time of the last change, 0 where it is missing or in an unknown form."""
-        for parse in (datetime.fromisoformat, parsedate_to_datetime):
-            with suppress(ValueError, TypeError):
-                return int(parse(self.last_modified or "").timestamp() * 1e9)
-        return 0
 
 
 def object_info(info: Mapping[str, Any]) -> ObjectInfo:

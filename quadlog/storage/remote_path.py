@@ -1,4 +1,4 @@
-"""A place behind a URL with the methods of pathlib.Path that quadlog uses, and copies of what lies there.
+"""A place behind a URL with the methods of pathlib.Path that quadlog uses, and a copy of what lies there.
 
 Not universal-pathlib's UPath: its text shows signatures and passwords, its
 names end in the URL's query, and of a web server it reads whole files to see
@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import posixpath
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -45,29 +44,14 @@ def copy_object(remote: RemotePath, target: Path) -> None:
     """
     # Half of what is free: the rest of the machine lives there too.
     room = shutil.disk_usage(target.parent).free // 2
-    info = info_of(remote.url)
-    written = info.st_size
-    if written <= room:
-        written = 0
-        with target.open("xb") as file:
-            for block in RemoteBytes(remote.url, info).stream():
-                written += len(block)
-                if written > room:
-                    break
-                file.write(block)
-    if written > room:
-        raise TooLarge(f"{remote}: bytes to copy to {target.parent}", written, room)
-
-
-def copied(remote: RemotePath, name: str) -> tempfile.TemporaryDirectory[str]:
-    """A temporary folder with the object in it, under a name of this program's choice. Raises as copy_object."""
-    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-    try:
-        copy_object(remote, Path(folder.name) / name)
-    except BaseException:
-        folder.cleanup()
-        raise
-    return folder
+    info, what = info_of(remote.url), f"{remote}: bytes to copy to {target.parent}"
+    if info.st_size > room:
+        raise TooLarge(what, info.st_size, room)
+    with target.open("xb") as file:
+        for block in RemoteBytes(remote.url, info).stream():
+            if file.tell() + len(block) > room:
+                raise TooLarge(what, file.tell() + len(block), room)
+            file.write(block)
 
 
 _NO_LISTING = "a web server's folders cannot be listed; name the recordings in them"

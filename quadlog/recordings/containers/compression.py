@@ -11,7 +11,7 @@ import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -167,45 +167,34 @@ _MAX_UNPACKED_BYTES = 1 << 37
 _ELSEWHERE = "TMPDIR names another folder"
 
 
-def unpack(path: Path, name: str) -> tuple[tempfile.TemporaryDirectory[str], list[str]]:
-    """A temporary folder with the decompressed file of this name, and a warning where the compressed data is damaged.
+def unpack(path: Path, target: Path) -> list[str]:
+    """Decompress into a new file: no warning, or one where the compressed data is damaged.
 
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
     Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
     """
-    with ExitStack() as on_error:
-        folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-        on_error.callback(folder.cleanup)
-        warnings, written = [], 0
-        # Half of what is free: the rest of the machine lives there too.
-        room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(folder.name).free // 2)
-        try:
-            with path.open("rb") as packed, (Path(folder.name) / name).open("wb", buffering=0) as target:
-                for block in zstd_blocks(packed):
-                    written += len(block)
-                    if written > room:
-                        limit = f"at most half of what is free there; {_ELSEWHERE}"
-                        what = f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})"
-                        raise TooLarge(what, written, room)
-                    _write(target, block, path)
-        except (zstandard.ZstdError, Incomplete) as error:
-            if written == 0:
-                raise NotARecording(path, f"it cannot be decompressed ({error})") from None
-            read = several(written, "byte")
-            warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
-        on_error.pop_all()
-    return folder, warnings
-
-
-def _write(target: io.FileIO, block: bytes, packed: Path) -> None:
-    """All of a block. Raises CannotWrite: the system's own error names no file."""
-    rest = memoryview(block)
+    written = 0
+    # Half of what is free: the rest of the machine lives there too.
+    room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(target.parent).free // 2)
     try:
-        while rest:
-            rest = rest[target.write(rest) :]
-    except OSError as error:
-        where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
-        raise CannotWrite(packed, where) from error
+        with path.open("rb") as packed, target.open("wb") as file:
+            for block in zstd_blocks(packed):
+                written += len(block)
+                if written > room:
+                    limit = f"at most half of what is free there; {_ELSEWHERE}"
+                    raise TooLarge(f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})", written, room)
+                try:
+                    file.write(block)
+                    file.flush()
+                except OSError as error:  # the system's own names no file
+                    where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
+                    raise CannotWrite(path, where) from error
+    except (zstandard.ZstdError, Incomplete) as error:
+        if written == 0:
+            raise NotARecording(path, f"it cannot be decompressed ({error})") from None
+        read = several(written, "byte")
+        return [f"its compressed data is damaged ({error}); the {read} before that were read"]
+    return []
 
 
 def unpacked_name(path: Path) -> str:
