@@ -7,9 +7,9 @@ from collections import Counter, deque
 from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,24 +49,13 @@ _START = attrgetter("start_ns")
 _OFFSET = attrgetter("offset")
 
 
-@dataclass
-class _First:
-    """The first few bodies that were read, shared by a recording and its excerpts; the first without room is the last.
+class _Odd(NamedTuple):
+    """What is odd about a chunk's messages."""
 
-    Every look at some topic's first messages wants them again.
-    """
-
-    bodies: dict[int, Body] = field(default_factory=dict)
-    room: int = _FIRST_BYTES
-
-    def forget(self) -> None:
-        self.bodies.clear()
-        self.room = _FIRST_BYTES
-
-    def keep(self, chunk: Chunk, body: Body) -> None:
-        self.room -= len(body.data)
-        if self.room >= 0:
-            self.bodies[chunk.offset] = body
+    outside_index: bool
+    zero_times: int
+    jump_ns: int
+    undeclared: Counter[int]
 
 
 class ChunkedReader(ChunkFile):
@@ -78,12 +67,10 @@ class ChunkedReader(ChunkFile):
 
     def __init__(self, path: Path, file: ByteSource, warnings: Sequence[str] = ()) -> None:
         super().__init__(path, file, warnings)
-        self._wrong_index: set[int] = set()
-        self._undeclared: dict[int, Counter[int]] = {}
-        self._jumps_within: dict[int, int] = {}
-        self._zero_times: dict[int, int] = {}
+        self._odd: dict[int, _Odd] = {}
         self._miscounts: dict[Channel, Loss] = {}
-        self._first = _First()
+        # The first few bodies, shared with excerpts: every look at some topic's first messages wants them again.
+        self._first: dict[int, Body] = {}
         self._read_something = False
         self._open()
         for chunk in self._chunks:
@@ -121,10 +108,11 @@ class ChunkedReader(ChunkFile):
                     self._lose(chunk, body)
                 else:
                     counts[chunk.offset] = self._examine(chunk, body.rows)
+                    self._read_something |= len(body.rows) > 0
                     held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
                 del body
                 yield from held.messages(horizon_ns, wanted)
-            self._first.forget()
+            self._first.clear()
             self._file.check_unchanged()
             if start_ns is None and end_ns is None:
                 self._compare_counts(wanted, due, counts)
@@ -151,14 +139,15 @@ class ChunkedReader(ChunkFile):
 
     def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
         """As `_load`; the file's first few are kept until a reading comes to its end."""
-        if (body := self._first.bodies.get(chunk.offset)) is not None:
+        if (body := self._first.get(chunk.offset)) is not None:
             return body
         try:
             body = self._load(chunk, at_most)
         except Damaged as damage:
             return damage
-        if body is not None:
-            self._first.keep(chunk, body)
+        kept = [*self._first.values()]
+        if body is not None and sum(len(each.data) for each in (*kept, body)) <= _FIRST_BYTES:
+            self._first[chunk.offset] = body
         return body
 
     def log_times(self) -> Iterator[LogTimes]:
@@ -172,13 +161,12 @@ class ChunkedReader(ChunkFile):
         for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
             some = self._chunks[at : at + _LISTED_AT_ONCE]
             for chunk, rows in zip(some, self._listed(some), strict=True):
-                self._examine_times(chunk, rows)
+                tally += self._examine(chunk, rows)
                 rows = rows[np.argsort(rows["channel"], kind="stable")]
                 numbers, begins = np.unique(rows["channel"], return_index=True)
                 for number, t_ns in zip(numbers.tolist(), np.split(rows["t_ns"], begins[1:]), strict=False):
                     if (channel := self._channel_of.get(number)) is None:
                         raise Damaged(f"the message index names channel {number}, which nothing declares")
-                    tally[number] += len(t_ns)
                     yield LogTimes(channel, t_ns)
         self._report()
         self._file.check_unchanged()
@@ -216,29 +204,19 @@ class ChunkedReader(ChunkFile):
             return None
 
     def _examine(self, chunk: Chunk, rows: Rows) -> Counter[int]:
-        """Record what is wrong with a chunk's messages; messages for each channel id."""
-        counts = counts_of(rows)
-        self._read_something |= len(rows) > 0
-        self._examine_times(chunk, rows)
-        unknown = sorted(counts.keys() - self._channel_of.keys())
-        if unknown:
-            self._undeclared[chunk.offset] = Counter({number: counts[number] for number in unknown})
-        return counts
-
-    def _examine_times(self, chunk: Chunk, rows: Rows) -> None:
-        """Record times outside of what the index says, jumps and zeros."""
-        t_ns = rows["t_ns"]
+        """Record what is odd about a chunk's messages; messages for each channel id."""
+        counts, t_ns = counts_of(rows), rows["t_ns"]
         if not len(t_ns):
-            return
-        earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
-        if earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns:
-            self._wrong_index.add(chunk.offset)
-        if earliest_ns == 0:
-            self._zero_times[chunk.offset] = int(np.count_nonzero(t_ns == 0))
+            return counts
+        earliest_ns, latest_ns, jump_ns = int(t_ns.min()), int(t_ns.max()), 0
         if latest_ns - earliest_ns > JUMP_NS:
-            t_ns = t_ns[np.argsort(rows["begin"], kind="stable")]
-            if (jump_ns := int((np.maximum.accumulate(t_ns) - t_ns).max())) > JUMP_NS:
-                self._jumps_within[chunk.offset] = jump_ns
+            in_file = t_ns[np.argsort(rows["begin"], kind="stable")]
+            jump_ns = int((np.maximum.accumulate(in_file) - in_file).max())
+        zero_times = 0 if earliest_ns else int(np.count_nonzero(t_ns == 0))
+        unknown = Counter({number: counts[number] for number in counts.keys() - self._channel_of.keys()})
+        outside = earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns
+        self._odd[chunk.offset] = _Odd(outside, zero_times, jump_ns, unknown)
+        return counts
 
     def _compare_counts(self, wanted: dict[int, Channel], due: list[Chunk], read: dict[int, Counter[int]]) -> None:
         """What the file says it holds against what was read; chunks known to be lost are not reported twice."""
@@ -261,7 +239,8 @@ class ChunkedReader(ChunkFile):
 
     def _report(self) -> None:
         """Losses and warnings as they stand now, in place: others hold these lists."""
-        undeclared = sum(self._undeclared.values(), Counter[int]())
+        odd = self._odd.values()
+        undeclared = sum((each.undeclared for each in odd), Counter[int]())
         self.losses[:] = [
             *self._index_losses,
             *self._losses_of_chunks(),
@@ -269,8 +248,8 @@ class ChunkedReader(ChunkFile):
             *_undeclared_losses(undeclared),
             *self._miscounts.values(),
         ]
-        jumps_ns = [*self._jumps_between, *self._jumps_within.values()]
-        zeros = sum(self._zero_times.values())
+        jumps_ns = [*self._jumps_between, *(each.jump_ns for each in odd if each.jump_ns > JUMP_NS)]
+        zeros, wrong = sum(each.zero_times for each in odd), sum(each.outside_index for each in odd)
         self.warnings[:] = self._opening_warnings
         if jumps_ns:
             times, most_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
@@ -280,9 +259,9 @@ class ChunkedReader(ChunkFile):
         if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
             until = instant(self.span_ns[1])
             self.warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
-        if self._wrong_index:
+        if wrong:
             self.warnings.append(
-                f"the index gives wrong times for {several(len(self._wrong_index), 'chunk')}; "
+                f"the index gives wrong times for {several(wrong, 'chunk')}; "
                 "a time window may miss messages, and their order may be wrong"
             )
 
