@@ -34,7 +34,7 @@ ROW = np.dtype([("t_ns", "<i8"), ("channel", "<i8"), ("begin", "<i8"), ("end", "
 """A message of a chunk: its log time, its channel's id, and where its payload lies in the decompressed chunk."""
 Rows = np.ndarray[Any, np.dtype[np.void]]
 
-_LEAST_BYTES, _SPARE_RECORDS = 8, 1 << 16
+_LEAST_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
 _SEARCHED_BYTES, _MARK_BYTES = 1 << 20, 64
 
@@ -146,7 +146,6 @@ class ChunkFile(Container):
         self.resources.callback(file.close)
         self._file = file
         self._spare_bytes = compression.Allowance(compression.SPARE_BYTES)
-        self._spare_records = compression.Allowance(_SPARE_RECORDS)
         self._chunks: list[Chunk] = []
         # What the file itself says that it has, for each channel id.
         self._declared: Mapping[int, int] | None = None
@@ -281,21 +280,20 @@ class ChunkFile(Container):
             Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}")
         )
 
-    def _body(self, data: memoryview, stored_bytes: int, chunk: Chunk) -> Body:
+    def _body(self, data: memoryview, stored_bytes: int) -> Body:
         """What the chunk's records hold, which took so many bytes of the file. Raises Damaged.
 
         Time and memory are spent in proportion to what was read: a message takes some bytes of the file, because its
-        time and its sequence number change; those that take fewer count against the file's allowance.
+        time and its sequence number change.
         """
-        worth, spare = stored_bytes // _LEAST_BYTES, self._spare_records.left(chunk.offset)
-        rows, records, definitions = self._parse(data, worth + spare)
-        self._spare_records.take(chunk.offset, min(records - worth, spare))
-        if records > worth + spare:
-            raise Damaged(f"it holds more than {worth + spare} records", "too-large")
+        most = _LEAST_RECORDS + stored_bytes
+        rows, records, definitions = self._parse(data, most)
+        if records > most:
+            raise Damaged(f"it holds more than {most} records", "too-large")
         return Body(data, stored_bytes, rows, definitions)
 
     def _loose_body(self, chunk: Chunk) -> Body:
-        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length, chunk)
+        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length)
 
     def _lose(self, chunk: Chunk, damage: Damaged, messages: int | None = None) -> None:
         """Record a damaged chunk; messages: how many of it are missing, if not all."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter, deque
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
 from operator import attrgetter
@@ -107,7 +107,8 @@ class ChunkedReader(ChunkFile):
                 if isinstance(body, Damaged):
                     self._lose(chunk, body)
                 else:
-                    counts[chunk.offset] = self._examine(chunk, body.rows)
+                    counts[chunk.offset] = counts_of(body.rows)
+                    self._examine(chunk, body.rows, counts[chunk.offset])
                     self._read_something |= len(body.rows) > 0
                     held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
                 del body
@@ -161,9 +162,10 @@ class ChunkedReader(ChunkFile):
         for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
             some = self._chunks[at : at + _LISTED_AT_ONCE]
             for chunk, rows in zip(some, self._listed(some), strict=True):
-                tally += self._examine(chunk, rows)
                 rows = rows[np.argsort(rows["channel"], kind="stable")]
-                numbers, begins = np.unique(rows["channel"], return_index=True)
+                numbers, begins, counts = np.unique(rows["channel"], return_index=True, return_counts=True)
+                tally.update(counted := dict(zip(numbers.tolist(), counts.tolist(), strict=True)))
+                self._examine(chunk, rows, counted)
                 for number, t_ns in zip(numbers.tolist(), np.split(rows["t_ns"], begins[1:]), strict=False):
                     if (channel := self._channel_of.get(number)) is None:
                         raise Damaged(f"the message index names channel {number}, which nothing declares")
@@ -203,11 +205,10 @@ class ChunkedReader(ChunkFile):
         except Damaged:
             return None
 
-    def _examine(self, chunk: Chunk, rows: Rows) -> Counter[int]:
-        """Record what is odd about a chunk's messages; messages for each channel id."""
-        counts, t_ns = counts_of(rows), rows["t_ns"]
-        if not len(t_ns):
-            return counts
+    def _examine(self, chunk: Chunk, rows: Rows, counts: Mapping[int, int]) -> None:
+        """Record what is odd about a chunk's messages, of which there are so many for each channel id."""
+        if not len(t_ns := rows["t_ns"]):
+            return
         earliest_ns, latest_ns, jump_ns = int(t_ns.min()), int(t_ns.max()), 0
         if latest_ns - earliest_ns > JUMP_NS:
             in_file = t_ns[np.argsort(rows["begin"], kind="stable")]
@@ -216,7 +217,6 @@ class ChunkedReader(ChunkFile):
         unknown = Counter({number: counts[number] for number in counts.keys() - self._channel_of.keys()})
         outside = earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns
         self._odd[chunk.offset] = _Odd(outside, zero_times, jump_ns, unknown)
-        return counts
 
     def _compare_counts(self, wanted: dict[int, Channel], due: list[Chunk], read: dict[int, Counter[int]]) -> None:
         """What the file says it holds against what was read; chunks known to be lost are not reported twice."""

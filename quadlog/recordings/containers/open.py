@@ -81,7 +81,7 @@ def _open_local(path: Path, place: Path, warnings: Sequence[str] = ()) -> Contai
         if compression.is_zstd(head):
             return _open_copy(path, compression.unpacked_name(place), partial(compression.unpack, place))
         if head.startswith(db3.MAGIC):
-            return db3.open_sqlite(path, place, warnings)
+            return db3.SqliteReader(path, place, warnings)
         container = _open_chunked(path, file, head, warnings)
         on_error.pop_all()
         return container
