@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Protocol
 from weakref import finalize
 
+from quadlog.errors import FileError
+
 Span = tuple[int, int]
 """Offset and length."""
 
@@ -62,7 +64,7 @@ class LocalBytes:
 
 
 class Kept:
-    """Data that takes long to get, kept in a nameless temporary file while half of the disk's room is left.
+    """A nameless temporary file of data that takes long to get, while half of the disk's room is left.
 
     Safe to use from several threads.
     """
@@ -73,19 +75,31 @@ class Kept:
         self._end = self._room = 0
         self._lock = threading.Lock()
 
-    def data(self, key: Hashable, get: Callable[[], bytes | memoryview]) -> bytes | memoryview:
-        """What `get` gives, or gave before for this key. Raises what it raises."""
-        with suppress(OSError):  # this machine's disk fails
-            offset, length = self._places.get(key, (0, 0))
-            if self._handle and length and len(found := os.pread(self._handle, length, offset)) == length:
-                return found
-        data = get()
+    def append(self, data: bytes | memoryview) -> int | None:
+        """Keep it: its offset, None where there is no room."""
         with self._lock, suppress(OSError):  # the disk is full
             if self._handle is None:
                 file = tempfile.TemporaryFile(prefix="quadlog-")  # noqa: SIM115
                 finalize(self, file.close)
                 self._handle, self._room = file.fileno(), shutil.disk_usage(tempfile.gettempdir()).free // 2
             if self._end + len(data) <= self._room and os.pwrite(self._handle, data, self._end) == len(data):
-                self._places[key] = self._end, len(data)
                 self._end += len(data)
+                return self._end - len(data)
+        return None
+
+    def read(self, offset: int, length: int) -> bytes:
+        """What was kept there. Raises FileError where this machine's disk fails."""
+        with suppress(OSError):
+            if self._handle is not None and len(data := os.pread(self._handle, length, offset)) == length:
+                return data
+        raise FileError(tempfile.gettempdir(), "the disk does not give back what was written to it")
+
+    def data(self, key: Hashable, get: Callable[[], bytes | memoryview]) -> bytes | memoryview:
+        """What `get` gives, or gave before for this key. Raises what it raises."""
+        with suppress(FileError):
+            if key in self._places:
+                return self.read(*self._places[key])
+        data = get()
+        if (offset := self.append(data)) is not None:
+            self._places[key] = offset, len(data)
         return data

@@ -154,8 +154,8 @@ class ChunkFile(Container):
         self._trusted = 0
         self._index_losses: list[Loss] = []
         self._walk_losses: list[Loss] = []
-        # By offset: a damaged chunk, why, and how many of its messages are missing, if not all.
-        self._lost: dict[int, tuple[Chunk, Damaged, int | None]] = {}
+        # By offset: a damaged chunk, and why.
+        self._lost: dict[int, tuple[Chunk, Damaged]] = {}
 
     # What a format is:
 
@@ -295,8 +295,8 @@ class ChunkFile(Container):
     def _loose_body(self, chunk: Chunk) -> Body:
         return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length)
 
-    def _lose(self, chunk: Chunk, damage: Damaged, messages: int | None = None) -> None:
-        """Record a damaged chunk; messages: how many of it are missing, if not all."""
+    def _lose(self, chunk: Chunk, damage: Damaged) -> None:
+        """Record a damaged chunk."""
         # A traceback would keep the frames of what failed, and with them the chunk's data.
         damage.__traceback__ = damage.__context__ = None
-        self._lost[chunk.offset] = chunk, damage, messages
+        self._lost[chunk.offset] = chunk, damage

@@ -99,18 +99,18 @@ class ChunkedReader(ChunkFile):
         """See Container. Raises NothingReadable when every chunk there is was damaged."""
         wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
         due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
-        held, bodies = Held(self._tried, self._lose), self._read_ahead(due)
+        held, bodies = Held(), self._read_ahead(due)
         counts: dict[int, Counter[int]] = {}
         try:
             for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
                 body = next(bodies)
-                if isinstance(body, Damaged):
-                    self._lose(chunk, body)
-                else:
+                if not isinstance(body, Damaged):
                     counts[chunk.offset] = counts_of(body.rows)
                     self._examine(chunk, body.rows, counts[chunk.offset])
                     self._read_something |= len(body.rows) > 0
-                    held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
+                    body = held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
+                if body is not None:
+                    self._lose(chunk, body)
                 del body
                 yield from held.messages(horizon_ns, wanted)
             self._first.clear()
@@ -267,15 +267,15 @@ class ChunkedReader(ChunkFile):
 
     def _losses_of_chunks(self) -> Iterator[Loss]:
         """One for each cause, in the order in which the first of its chunks lies in the file."""
-        groups: dict[str, list[tuple[Chunk, Damaged, int | None]]] = {}
-        for _, lost in sorted(self._lost.items()):
-            groups.setdefault(lost[1].cause, []).append(lost)
+        groups: dict[str, list[tuple[Chunk, Damaged]]] = {}
+        for _, (chunk, damage) in sorted(self._lost.items()):
+            groups.setdefault(damage.cause, []).append((chunk, damage))
         for cause, group in groups.items():
-            counts = [self._counts(chunk) if left is None else Counter({0: left}) for chunk, _, left in group]
+            counts = [self._counts(chunk) for chunk, _ in group]
             known = [each.total() for each in counts if each is not None]
             count = sum(known) if len(known) == len(group) else None
             messages = "an unknown number of messages" if count is None else several(count, "message")
-            start_ns, end_ns = min(each.start_ns for each, *_ in group), max(each.end_ns for each, *_ in group)
+            start_ns, end_ns = min(each.start_ns for each, _ in group), max(each.end_ns for each, _ in group)
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)

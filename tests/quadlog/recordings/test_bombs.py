@@ -57,7 +57,7 @@ def zeros(mebibytes: int) -> tuple[bytes, int]:
     return bytes(MEBIBYTE), mebibytes
 
 
-def bombs() -> dict[str, tuple[list[tuple[bytes, int]], int, int | None]]:
+def bombs() -> dict[str, tuple[list[tuple[bytes, int]], int, int]]:
     """What the chunks are made of, how often they come, and the messages that are read nevertheless."""
 
     def large_message(mebibytes: int) -> list[tuple[bytes, int]]:
@@ -77,7 +77,7 @@ def bombs() -> dict[str, tuple[list[tuple[bytes, int]], int, int | None]]:
     return {
         "chunks of 512 MB": (large_message(511), 20, 0),
         "chunks of 31 MB": (large_message(31), 5, 10),
-        "overlapping chunks of 31 MB": (interleaved, 20, None),
+        "overlapping chunks of 31 MB": (interleaved, 16, 64_000),
         "17 M empty messages": ([(recordings.message() * 34_000, 500)], 1, 0),
         "20 M empty records": ([(recordings.record(0x80, b"") * 40_000, 500)], 1, 0),
         "definitions of 15 MB": ([part for number in range(1, 7) for part in schema(number, 15)], 1, 0),
@@ -94,10 +94,7 @@ def test_memory_of_a_chunk_is_bounded_by_the_size_of_the_file(tmp_path: Path, nu
     done = subprocess.run([sys.executable, "-c", READ_ALL, str(path)], capture_output=True, text=True, check=True)
     got = json.loads(done.stdout)
     assert got["peak_mb"] < 500
-    if messages is None:
-        assert got["causes"] == ["too-large", "truncated"]
-    else:
-        assert (got["messages"], got["causes"]) == (messages, ["truncated"] if messages else ["NothingReadable"])
+    assert (got["messages"], got["causes"]) == (messages, ["truncated"] if messages else ["NothingReadable"])
 
 
 def test_more_topics_than_any_robot_has_are_refused(tmp_path: Path) -> None:
