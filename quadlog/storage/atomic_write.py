@@ -24,7 +24,6 @@ _PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
 _unfinished: set[Path] = set()
-_new_folders: set[Path] = set()
 _TRIES = 10
 
 
@@ -122,32 +121,23 @@ def new_folder(path: Path) -> Iterator[None]:
     Raises CannotWrite.
     """
     check_name(path)
-    if not path.exists():
-        _new_folders.add(path)  # before it is there, since a signal may come at any moment
+    is_new = not path.exists()
     try:
         with _told(path):
             path.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
-        _remove_empty(path)
+        with suppress(OSError):  # it holds files, or is not there
+            if is_new:
+                path.rmdir()
         raise
-    _new_folders.discard(path)
 
 
 def remove_unfinished() -> None:
-    """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
+    """Remove what this process had not finished when it was interrupted, wherever that was."""
     for part in tuple(_unfinished):
         with suppress(OSError):
             _remove(part)
-    for folder in tuple(_new_folders):
-        _remove_empty(folder)
-
-
-def _remove_empty(folder: Path) -> None:
-    if folder in _new_folders:
-        with suppress(OSError):  # it holds files: others', or unfinished ones of a block that a signal cut off
-            folder.rmdir()
-            _new_folders.discard(folder)
 
 
 @contextmanager
