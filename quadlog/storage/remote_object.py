@@ -147,7 +147,7 @@ def filesystem(url: str) -> Any:
             login = {name: found[name] for name in ("host", "port", "username", "password") if found.get(name)}
             if protocol not in ("s3", "s3a"):
                 return kind(**login)
-            waits = {"connect_timeout": CONNECT_S, "read_timeout": READ_S}
+            waits: dict[str, Any] = {"connect_timeout": CONNECT_S, "read_timeout": READ_S}
             waits["retries"] = {"total_max_attempts": TRIES, "mode": "standard"}
             # Listings are not cached: another machine may be writing there.
             system = kind(config_kwargs=waits | own.get("config_kwargs", {}), use_listings_cache=False, **login)

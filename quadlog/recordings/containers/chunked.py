@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.errors import NothingReadable
+from quadlog.errors import NothingReadable, some_of
 from quadlog.recordings.containers.chunk_file import Body, Chunk, ChunkFile, Rows, counts_of
 from quadlog.recordings.containers.compression import SUPPORTED
 from quadlog.recordings.containers.container import (
@@ -40,7 +40,6 @@ _LARGE_BYTES = 1 << 25
 # With one core, what is decompressed earlier has left its cache when it is decoded.
 _AHEAD = 0 if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1 else 2
 _LISTED_AT_ONCE = 64
-_CHANNELS_NAMED = 20
 # glibc reuses freed blocks up to the largest one freed (mallopt(3), M_MMAP_THRESHOLD): fresh pages for each chunk would
 # cost a third of decompressing it. This one is never written, so it takes no memory itself.
 bytes(1 << 24)
@@ -241,11 +240,14 @@ class ChunkedReader(ChunkFile):
         """Losses and warnings as they stand now, in place: others hold these lists."""
         odd = self._odd.values()
         undeclared = sum((each.undeclared for each in odd), Counter[int]())
+        unknown = f"{several(undeclared.total(), 'message')} of channels that nothing declares"
+        numbers = some_of([str(number) for number in sorted(undeclared)])
+        undeclared_loss = Loss("damaged", f"{unknown}: {numbers}", count=undeclared.total())
         self.losses[:] = [
             *self._index_losses,
             *self._losses_of_chunks(),
             *self._walk_losses,
-            *_undeclared_losses(undeclared),
+            *([undeclared_loss] if undeclared else []),
             *self._miscounts.values(),
         ]
         jumps_ns = [*self._jumps_between, *(each.jump_ns for each in odd if each.jump_ns > JUMP_NS)]
@@ -290,14 +292,3 @@ def _jumps_between(chunks: Iterable[Chunk]) -> list[int]:
                 jumps_ns.append(latest_ns - chunk.start_ns)
             latest_ns = max(latest_ns, chunk.end_ns)
     return jumps_ns
-
-
-def _undeclared_losses(unknown: Counter[int]) -> Iterator[Loss]:
-    """A loss for each channel that nothing declares, one for all that are too many to name."""
-    numbered = sorted(unknown.items())
-    for number, count in numbered[:_CHANNELS_NAMED]:
-        yield Loss("damaged", f"{several(count, 'message')} of channel {number}, which nothing declares", count=count)
-    if rest := numbered[_CHANNELS_NAMED:]:
-        count = sum(each for _, each in rest)
-        which = several(len(rest), "more channel")
-        yield Loss("damaged", f"{several(count, 'message')} of {which}, which nothing declares", count=count)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, BinaryIO, Literal
+from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,8 @@ def _decode(path: Path, file: BinaryIO) -> tuple[NDArray[np.uint16], NDArray[np.
     from PIL import BmpImagePlugin, PngImagePlugin, PpmImagePlugin  # only pictures need it
 
     # No more of Pillow's decoders get to see the file, and none to warn of its size.
-    pgm = PpmImagePlugin.PpmImageFile
-    decoders = {b"P2": pgm, b"P5": pgm, b"BM": BmpImagePlugin.BmpImageFile, b"\x89P": PngImagePlugin.PngImageFile}
+    pgm, bmp, png = PpmImagePlugin.PpmImageFile, BmpImagePlugin.BmpImageFile, PngImagePlugin.PngImageFile
+    decoders: dict[bytes, Any] = {b"P2": pgm, b"P5": pgm, b"BM": bmp, b"\x89P": png}
     decoder = decoders.get(file.read(2))
     if decoder is None:
         raise UnreadableFile(path, "is no PGM, PNG or BMP picture")
