@@ -68,11 +68,13 @@ class RemoteBytes:
 
     def read(self, offset: int, length: int) -> bytes:
         end = min(offset + length, self.size)
+        if offset >= end:
+            return b""
         if end - offset >= BLOCK_BYTES:
             return self._stretch(offset, end)
-        blocks = range(offset // BLOCK_BYTES * BLOCK_BYTES, max(end, 0), BLOCK_BYTES) if offset < end else ()
-        data = b"".join(self._stretch(begin, min(begin + BLOCK_BYTES, self.size)) for begin in blocks)
-        return data[offset % BLOCK_BYTES :][: max(end - offset, 0)]
+        first = offset // BLOCK_BYTES * BLOCK_BYTES
+        blocks = [self._stretch(at, min(at + BLOCK_BYTES, self.size)) for at in range(first, end, BLOCK_BYTES)]
+        return b"".join(blocks)[offset - first : end - first]
 
     def read_each(self, spans: Sequence[Span]) -> list[bytes]:
         """No more than these is fetched, several at a time, and nothing is kept."""
@@ -112,7 +114,8 @@ class RemoteBytes:
         starts, ends = ([*each] for each in zip(*wanted, strict=True)) if wanted else ([], [])
         with self._compared():
             paths = [system._strip_protocol(self._url)] * len(wanted)
-            parts = system.cat_ranges(paths, starts, ends, on_error="raise", batch_size=_AT_A_TIME)
+            at_once = {"batch_size": _AT_A_TIME} if system.async_impl else {}
+            parts = system.cat_ranges(paths, starts, ends, on_error="raise", **at_once)
             if [len(part) for part in parts] != [end - start for start, end in wanted]:
                 raise StorageFailed(redacted(self._url), "the server sent more or fewer bytes than were requested")
         found = iter(parts)

@@ -103,13 +103,14 @@ class ChunkedReader(ChunkFile):
         try:
             for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
                 body = next(bodies)
-                if not isinstance(body, Damaged):
+                damage = body if isinstance(body, Damaged) else None
+                if isinstance(body, Body):
                     counts[chunk.offset] = counts_of(body.rows)
                     self._examine(chunk, body.rows, counts[chunk.offset])
                     self._read_something |= len(body.rows) > 0
-                    body = held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
-                if body is not None:
-                    self._lose(chunk, body)
+                    damage = held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
+                if damage is not None:
+                    self._lose(chunk, damage)
                 del body
                 yield from held.messages(horizon_ns, wanted)
             self._first.clear()
