@@ -173,7 +173,7 @@ def unpack(path: Path, target: Path) -> list[str]:
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
     Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
     """
-    written = 0
+    warnings, written = list[str](), 0
     # Half of what is free: the rest of the machine lives there too.
     room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(target.parent).free // 2)
     try:
@@ -193,8 +193,8 @@ def unpack(path: Path, target: Path) -> list[str]:
         if written == 0:
             raise NotARecording(path, f"it cannot be decompressed ({error})") from None
         read = several(written, "byte")
-        return [f"its compressed data is damaged ({error}); the {read} before that were read"]
-    return []
+        warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
+    return warnings
 
 
 def unpacked_name(path: Path) -> str:
