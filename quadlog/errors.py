@@ -298,8 +298,8 @@ class UnreadableFile(FileError):
     """A file that the user named, a trajectory or a map, and that is not what its format says."""
 
     def __init__(self, path: Path | str, reason: str, line: int | None = None) -> None:
-        self.line = line
         super().__init__(f"{path}, line {line}" if line is not None else path, reason)
+        self.path, self.line = path, line
 
 
 class UnusableRobot(FileError):

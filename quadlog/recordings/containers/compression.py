@@ -49,15 +49,14 @@ class Allowance:
     def __init__(self, most: int) -> None:
         self._left, self._taken = most, dict[int, int]()
 
-    def left(self, place: int) -> int:
-        """What the place may take, with what it took before."""
-        return self._left + self._taken.get(place, 0)
-
     def take(self, place: int, amount: int) -> bool:
         """Whether there is so much for the place."""
-        if self._taken.get(place, 0) < amount <= self.left(place):
-            self._left, self._taken[place] = self.left(place) - amount, amount
-        return amount <= self.left(place)
+        taken = self._taken.get(place, 0)
+        more = max(amount - taken, 0)
+        if more > self._left:
+            return False
+        self._left, self._taken[place] = self._left - more, taken + more
+        return True
 
 
 def decompress(compression: str, data: memoryview, size: int, spare: Allowance, offset: int) -> memoryview:
