@@ -83,16 +83,28 @@ def _printed(found: Sequence[str], errors_said: Mapping[str, str]) -> Iterator[s
 
 def error_messages() -> dict[str, str]:
     """What each class of error prints, by name, with … for what varies."""
-    printed = {"QuadlogError": "…"}
+    printed, templates = {"QuadlogError": "…"}, {"QuadlogError": ""}
     for node in _parsed(Path(errors.__file__)).body:
         if isinstance(node, ast.ClassDef) and (base := getattr(node.bases[0], "id", "")) in printed:
             calls = [each for each in ast.walk(node) if isinstance(each, ast.Call) and each.args]
             own = [_pattern(each.args[-1]) for each in calls if ast.unparse(each.func) == "super().__init__"]
-            templates = [each.value.value for each in node.body if isinstance(each, ast.Assign)
-                         and each.targets[0].id == "template"]  # fmt: skip
-            texts = [text for text in own if text.strip("… ")] + [re.sub("{.*?}", "…", text) for text in templates]
+            given = {each.targets[0].id: each.value.value for each in node.body
+                     if isinstance(each, ast.Assign) and isinstance(each.value, ast.Constant)}  # fmt: skip
+            template = templates[node.name] = given.get("template", templates[base])
+            texts = [text for text in own if text.strip("… ")]
+            if given:
+                texts.append(re.sub("{.*?}", "…", template.replace("{reason}", given.get("usual") or "…")))
+            elif not own and 0 < len(raised := _raised(node.name)) < 3:  # its text is where it is raised
+                texts = ["` or `".join(template.replace("{reason}", text).replace("{path}", "…") or text
+                                       for text in raised)]  # fmt: skip
             printed[node.name] = re.sub("…+", "…", texts[-1]) if texts else printed[base]
     return {name: text for name, text in printed.items() if name != "QuadlogError"}
+
+
+def _raised(name: str) -> list[str]:
+    """The texts with which a class of errors is raised."""
+    calls = [node for path in SOURCES for node in ast.walk(_parsed(path)) if isinstance(node, ast.Call)]
+    return [_pattern(each.args[-1]) for each in calls if ast.unparse(each.func) == name and each.args]
 
 
 def loss_causes() -> set[str]:

@@ -210,7 +210,7 @@ def refuse_another(request: ReplayRequest) -> None:
     found = _described(request.recording, log_key(request.recording, ReplayOptions()))
     without = found.fingerprint is recorded.fingerprint is None and found.path == recorded.path
     if not without and found.identity != recorded.identity:
-        raise RunOfAnother(request.run, recorded.path)
+        raise RunOfAnother(f"{request.run}: is the run of {recorded.path}; --force replaces it, another -o keeps it")
 
 
 @lru_cache(64)

@@ -358,7 +358,7 @@ def log_key(path: Path, options: ReplayOptions) -> str:
 
 def _identity(path: Path) -> list[Any]:
     if isinstance(path, RemotePath):
-        info = path.open_object().info
+        info = path.info()
         return [str(path), info.size_bytes, info.etag or info.last_modified]
     try:
         status = path.stat()

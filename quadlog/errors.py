@@ -7,6 +7,7 @@ else; anything that is not a QuadlogError is a bug in quadlog.
 
 from __future__ import annotations
 
+import copyreg
 import csv
 import io
 import re
@@ -23,7 +24,8 @@ _NUMBER = re.compile(r"[+-][0-9]+(\.[0-9]+)?(e[+-]?[0-9]+)?")
 
 def printable(text: object) -> str:
     """One line without control characters, which a terminal would obey: white space becomes a space."""
-    return "".join(map(_harmless, str(text)))
+    harmless = {each: " " if each.isspace() else "\N{REPLACEMENT CHARACTER}" for each in str(text)}
+    return "".join(each if each.isprintable() else harmless[each] for each in str(text))
 
 
 def clipped(text: object, most: int = 200) -> str:
@@ -79,20 +81,9 @@ def csv_cell(value: object) -> object:
     return f"'{value}" if formula else value
 
 
-def _harmless(each: str) -> str:
-    if each.isprintable():
-        return each
-    return " " if each.isspace() else "\N{REPLACEMENT CHARACTER}"
-
-
 def _toml_string(text: str) -> str:
-    return f'"{"".join(map(_toml_escape, text))}"'
-
-
-def _toml_escape(each: str) -> str:
-    if each in '"\\':
-        return f"\\{each}"
-    return each if each.isprintable() else f"\\U{ord(each):08X}"
+    escaped = (each if each.isprintable() else f"\\U{ord(each):08X}" for each in re.sub(r'["\\]', r"\\\g<0>", text))
+    return f'"{"".join(escaped)}"'
 
 
 class ExitCode(IntEnum):
@@ -112,13 +103,7 @@ class QuadlogError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled with its attributes: exceptions are otherwise made again from their message alone."""
-        return _as_it_was, (type(self), self.args, self.__dict__)
-
-
-def _as_it_was(cls: type[QuadlogError], args: tuple[Any, ...], data: dict[str, Any]) -> QuadlogError:
-    error = cls.__new__(cls, *args)
-    error.__dict__.update(data)
-    return error
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
 
 class UsageError(QuadlogError):
@@ -131,7 +116,6 @@ class Interrupted(QuadlogError):
     """A signal ended the command: Ctrl-C, or the one that is named."""
 
     def __init__(self, signal_name: str = "") -> None:
-        self.signal_name = signal_name
         super().__init__(f"interrupted by {signal_name}" if signal_name else "interrupted")
 
 
@@ -139,17 +123,17 @@ class FileError(QuadlogError):
     """A file, folder or URL (path) that cannot be used, and why in one phrase (reason)."""
 
     template = "{path}: {reason}"
+    usual = ""  # the reason where none is given
 
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = path, reason
-        super().__init__(self.template.format(path=path, reason=reason))
+    def __init__(self, path: Path | str, reason: str = "") -> None:
+        self.path, self.reason = path, reason or self.usual
+        super().__init__(self.template.format(path=path, reason=self.reason))
 
 
 class RecordingNotFound(FileError):
     """No such file or folder, or a folder without recordings."""
 
-    def __init__(self, path: Path | str, reason: str = "no such file or folder") -> None:
-        super().__init__(path, reason)
+    usual = "no such file or folder"
 
 
 class NotARecording(FileError):
@@ -174,12 +158,10 @@ class StorageFailed(FileError):
     """A server that cannot be reached, refuses, does not answer in time, or answers what cannot be right."""
 
 
-class StorageChanged(QuadlogError):
+class StorageChanged(FileError):
     """An object that was replaced while it was read: its bytes would be those of two recordings."""
 
-    def __init__(self, url: Path | str) -> None:
-        self.url = url
-        super().__init__(f"{url}: it changed on the server while it was read; start again when it is whole")
+    usual = "it changed on the server while it was read; start again when it is whole"
 
 
 class DecodeError(QuadlogError):
@@ -207,25 +189,23 @@ class AmbiguousTopic(QuadlogError):
 
     def __init__(self, role: str, choices: Iterable[Sequence[str]]) -> None:
         self.role, self.choices = role, [tuple(topics) for topics in choices]
-        singles = all(len(topics) == 1 for topics in self.choices)
-        several = "topics" if singles else "groups of topics"
+        several = "topics" if all(len(topics) == 1 for topics in self.choices) else "groups of topics"
         what = f"{len(self.choices)} {several}" if len(self.choices) != 1 else "one topic"
-        flags = "  or  ".join(set_flag(f"topics.{role}", topics) for topics in self.choices[:MAX_LISTED])
-        if len(self.choices) > MAX_LISTED:
-            flags += f"  or  one of {len(self.choices) - MAX_LISTED} more"
-        super().__init__(f"{what} could be the {role}; choose with  {flags}")
+        flags = [set_flag(f"topics.{role}", topics) for topics in self.choices[:MAX_LISTED]]
+        if (more := len(self.choices) - MAX_LISTED) > 0:
+            flags.append(f"one of {more} more")
+        super().__init__(f"{what} could be the {role}; choose with  {'  or  '.join(flags)}")
 
 
 class UnknownTopic(QuadlogError):
     """A topic that the recording does not have, or of another type than its role in the configuration, if any."""
 
     def __init__(
-        self, role: str | None, topic: str, choices: Iterable[str], why: str = "is not in the recording"
+        self, role: str | None, topic: str, choices: Sequence[str], why: str = "is not in the recording"
     ) -> None:
-        self.role, self.topic, self.choices = role, topic, list(choices)
-        listed = some_of(self.choices) or "none"
+        self.choices = choices
         where = f"topics.{role}: " if role else ""
-        super().__init__(f"{where}{topic} {why}; topics of the recording: {listed}")
+        super().__init__(f"{where}{topic} {why}; topics of the recording: {some_of(choices) or 'none'}")
 
 
 class MissingInput(QuadlogError):
@@ -240,7 +220,6 @@ class ClocksDiffer(QuadlogError):
     """Two clocks of one recording, header stamps or log time, lie more than an hour apart and would be mixed."""
 
     def __init__(self, path: Path | str, apart_s: float, first: str, second: str) -> None:
-        self.path, self.apart_s, self.first, self.second = path, apart_s, first, second
         super().__init__(
             f"{path}: {first} and {second} lie {apart_s:.0f} s apart and cannot be compared; "
             "use  --stamp log  to take log times for all"
@@ -251,7 +230,7 @@ class UnknownConfigKey(QuadlogError):
     """A key that no section has; the nearest valid one is named."""
 
     def __init__(self, key: str, nearest: str | None, source: str) -> None:
-        self.key, self.nearest, self.source = key, nearest, source
+        self.nearest = nearest
         hint = f"; did you mean {nearest}?" if nearest else ""
         super().__init__(f"{source}: unknown key {clipped(key)}{hint}")
 
@@ -260,7 +239,6 @@ class InvalidConfigValue(QuadlogError):
     """A key whose value has the wrong type or lies outside its bounds."""
 
     def __init__(self, key: str, reason: str, source: str) -> None:
-        self.key, self.reason, self.source = key, reason, source
         super().__init__(f"{source}: {clipped(key)}: {reason}")
 
 
@@ -274,27 +252,21 @@ class UnknownName(QuadlogError):
         super().__init__(f"unknown {kind} {name!r}; {meant}choose one of: {', '.join(self.choices)}")
 
 
-class AlreadyExists(QuadlogError):
+class AlreadyExists(FileError):
     """An output that would be overwritten."""
 
-    def __init__(self, path: Path | str, flags: str = "--force to replace it") -> None:
-        self.path = path
-        super().__init__(f"{path} exists: use {flags}")
+    template = "{path} exists: use {reason}"
+    usual = "--force to replace it"
 
 
 class RunExists(AlreadyExists):
     """A run folder that is there already."""
 
-    def __init__(self, run: Path | str) -> None:
-        super().__init__(run, "--force to replace it or --resume to continue")
+    usual = "--force to replace it or --resume to continue"
 
 
 class RunOfAnother(QuadlogError):
     """A finished run that is to be completed, but was made from another recording."""
-
-    def __init__(self, run: Path | str, recording: str) -> None:
-        self.run, self.recording = run, recording
-        super().__init__(f"{run}: is the run of {recording}; --force replaces it, another -o keeps it")
 
 
 class NotARun(FileError):
@@ -305,7 +277,6 @@ class TooLarge(QuadlogError):
     """A size from an untrusted input exceeds what quadlog is willing to allocate."""
 
     def __init__(self, what: str, size: int, limit: int) -> None:
-        self.what, self.size, self.limit = what, size, limit
         super().__init__(f"{what}: {size} exceeds the limit of {limit}")
 
 
@@ -318,26 +289,17 @@ class CannotWrite(FileError):
 class WorkerDied(QuadlogError):
     """A worker process has ended during a task."""
 
-    def __init__(self) -> None:
-        super().__init__("a worker process was killed (out of memory?); fewer --jobs need less")
-
 
 class VersionsDiffer(QuadlogError):
-    """A worker with other package versions than this process; differing: (package, version there, version here)."""
-
-    def __init__(self, worker: str, differing: Iterable[tuple[str, str, str]]) -> None:
-        self.worker, self.differing = worker, list(differing)
-        words = ", ".join(f"{name} {there} instead of {here}" for name, there, here in self.differing)
-        super().__init__(f"worker {worker} has {words}; install there what is installed here")
+    """A worker with other package versions than this process."""
 
 
-class UnreadableFile(QuadlogError):
+class UnreadableFile(FileError):
     """A file that the user named, a trajectory or a map, and that is not what its format says."""
 
     def __init__(self, path: Path | str, reason: str, line: int | None = None) -> None:
-        self.path, self.reason, self.line = path, reason, line
-        where = f"{path}, line {line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: {reason}")
+        super().__init__(f"{path}, line {line}" if line is not None else path, reason)
+        self.path, self.line = path, line
 
 
 class UnusableRobot(FileError):
@@ -346,25 +308,10 @@ class UnusableRobot(FileError):
     template = "{path}: quadlog cannot walk this robot; it needs {reason}"
 
 
-class AnchorsCollinear(QuadlogError):
-    """UWB anchors on one line: every fix has a mirror image that fits as well."""
-
-    def __init__(self, anchors: Iterable[int], off_line_m: float) -> None:
-        self.anchors, self.off_line_m = list(anchors), off_line_m
-        listed = ", ".join(str(anchor) for anchor in self.anchors)
-        super().__init__(
-            f"UWB anchors {listed} lie within {off_line_m:.2f} m of one line, so every fix has a mirror image "
-            f"that fits as well; add an anchor off the line, check [[uwb.anchors]], or choose the side of the way "
-            f"from the first anchor to the last with  "
-            f"{set_flag('uwb.mirror', ['left'])}  or  {set_flag('uwb.mirror', ['right'])}"
-        )
-
-
 class AnchorsNotObserved(QuadlogError):
     """A walk that does not show where the anchors stand; what to walk instead."""
 
     def __init__(self, reason: str, remedy: str) -> None:
-        self.reason, self.remedy = reason, remedy
         super().__init__(f"survey: {reason}; {remedy}")
 
 
@@ -372,45 +319,21 @@ class EmptyWindow(QuadlogError):
     """--start and --duration leave no message; names how long the recording is."""
 
     def __init__(self, path: Path | str, span_ns: tuple[int, int] | None) -> None:
-        self.path, self.span_ns = path, span_ns
         length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
         super().__init__(f"{path}: no message within --start and --duration{length}")
 
 
-class UnknownRunFormat(QuadlogError):
+class UnknownRunFormat(FileError):
     """A run folder that another version of quadlog wrote, in a format that this one does not read."""
 
-    def __init__(self, path: Path | str, found: object, written_by: object, known: int, version: str) -> None:
-        self.path, self.found, self.written_by, self.known = path, found, written_by, known
-        super().__init__(
-            f"{path}: is a run of format {printable(found)[:40]}, written by quadlog "
-            f"{printable(written_by)[:40]}; this quadlog, {version}, reads format {known}: use that version, or "
-            "replay the recording again"
-        )
-
-
-class BadCondition(UsageError):
-    """A condition on a metric that does not read NAME OPERATOR NUMBER."""
-
-    def __init__(self, text: str, operators: Iterable[str]) -> None:
-        self.text, self.operators = text, list(operators)
-        super().__init__(
-            f"condition {text!r}: write NAME OPERATOR NUMBER, as in 'eta_m>0.3'; operators: {' '.join(self.operators)}"
-        )
+    template = "{path}: is a run of format {reason}"
 
 
 class UnknownMetric(UsageError):
-    """A name that no metric has; the nearest one is named, or else all are."""
-
-    def __init__(self, name: str, nearest: str | None, choices: Iterable[str]) -> None:
-        self.name, self.nearest, self.choices = name, nearest, list(choices)
-        hint = f"did you mean {nearest}?" if nearest else f"there are: {', '.join(self.choices)}"
-        super().__init__(f"unknown metric {name!r}; {hint}")
+    """A name that no metric has, or a condition on a metric that does not read NAME OPERATOR NUMBER."""
 
 
-class NoCommonTime(QuadlogError):
+class NoCommonTime(FileError):
     """A trajectory and a reference of which no two poses are near in time: another clock, or another recording."""
 
-    def __init__(self, reference: Path | str, run: Path | str, words: str) -> None:
-        self.reference, self.run = reference, run
-        super().__init__(f"{reference}: cannot be compared with {run}: {words}")
+    template = "{path}: cannot be compared with {reason}"

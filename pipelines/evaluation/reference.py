@@ -125,7 +125,7 @@ def compare_trajectory(run: Path, reference: Reference) -> ReferenceErrors:
         found = estimate_time_offset(truth, estimate)
         # A flag to paste only where no other offset would do as well: a wrong one gives errors that look like results.
         advice = f"; estimated --t-offset {found.offset_s:.3f}" if found.offset_s is not None else ""
-        raise NoCommonTime(reference.path, run, f"{words}; {found.words()}{advice}")
+        raise NoCommonTime(reference.path, f"{run}: {words}; {found.words()}{advice}")
     n, ranges = len(compared.truth.t_ns), _ranges(truth.t_ns, estimate.t_ns, how)
     dimensions = _dimension_words(planar, how, why_planar)
     summary = f"errors in {dimensions}; {compared.summary()}"

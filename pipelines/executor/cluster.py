@@ -73,9 +73,10 @@ def own_versions() -> dict[str, str]:
 
 def check_versions(worker: str, wanted: Mapping[str, str], found: Mapping[str, str]) -> None:
     """Raises VersionsDiffer when a worker has other versions than this process."""
-    differing = [(name, found.get(name, "none"), wanted[name]) for name in wanted if found.get(name) != wanted[name]]
+    differing = [name for name in wanted if found.get(name) != wanted[name]]
     if differing:
-        raise VersionsDiffer(worker, differing)
+        words = ", ".join(f"{name} {found.get(name, 'none')} instead of {wanted[name]}" for name in differing)
+        raise VersionsDiffer(f"worker {worker} has {words}; install there what is installed here")
 
 
 @contextmanager

@@ -106,7 +106,7 @@ class LocalPool(Executor):
                 self._processes.discard(process)
                 process.end()
                 self._own.process = None
-            raise WorkerDied from None
+            raise WorkerDied("a worker process was killed (out of memory?); fewer --jobs need less") from None
 
 
 class _Process:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from quadlog.errors import BadCondition, UnknownMetric, nearest
+from quadlog.errors import UnknownMetric, nearest
 
 ValueKind = Literal["quantity", "share", "factor", "count", "yes or no"]
 
@@ -236,11 +236,14 @@ class Condition:
 def parse_condition(text: str) -> Condition:
     """The condition that the text states: NAME OPERATOR NUMBER, white space between them as one likes.
 
-    Raises BadCondition for anything else, UnknownMetric for a name that no metric has.
+    Raises UnknownMetric for anything else, and for a name that no metric has.
     """
     found = _CONDITION.fullmatch(text) if len(text) <= _LONGEST else None
     if found is None or not math.isfinite(float(found[3])):
-        raise BadCondition(text[:_LONGEST], OPERATORS)
+        raise UnknownMetric(
+            f"condition {text[:_LONGEST]!r}: write NAME OPERATOR NUMBER, as in 'eta_m>0.3'; "
+            f"operators: {' '.join(OPERATORS)}"
+        )
     check_metric(found[1])
     return Condition(found[1], found[2], float(found[3]))
 
@@ -248,4 +251,6 @@ def parse_condition(text: str) -> Condition:
 def check_metric(name: str) -> None:
     """Raises UnknownMetric, with the nearest name there is, when no metric has this one."""
     if name not in CATALOGUE:
-        raise UnknownMetric(name, nearest(name, CATALOGUE), CATALOGUE)
+        near = nearest(name, CATALOGUE)
+        hint = f"did you mean {near}?" if near else f"there are: {', '.join(CATALOGUE)}"
+        raise UnknownMetric(f"unknown metric {name!r}; {hint}")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.errors import AnchorsCollinear, MissingInput, UnknownName
+from quadlog.errors import MissingInput, QuadlogError, UnknownName, set_flag
 from quadlog.messages import Float, Int
 from quadlog.positioning.epochs import thin_rows
 
@@ -255,7 +255,7 @@ def _completed(anchors_m: Float, range_m: Float, position_m: Float, covariance_m
 
 
 def are_on_line(anchor_ids: Int, anchors_m: Float, range_std_m: float, *, refuse: bool) -> bool:
-    """Whether anchors (A, 3) are on a line. Raises AnchorsCollinear if so to refuse, MissingInput for fewer than 3."""
+    """Whether anchors (A, 3) are on a line. Raises QuadlogError if so to refuse, MissingInput for fewer than 3."""
     if len(anchors_m) < 3:
         raise MissingInput(
             "position", f"{len(anchors_m)} UWB anchors are known, a fix needs three", "add [[uwb.anchors]]"
@@ -264,7 +264,12 @@ def are_on_line(anchor_ids: Int, anchors_m: Float, range_std_m: float, *, refuse
     off_line_m = float(np.linalg.svd(centred, compute_uv=False)[-1]) / np.sqrt(len(centred))
     on_line = off_line_m < SPREAD_OF_RANGE_STD * range_std_m
     if on_line and refuse:
-        raise AnchorsCollinear([int(i) for i in anchor_ids], off_line_m)
+        raise QuadlogError(
+            f"UWB anchors {', '.join(map(str, anchor_ids))} lie within {off_line_m:.2f} m of one line, so every fix "
+            "has a mirror image that fits as well; add an anchor off the line, check [[uwb.anchors]], or choose the "
+            f"side of the way from the first anchor to the last with  {set_flag('uwb.mirror', ['left'])}  or  "
+            f"{set_flag('uwb.mirror', ['right'])}"
+        )
     return bool(on_line)
 
 

@@ -131,7 +131,7 @@ class Located:
 def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], settings: LocateSettings) -> Located:
     """Fixes and tracks of each tag by itself, from all ranges of a log.
 
-    Raises MissingInput for fewer than three anchors, AnchorsCollinear where all lie on one line and no side of it was
+    Raises MissingInput for fewer than three anchors, QuadlogError where all lie on one line and no side of it was
     asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
     refuse = settings.mirror == "refuse"

@@ -201,11 +201,10 @@ def own_files(entries: Iterable[RemotePath]) -> dict[str, RemotePath]:
 
 def fetch(files: Mapping[str, RemotePath], folder: Path) -> None:
     """Copy files, by relative name, into a folder. Raises TooLarge, StorageFailed."""
-    objects = {name: remote.open_object() for name, remote in files.items()}
-    total = sum(each.info.size_bytes or 0 for each in objects.values())
+    total = sum(remote.info().st_size for remote in files.values())
     if total > MAX_BYTES:
         raise TooLarge(f"{folder.name}: bytes of a run to copy", total, MAX_BYTES)
-    for name, each in objects.items():
+    for name, each in files.items():
         target = folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         copy_object(each, target)

@@ -25,7 +25,6 @@ from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunF
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.file_names import recording_files
 from quadlog.storage.atomic_write import write_whole
-from quadlog.storage.remote_object import ObjectInfo
 from quadlog.storage.remote_path import RemotePath
 from quadlog.storage.urls import redacted_text
 from quadlog.version import __version__
@@ -180,7 +179,11 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
     content = read_object(run, "run.json", "is no finished run: it has no run.json")
     found, version = content.get("run_format", RUN_FORMAT), content.get("quadlog_version")
     if type(found) is not int or found != RUN_FORMAT:  # before its other fields, which may differ
-        raise UnknownRunFormat(run, found, version, RUN_FORMAT, __version__)
+        raise UnknownRunFormat(
+            run,
+            f"{printable(found)[:40]}, written by quadlog {printable(version)[:40]}; this quadlog, "
+            f"{__version__}, reads format {RUN_FORMAT}: use that version, or replay the recording again",
+        )
     with reading(run / "run.json"):
         record = RunRecord.model_validate(content)
     if not (record.finished or unfinished):
@@ -253,10 +256,8 @@ def own_files(path: Path) -> list[Path]:
 
 def input_bytes(files: Iterable[Path]) -> int:
     """Size of a recording's files; files of unknown size count as 0 bytes."""
-    found = [each.look().info if isinstance(each, RemotePath) else each.stat() for each in files]
-    return sum(
-        (each.size_bytes or 0) if isinstance(each, ObjectInfo) else each.st_size for each in found if each is not None
-    )
+    found = [each.look() if isinstance(each, RemotePath) else each.stat() for each in files]
+    return sum(each.st_size for each in found if each is not None)
 
 
 def describe_input(path: Path) -> InputRecord:
@@ -288,7 +289,7 @@ def describe_input(path: Path) -> InputRecord:
 
 def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
     try:
-        found = [each.open_object().info for each in files]
+        found = [each.info() for each in files]
     except FileNotFoundError:
         raise RecordingNotFound(str(path), "no such file on the server") from None
     size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]

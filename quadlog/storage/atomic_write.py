@@ -24,7 +24,6 @@ _PART = re.compile(r"\.quadlog-(?P<host>[0-9a-f]{8})-(?P<pid>\d{1,10})-[0-9a-z_]
 _SURELY_LEFT_S = 24 * 3600.0
 """Nobody writes a single file for so long, and clocks of hosts that share a folder differ by less."""
 _unfinished: set[Path] = set()
-_new_folders: set[Path] = set()
 _TRIES = 10
 
 
@@ -42,25 +41,33 @@ def whole_file(path: Path) -> Iterator[Path]:
     check_name(path)
     if path.exists() and not (path.is_file() or path.is_dir()):  # a FIFO, a socket or a device is never replaced
         raise CannotWrite(path, "it is no regular file")
-    part = path.parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
-    _unfinished.add(part)  # before it is there, since a signal may come at any moment
-    try:
+    with _part_in(path.parent) as part:
         with writing(path):
             with suppress(OSError):
                 remove_stale_parts(part.parent)
             part.open("xb").close()  # nobody's file or link is written through
-        yield part
+        try:
+            yield part
+        except OSError as error:
+            if is_full(error):
+                raise CannotWrite(path, os.strerror(error.errno or 0)) from error
+            raise
         # Data first, then the name: a power cut must not leave the name without the data.
         with writing(path, gone="its unfinished file, or the folder, was removed by another process"):
             with part.open("rb") as file:
                 os.fsync(file.fileno())
             part.replace(path)
-    except BaseException as error:
-        part.unlink(missing_ok=True)
-        if isinstance(error, OSError) and is_full(error):
-            raise CannotWrite(path, os.strerror(error.errno or 0)) from error
-        raise
+
+
+@contextmanager
+def _part_in(folder: Path) -> Iterator[Path]:
+    """The place of a new file or folder, which is removed when the block ends if it still has that name."""
+    part = folder / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
+    _unfinished.add(part)  # before it is there, since a signal may come at any moment
+    try:
+        yield part
     finally:
+        _remove(part)
         _unfinished.discard(part)
 
 
@@ -87,21 +94,17 @@ def part_folder(parent: Path) -> Iterator[Path]:
     Raises CannotWrite.
     """
     check_name(parent)
-    part = parent / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
-    _unfinished.add(part)
-    try:
-        for _ in range(_TRIES):
-            with suppress(FileNotFoundError):  # another process has removed the empty parent
-                part.mkdir(parents=True)
-                break
-        yield part
-    except OSError as error:
-        if is_full(error) or not part.is_dir():
-            raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
-        raise
-    finally:
-        _remove(part)
-        _unfinished.discard(part)
+    with _part_in(parent) as part:
+        try:
+            for _ in range(_TRIES):
+                with suppress(FileNotFoundError):  # another process has removed the empty parent
+                    part.mkdir(parents=True)
+                    break
+            yield part
+        except OSError as error:
+            if is_full(error) or not part.is_dir():
+                raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
+            raise
 
 
 def _remove(part: Path) -> None:
@@ -118,32 +121,23 @@ def new_folder(path: Path) -> Iterator[None]:
     Raises CannotWrite.
     """
     check_name(path)
-    if not path.exists():
-        _new_folders.add(path)  # before it is there, since a signal may come at any moment
+    is_new = not path.exists()
     try:
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
-        _remove_empty(path)
+        with suppress(OSError):  # it holds files, or is not there
+            if is_new:
+                path.rmdir()
         raise
-    _new_folders.discard(path)
 
 
 def remove_unfinished() -> None:
-    """Remove what this process had not finished when it was interrupted, wherever that was: files, then folders."""
+    """Remove what this process had not finished when it was interrupted, wherever that was."""
     for part in tuple(_unfinished):
         with suppress(OSError):
             _remove(part)
-    for folder in tuple(_new_folders):
-        _remove_empty(folder)
-
-
-def _remove_empty(folder: Path) -> None:
-    if folder in _new_folders:
-        with suppress(OSError):  # it holds files: others', or unfinished ones of a block that a signal cut off
-            folder.rmdir()
-            _new_folders.discard(folder)
 
 
 @contextmanager
@@ -186,13 +180,8 @@ def is_part(name: str) -> bool:
 
 
 def part_prefix(pid: int) -> str:
-    """How the names of a process's unfinished files begin. Hosts and containers count their processes alike."""
-    try:
-        processes = str(Path("/proc/self/ns/pid").readlink())
-    except OSError:
-        processes = ""  # no Linux
-    host = hashlib.sha256(f"{platform.node()} {processes}".encode()).hexdigest()[:8]
-    return f".quadlog-{host}-{pid}-"
+    """How the names of a process's unfinished files begin. Hosts count their processes alike."""
+    return f".quadlog-{hashlib.sha256(platform.node().encode()).hexdigest()[:8]}-{pid}-"
 
 
 def check_name(path: Path) -> None:
@@ -208,17 +197,15 @@ def _is_left(part: Path) -> bool:
     found = _PART.fullmatch(part.name)
     if found is not None and part.name.startswith(part_prefix(int(found["pid"]))):
         return not _runs(int(found["pid"]))
-    try:
+    with suppress(OSError):  # gone by itself
         return time.time() - part.lstat().st_mtime > _SURELY_LEFT_S
-    except OSError:
-        return False  # gone by itself
+    return False
 
 
 def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        pass  # of another user
+    with suppress(PermissionError):  # of another user
+        try:
+            os.kill(pid, 0)
+        except (ProcessLookupError, OverflowError):
+            return False
     return True

@@ -1,4 +1,4 @@
-"""A place behind a URL with the methods of pathlib.Path that quadlog uses, and copies of what lies there.
+"""A place behind a URL with the methods of pathlib.Path that quadlog uses, and a copy of what lies there.
 
 Not universal-pathlib's UPath: its text shows signatures and passwords, its
 names end in the URL's query, and of a web server it reads whole files to see
@@ -10,15 +10,14 @@ from __future__ import annotations
 import io
 import posixpath
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 from quadlog.errors import CannotWrite, StorageFailed, TooLarge
-from quadlog.storage.remote_object import ObjectInfo, RemoteObject, filesystem, object_info, open_object
-from quadlog.storage.urls import explained, is_url, local_path, protocol_of, reason_of, redacted, split_query
+from quadlog.storage.remote_object import ObjectInfo, RemoteBytes, filesystem, info_of, object_info
+from quadlog.storage.urls import explained, is_url, is_web, local_path, protocol_of, reason_of, redacted, split_query
 
 
 def to_path(text: str | Path) -> Path:
@@ -37,36 +36,22 @@ def to_path(text: str | Path) -> Path:
     return cast(Path, RemotePath(text))
 
 
-def copy_object(remote: RemoteObject, target: Path) -> None:
+def copy_object(remote: RemotePath, target: Path) -> None:
     """All bytes of an object into a new file.
 
-    Raises TooLarge where it would fill more than half of the disk's free room, StorageFailed, StorageChanged.
+    Raises TooLarge where it would fill more than half of the disk's free room, FileNotFoundError, StorageFailed,
+    StorageChanged.
     """
-    size_bytes, shown = remote.info.size_bytes, redacted(remote.url)
     # Half of what is free: the rest of the machine lives there too.
     room = shutil.disk_usage(target.parent).free // 2
-    if size_bytes is not None and size_bytes > room:
-        raise TooLarge(f"{shown}: bytes to copy to {target.parent}", size_bytes, room)
-    written = 0
+    info, what = info_of(remote.url), f"{remote}: bytes to copy to {target.parent}"
+    if info.st_size > room:
+        raise TooLarge(what, info.st_size, room)
     with target.open("xb") as file:
-        for block in remote.stream():
-            written += len(block)
-            if written > room:
-                raise TooLarge(f"{shown}: bytes to copy to {target.parent}", written, room)
+        for block in RemoteBytes(remote.url, info).stream():
+            if file.tell() + len(block) > room:
+                raise TooLarge(what, file.tell() + len(block), room)
             file.write(block)
-    if size_bytes is not None and written != size_bytes:
-        raise StorageFailed(shown, f"{written} bytes received, {size_bytes} announced")
-
-
-def copied(remote: RemoteObject, name: str) -> tempfile.TemporaryDirectory[str]:
-    """A temporary folder with the object in it, under a name of this program's choice. Raises as copy_object."""
-    folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-    try:
-        copy_object(remote, Path(folder.name) / name)
-    except BaseException:
-        folder.cleanup()
-        raise
-    return folder
 
 
 _NO_LISTING = "a web server's folders cannot be listed; name the recordings in them"
@@ -75,33 +60,17 @@ _PATTERN = frozenset("*?[")
 MAX_WHOLE_BYTES = 1 << 26
 
 
-@dataclass(frozen=True, slots=True)
-class Stat:
-    """What `stat` gives; st_mtime_ns is 0 where the server does not report it."""
-
-    st_size: int
-    st_mtime_ns: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class RemoteEntry:
-    """What stands at a URL when it is looked at."""
-
-    kind: Literal["file", "folder", "nothing"]
-    info: ObjectInfo | None = None
-
-
 class RemotePath:
     """One URL. Its text leaves out what is secret; url is the whole. What is found there is kept.
 
     Methods do what those of pathlib.Path do, and raise StorageFailed and FileError beside their errors.
     """
 
-    __slots__ = ("_entry", "url")
+    __slots__ = ("_info", "url")
 
-    def __init__(self, url: str, entry: RemoteEntry | None = None) -> None:
+    def __init__(self, url: str, info: ObjectInfo | None = None) -> None:
         self.url = url
-        self._entry = entry
+        self._info = info
 
     def __str__(self) -> str:
         return redacted(self.url)
@@ -161,28 +130,36 @@ class RemotePath:
         return False
 
     def exists(self) -> bool:
-        return self.look().kind != "nothing"
+        return self.look() is not None
 
     def is_file(self) -> bool:
-        return self.look().kind == "file"
+        info = self.look()
+        return info is not None and not info.is_folder
 
     def is_dir(self) -> bool:
         # A web server has no folders: its pages are files.
-        return not self.is_web() and self.look().kind == "folder"
+        return not self.is_web() and (info := self.look()) is not None and info.is_folder
 
-    def stat(self) -> Stat:
-        info = self.look().info
+    def stat(self) -> ObjectInfo:
+        info = self.look()
         if info is None:
             raise FileNotFoundError(str(self))
         if info.size_bytes is None:
             raise StorageFailed(str(self), "the server does not report its size")
-        return Stat(info.size_bytes, info.modified_ns())
+        return info
 
-    def look(self) -> RemoteEntry:
+    def look(self) -> ObjectInfo | None:
         """What stands there: looked up until there is something, or known from the listing that named it."""
-        found = self._entry or self._look()
-        self._entry = None if found.kind == "nothing" else found
-        return found
+        if self._info is None:
+            if self.is_web() and self.url.endswith("/"):
+                raise StorageFailed(str(self), _NO_LISTING)
+            with suppress(FileNotFoundError):
+                self._info = info_of(self.url)
+        return self._info
+
+    def info(self) -> ObjectInfo:
+        """The metadata as it is now. Raises FileNotFoundError."""
+        return info_of(self.url)
 
     def iterdir(self) -> Iterator[RemotePath]:
         """What a folder holds, by name."""
@@ -213,13 +190,8 @@ class RemotePath:
         for info in sorted(listed, key=lambda info: str(info["name"])):
             name = str(info["name"]).strip("/")
             if {"", ".", ".."}.isdisjoint(name.split("/")):
-                folder = info.get("type") == "directory"
-                url = f"{self.url.partition('://')[0]}://{'/' if str(info['name']).startswith('/') else ''}{name}"
-                yield RemotePath(url, RemoteEntry("folder") if folder else RemoteEntry("file", object_info(info)))
-
-    def open_object(self) -> RemoteObject:
-        """The object as it is now. Raises FileNotFoundError."""
-        return open_object(self.url)
+                top = "/" if str(info["name"]).startswith("/") else ""
+                yield RemotePath(f"{self.url.partition('://')[0]}://{top}{name}", object_info(info))
 
     def open(self, mode: str = "rb") -> io.BytesIO:
         if mode != "rb":
@@ -229,7 +201,7 @@ class RemotePath:
     def read_bytes(self) -> bytes:
         """All of a small file. Raises TooLarge."""
         data = bytearray()
-        for block in self.open_object().stream():
+        for block in RemoteBytes(self.url, info_of(self.url)).stream():
             data += block
             if len(data) > MAX_WHOLE_BYTES:
                 raise TooLarge(f"{self}: bytes to read at once", len(data), MAX_WHOLE_BYTES)
@@ -255,7 +227,7 @@ class RemotePath:
         if self.is_web():
             raise CannotWrite(str(self), "a web server takes no files; give a path, or a bucket")
         system = filesystem(self.url)
-        self._entry = None
+        self._info = None
         try:
             act(system, system._strip_protocol(self._place))
         except FileNotFoundError as error:
@@ -263,20 +235,6 @@ class RemotePath:
         except Exception as error:  # whatever a library raises for a server that refuses
             raise CannotWrite(str(self), reason_of(error, self.url)) from error
 
-    def _look(self) -> RemoteEntry:
-        try:
-            if self.is_web() and self.url.endswith("/"):
-                raise StorageFailed(str(self), _NO_LISTING)
-            if self.is_web():
-                return RemoteEntry("file", self.open_object().info)
-            system = filesystem(self.url)
-            with explained(self.url):
-                system.invalidate_cache(system._strip_protocol(self.url))
-                info = system.info(system._strip_protocol(self.url))
-        except FileNotFoundError:
-            return RemoteEntry("nothing")
-        return RemoteEntry("file", object_info(info)) if info.get("type") == "file" else RemoteEntry("folder")
-
     def is_web(self) -> bool:
         """Whether a web server gives it, which lists nothing and takes nothing."""
-        return protocol_of(self.url) in ("http", "https")
+        return is_web(self.url)

@@ -16,12 +16,16 @@ _QUERY = re.compile(r"\?[^/?]*=")
 # A password may hold a `/` that nobody escaped; HOST:PORT/PLACE@NAME has none.
 _USER = re.compile(r"(?<=://)(?:[^/]*|[^/:]*:(?!\d+/)[^@]*)@")
 _IN_TEXT = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://[^\s'\"<>]+")
-_WEB = ("http", "https")
 
 
 def is_url(text: object) -> bool:
     """Whether a text names a place by URL; a path never has `://` in it once it is a Path."""
     return "://" in str(text)
+
+
+def is_web(url: str) -> bool:
+    """Whether a web server gives it, which lists nothing and takes nothing."""
+    return url.partition("://")[0].lower() in ("http", "https")
 
 
 def local_path(url: str) -> Path:
@@ -48,7 +52,7 @@ def protocol_of(url: str) -> str:
 
 def split_query(url: str) -> tuple[str, str]:
     """The URL without what stands behind its path, and that."""
-    if url.partition("://")[0].lower() in _WEB:
+    if is_web(url):
         cut = min((place for place in (url.find("?"), url.find("#")) if place >= 0), default=len(url))
     else:
         found = _QUERY.search(url)
@@ -75,35 +79,21 @@ def redacted_text(text: str) -> str:
 
 
 _MOST_WORDS = 200
-_BROKEN_OFF = "the connection to the server breaks off"
-_TOO_EARLY = "the server ends its answers too early"
 _REFUSED = "access is refused; check the credentials, or the URL's signature"
-_NO_CREDENTIALS = (
-    "no credentials; set AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY "
-    "(of a public bucket: FSSPEC_S3_ANON=true)"
-)
 # By name: the packages that define them may not be installed, and need not be loaded to look.
-_REASONS = {
-    "NoCredentialsError": _NO_CREDENTIALS,
-    "PartialCredentialsError": _NO_CREDENTIALS,
-    "ClientConnectorDNSError": "no such host",
-    "ClientConnectorCertificateError": "the server's certificate is not trusted",
-    "ClientConnectorError": "the server cannot be reached",
-    "EndpointConnectionError": "the server cannot be reached",
-    "ConnectionRefusedError": "the server cannot be reached",
-    "ClientOSError": _BROKEN_OFF,
-    "ServerDisconnectedError": _BROKEN_OFF,
-    "ConnectionResetError": _BROKEN_OFF,
-    "ConnectionAbortedError": _BROKEN_OFF,
-    "BrokenPipeError": _BROKEN_OFF,
-    "ConnectionClosedError": _BROKEN_OFF,
-    "ClientPayloadError": _TOO_EARLY,
-    "IncompleteReadError": _TOO_EARLY,
-    "ResponseStreamingError": _TOO_EARLY,
-    "InvalidURL": "not a valid URL",
-    "InvalidUrlClientError": "not a valid URL",
-    "TooManyRedirects": "the server redirects without end",
+_NAMES = {
+    "no credentials; set AWS_PROFILE, or AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY "
+    "(of a public bucket: FSSPEC_S3_ANON=true)": "NoCredentialsError PartialCredentialsError",
+    "no such host": "ClientConnectorDNSError",
+    "the server's certificate is not trusted": "ClientConnectorCertificateError",
+    "the server cannot be reached": "ClientConnectorError EndpointConnectionError ConnectionRefusedError",
+    "the connection to the server breaks off": "ClientOSError ServerDisconnectedError ConnectionResetError "
+    "ConnectionAbortedError BrokenPipeError ConnectionClosedError",
+    "the server ends its answers too early": "ClientPayloadError IncompleteReadError ResponseStreamingError",
+    "not a valid URL": "InvalidURL InvalidUrlClientError",
+    "the server redirects without end": "TooManyRedirects",
 }
+_REASONS = {name: reason for reason, names in _NAMES.items() for name in names.split()}
 
 
 @contextmanager
@@ -111,8 +101,10 @@ def explained(url: str) -> Iterator[None]:
     """What a library raises within becomes StorageFailed; FileNotFoundError and quadlog's own errors pass."""
     try:
         yield
-    except (QuadlogError, FileNotFoundError):
+    except QuadlogError:
         raise
+    except FileNotFoundError:
+        raise FileNotFoundError(redacted(url)) from None
     except Exception as error:
         raise StorageFailed(redacted(url), reason_of(error, url)) from error
 

@@ -14,9 +14,10 @@ import numpy as np
 from quadlog.errors import NothingReadable
 from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
 from quadlog.recordings.containers.chunked import ChunkedReader
-from quadlog.recordings.containers.compression import Unpacked, decompress
+from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
 from quadlog.recordings.formatting import ros2_type_name
+from quadlog.storage.byte_source import Kept
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -106,27 +107,21 @@ class _Layout:
     def __init__(self, head: bytes) -> None:
         conn, time = head.index(b"\x09\0\0\0conn=") + 9, head.index(b"\x0d\0\0\0time=") + 9
         self._size, self._conn_first = len(head), conn < time
-        parts = [(0, min(conn, time)), (conn + 4, time), (time + 8, len(head) - 4)]
-        if not self._conn_first:
-            parts[1:] = [(time + 8, conn), (conn + 4, len(head) - 4)]
-        self._fixed = tuple(head[begin:end] for begin, end in parts)
-        values = ("I", "II") if self._conn_first else ("II", "I")
-        names = [f"{end - begin}s" for begin, end in parts]
-        self._struct = struct.Struct(f"<{names[0]}{values[0]}{names[1]}{values[1]}{names[2]}I")
+        (first, kind, end), (second, other, behind) = sorted([(conn, "I", conn + 4), (time, "Q", time + 8)])
+        self._struct = struct.Struct(f"<{first}s{kind}{second - end}s{other}{len(head) - 4 - behind}sI")
+        self._fixed = self._struct.unpack(head)[:5:2]
 
     def row(self, data: memoryview, position: int) -> tuple[int, int, int, int] | None:
         """A ROW for the message at this position; None where the record there is laid out differently."""
         begin = position + self._size
         if begin > len(data):
             return None
-        values = self._struct.unpack_from(data, position)
-        if self._conn_first:
-            head, number, middle, seconds, nanoseconds, tail, length = values
-        else:
-            head, seconds, nanoseconds, middle, number, tail, length = values
+        head, number, middle, time, tail, length = self._struct.unpack_from(data, position)
         if (head, middle, tail) != self._fixed:
             return None
-        return seconds * 1_000_000_000 + nanoseconds, number, begin, begin + length
+        if not self._conn_first:
+            number, time = time, number
+        return (time & 0xFFFFFFFF) * 1_000_000_000 + (time >> 32), number, begin, begin + length
 
 
 class _Connection(NamedTuple):
@@ -149,7 +144,7 @@ class BagReader(ChunkedReader):
 
     def _open(self) -> None:
         self._connections: dict[int, _Connection] = {}
-        self._unpacked = Unpacked()
+        self._unpacked = Kept()
         try:
             self._read_index()
         except Damaged as damage:
@@ -272,10 +267,11 @@ class BagReader(ChunkedReader):
             return None
 
         def unpack() -> memoryview:
-            return decompress(scheme, memoryview(read_at(self._file, begin, end - begin)), size, self._file, begin)
+            stored = memoryview(read_at(self._file, begin, end - begin))
+            return decompress(scheme, stored, size, self._spare_bytes, begin)
 
-        data = self._unpacked.data(chunk.offset, unpack) if scheme == "bz2" else unpack()
-        return self._body(data, end - begin, chunk)
+        data = memoryview(self._unpacked.data(chunk.offset, unpack)) if scheme == "bz2" else unpack()
+        return self._body(data, end - begin)
 
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[_Fields, memoryview]]]:
         """See ChunkedReader. A recorder's messages have headers that differ in their values alone."""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from quadlog.recordings.containers import compression
 from quadlog.recordings.containers.container import (
     MAX_CHUNK_BYTES,
     MAX_DEFINITION_BYTES,
@@ -27,13 +28,13 @@ from quadlog.recordings.containers.container import (
     Loss,
 )
 from quadlog.recordings.formatting import instant, several
-from quadlog.storage.byte_ranges import ByteSource, Span
+from quadlog.storage.byte_source import ByteSource, Span
 
 ROW = np.dtype([("t_ns", "<i8"), ("channel", "<i8"), ("begin", "<i8"), ("end", "<i8")])
 """A message of a chunk: its log time, its channel's id, and where its payload lies in the decompressed chunk."""
 Rows = np.ndarray[Any, np.dtype[np.void]]
 
-_LEAST_BYTES = 8
+_LEAST_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
 _SEARCHED_BYTES, _MARK_BYTES = 1 << 20, 64
 
@@ -144,6 +145,7 @@ class ChunkFile(Container):
         super().__init__(path, warnings)
         self.resources.callback(file.close)
         self._file = file
+        self._spare_bytes = compression.Allowance(compression.SPARE_BYTES)
         self._chunks: list[Chunk] = []
         # What the file itself says that it has, for each channel id.
         self._declared: Mapping[int, int] | None = None
@@ -152,8 +154,8 @@ class ChunkFile(Container):
         self._trusted = 0
         self._index_losses: list[Loss] = []
         self._walk_losses: list[Loss] = []
-        # By offset: a damaged chunk, why, and how many of its messages are missing, if not all.
-        self._lost: dict[int, tuple[Chunk, Damaged, int | None]] = {}
+        # By offset: a damaged chunk, and why.
+        self._lost: dict[int, tuple[Chunk, Damaged]] = {}
 
     # What a format is:
 
@@ -278,24 +280,23 @@ class ChunkFile(Container):
             Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}")
         )
 
-    def _body(self, data: memoryview, stored_bytes: int, chunk: Chunk) -> Body:
+    def _body(self, data: memoryview, stored_bytes: int) -> Body:
         """What the chunk's records hold, which took so many bytes of the file. Raises Damaged.
 
         Time and memory are spent in proportion to what was read: a message takes some bytes of the file, because its
-        time and its sequence number change; those that take fewer count against the file's allowance.
+        time and its sequence number change.
         """
-        worth, spare = stored_bytes // _LEAST_BYTES, self._file.spare_records.left(chunk.offset)
-        rows, records, definitions = self._parse(data, worth + spare)
-        self._file.spare_records.take(chunk.offset, min(records - worth, spare))
-        if records > worth + spare:
-            raise Damaged(f"it holds more than {worth + spare} records", "too-large")
+        most = _LEAST_RECORDS + stored_bytes
+        rows, records, definitions = self._parse(data, most)
+        if records > most:
+            raise Damaged(f"it holds more than {most} records", "too-large")
         return Body(data, stored_bytes, rows, definitions)
 
     def _loose_body(self, chunk: Chunk) -> Body:
-        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length, chunk)
+        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length)
 
-    def _lose(self, chunk: Chunk, damage: Damaged, messages: int | None = None) -> None:
-        """Record a damaged chunk; messages: how many of it are missing, if not all."""
+    def _lose(self, chunk: Chunk, damage: Damaged) -> None:
+        """Record a damaged chunk."""
         # A traceback would keep the frames of what failed, and with them the chunk's data.
         damage.__traceback__ = damage.__context__ = None
-        self._lost[chunk.offset] = chunk, damage, messages
+        self._lost[chunk.offset] = chunk, damage

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 from collections import Counter, deque
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.errors import NothingReadable
+from quadlog.errors import NothingReadable, some_of
 from quadlog.recordings.containers.chunk_file import Body, Chunk, ChunkFile, Rows, counts_of
 from quadlog.recordings.containers.compression import SUPPORTED
 from quadlog.recordings.containers.container import (
@@ -30,7 +30,7 @@ from quadlog.recordings.containers.container import (
 )
 from quadlog.recordings.containers.overlap import Held, chosen
 from quadlog.recordings.formatting import instant, several
-from quadlog.storage.byte_ranges import ByteSource
+from quadlog.storage.byte_source import ByteSource
 
 _DAY_NS = 86_400 * 10**9
 # Of the file's beginning, kept for the next look.
@@ -40,7 +40,6 @@ _LARGE_BYTES = 1 << 25
 # With one core, what is decompressed earlier has left its cache when it is decoded.
 _AHEAD = 0 if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1 else 2
 _LISTED_AT_ONCE = 64
-_CHANNELS_NAMED = 20
 # glibc reuses freed blocks up to the largest one freed (mallopt(3), M_MMAP_THRESHOLD): fresh pages for each chunk would
 # cost a third of decompressing it. This one is never written, so it takes no memory itself.
 bytes(1 << 24)
@@ -49,24 +48,13 @@ _START = attrgetter("start_ns")
 _OFFSET = attrgetter("offset")
 
 
-@dataclass
-class _First:
-    """The first few bodies that were read, shared by a recording and its excerpts; the first without room is the last.
+class _Odd(NamedTuple):
+    """What is odd about a chunk's messages."""
 
-    Every look at some topic's first messages wants them again.
-    """
-
-    bodies: dict[int, Body] = field(default_factory=dict)
-    room: int = _FIRST_BYTES
-
-    def forget(self) -> None:
-        self.bodies.clear()
-        self.room = _FIRST_BYTES
-
-    def keep(self, chunk: Chunk, body: Body) -> None:
-        self.room -= len(body.data)
-        if self.room >= 0:
-            self.bodies[chunk.offset] = body
+    outside_index: bool
+    zero_times: int
+    jump_ns: int
+    undeclared: Counter[int]
 
 
 class ChunkedReader(ChunkFile):
@@ -78,12 +66,10 @@ class ChunkedReader(ChunkFile):
 
     def __init__(self, path: Path, file: ByteSource, warnings: Sequence[str] = ()) -> None:
         super().__init__(path, file, warnings)
-        self._wrong_index: set[int] = set()
-        self._undeclared: dict[int, Counter[int]] = {}
-        self._jumps_within: dict[int, int] = {}
-        self._zero_times: dict[int, int] = {}
+        self._odd: dict[int, _Odd] = {}
         self._miscounts: dict[Channel, Loss] = {}
-        self._first = _First()
+        # The first few bodies, shared with excerpts: every look at some topic's first messages wants them again.
+        self._first: dict[int, Body] = {}
         self._read_something = False
         self._open()
         for chunk in self._chunks:
@@ -112,19 +98,23 @@ class ChunkedReader(ChunkFile):
         """See Container. Raises NothingReadable when every chunk there is was damaged."""
         wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
         due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
-        held, bodies = Held(self._tried, self._lose), self._read_ahead(due)
+        held, bodies = Held(), self._read_ahead(due)
         counts: dict[int, Counter[int]] = {}
         try:
             for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
                 body = next(bodies)
-                if isinstance(body, Damaged):
-                    self._lose(chunk, body)
-                else:
-                    counts[chunk.offset] = self._examine(chunk, body.rows)
-                    held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
+                damage = body if isinstance(body, Damaged) else None
+                if isinstance(body, Body):
+                    counts[chunk.offset] = counts_of(body.rows)
+                    self._examine(chunk, body.rows, counts[chunk.offset])
+                    self._read_something |= len(body.rows) > 0
+                    damage = held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
+                if damage is not None:
+                    self._lose(chunk, damage)
                 del body
                 yield from held.messages(horizon_ns, wanted)
-            self._first.forget()
+            self._first.clear()
+            self._file.check_unchanged()
             if start_ns is None and end_ns is None:
                 self._compare_counts(wanted, due, counts)
         finally:
@@ -150,14 +140,15 @@ class ChunkedReader(ChunkFile):
 
     def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
         """As `_load`; the file's first few are kept until a reading comes to its end."""
-        if (body := self._first.bodies.get(chunk.offset)) is not None:
+        if (body := self._first.get(chunk.offset)) is not None:
             return body
         try:
             body = self._load(chunk, at_most)
         except Damaged as damage:
             return damage
-        if body is not None:
-            self._first.keep(chunk, body)
+        kept = [*self._first.values()]
+        if body is not None and sum(len(each.data) for each in (*kept, body)) <= _FIRST_BYTES:
+            self._first[chunk.offset] = body
         return body
 
     def log_times(self) -> Iterator[LogTimes]:
@@ -171,15 +162,16 @@ class ChunkedReader(ChunkFile):
         for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
             some = self._chunks[at : at + _LISTED_AT_ONCE]
             for chunk, rows in zip(some, self._listed(some), strict=True):
-                self._examine_times(chunk, rows)
                 rows = rows[np.argsort(rows["channel"], kind="stable")]
-                numbers, begins = np.unique(rows["channel"], return_index=True)
+                numbers, begins, counts = np.unique(rows["channel"], return_index=True, return_counts=True)
+                tally.update(counted := dict(zip(numbers.tolist(), counts.tolist(), strict=True)))
+                self._examine(chunk, rows, counted)
                 for number, t_ns in zip(numbers.tolist(), np.split(rows["t_ns"], begins[1:]), strict=False):
                     if (channel := self._channel_of.get(number)) is None:
                         raise Damaged(f"the message index names channel {number}, which nothing declares")
-                    tally[number] += len(t_ns)
                     yield LogTimes(channel, t_ns)
         self._report()
+        self._file.check_unchanged()
         declared = Counter(self._declared or {})
         if +tally != +declared:
             raise Damaged(f"message indexes list {tally.total()} of {declared.total()} messages")
@@ -213,30 +205,18 @@ class ChunkedReader(ChunkFile):
         except Damaged:
             return None
 
-    def _examine(self, chunk: Chunk, rows: Rows) -> Counter[int]:
-        """Record what is wrong with a chunk's messages; messages for each channel id."""
-        counts = counts_of(rows)
-        self._read_something |= len(rows) > 0
-        self._examine_times(chunk, rows)
-        unknown = sorted(counts.keys() - self._channel_of.keys())
-        if unknown:
-            self._undeclared[chunk.offset] = Counter({number: counts[number] for number in unknown})
-        return counts
-
-    def _examine_times(self, chunk: Chunk, rows: Rows) -> None:
-        """Record times outside of what the index says, jumps and zeros."""
-        t_ns = rows["t_ns"]
-        if not len(t_ns):
+    def _examine(self, chunk: Chunk, rows: Rows, counts: Mapping[int, int]) -> None:
+        """Record what is odd about a chunk's messages, of which there are so many for each channel id."""
+        if not len(t_ns := rows["t_ns"]):
             return
-        earliest_ns, latest_ns = int(t_ns.min()), int(t_ns.max())
-        if earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns:
-            self._wrong_index.add(chunk.offset)
-        if earliest_ns == 0:
-            self._zero_times[chunk.offset] = int(np.count_nonzero(t_ns == 0))
+        earliest_ns, latest_ns, jump_ns = int(t_ns.min()), int(t_ns.max()), 0
         if latest_ns - earliest_ns > JUMP_NS:
-            t_ns = t_ns[np.argsort(rows["begin"], kind="stable")]
-            if (jump_ns := int((np.maximum.accumulate(t_ns) - t_ns).max())) > JUMP_NS:
-                self._jumps_within[chunk.offset] = jump_ns
+            in_file = t_ns[np.argsort(rows["begin"], kind="stable")]
+            jump_ns = int((np.maximum.accumulate(in_file) - in_file).max())
+        zero_times = 0 if earliest_ns else int(np.count_nonzero(t_ns == 0))
+        unknown = Counter({number: counts[number] for number in counts.keys() - self._channel_of.keys()})
+        outside = earliest_ns < chunk.start_ns or latest_ns > chunk.end_ns
+        self._odd[chunk.offset] = _Odd(outside, zero_times, jump_ns, unknown)
 
     def _compare_counts(self, wanted: dict[int, Channel], due: list[Chunk], read: dict[int, Counter[int]]) -> None:
         """What the file says it holds against what was read; chunks known to be lost are not reported twice."""
@@ -259,16 +239,20 @@ class ChunkedReader(ChunkFile):
 
     def _report(self) -> None:
         """Losses and warnings as they stand now, in place: others hold these lists."""
-        undeclared = sum(self._undeclared.values(), Counter[int]())
+        odd = self._odd.values()
+        undeclared = sum((each.undeclared for each in odd), Counter[int]())
+        unknown = f"{several(undeclared.total(), 'message')} of channels that nothing declares"
+        numbers = some_of([str(number) for number in sorted(undeclared)])
+        undeclared_loss = Loss("damaged", f"{unknown}: {numbers}", count=undeclared.total())
         self.losses[:] = [
             *self._index_losses,
             *self._losses_of_chunks(),
             *self._walk_losses,
-            *_undeclared_losses(undeclared),
+            *([undeclared_loss] if undeclared else []),
             *self._miscounts.values(),
         ]
-        jumps_ns = [*self._jumps_between, *self._jumps_within.values()]
-        zeros = sum(self._zero_times.values())
+        jumps_ns = [*self._jumps_between, *(each.jump_ns for each in odd if each.jump_ns > JUMP_NS)]
+        zeros, wrong = sum(each.zero_times for each in odd), sum(each.outside_index for each in odd)
         self.warnings[:] = self._opening_warnings
         if jumps_ns:
             times, most_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
@@ -278,23 +262,23 @@ class ChunkedReader(ChunkFile):
         if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
             until = instant(self.span_ns[1])
             self.warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
-        if self._wrong_index:
+        if wrong:
             self.warnings.append(
-                f"the index gives wrong times for {several(len(self._wrong_index), 'chunk')}; "
+                f"the index gives wrong times for {several(wrong, 'chunk')}; "
                 "a time window may miss messages, and their order may be wrong"
             )
 
     def _losses_of_chunks(self) -> Iterator[Loss]:
         """One for each cause, in the order in which the first of its chunks lies in the file."""
-        groups: dict[str, list[tuple[Chunk, Damaged, int | None]]] = {}
-        for _, lost in sorted(self._lost.items()):
-            groups.setdefault(lost[1].cause, []).append(lost)
+        groups: dict[str, list[tuple[Chunk, Damaged]]] = {}
+        for _, (chunk, damage) in sorted(self._lost.items()):
+            groups.setdefault(damage.cause, []).append((chunk, damage))
         for cause, group in groups.items():
-            counts = [self._counts(chunk) if left is None else Counter({0: left}) for chunk, _, left in group]
+            counts = [self._counts(chunk) for chunk, _ in group]
             known = [each.total() for each in counts if each is not None]
             count = sum(known) if len(known) == len(group) else None
             messages = "an unknown number of messages" if count is None else several(count, "message")
-            start_ns, end_ns = min(each.start_ns for each, *_ in group), max(each.end_ns for each, *_ in group)
+            start_ns, end_ns = min(each.start_ns for each, _ in group), max(each.end_ns for each, _ in group)
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
@@ -309,14 +293,3 @@ def _jumps_between(chunks: Iterable[Chunk]) -> list[int]:
                 jumps_ns.append(latest_ns - chunk.start_ns)
             latest_ns = max(latest_ns, chunk.end_ns)
     return jumps_ns
-
-
-def _undeclared_losses(unknown: Counter[int]) -> Iterator[Loss]:
-    """A loss for each channel that nothing declares, one for all that are too many to name."""
-    numbered = sorted(unknown.items())
-    for number, count in numbered[:_CHANNELS_NAMED]:
-        yield Loss("damaged", f"{several(count, 'message')} of channel {number}, which nothing declares", count=count)
-    if rest := numbered[_CHANNELS_NAMED:]:
-        count = sum(each for _, each in rest)
-        which = several(len(rest), "more channel")
-        yield Loss("damaged", f"{several(count, 'message')} of {which}, which nothing declares", count=count)

@@ -6,17 +6,15 @@ from __future__ import annotations
 
 import bz2
 import io
-import os
 import shutil
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, cast
-from weakref import finalize
+from typing import Any, BinaryIO
 
 import lz4.frame
 import zstandard
@@ -24,10 +22,11 @@ import zstandard
 from quadlog.errors import CannotWrite, NotARecording, TooLarge
 from quadlog.recordings.containers.container import MAX_CHUNK_BYTES, Damaged, Loss, RawMessage
 from quadlog.recordings.formatting import several
-from quadlog.storage.byte_ranges import SPARE_BYTES, ByteSource
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
+SPARE_BYTES = 1 << 32
+"""What all chunks of a file may hold beyond what their size is worth."""
 # What data may grow to when decompressed: recorders' chunks of 1 to 16 MB always, more where the data is worth it.
 _ALWAYS_BYTES = 1 << 25
 _MAX_RATIO = 256
@@ -44,17 +43,33 @@ class Incomplete(Exception):
     """Compressed data ends in the middle of a frame."""
 
 
-def decompress(compression: str, data: memoryview, size: int, file: ByteSource, offset: int) -> memoryview:
-    """The size bytes that data holds, a chunk of the file at this offset.
+class Allowance:
+    """So much for all places of a file together; a place that is read again counts once."""
 
-    Raises Damaged when it holds something else, the scheme is unknown, or the file has no allowance left for it.
+    def __init__(self, most: int) -> None:
+        self._left, self._taken = most, dict[int, int]()
+
+    def take(self, place: int, amount: int) -> bool:
+        """Whether there is so much for the place."""
+        taken = self._taken.get(place, 0)
+        more = max(amount - taken, 0)
+        if more > self._left:
+            return False
+        self._left, self._taken[place] = self._left - more, taken + more
+        return True
+
+
+def decompress(compression: str, data: memoryview, size: int, spare: Allowance, offset: int) -> memoryview:
+    """The size bytes that data holds, a chunk of a file at this offset. spare: bytes beyond what their size is worth.
+
+    Raises Damaged when it holds something else, the scheme is unknown, or there is no allowance left for it.
     """
     if compression not in SUPPORTED:
         raise Damaged(f"compressed with {compression!r}, which quadlog does not read", "compression")
     if size > (limit := largest_size(len(data))):
         raise Damaged(f"{size} bytes uncompressed exceed the limit of {limit} for {len(data)} compressed", "too-large")
     beyond = size - _MAX_RATIO * len(data)
-    if beyond > 0 and not file.spare_bytes.take(offset, beyond * _COST.get(compression, 1)):
+    if beyond > 0 and not spare.take(offset, beyond * _COST.get(compression, 1)):
         raise Damaged(f"the chunks before it hold too much for their size; {size} bytes more are too many", "too-large")
     if compression in ("", "none"):
         body: bytes | bytearray | memoryview = data
@@ -147,77 +162,38 @@ _INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
 }
 
 
-class Unpacked:
-    """Chunks that take long to decompress, kept in a nameless temporary file for a second reading while there is room.
-
-    Safe to use from several threads.
-    """
-
-    def __init__(self) -> None:
-        self._file: BinaryIO | None = None
-        self._places: dict[int, tuple[int, int]] = {}
-        self._end = self._room = 0
-        self._lock = threading.Lock()
-
-    def data(self, key: int, unpack: Callable[[], memoryview]) -> memoryview:
-        """What `unpack` gives, or gave before for this key. Raises what it raises."""
-        if (place := self._places.get(key)) is not None and self._file is not None:
-            return memoryview(os.pread(self._file.fileno(), place[1], place[0]))
-        data = unpack()
-        with self._lock, suppress(OSError):  # the disk is full: it is decompressed again
-            if self._file is None:
-                self._file = cast(BinaryIO, tempfile.TemporaryFile(prefix="quadlog-"))  # noqa: SIM115
-                finalize(self, self._file.close)
-                self._room = shutil.disk_usage(tempfile.gettempdir()).free // 2
-            if self._end + len(data) <= self._room and os.pwrite(self._file.fileno(), data, self._end) == len(data):
-                self._places[key] = self._end, len(data)
-                self._end += len(data)
-        return data
-
-
 _MAX_UNPACKED_BYTES = 1 << 37
 _ELSEWHERE = "TMPDIR names another folder"
 
 
-def unpack(path: Path, name: str) -> tuple[tempfile.TemporaryDirectory[str], list[str]]:
-    """A temporary folder with the decompressed file of this name, and a warning where the compressed data is damaged.
+def unpack(path: Path, target: Path) -> list[str]:
+    """Decompress into a new file: no warning, or one where the compressed data is damaged.
 
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
     Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
     """
-    with ExitStack() as on_error:
-        folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-        on_error.callback(folder.cleanup)
-        warnings, written = [], 0
-        # Half of what is free: the rest of the machine lives there too.
-        room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(folder.name).free // 2)
-        try:
-            with path.open("rb") as packed, (Path(folder.name) / name).open("wb", buffering=0) as target:
-                for block in zstd_blocks(packed):
-                    written += len(block)
-                    if written > room:
-                        limit = f"at most half of what is free there; {_ELSEWHERE}"
-                        what = f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})"
-                        raise TooLarge(what, written, room)
-                    _write(target, block, path)
-        except (zstandard.ZstdError, Incomplete) as error:
-            if written == 0:
-                raise NotARecording(path, f"it cannot be decompressed ({error})") from None
-            read = several(written, "byte")
-            warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
-        on_error.pop_all()
-    return folder, warnings
-
-
-def _write(target: io.FileIO, block: bytes, packed: Path) -> None:
-    """All of a block. Raises CannotWrite: the system's own error names no file."""
-    rest = memoryview(block)
+    warnings, written = list[str](), 0
+    # Half of what is free: the rest of the machine lives there too.
+    room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(target.parent).free // 2)
     try:
-        while rest:
-            rest = rest[target.write(rest) :]
-    except OSError as error:
-        where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
-        raise CannotWrite(packed, where) from error
+        with path.open("rb") as packed, target.open("wb") as file:
+            for block in zstd_blocks(packed):
+                written += len(block)
+                if written > room:
+                    limit = f"at most half of what is free there; {_ELSEWHERE}"
+                    raise TooLarge(f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})", written, room)
+                try:
+                    file.write(block)
+                    file.flush()
+                except OSError as error:  # the system's own names no file
+                    where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
+                    raise CannotWrite(path, where) from error
+    except (zstandard.ZstdError, Incomplete) as error:
+        if written == 0:
+            raise NotARecording(path, f"it cannot be decompressed ({error})") from None
+        read = several(written, "byte")
+        warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
+    return warnings
 
 
 def unpacked_name(path: Path) -> str:

@@ -17,7 +17,8 @@ import tempfile
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from copy import copy
+from contextlib import ExitStack
+from copy import copy as copied
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -61,21 +62,6 @@ _KEY = (
 )
 
 
-def open_sqlite(path: Path, place: Path | None = None, warnings: Sequence[str] = ()) -> SqliteReader:
-    """Opens the `.db3` at a place (None: path), which is known by its path.
-
-    Raises NotARecording when it is not a ROS 2 bag, NothingReadable when no message can be read, TooLarge when a copy
-    is needed and there is no room.
-    """
-    reader = SqliteReader(path, warnings)
-    try:
-        reader.open(place or path)
-    except BaseException:
-        reader.close()
-        raise
-    return reader
-
-
 def _pending_changes(path: Path) -> dict[str, Path]:
     """`-wal` and `-journal` with something in them, by suffix: beside the file itself, else beside the link to it."""
     pending = {}
@@ -96,31 +82,26 @@ def _measure(path: Path) -> tuple[int, int]:
     return page_bytes, max(0, page_bytes * int.from_bytes(header[28:32], "big") - path.stat().st_size)
 
 
-def _connect(path: Path, place: str, parameters: str) -> sqlite3.Connection:
-    try:
-        database = sqlite3.connect(f"file:{quote(place)}?{parameters}", uri=True)
-        database.text_factory = lambda raw: raw.decode("utf-8", "replace")
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
-        # Whoever wrote the file wrote its schema too: no functions, no views' tricks. writable_schema lets SQLite read
-        # what is left of a file that was cut off; the file itself is open for reading only.
-        for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "writable_schema=ON", "query_only=ON"):
-            database.execute(f"PRAGMA {pragma}")
-    except sqlite3.Error as error:
-        raise NotARecording(path, f"SQLite cannot open it ({error})") from None
-    return database
-
-
 class SqliteReader(Container):
-    """Messages one by one in order of (timestamp, row id), by keys that opening reads in one scan, payloads unread; a
-    damaged row costs itself, not those behind it.
+    """The `.db3` at a place, which is known by its path.
+
+    Messages come one by one in order of (timestamp, row id), by keys that opening reads in one scan, payloads unread; a
+    damaged row costs itself, not those behind it. Raises NotARecording when it is not a ROS 2 bag, NothingReadable when
+    no message can be read, TooLarge when a copy is needed and there is no room.
     """
 
-    _database: sqlite3.Connection
     _is_excerpt = False
 
-    def open(self, place: Path) -> None:
-        """Read topics and keys of the file at this place. Raises as `open_sqlite`."""
-        self._connect(place)
+    def __init__(self, path: Path, place: Path, warnings: Sequence[str] = ()) -> None:
+        super().__init__(path, warnings)
+        with ExitStack() as on_error:
+            on_error.push(self)
+            self._open(place)
+            on_error.pop_all()
+
+    def _open(self, place: Path) -> None:
+        """Read topics and keys."""
+        self._database = self._connect(place)
         identities = self._read_topics()
         # (N, 3): log time, row id and topic id; -1 for a time or a topic that is not usable.
         keys = np.frombuffer(self._read_keys(), np.int64).reshape(-1, 3)
@@ -140,7 +121,7 @@ class SqliteReader(Container):
         self._keys = keys[np.argsort(t_ns, kind="stable")]
         self._refuse_foreign_encodings()
 
-    def _connect(self, place: Path) -> None:
+    def _connect(self, place: Path) -> sqlite3.Connection:
         pending = _pending_changes(place)
         page_bytes, missing_bytes = _measure(place)
         self._size = place.stat().st_size
@@ -158,20 +139,29 @@ class SqliteReader(Container):
                 # SQLite would fill the torn page with zeros and give those out as data.
                 os.truncate(where, self._size // page_bytes * page_bytes)
         # Immutable: no locks, no -shm, and nobody else's changes, because there are none.
-        self._database = _connect(self.path, where, parameters)
-        self.resources.callback(self._database.close)
+        try:
+            database = sqlite3.connect(f"file:{quote(where)}?{parameters}", uri=True)
+            self.resources.callback(database.close)
+            database.text_factory = lambda raw: raw.decode("utf-8", "replace")
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK_BYTES)
+            # Whoever wrote the file wrote its schema too: no functions, no views' tricks. writable_schema lets SQLite
+            # read what is left of a file that was cut off; the file itself is open for reading only.
+            for pragma in ("trusted_schema=OFF", "cell_size_check=ON", "writable_schema=ON", "query_only=ON"):
+                database.execute(f"PRAGMA {pragma}")
+        except sqlite3.Error as error:
+            raise NotARecording(self.path, f"SQLite cannot open it ({error})") from None
+        return database
 
     def _copied(self, place: Path, pending: dict[str, Path]) -> str:
-        folder = tempfile.TemporaryDirectory(prefix="quadlog-")
-        self.resources.callback(folder.cleanup)
+        copy = Path(self.resources.enter_context(tempfile.TemporaryDirectory(prefix="quadlog-"))) / "copy.db3"
         sources = {"": place, **pending}
-        needed, free = sum(source.stat().st_size for source in sources.values()), shutil.disk_usage(folder.name).free
+        needed, free = sum(source.stat().st_size for source in sources.values()), shutil.disk_usage(copy.parent).free
         if needed > free:
             with_pending = "".join(f" with its {suffix}" for suffix in pending)
             raise TooLarge(f"{self.path}: copying it{with_pending} to {tempfile.gettempdir()}", needed, free)
         for suffix, source in sources.items():
-            shutil.copyfile(source, Path(folder.name) / f"copy.db3{suffix}")
-        return str(Path(folder.name) / "copy.db3")
+            shutil.copyfile(source, f"{copy}{suffix}")
+        return str(copy)
 
     def _rows(self, query: str) -> list[tuple[Any, ...]]:
         return self._database.execute(query).fetchmany(_MAX_ROWS)
@@ -326,7 +316,7 @@ class SqliteReader(Container):
         rows = max(rows_of_budget // max(budget.places, 1), 1)
         in_file = np.argsort(self._keys[:, 1])
         chosen = [in_file[place : place + rows] for place in spread(messages, budget.places)]
-        excerpt = copy(self)
+        excerpt = copied(self)
         excerpt._keys = self._keys[np.unique(np.concatenate([np.empty(0, np.int64), *chosen]))]
         excerpt._is_excerpt = True
         return excerpt

@@ -63,14 +63,6 @@ class _Fields:
         return Counter(dict(struct.iter_unpack("<HQ", pairs)))
 
 
-class _Schema(NamedTuple):
-    """A message definition."""
-
-    name: str
-    encoding: str
-    data: bytes
-
-
 class _Statistics(NamedTuple):
     """How much there is, as the writer counted it."""
 
@@ -97,7 +89,8 @@ class McapReader(ChunkedReader):
     _mark = re.compile(rb"\x06(?=.{7}\0.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))", re.DOTALL)
 
     def _open(self) -> None:
-        self._schemas: dict[int, _Schema] = {}
+        # Name, encoding and definition.
+        self._schemas: dict[int, tuple[str, str, bytes]] = {}
         # Schema, topic and message encoding.
         self._ids: dict[int, tuple[int, str, str]] = {}
         self._known: dict[int, Chunk] = {}
@@ -175,9 +168,9 @@ class McapReader(ChunkedReader):
             schema = self._schemas.get(schema_id)
             if schema is None and schema_id:
                 self.warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
-            schema = schema or _Schema("", "", b"")
-            name = ros2_type_name(schema.name) if schema.encoding in _ROS_SCHEMAS else schema.name
-            yield number, (topic, name, encoding, schema.encoding, schema.data)
+            name, schema_encoding, definition = schema or ("", "", b"")
+            name = ros2_type_name(name) if schema_encoding in _ROS_SCHEMAS else name
+            yield number, (topic, name, encoding, schema_encoding, definition)
 
     def _step(self, position: int) -> int | None:
         known = self._known.get(position)
@@ -292,7 +285,7 @@ class McapReader(ChunkedReader):
         fields = _Fields(content)
         number = fields.number(2)
         if kind == SCHEMA:
-            schema = _Schema(fields.text(), fields.text(), bytes(fields.take(fields.number(4))))
+            schema = fields.text(), fields.text(), bytes(fields.take(fields.number(4)))
             self._account(number, len(content))
             self._schemas[number] = schema
         else:
@@ -341,10 +334,10 @@ class McapReader(ChunkedReader):
                 raise
             # Of the two lengths one is damaged.
             data = self._checked(scheme, stored, size, crc, chunk)
-        return self._body(data, len(fields.data), chunk)
+        return self._body(data, len(fields.data))
 
     def _checked(self, scheme: str, stored: memoryview, size: int, crc: int, chunk: Chunk) -> memoryview:
-        data = decompress(scheme, stored, size, self._file, chunk.offset)
+        data = decompress(scheme, stored, size, self._spare_bytes, chunk.offset)
         if crc and crc32(data) != crc:
             raise Damaged("its checksum (CRC) does not match", "crc")
         return data

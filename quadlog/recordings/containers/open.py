@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import cast
@@ -13,8 +14,9 @@ from quadlog.recordings.containers import bag, compression, db3, mcap
 from quadlog.recordings.containers.container import Container
 from quadlog.recordings.containers.split import open_split
 from quadlog.recordings.file_names import recording_suffix
-from quadlog.storage.byte_ranges import ByteSource, LocalBytes
-from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.byte_source import ByteSource, LocalBytes
+from quadlog.storage.remote_object import RemoteBytes
+from quadlog.storage.remote_path import RemotePath, copy_object
 
 _HEAD_BYTES = 32
 MOST_CHANNELS = 4096  # a topic each, or nearly; each costs a row, a look for its role and perhaps a loss
@@ -77,10 +79,9 @@ def _open_local(path: Path, place: Path, warnings: Sequence[str] = ()) -> Contai
         on_error.callback(file.close)
         head = file.read(0, _HEAD_BYTES)
         if compression.is_zstd(head):
-            name = compression.unpacked_name(place)
-            return _open_copy(path, name, *compression.unpack(place, name))
+            return _open_copy(path, compression.unpacked_name(place), partial(compression.unpack, place))
         if head.startswith(db3.MAGIC):
-            return db3.open_sqlite(path, place, warnings)
+            return db3.SqliteReader(path, place, warnings)
         container = _open_chunked(path, file, head, warnings)
         on_error.pop_all()
         return container
@@ -88,36 +89,33 @@ def _open_local(path: Path, place: Path, warnings: Sequence[str] = ()) -> Contai
 
 def _open_remote(remote_path: RemotePath) -> Container:
     """What lies behind a URL: by range where server and format allow it, else copied first."""
-    from quadlog.storage.byte_ranges import RemoteBytes
-    from quadlog.storage.remote_path import copied
-
     path = cast(Path, remote_path)
     # Of a name from elsewhere only the suffix is taken, and only one that recordings have.
-    name = f"copy{recording_suffix(path)}"
+    name, copy = f"copy{recording_suffix(path)}", partial(copy_object, remote_path)
     try:
-        remote = remote_path.open_object()
+        info = remote_path.info()
     except FileNotFoundError:
         raise RecordingNotFound(path, "no such file on the server") from None
-    if remote.info.size_bytes is None or not remote.info.ranges:
-        what = "does not report the file's size" if remote.info.ranges else "does not serve byte ranges"
+    if info.size_bytes is None or not info.ranges:
+        what = "does not report the file's size" if info.ranges else "does not serve byte ranges"
         warning = f"the server {what}; the whole file was copied before it was read"
-        return _open_copy(path, name, copied(remote, name), [warning])
+        return _open_copy(path, name, copy, warning)
     with ExitStack() as on_error:
-        file = RemoteBytes(remote, remote.info.size_bytes)
+        file = RemoteBytes(remote_path.url, info)
         on_error.callback(file.close)
         head = file.read(0, _HEAD_BYTES)
         if compression.is_zstd(head) or head.startswith(db3.MAGIC):
-            return _open_copy(path, name, copied(remote, name))
+            return _open_copy(path, name, copy)
         container = _open_chunked(path, file, head)
         on_error.pop_all()
         return container
 
 
-def _open_copy(path: Path, name: str, folder: TemporaryDirectory[str], warnings: Sequence[str] = ()) -> Container:
-    """The file of this name in a temporary folder, which is given back with it; path is what it is known by."""
+def _open_copy(path: Path, name: str, copy: Callable[[Path], list[str] | None], *warnings: str) -> Container:
+    """What `copy` writes into a file of this name, which goes with it; path is what it is known by."""
     with ExitStack() as resources:
-        resources.callback(folder.cleanup)
-        container = _open_local(path, Path(folder.name) / name, warnings)
+        place = Path(resources.enter_context(TemporaryDirectory(prefix="quadlog-"))) / name
+        container = _open_local(path, place, [*warnings, *(copy(place) or ())])
         resources.push(container.resources)
         container.resources = resources.pop_all()
         return container

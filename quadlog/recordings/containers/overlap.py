@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadlog.recordings.containers.chunk_file import Body, Chunk, Rows
 from quadlog.recordings.containers.container import MAX_TIME_NS, Channel, Damaged, RawMessage
+from quadlog.storage.byte_source import Kept
 
-# Data kept of chunks that overlap in time; beyond this they are dropped and read again.
-_KEPT_BYTES = 1 << 27
-# What may be read again: far more than any recorder's overlap needs, in proportion to what the file is worth.
-_AGAIN_BYTES, _AGAIN_RATIO = 1 << 30, 10_000
+# Data in memory of chunks that overlap in time; that of others is kept on disk.
+_HELD_BYTES = 1 << 27
 # Messages whose times and places are Python objects at once.
 _BLOCK = 1024
 
@@ -32,13 +31,23 @@ def chosen(rows: Rows, wanted: Mapping[int, Channel], start_ns: int | None, end_
     return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
 
 
+class _OnDisk(NamedTuple):
+    """Data of a chunk at an offset of a temporary file."""
+
+    file: Kept
+    offset: int
+
+    def payload(self, begin: int, end: int) -> memoryview:
+        return memoryview(self.file.read(self.offset + begin, end - begin))
+
+
 @dataclass(slots=True)
-class Part:
+class _Part:
     """A chunk whose messages are not all given yet, in order of time."""
 
-    chunk: Chunk
+    offset: int
     rows: Rows
-    lost: bool = False
+    data: memoryview | _OnDisk
 
     def take(self, horizon_ns: int | None) -> Rows:
         """The messages before the horizon, which are no longer left."""
@@ -49,85 +58,53 @@ class Part:
 
 @dataclass
 class Held:
-    """The chunks that are open in one reading; memory stays bounded: data that was dropped is loaded again.
+    """The chunks that are open in one reading; memory stays bounded."""
 
-    load: the body of a chunk, or what is wrong with it. lose: record a damaged chunk and how many messages are missing.
-    """
-
-    load: Callable[[Chunk], Body | Damaged | None]
-    lose: Callable[[Chunk, Damaged, int], None]
     # By the time of the next message.
-    parts: list[tuple[int, int, Part]] = field(default_factory=list)
-    data: dict[int, memoryview] = field(default_factory=dict)
-    held_bytes: int = 0
-    again_bytes: int = field(default_factory=lambda: _AGAIN_BYTES)
+    _parts: list[tuple[int, int, _Part]] = field(default_factory=list)
+    _held_bytes: int = 0
+    _disk: Kept = field(default_factory=Kept)
 
-    def take(self, chunk: Chunk, body: Body, rows: Rows) -> None:
-        """A chunk and its wanted messages, in order of time."""
-        self.again_bytes += _AGAIN_RATIO * body.stored_bytes
-        if len(rows):
-            self._keep(chunk.offset, body.data)
-            self._wait(Part(chunk, rows))
+    def take(self, chunk: Chunk, body: Body, rows: Rows) -> Damaged | None:
+        """A chunk and its wanted messages, in order of time; what is wrong where it does not fit."""
+        if not len(rows):
+            return None
+        data: memoryview | _OnDisk = body.data
+        if self._held_bytes and self._held_bytes + len(body.data) > _HELD_BYTES:
+            offset = self._disk.append(body.data)
+            if offset is None:
+                return Damaged("too many large chunks overlap in time", "too-large")
+            data = _OnDisk(self._disk, offset)
+        else:
+            self._held_bytes += len(body.data)
+        self._wait(_Part(chunk.offset, rows, data))
+        return None
 
     def messages(self, horizon_ns: int | None, channel_of: Mapping[int, Channel]) -> Iterator[RawMessage]:
         """Those before the horizon, at which the next chunk begins; of equal times in order of the file."""
-        due: list[Part] = []
-        while self.parts and (horizon_ns is None or self.parts[0][0] < horizon_ns):
-            due.append(heapq.heappop(self.parts)[2])
+        due: list[_Part] = []
+        while self._parts and (horizon_ns is None or self._parts[0][0] < horizon_ns):
+            due.append(heapq.heappop(self._parts)[2])
         if not due:
             return
-        due.sort(key=lambda part: part.chunk.offset)
+        due.sort(key=lambda part: part.offset)
         taken = [part.take(horizon_ns) for part in due]
         rows, source = np.concatenate(taken), np.repeat(np.arange(len(due)), list(map(len, taken)))
         if len(due) > 1:
             order = np.argsort(rows["t_ns"], kind="stable")
             rows, source = rows[order], source[order]
-        current, data = -1, None
         for at in range(0, len(rows), _BLOCK):
             block = slice(at, at + _BLOCK)
             columns = rows[block].view(np.int64).reshape(-1, 4).T.tolist()
-            places = range(at, at + len(columns[0]))
-            for place, index, t_ns, number, begin, end in zip(places, source[block].tolist(), *columns, strict=True):
-                if index != current:
-                    current, data = index, self._data(due, index, source[place:])
-                if data is not None:
-                    yield RawMessage(channel_of[number], t_ns, data[begin:end])
+            for index, t_ns, number, begin, end in zip(source[block].tolist(), *columns, strict=True):
+                data = due[index].data
+                payload = data[begin:end] if isinstance(data, memoryview) else data.payload(begin, end)
+                yield RawMessage(channel_of[number], t_ns, payload)
         for part in due:
-            if len(part.rows) and not part.lost:
+            if len(part.rows):
                 self._wait(part)
-            else:
-                self._drop(part.chunk.offset)
+            elif isinstance(part.data, memoryview):
+                self._held_bytes -= len(part.data)
 
-    def _wait(self, part: Part) -> None:
-        heapq.heappush(self.parts, (int(part.rows["t_ns"][0]), part.chunk.offset, part))
-
-    def _data(self, due: list[Part], index: int, sources: NDArray[np.int64]) -> memoryview | None:
-        """The data of a due part, read again if it was dropped. None where that fails: what is left of it is lost.
-
-        sources: of which part each message is that is still to be given.
-        """
-        part = due[index]
-        offset = part.chunk.offset
-        if part.lost or offset in self.data:
-            return None if part.lost else self.data[offset]
-        body = self.load(part.chunk)
-        if isinstance(body, Body):
-            self.again_bytes -= len(body.data)
-            if self.again_bytes >= 0:
-                self._keep(offset, body.data)
-                return body.data
-            body = Damaged("too many large chunks overlap in time", "too-large")
-        part.lost = True
-        self.lose(
-            part.chunk, body or Damaged("it cannot be read again"), len(part.rows) + int((sources == index).sum())
-        )
-        return None
-
-    def _keep(self, offset: int, data: memoryview) -> None:
-        while self.data and self.held_bytes + len(data) > _KEPT_BYTES:
-            self._drop(next(iter(self.data)))
-        self.data[offset] = data
-        self.held_bytes += len(data)
-
-    def _drop(self, offset: int) -> None:
-        self.held_bytes -= len(self.data.pop(offset, b""))
+    def _wait(self, part: _Part) -> None:
+        heapq.heappush(self._parts, (int(part.rows["t_ns"][0]), part.offset, part))

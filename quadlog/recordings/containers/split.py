@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import AliasPath, BaseModel, Field, ValidationError
 
-from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped
+from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped, some_of
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
     JUMP_NS,
@@ -33,7 +33,6 @@ from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
 METADATA_NAME = "metadata.yaml"
 _MAX_BYTES = 1 << 20
 _ROOT = "rosbag2_bagfile_information"
-_NAMED_AT_MOST = 5
 # Files that the rest of the program has open.
 _SPARE_FILES = 64
 
@@ -144,7 +143,7 @@ def _choose_files(
     named = [by_name[name] for name in metadata.files if name in by_name]
     missing = [name for name in metadata.files if name not in by_name]
     unnamed = [path for path in present if path not in named]
-    shown = _shortened([path.name for path in unnamed])
+    shown = some_of([path.name for path in unnamed])
     if unnamed and split_sequence([*named, *unnamed]):
         warnings.append(f"{METADATA_NAME} does not name {shown}, read all the same")
         named = split_sequence([*named, *unnamed])
@@ -165,12 +164,8 @@ def _gaps(sequence: list[Path]) -> list[str]:
 def _missing(names: list[str], reason: str) -> list[Loss]:
     if not names:
         return []
-    detail = f"{several(len(names), 'file')} of the recording missing: {_shortened(names)} ({reason})"
+    detail = f"{several(len(names), 'file')} of the recording missing: {some_of(names)} ({reason})"
     return [Loss("missing-split", detail)]
-
-
-def _shortened(names: list[str]) -> str:
-    return ", ".join(names[:_NAMED_AT_MOST]) + (", ..." if len(names) > _NAMED_AT_MOST else "")
 
 
 class SplitReader(Container):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, BinaryIO, Literal
+from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,31 +16,15 @@ from quadlog.messages import Float
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
 
-if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
-
 _MAX_PIXELS = 1 << 26  # 8192 x 8192
+_WHITE = 3 * 255
 
 
-@dataclass(frozen=True, slots=True)
-class GreyImage:
-    """Brightness, the top row first.
+def read_picture(path: Path) -> tuple[NDArray[np.uint16], NDArray[np.bool_] | None]:
+    """Brightness (rows, cols) as red + green + blue, the top row first, and which pixels are opaque (None: all).
 
-    sums (rows, cols) uint8 or uint16: the pixel's colour channels added up, without alpha.
-    white: the sum of a white pixel; 0 is black.
-    opaque (rows, cols) bool; None for a picture without transparency.
-    """
-
-    sums: NDArray[np.uint8] | NDArray[np.uint16]
-    white: int
-    opaque: NDArray[np.bool_] | None
-
-
-def read_picture(path: Path) -> GreyImage:
-    """Decode 8 bits per channel (or fewer), grey, coloured or with a palette.
-
-    Raises UnreadableFile when there is no such file or it is damaged or of
-    another kind; TooLarge, before decoding, for more than 2^26 pixels.
+    8 bits per channel or fewer, grey, coloured or with a palette. Raises UnreadableFile when there is no such file or
+    it is damaged or of another kind; TooLarge, before decoding, for more than 2^26 pixels.
     """
     try:
         # The path comes from another file: a pipe or a device there would be waited for.
@@ -56,27 +40,25 @@ def read_picture(path: Path) -> GreyImage:
         raise UnreadableFile(path, f"is damaged: {type(error).__name__} {error}") from error
 
 
-def _decode(path: Path, file: BinaryIO) -> GreyImage:
+def _decode(path: Path, file: BinaryIO) -> tuple[NDArray[np.uint16], NDArray[np.bool_] | None]:
     from PIL import BmpImagePlugin, PngImagePlugin, PpmImagePlugin  # only pictures need it
 
     # No more of Pillow's decoders get to see the file, and none to warn of its size.
-    first = file.read(2)
-    file.seek(0)
-    decoders: dict[bytes, type[ImageFile]] = {b"BM": BmpImagePlugin.BmpImageFile, b"\x89P": PngImagePlugin.PngImageFile}
-    if first not in {b"P2", b"P5", *decoders}:
+    pgm, bmp, png = PpmImagePlugin.PpmImageFile, BmpImagePlugin.BmpImageFile, PngImagePlugin.PngImageFile
+    decoders: dict[bytes, Any] = {b"P2": pgm, b"P5": pgm, b"BM": bmp, b"\x89P": png}
+    decoder = decoders.get(file.read(2))
+    if decoder is None:
         raise UnreadableFile(path, "is no PGM, PNG or BMP picture")
-    image = decoders.get(first, PpmImagePlugin.PpmImageFile)(file)
+    file.seek(0)
+    image = decoder(file)
     cols, rows = image.size
     if cols * rows > _MAX_PIXELS:
         raise TooLarge(f"{path}: pixels", cols * rows, _MAX_PIXELS)
     if image.mode not in {"1", "L", "LA", "P", "RGB", "RGBA"}:
         raise UnreadableFile(path, "has more than 8 bits per channel")
-    if image.mode in {"LA", "RGBA"} or "transparency" in image.info:
-        pixels = np.asarray(image.convert("RGBA"))
-        return GreyImage(pixels[..., :3].sum(axis=2, dtype=np.uint16), 3 * 255, pixels[..., 3] == 255)
-    if image.mode in {"1", "L"}:
-        return GreyImage(np.asarray(image.convert("L")), 255, None)
-    return GreyImage(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.uint16), 3 * 255, None)
+    has_alpha = image.mode in {"LA", "RGBA"} or "transparency" in image.info
+    pixels = np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
+    return pixels[..., :3].sum(axis=2, dtype=np.uint16), pixels[..., 3] == 255 if has_alpha else None
 
 
 _UNKNOWN, _FREE, _OCCUPIED = -1, 0, 100  # nav_msgs/OccupancyGrid
@@ -148,23 +130,23 @@ def read_rosmap(path: Path) -> RosMap:
     kind (a rotated origin included), TooLarge for more cells than memory should hold.
     """
     about = _about(path)
-    picture = read_picture(path.parent / about.image)
-    cells = _occupancy_of_sums(about, picture)[picture.sums]
-    if picture.opaque is not None and about.mode != "raw":
-        cells[~picture.opaque] = _UNKNOWN
+    sums, opaque = read_picture(path.parent / about.image)
+    cells = _occupancy_of_sums(about)[sums]
+    if opaque is not None and about.mode != "raw":
+        cells[~opaque] = _UNKNOWN
     # A picture's first row is the top one.
     return RosMap(np.ascontiguousarray(cells[::-1]), np.array(about.origin[:2]), about.resolution)
 
 
-def _occupancy_of_sums(about: _About, picture: GreyImage) -> NDArray[np.int8]:
-    """The cell's value for each sum of colours that a pixel can have, 0 to white."""
-    sums = np.arange(picture.white + 1)
+def _occupancy_of_sums(about: _About) -> NDArray[np.int8]:
+    """The cell's value for each sum of colours that a pixel can have, 0 to 765."""
+    sums = np.arange(_WHITE + 1)
     table = np.full(len(sums), _UNKNOWN, np.int8)
     if about.mode == "raw":
-        values = np.rint(sums * 255 / picture.white)
+        values = np.rint(sums / 3)
         table[values <= _OCCUPIED] = values[values <= _OCCUPIED]
         return table
-    occupancy = (sums if about.negate else picture.white - sums) / picture.white
+    occupancy = (sums if about.negate else _WHITE - sums) / _WHITE
     if about.mode == "scale" and about.occupied_thresh > about.free_thresh:
         share = (occupancy - about.free_thresh) / (about.occupied_thresh - about.free_thresh)
         table[:] = np.rint(100 * share.clip(0, 1))

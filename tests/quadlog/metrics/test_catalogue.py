@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.errors import BadCondition
+from quadlog.errors import UnknownMetric
 from quadlog.metrics.catalogue import CATALOGUE, OPERATORS, Condition, parse_condition
 
 REFERENCES = (Path(__file__).parents[3] / "docs" / "references.md").read_text()
@@ -42,5 +42,5 @@ def test_every_condition_is_read_as_it_is_written(name, sign, limit, gaps):
     ],
 )
 def test_what_is_no_condition(text):
-    with pytest.raises(BadCondition, match=r"write NAME OPERATOR NUMBER, as in 'eta_m>0\.3'; operators: >= <="):
+    with pytest.raises(UnknownMetric, match=r"write NAME OPERATOR NUMBER, as in 'eta_m>0\.3'; operators: >= <="):
         parse_condition(text)

@@ -13,15 +13,15 @@ from quadlog.errors import StorageChanged, StorageFailed
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.recording import open_recording
 from quadlog.recordings.survey import indexed_pulses
-from quadlog.storage import remote_object as web_object
-from quadlog.storage.byte_ranges import BLOCK_BYTES
+from quadlog.storage import remote_object
+from quadlog.storage.remote_object import BLOCK_BYTES
 from quadlog.storage.remote_path import to_path
 from tests.lab import recordings
 
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_object, "_WAITS_S", (0.0,))
+    monkeypatch.setattr(remote_object, "WAIT_S", 0.0)
 
 
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd", "season.split"])
@@ -58,16 +58,30 @@ def test_a_server_without_ranges_is_copied_whole_with_a_warning(web: Any) -> Non
         assert warning == "the server does not serve byte ranges; the whole file was copied before it was read"
 
 
-@pytest.mark.parametrize("status", [401, 404, 412, 416, 503])
+@pytest.mark.parametrize("status", [401, 404, 416, 503])
 def test_a_server_that_fails_is_no_damage_of_the_recording(web: Any, status: int) -> None:
     """Losses would be reported, and the run be marked as done with loss."""
     path = build_large(web.folder / "walk.mcap")
-    error = StorageChanged if status in (404, 412) else StorageFailed
+    error = StorageChanged if status in (404, 416) else StorageFailed
     with open_container(to_path(f"{web.url}/{path.name}")) as container:
         web.answer = lambda _: http.Response(status=status)
         with pytest.raises(error):
             recordings.read(container)
         assert container.losses == []
+
+
+@pytest.mark.parametrize("name", ["walk.mcap", "walk.bag"])
+def test_a_recording_that_is_replaced_while_it_is_read_is_noticed_at_the_end(web: Any, name: str) -> None:
+    """Whatever of it was read before: a whole one of the same size, in which every chunk is sound."""
+    path = build_large(web.folder / name)
+    with open_container(to_path(f"{web.url}/{name}")) as container:
+        messages = container.messages()
+        next(messages)
+        path.write_bytes(path.read_bytes())
+        with pytest.raises(StorageChanged):
+            list(messages)
+        with pytest.raises(StorageChanged):
+            list(container.log_times())
 
 
 def build_large(path: Path) -> Path:

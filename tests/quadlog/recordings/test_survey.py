@@ -20,7 +20,7 @@ from quadlog.errors import QuadlogError
 from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import Pulse, indexed_pulses, survey
-from quadlog.storage.byte_ranges import LocalBytes
+from quadlog.storage.byte_source import LocalBytes
 from tests.lab import recordings
 
 MS = 10**6

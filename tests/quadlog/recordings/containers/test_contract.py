@@ -16,8 +16,9 @@ from rosbags.rosbag1 import Reader
 
 from fuzzing.edits import edited
 from quadlog.errors import NothingReadable, QuadlogError
-from quadlog.recordings.containers import chunked, overlap
+from quadlog.recordings.containers import overlap
 from quadlog.recordings.containers.open import open_container
+from quadlog.storage import byte_source
 from tests.lab import recordings
 
 MCAPS = ["mcap", "mcap-lz4", "mcap-none"]
@@ -60,13 +61,12 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, form, in_or
 
 
 @pytest.mark.parametrize("form", ["mcap", "bag-bz2"])
-@pytest.mark.parametrize("again_bytes", [1 << 20, 3000])
-def test_chunks_that_all_overlap_are_read_again_as_far_as_they_are_worth_it(tmp_path, monkeypatch, form, again_bytes):
+@pytest.mark.parametrize("room", [True, False])
+def test_chunks_that_all_overlap_are_kept_on_disk_as_far_as_there_is_room(tmp_path, monkeypatch, form, room):
     """Each begins with a message of the first instant, which is given at once, the others at their time."""
-    monkeypatch.setattr(overlap, "_KEPT_BYTES", 1500)
-    monkeypatch.setattr(chunked._First, "keep", lambda *_: None)
-    monkeypatch.setattr(overlap, "_AGAIN_BYTES", again_bytes)
-    monkeypatch.setattr(overlap, "_AGAIN_RATIO", 0)
+    monkeypatch.setattr(overlap, "_HELD_BYTES", 1500)
+    if not room:
+        monkeypatch.setattr(byte_source.shutil, "disk_usage", lambda _: type("Free", (), {"free": 3000}))
     messages = recordings.some(120)
     messages = [(topic, messages[0][1] if i % 6 == 0 else t_ns, data) for i, (topic, t_ns, data) in enumerate(messages)]
     expected = sorted(messages, key=lambda message: message[1])
@@ -75,7 +75,7 @@ def test_chunks_that_all_overlap_are_read_again_as_far_as_they_are_worth_it(tmp_
             got = recordings.read(container)
             assert got == [message for message in expected if message in got]
             assert sum(loss.count for loss in container.losses) == 120 - len(got)
-            assert recordings.causes(container) == ([] if again_bytes == 1 << 20 else ["too-large"])
+            assert recordings.causes(container) == ([] if room else ["too-large"])
 
 
 class Chunk(NamedTuple):

@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from quadlog.errors import NotARecording, NothingReadable, QuadlogError
-from quadlog.recordings.containers.db3 import open_sqlite
+from quadlog.recordings.containers.open import open_container
 from tests.lab import recordings
 
 
@@ -45,7 +45,7 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
     messages = recordings.some()
     before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in crashed.iterdir()}
 
-    with open_sqlite(crashed / "a.db3") as container:
+    with open_container(crashed / "a.db3") as container:
         assert recordings.read(container) == messages
         assert "a.db3-wal" in container.warnings[0]
         assert {path.name for path in crashed.iterdir()} == set(before)
@@ -55,9 +55,9 @@ def test_a_wal_that_was_never_checkpointed_is_read_and_nothing_is_written_beside
 def test_foreign_serialization_is_refused_by_name(tmp_path):
     path = recordings.db3(tmp_path / "a.db3", recordings.some(), serialization="protobuf")
     with pytest.raises(NothingReadable, match="'protobuf'"):
-        open_sqlite(path)
+        open_container(path)
     change(path, "UPDATE topics SET serialization_format = 'cdr' WHERE name = '/a'")
-    with open_sqlite(path) as container:
+    with open_container(path) as container:
         assert {topic for topic, _, _ in recordings.read(container)} == {"/a"}
         (loss,) = container.losses
         assert (loss.cause, loss.topic, loss.count) == ("serialization", "/b", 30)
@@ -70,7 +70,7 @@ def test_definitions_of_newer_distributions_are_the_schema(tmp_path):
     values = (recordings.TYPE_NAME, "ros2msg", "string data", "")
     insert = "INSERT INTO message_definitions VALUES (1, ?, ?, ?, ?)"
     change(path, f"CREATE TABLE message_definitions({columns})", (insert, values))
-    with open_sqlite(path) as container:
+    with open_container(path) as container:
         assert {(c.schema_encoding, c.schema) for c in container.channels} == {("ros2msg", b"string data")}
 
 
@@ -92,7 +92,7 @@ def test_a_database_that_is_no_bag_is_refused(tmp_path, script):
     path = tmp_path / "a.db3"
     change(path, *script.split("; "))
     with pytest.raises(NotARecording, match="ROS 2 bag"):
-        open_sqlite(path)
+        open_container(path)
 
 
 @pytest.mark.parametrize("index", [True, False])
@@ -104,7 +104,7 @@ def test_a_damaged_page_costs_its_rows_only(tmp_path, index, place):
     data = path.read_bytes()
     begin = data.find(b"%06d" % round(2000 * place)) // 4096 * 4096
     path.write_bytes(data[:begin] + bytes(4096) + data[begin + 4096 :])
-    with open_sqlite(path) as container:
+    with open_container(path) as container:
         got = recordings.read(container)
         assert got == [message for message in messages if message in got]
         assert 1900 < len(got) < 2000
@@ -120,7 +120,7 @@ def test_real_bags_give_every_row(edge_cases):
         rows = database.execute(f"{query} messages.id").fetchall()
         database.close()
         try:
-            with open_sqlite(path) as container:
+            with open_container(path) as container:
                 assert recordings.read(container) == rows
                 assert container.losses == []
         except QuadlogError as error:

@@ -62,7 +62,7 @@ def damaged(content: bytes) -> Iterator[bytes]:
 def names_a_line(error: QuadlogError, content: bytes) -> bool:
     if isinstance(error, UnreadableFile):
         return error.line is not None and 1 <= error.line <= content.count(b"\n") + 2  # what is missing comes after
-    return isinstance(error, TooLarge) and ", line " in error.what
+    return isinstance(error, TooLarge) and ", line " in str(error)
 
 
 @given(
