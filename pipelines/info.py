@@ -23,8 +23,9 @@ from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
+from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
+from quadlog.recordings.unread import nearest_role, why_not_read
 from quadlog.results.find_runs import refuse_existing
 from quadlog.storage.atomic_write import write_whole
 
