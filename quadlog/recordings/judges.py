@@ -122,21 +122,21 @@ def judge_references(look: Look) -> list[Candidate]:
     A pose that was found by a definition is one by such a name of its topic or type, unless others are; without it a
     user must choose it. What is the robot's position is not its own truth, nor is a topic on a clock of its own.
     """
-    own = {topic for role in ("position", "odometry") if role in look.found for topic in look.found[role].topics}
+    own = [topic for role in ("position", "odometry") if role in look.found for topic in look.found[role].topics]
+    names = look.free | {topic: look.usable[topic] for topic in own if topic in look.usable}
     candidates = []
-    for topic, name in (look.free | {topic: look.usable[topic] for topic in own & look.usable.keys()}).items():
-        words, rank = look.found_words(name), 0
+    for topic, name in names.items():
+        words = look.found_words(name)
+        if not fits(look.recording, "reference", name):
+            continue
         if names_truth(topic) or (words and names_truth(name)):
-            rank = (_TRUTH - bool(words)) * fits(look.recording, "reference", name)
-            why = f"{words or name}, named as ground truth"
+            rank, why = _TRUTH - bool(words), f"{words or name}, named as ground truth"
+            if topic not in own and (apart_s := _apart_s(look, topic)):
+                rank, why = 0, f"not used: its times lie {apart_s:.0f} s from all others"
+            candidates.append(Candidate((topic,), rank, why, is_source=topic in own))
         elif words:
             why = f"not used: {words}, could be the reference: {set_flag('topics.reference', [topic])}"
-        else:
-            continue
-        if rank and topic not in own and (apart_s := _apart_s(look, topic)):
-            rank, why = 0, f"not used: its times lie {apart_s:.0f} s from all others"
-        if rank or words:
-            candidates.append(Candidate((topic,), rank, why, is_source=topic in own))
+            candidates.append(Candidate((topic,), 0, why))
     return candidates
 
 
