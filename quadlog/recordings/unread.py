@@ -11,10 +11,10 @@ from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.pose_fields import HEADER
+from quadlog.recordings.decoders.pose_fields import HEADER, PoseField
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
-from quadlog.recordings.decoding import REFUSED, last_part, plugged_decoder
+from quadlog.recordings.decoding import REFUSED, found_pose, last_part, plugged_decoder
 from quadlog.recordings.kinds import RANGE_TYPE, kinds_of
 from quadlog.recordings.topic_names import name_words
 
@@ -100,11 +100,12 @@ def why_not_read(type_name: str) -> str:
 
 
 def hint(channel: Channel) -> str:
-    """What makes the topic of a type that is not read usable: keys of quadlog.toml, a driver, a plug-in; or nothing."""
-    row = _row(channel.type_name)
+    """What makes a topic without a role usable: keys of quadlog.toml, a driver, a plug-in; empty where nothing does."""
     if channel.type_name == RANGE_TYPE:
         return _table("uwb.range_topics", channel, tag="0", anchor="1")
-    if row is not None:
+    if kinds_of(channel.type_name) or isinstance(found_pose(channel), PoseField):
+        return ""
+    if (row := _row(channel.type_name)) is not None:
         return row.do
     if channel.message_encoding not in ("ros1", "cdr") or standard_types(channel.message_encoding, channel.type_name):
         return ""
