@@ -83,7 +83,7 @@ def test_hints_make_topics_usable_that_are_not_read(tmp_path, quadlog):
     out = quadlog("info", path).out
     hints = out[out.index("to use") : out.index("a replay will")]
     assert max(map(len, hints.splitlines())) <= 80
-    keys = [line.strip() for line in hints.splitlines() if line.startswith("    [[") or line.startswith("    topic =")]
+    keys = [line.strip() for line in hints.splitlines() if line.startswith(("    [[", "    topic ="))]
     assert keys == [line for k in range(3) for line in ("[[topics.poses]]", f'topic = "/vicon/{k}"')]
     assert "and 1 more, all of them in --json" in hints
     rows = {row["name"]: row["hint"] for row in json.loads(quadlog("info", "--json", path).out)["topics"]}

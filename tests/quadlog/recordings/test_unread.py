@@ -12,13 +12,14 @@ from quadlog.recordings.unread import PLUGIN, hint, nearest_role, refusal
 VICON = "float32 x_trans\nfloat32 y_trans\nfloat32 z_trans\nfloat32 x_rot\nfloat32 y_rot\nfloat32 z_rot\nfloat32 w\n"
 NODES = "uint8 id\nNode[] nodes\n=====\nMSG: lab/Node\nuint8 id\nfloat32 dis\nfloat32[3] pos\n"
 PLACE = "geometry_msgs/Point place\nfloat64 yaw_deg\n=====\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-IDL = "module lab { module msg { struct A { double posX; double posY; double qx; double qy; double qz; double qw; }; }; };"
+IDL = "module lab { module msg { struct A { double posX, posY; double qx; double qy; double qz; double qw; }; }; };"
+VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
 
 
 @pytest.mark.parametrize(
     ("text", "keys"),
     [
-        (f"string name\n{VICON}", {"fields": [*("x_trans y_trans z_trans x_rot y_rot z_rot w".split())], "unit": "m"}),
+        (f"string name\n{VICON}", {"fields": VICON_FIELDS, "unit": "m"}),
         ("float64 x_mm\nfloat64 y_mm\nfloat64 vx\nfloat64 vy\n", {"fields": ["x_mm", "y_mm"], "unit": "mm"}),
         (PLACE, {"fields": ["place.x", "place.y", "place.z", "yaw_deg"], "unit": "m"}),
         (IDL, {"fields": ["posX", "posY", "qx", "qy", "qz", "qw"], "unit": "m"}),
