@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.positioning.two_way_ranging import general_range_m
 from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, laser_scan
@@ -107,12 +108,62 @@ def pose(columns: Columns, _: JointOrder, *, flag: str = "", lost_if: bool = Fal
     """A pose, with a twist an odometry. flag: field that is lost_if in messages whose pose was not measured."""
     if flag:
         columns.refuse(columns["lost"].astype(bool) == lost_if, f"the body is not tracked ({flag})")
-    values = {"position_m": _position_m(columns), "quat_xyzw": _quat_xyzw(columns)}
+    values = {"position_m": _position_m(columns), "quat_xyzw": _quat_xyzw(columns) if "quat" in columns else NO_TURN}
     if "linear" in columns:
         twist = {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
         yield part(Odometry, columns.n, **values, **twist)
     else:
         yield part(Pose, columns.n, **values)
+
+
+def flat_pose(columns: Columns, order: JointOrder) -> Iterator[Part]:
+    """x, y and the angle about z."""
+    zero, half_rad = np.zeros(columns.n), columns["theta"] / 2
+    columns["position"] = np.stack([columns["x"], columns["y"], zero], axis=1)
+    columns["quat"] = np.stack([zero, zero, np.sin(half_rad), np.cos(half_rad)], axis=1)
+    return pose(columns, order)
+
+
+def own_pose(fields: Sequence[str], unit: str = "m") -> Type:
+    """Poses of any message: the fields of x, y and z in a unit and, where it has these, of the quaternion x, y, z, w."""
+    names = ("x", "y", "z", "qx", "qy", "qz", "qw")[: len(fields)]
+
+    def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
+        numbers = np.stack([columns[name] for name in names], axis=1)
+        columns["position"] = numbers[:, :3] / round(1 / UNITS_M[unit])
+        if len(names) > 3:
+            columns["quat"] = numbers[:, 3:]
+        return pose(columns, order)
+
+    return Type((Pose,), HEADER | dict(zip(names, fields, strict=True)), rows)
+
+
+_AXIS_M, _E2 = 6378137.0, 6.69437999014e-3  # of the ellipsoid of WGS 84
+
+
+def fix(columns: Columns, order: JointOrder) -> Iterator[Part]:
+    """Satellite fixes in metres east, north and up of the channel's first; messages without a fix are refused."""
+    latitude, longitude = np.radians(columns["latitude"]), np.radians(columns["longitude"])
+    none = (columns["status"] < 0) | ~(np.abs(latitude) <= np.pi / 2) | ~(np.abs(longitude) <= 2 * np.pi)
+    columns.refuse(none, "it has no fix")
+    up = np.stack(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=1
+    )
+    normal_m = _AXIS_M / np.sqrt(1 - _E2 * up[:, 2] ** 2)
+    earth_m = up * (normal_m + np.nan_to_num(columns["altitude"]))[:, None]
+    earth_m[:, 2] -= _E2 * normal_m * up[:, 2]
+    if columns.sound.any():
+        at = int(np.argmax(columns.sound))
+        east = np.array([-np.sin(longitude[at]), np.cos(longitude[at]), 0.0])
+        axes = np.array([east, np.cross(up[at], east), up[at]])
+        first_m, axes = columns.memory.setdefault("first", (earth_m[at], axes))
+        columns["position"] = (earth_m - first_m) @ axes.T
+        yield from (each._replace(frames=(EAST_NORTH_UP, "")) for each in pose(columns, order))
+
+
+FIX = {"status": "status.status", **{name: name for name in ("latitude", "longitude", "altitude")}}
+EAST_NORTH_UP = "east_north_up"
+"""Frame of positions from satellites, whose messages name the receiver's antenna instead."""
 
 
 def transforms(columns: Columns, _: JointOrder) -> Iterator[Part]:
@@ -222,22 +273,23 @@ def ranges(
     *,
     unit: str = "m",
     zero_is_none: bool = False,
+    ids: Mapping[str, int] = {},
     unmeasured: Callable[[Columns], Mapping[str, np.ndarray]] = lambda _: {},
 ) -> Iterator[Part]:
-    """Tags and anchors by their columns; without one, an anchor is the place in its array, or unknown.
+    """Tags and anchors by ids or columns; without either, an anchor is the place in its array, or unknown.
 
-    unmeasured: why -> (N,) which messages measured nothing, as they say themselves.
+    unmeasured: why -> (N,) or (N, T) which ranges were not measured, as their messages say.
     """
     distance = columns["range"].reshape(columns.n, -1)
-    values = {name: columns.beside(name, "range") if name in columns else NO_ID for name in ("tag", "anchor")}
-    if "anchor" not in columns and columns.arrays["range"]:
-        values["anchor"] = columns.places("range")
+    values: dict[str, Any] = {"tag": NO_ID, "anchor": columns.places("range") if columns.arrays["range"] else NO_ID}
+    values |= {name: columns.beside(name, "range") for name in values if name in columns} | dict(ids)
     values["range_m"] = distance / round(1 / UNITS_M[unit])
     there = distance != 0 if zero_is_none else np.ones(distance.shape, dtype=bool)
-    for why, absent in unmeasured(columns).items():
+    for why, mask in unmeasured(columns).items():
+        absent = there & mask.reshape(columns.n, -1)
         if absent.any():
-            yield _measured(there & absent[:, None], why, **values)
-            there &= ~absent[:, None]
+            yield _measured(absent, why, **values)
+            there &= ~absent
     if "place" in columns:
         values["anchor_position_m"] = columns["place"][:, None]
     yield _measured(there, **values)
@@ -265,12 +317,8 @@ def node_ranges(columns: Columns, _: JointOrder) -> Iterator[Part]:
 def _outside_limits(columns: Columns) -> dict[str, np.ndarray]:
     """Of a sensor_msgs/Range; drivers may leave both limits at zero."""
     range_m, low_m, high_m = (columns[name] for name in ("range", "low", "high"))
-    infinite, limited = np.isinf(range_m), (low_m >= 0) & (low_m < high_m)
-    outside = ~infinite & limited & ((range_m < low_m) | (range_m > high_m))
-    return {
-        "they are infinite: too near or too far [REP 117]": infinite,
-        "they are outside min_range to max_range of their own messages": outside,
-    }
+    outside = (low_m >= 0) & (low_m < high_m) & ((range_m < low_m) | (range_m > high_m))
+    return _infinite(columns) | {"they are outside min_range to max_range of their own messages": outside}
 
 
 def _failed(columns: Columns) -> dict[str, np.ndarray]:
@@ -280,6 +328,12 @@ def _failed(columns: Columns) -> dict[str, np.ndarray]:
     return {"their range_status says that the ranging failed": failed}
 
 
+def _no_error(columns: Columns) -> dict[str, np.ndarray]:
+    """Of a gtec_msgs/Ranging; its errorEstimation is a standard deviation."""
+    error = columns.get("error", np.zeros(columns.n))
+    return {"their errorEstimation is negative or not finite": ~((error >= 0) & (error < np.inf))}
+
+
 ROLE_ANCHOR, ROLE_TAG = 1, 2
 _NODE = {"id": "id", "role": "role", "other": "nodes[].id", "other_role": "nodes[].role", "range": "nodes[].dis"}
 NODES = Type((UwbRanges,), HEADER | _NODE | {"rx": "nodes[].rx_rssi", "fp": "nodes[].fp_rssi"}, node_ranges)
@@ -287,22 +341,73 @@ _UWB_DRIVER = {"tag": "requester_id ?", "anchor": "responder_id", "range": "dist
 _UWB_DRIVER |= {"place": "responder_location:xyz ?"}
 
 
-def _type_of_ranges(unit: str = "m", zero_is_none: bool = False, unmeasured: Any = lambda _: {}, **wanted: str) -> Type:
-    read = partial(ranges, unit=unit, zero_is_none=zero_is_none, unmeasured=unmeasured)
-    return Type((UwbRanges,), HEADER | wanted, read)
+def _type_of_ranges(unmeasured: Any = lambda _: {}, **fields: Any) -> Type:
+    """fields: columns by their paths, and what `ranges` takes."""
+    wanted = {name: fields.pop(name) for name in list(fields) if name not in ("unit", "zero_is_none", "ids")}
+    return Type((UwbRanges,), HEADER | wanted, partial(ranges, unmeasured=unmeasured, **fields))
+
+
+TWO_WAY = ("poll_tx", "poll_rx", "response_tx", "response_rx", "final_tx", "final_rx")
+INTERVALS = ("round_a", "reply_a", "round_b", "reply_b")
+WRAP = 1 << 40  # of the counters of DW1000 and DW3000; others have 32 bits
+
+
+def own_ranges(
+    *,
+    field: str = "",
+    unit: str = "m",
+    tag: int | str | None = None,
+    anchor: int | str | None = None,
+    times: Sequence[str] = (),
+    tick_s: float = 1.0,
+) -> Type:
+    """Ranges of any message. tag, anchor: an id, or its field; None: see `ranges`.
+
+    times: instead of field, the fields of TWO_WAY, or of INTERVALS as quadlog.positioning.two_way_ranging has them, in
+    ticks of tick_s.
+    """
+    ends = {"tag": tag, "anchor": anchor}
+    wanted = {name: path for name, path in ends.items() if isinstance(path, str)}
+    names = INTERVALS if len(times) == len(INTERVALS) else TWO_WAY
+    wanted |= dict(zip(names, times, strict=True)) if times else {"range": field}
+
+    def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
+        if times:
+            given = [columns[name].astype(np.float64) for name in names]
+            columns.arrays |= {"range": columns.arrays[names[0]]}
+            columns["range"] = general_range_m(tick_s * np.array(_intervals(*given) if len(given) > 4 else given))
+        ids = {name: each for name, each in ends.items() if isinstance(each, int)}
+        return ranges(columns, order, unit="m" if times else unit, ids=ids, unmeasured=_infinite)
+
+    return Type((UwbRanges,), HEADER | wanted, rows)
+
+
+def _intervals(*times: Float) -> list[Float]:
+    """INTERVALS of TWO_WAY, in ticks; a negative one has begun before the counter began again."""
+    poll_tx, poll_rx, response_tx, response_rx, final_tx, final_rx = times
+    apart = [response_rx - poll_tx, final_tx - response_rx, final_rx - response_tx, response_tx - poll_rx]
+    wrap = np.where(np.max(times, axis=0) < 1 << 32, 1 << 32, WRAP)
+    return [np.where(each < 0, each + wrap, each) for each in apart]
+
+
+def _infinite(columns: Columns) -> dict[str, np.ndarray]:
+    return {"they are infinite: too near or too far [REP 117]": np.isinf(columns["range"])}
 
 
 TYPES: dict[str, Type] = {
+    "geometry_msgs/msg/PointStamped": Type((Pose,), HEADER | {"position": "point:xyz"}, pose),
+    "geometry_msgs/msg/Pose2D": Type((Pose,), {"x": "x", "y": "y", "theta": "theta"}, flat_pose),
     "geometry_msgs/msg/PoseStamped": Type((Pose,), pose_at("pose"), pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), pose_at("pose.pose"), pose),
     "geometry_msgs/msg/TransformStamped": Type((Pose,), TRANSFORM, pose),
-    "gtec_msgs/msg/Ranging": _type_of_ranges("mm", tag="tagId", anchor="anchorId", range="range"),
+    "gtec_msgs/msg/Ranging": _type_of_ranges(
+        _no_error, unit="mm", tag="tagId", anchor="anchorId", range="range", error="errorEstimation ?"
+    ),
     "nav_msgs/msg/Odometry": Type((Odometry,), pose_at("pose.pose") | TWIST, pose),
     "sensor_msgs/msg/Imu": Type((Imu,), HEADER | IMU_FIELDS, imu),
     "sensor_msgs/msg/JointState": Type((JointStates,), HEADER | JOINT_STATE, joint_state),
-    "sensor_msgs/msg/Range": _type_of_ranges(
-        unmeasured=_outside_limits, range="range", low="min_range", high="max_range"
-    ),
+    "sensor_msgs/msg/NavSatFix": Type((Pose,), HEADER | FIX, fix),
+    "sensor_msgs/msg/Range": _type_of_ranges(_outside_limits, range="range", low="min_range", high="max_range"),
     "tf2_msgs/msg/TFMessage": Type(
         (Transforms,), {column: f"transforms[].{path}" for column, path in TRANSFORM.items()}, transforms
     ),
@@ -312,7 +417,7 @@ TYPES: dict[str, Type] = {
     "unitree_legged_msgs/msg/LowState": LOW_STATE,
     "ros2_unitree_legged_msgs/msg/HighState": HIGH_STATE,
     "ros2_unitree_legged_msgs/msg/LowState": LOW_STATE,
-    "uwb_driver/msg/UwbRange": _type_of_ranges(unmeasured=_failed, **_UWB_DRIVER),
+    "uwb_driver/msg/UwbRange": _type_of_ranges(_failed, **_UWB_DRIVER),
     # LinkTrack packages have many names: matched by the last part of the type.
     "LinktrackAnchorframe0": _type_of_ranges(zero_is_none=True, tag="nodes[].id", range="nodes[].dis_arr[]"),
     "LinktrackNodeframe2": NODES,

@@ -37,11 +37,13 @@ class Misfit(ValueError):
 class Columns(dict[str, Any]):
     """Column -> what N messages hold: (N,), (N, K) for K numbers, (N, T) or (N, T, K) with T in arrays; texts are equal
     in all messages. arrays: column -> the arrays that its path leads through; lengths: of each of these, one by one.
+    memory: what is kept from one reading of the channel to the next.
     """
 
-    def __init__(self, n: int, topic: str, arrays: Mapping[str, Sequence[str]], lengths: Mapping[str, Int]) -> None:
-        super().__init__()
-        self.n, self.topic, self.arrays, self.lengths = n, topic, arrays, lengths
+    def __init__(self, n: int, topic: str, layout: Layout, memory: dict[str, Any]) -> None:
+        super().__init__(layout.texts)
+        self.n, self.topic, self.memory = n, topic, memory
+        self.arrays, self.lengths = dict(layout.arrays), layout.lengths
         self.sound, self.why = np.ones(n, dtype=np.bool_), ""
 
     def refuse(self, unsound: np.ndarray, why: str) -> None:
@@ -292,9 +294,9 @@ class Layout:
         fixed = [(at + i, byte) for at, raw in walk.fixed for i, byte in enumerate(raw)]
         self._places, self._same = np.array(fixed, np.intp).reshape(-1, 2).T
         arrays = {array for path in paths.values() for array in path.arrays}
-        self._lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
-        self._arrays = {column: path.arrays for column, path in paths.items()}
-        self._texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
+        self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
+        self.arrays = {column: path.arrays for column, path in paths.items()}
+        self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
         self._grids = [
             (column, path, Grid.of(path, [walk.numbers.get(leaf, []) for leaf in path.leaves]))
             for column, path in paths.items()
@@ -305,10 +307,9 @@ class Layout:
         """(N,) which of payloads (N, size) uint8 have this layout."""
         return (payloads[:, self._places] == self._same).all(axis=1)
 
-    def columns(self, payloads: np.ndarray, topic: str) -> Columns:
+    def columns(self, payloads: np.ndarray, topic: str, memory: dict[str, Any]) -> Columns:
         """The wanted columns of payloads (N, size) that fit."""
-        columns = Columns(len(payloads), topic, self._arrays, self._lengths)
-        columns.update(self._texts)
+        columns = Columns(len(payloads), topic, self, memory)
         for column, path, grid in self._grids:
             values = grid.values(payloads)
             values = values if path.arrays else values[:, 0]
@@ -328,6 +329,7 @@ class ColumnReader:
     ) -> None:
         self._channel, self._cdr = channel, channel.message_encoding != "ros1"
         self._known: dict[int, list[Layout]] = {}
+        self._memory: dict[str, Any] = {}
         self._plans: list[tuple[tuple[Step, ...], dict[str, Path]]] = []
         why = "the recording embeds no definition; give its .msg with --msg-path"
         try:
@@ -369,7 +371,7 @@ class ColumnReader:
             fits = layout.fits(payloads)
             if fits.any():
                 alike = payloads if fits.all() else np.ascontiguousarray(payloads[fits])
-                yield which[fits], layout.columns(alike, self._channel.topic)
+                yield which[fits], layout.columns(alike, self._channel.topic, self._memory)
                 which, payloads = which[~fits], payloads[~fits]
 
     def _learn(self, payload: bytes) -> Layout | DecodeError:
