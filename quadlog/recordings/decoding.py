@@ -26,10 +26,12 @@ from quadlog.recordings.decoders.point_cloud import (
     livox_decoder,
 )
 from quadlog.recordings.decoders.pose_fields import LOST_IF, PoseField, find_pose
+from quadlog.recordings.decoders.poses import pose as pose_rows
+from quadlog.recordings.decoders.poses import pose_at
 from quadlog.recordings.decoders.ros_messages import Definitions, is_defined_as
+from quadlog.recordings.decoders.rows import Part, Type
 from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter, parts_of
-from quadlog.recordings.types import FOXGLOVE, PLANAR_SCANS, Part, Type, pose_at, type_of
-from quadlog.recordings.types import pose as pose_rows
+from quadlog.recordings.types import FOXGLOVE, PLANAR_SCANS, type_of
 
 Result = TypeVar("Result")
 
@@ -416,6 +418,7 @@ class ByColumns:
                 yield Decoded(which, (), len(which), f"not of the usual shape: {error}")
                 continue
             stamps, frames, sound = columns.stamp_ns(), columns.frames(), columns.sound
+            parts = [each for each in parts if len(each.rows)]
             for i, each in enumerate(parts):
                 if each.stamp_ns is None:
                     each = each._replace(stamp_ns=stamps)

@@ -30,7 +30,8 @@ from quadlog.messages import (
 )
 from quadlog.recordings.containers.container import MAX_TIME_NS
 from quadlog.recordings.decoders.pose import normalised, within_reach
-from quadlog.recordings.types import Part, is_static
+from quadlog.recordings.decoders.rows import Part
+from quadlog.recordings.types import is_static
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
 
