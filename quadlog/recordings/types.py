@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from quadlog.config.schema import Config
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms
 from quadlog.recordings.decoders.body import HIGH_STATE, JOINT_STATE, LOW_STATE, SPORT_MODE, joint_state, unitree
 from quadlog.recordings.decoders.fields import Columns
@@ -16,11 +17,20 @@ from quadlog.recordings.decoders.poses import (
     fix,
     flat_pose,
     imu,
+    own_pose,
     pose,
     pose_at,
     transforms,
 )
-from quadlog.recordings.decoders.ranges import NODES, UWB_DRIVER, failed, no_error, outside_limits, type_of_ranges
+from quadlog.recordings.decoders.ranges import (
+    NODES,
+    UWB_DRIVER,
+    failed,
+    no_error,
+    outside_limits,
+    own_ranges,
+    type_of_ranges,
+)
 from quadlog.recordings.decoders.rows import HEADER, Type
 from quadlog.recordings.decoders.rows import Part as Part
 
@@ -87,3 +97,10 @@ def type_of(type_name: str) -> Type | None:
 def is_static(topic: str) -> bool:
     """Whether a topic of transforms carries static ones, by its name, as tf2 has it."""
     return topic.rsplit("/", 1)[-1] == "tf_static"
+
+
+def own_types(config: Config) -> dict[str, Type]:
+    """Topic -> what its messages become as the configuration says, whatever their type is."""
+    rows = [row for row in config.uwb.range_topics if row.field or row.times]
+    types = {row.topic: own_ranges(**row.model_dump(exclude={"topic"})) for row in rows}
+    return types | {row.topic: own_pose(row.fields, row.unit) for row in config.topics.poses}

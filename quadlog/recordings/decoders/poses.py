@@ -12,7 +12,7 @@ from quadlog.geometry import FARTHEST_M
 from quadlog.messages import UNITS_M, Float, Imu, Odometry, Pose, Transforms
 from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.rows import HEADER, NO_TURN, Part, Type, part, unit_rows
+from quadlog.recordings.decoders.rows import HEADER, NO_TURN, OWN_HEADER, Part, Type, part, unit_rows
 
 
 def is_static(topic: str) -> bool:
@@ -57,7 +57,7 @@ def flat_pose(columns: Columns, order: JointOrder) -> Iterator[Part]:
 
 
 def own_pose(fields: Sequence[str], unit: str = "m") -> Type:
-    """Poses of any message by the fields of x, y and z, in a unit, and of a quaternion's x, y, z, w where it has one."""
+    """Poses of any message by the fields of x, y and z, in a unit, and of a quaternion's x, y, z, w if it has one."""
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")[: len(fields)]
 
     def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
@@ -67,7 +67,7 @@ def own_pose(fields: Sequence[str], unit: str = "m") -> Type:
             columns["quat"] = numbers[:, 3:]
         return pose(columns, order)
 
-    return Type((Pose,), HEADER | dict(zip(names, fields, strict=True)), rows)
+    return Type((Pose,), OWN_HEADER | dict(zip(names, fields, strict=True)), rows)
 
 
 _AXIS_M, _E2 = 6378137.0, 6.69437999014e-3  # of the ellipsoid of WGS 84

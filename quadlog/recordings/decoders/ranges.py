@@ -14,7 +14,7 @@ from quadlog.messages import NO_ID, UNITS_M, Float, UwbRanges
 from quadlog.positioning.two_way_ranging import general_range_m
 from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.rows import HEADER, Part, Type, part
+from quadlog.recordings.decoders.rows import HEADER, OWN_HEADER, Part, Type, part
 
 
 def ranges(
@@ -104,32 +104,28 @@ WRAP = 1 << 40  # of the counters of DW1000 and DW3000; others have 32 bits
 
 def own_ranges(
     *,
-    field: str = "",
-    unit: str = "m",
+    field: str | None = None,
+    unit: str | None = None,
     tag: int | str | None = None,
     anchor: int | str | None = None,
-    times: Sequence[str] = (),
-    tick_s: float = 1.0,
+    times: Sequence[str] | None = None,
+    tick_s: float | None = None,
 ) -> Type:
-    """Ranges of any message. tag, anchor: an id, or its field; None: see `ranges`.
-
-    times: instead of field, the fields of TWO_WAY, or of INTERVALS as quadlog.positioning.two_way_ranging has them, in
-    ticks of tick_s.
-    """
+    """Ranges of any message, by `[[uwb.range_topics]]`; times: of TWO_WAY or INTERVALS."""
     ends = {"tag": tag, "anchor": anchor}
-    wanted = {name: path for name, path in ends.items() if isinstance(path, str)}
-    names = INTERVALS if len(times) == len(INTERVALS) else TWO_WAY
-    wanted |= dict(zip(names, times, strict=True)) if times else {"range": field}
+    ids = {name: end for name, end in ends.items() if isinstance(end, int)}
+    names = {4: INTERVALS, 6: TWO_WAY}[len(times)] if times else ("range",)
+    wanted = {name: end for name, end in ends.items() if isinstance(end, str)}
+    wanted |= dict(zip(names, times or (str(field),), strict=True))
 
     def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
         if times:
             given = [columns[name].astype(np.float64) for name in names]
-            columns.arrays |= {"range": columns.arrays[names[0]]}
-            columns["range"] = general_range_m(tick_s * np.array(_intervals(*given) if len(given) > 4 else given))
-        ids = {name: each for name, each in ends.items() if isinstance(each, int)}
-        return ranges(columns, order, unit="m" if times else unit, ids=ids, unmeasured=_infinite)
+            columns.arrays["range"] = columns.arrays[names[0]]
+            columns["range"] = general_range_m(np.array(_intervals(*given) if len(given) > 4 else given) * tick_s)
+        return ranges(columns, order, unit=unit or "m", ids=ids, unmeasured=_infinite)
 
-    return Type((UwbRanges,), HEADER | wanted, rows)
+    return Type((UwbRanges,), OWN_HEADER | wanted, rows)
 
 
 def _intervals(*times: Float) -> list[Float]:

@@ -42,6 +42,10 @@ class Type(NamedTuple):
 HEADER = {"sec": "header.stamp.sec ?", "nanosec": "header.stamp.nanosec ?", "frame": "header.frame_id ?"}
 
 
+OWN_HEADER = {column: path.replace(" ?", f" | {path[7:]}") for column, path in HEADER.items()}
+"""Of a type that a user describes, whose stamp may lie at its top."""
+
+
 def part(kind: type[Message], n: int, *, of: Int | None = None, unmeasured: str = "", **values: Any) -> Part:
     """A part of n rows with these values."""
     rows = np.zeros(n, UNPLACED if kind is UwbRanges and "anchor_position_m" not in values else ROWS[kind])
