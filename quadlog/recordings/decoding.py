@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import numpy as np
 
 from quadlog.config.plugins import DECODERS, Plugin, find_plugin
-from quadlog.errors import DecodeError
-from quadlog.messages import Message
+from quadlog.errors import DecodeError, UnknownJoints
+from quadlog.messages import Int, Message, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders import foxglove, joints, laser_scan, pose, unitree, uwb
 from quadlog.recordings.decoders.columns import Ways
+from quadlog.recordings.decoders.fields import ColumnReader
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.payload import Payload
-from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, Warn, checked_cloud, livox_decoder
-from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
+from quadlog.recordings.decoders.point_cloud import (
+    MakeCloud,
+    PointCloud2Decoder,
+    Warn,
+    checked_cloud,
+    cloud_from_block,
+    livox_decoder,
+)
+from quadlog.recordings.decoders.pose_fields import LOST_IF, PoseField, find_pose
+from quadlog.recordings.decoders.poses import pose as pose_rows
+from quadlog.recordings.decoders.poses import pose_at
 from quadlog.recordings.decoders.ros_messages import Definitions, is_defined_as
-from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter
+from quadlog.recordings.decoders.rows import Part, Type
+from quadlog.recordings.plugged import MessageDecoder, check_decoder, interpreter, parts_of
+from quadlog.recordings.types import FOXGLOVE, PLANAR_SCANS, type_of
 
 Result = TypeVar("Result")
 
@@ -254,3 +268,178 @@ def _chain(
     deserialise: Callable[[Payload], Any], interpret: Callable[[Any, str], Result], topic: str
 ) -> Callable[[Payload], Result]:
     return lambda payload: interpret(deserialise(payload), topic)
+
+
+class Decoded(NamedTuple):
+    """Parts of the payloads with these numbers (N,), of which `failed` could not be decoded; why not the first."""
+
+    which: Int
+    parts: Sequence[Part] = ()
+    failed: int = 0
+    why: str = ""
+
+
+class RowReader(Protocol):
+    """Reads payloads of one channel as rows."""
+
+    def read(self, payloads: Sequence[bytes]) -> Iterator[Decoded]: ...
+
+
+class CloudReader(NamedTuple):
+    """Reads the payloads of one channel as clouds one by one; checked: without points. Both raise DecodeError.
+
+    None for a payload of which a plug-in makes nothing.
+    """
+
+    full: Callable[[Payload], PointCloud | None]
+    checked: Callable[[Payload], PointCloud | None]
+
+
+def kinds_of(channel: Channel, mapped: Mapping[str, Type] = {}) -> tuple[type[Message], ...]:
+    """What messages of a channel become, the main kind first; none for those that nobody decodes.
+
+    mapped: topic -> the type that the configuration says. Raises QuadlogError where a plug-in cannot be used.
+    """
+    name, encoding = channel.type_name, channel.message_encoding
+    if channel.topic in mapped:
+        return mapped[channel.topic].kinds
+    plugged = plugged_decoder(name)
+    if plugged is not None:
+        return (plugged.gives,)
+    if encoding in ("protobuf", "json") or name in FOXGLOVE:
+        return (FOXGLOVE[name],) if encoding in ("protobuf", "json") and name in FOXGLOVE else ()
+    if (own := type_of(name)) is not None:
+        return own.kinds
+    if _is_ros_cloud(channel):
+        return (PointCloud,)
+    return (Pose,) if isinstance(found_pose(channel), PoseField) else ()
+
+
+def _is_ros_cloud(channel: Channel) -> bool:
+    name = channel.type_name
+    if last_part(name) == LIVOX and not name.startswith(LIVOX_PACKAGES):
+        return is_defined_as("livox_ros_driver2", name, channel.schema_encoding, channel.schema)
+    return name == POINT_CLOUD or last_part(name) == LIVOX or name in PLANAR_SCANS
+
+
+def reader_of(
+    channel: Channel,
+    definitions: Definitions,
+    order: JointOrder,
+    mapped: Mapping[str, Type] = {},
+    warn: Warn = lambda _: None,
+) -> RowReader | CloudReader | None:
+    """What reads the channel's payloads, None for a type that quadlog has no use for.
+
+    mapped: as for kinds_of; warn: gets what is put right in clouds. Raises DecodeError where the type is known but its
+    encoding or its definition is not, and as kinds_of does.
+    """
+    name, topic, encoding = channel.type_name, channel.topic, channel.message_encoding
+    if not kinds_of(channel, mapped):
+        return None
+    if encoding not in ENCODINGS:
+        known = ", ".join(ENCODINGS)
+        raise DecodeError(topic, f"its message encoding {encoding[:40]!r} is not one quadlog reads ({known})")
+    if topic in mapped:
+        return _by_columns(channel, mapped[topic], definitions, order)
+    plugged = plugged_decoder(name)
+    if plugged is not None:
+        decode = _plugged(channel, plugged, definitions)
+        return (
+            _clouds(lambda _: lambda payload: next(iter(decode(payload)), None))
+            if plugged.gives is PointCloud
+            else OneByOne(decode)
+        )
+    if name in FOXGLOVE:
+        return _of_foxglove(channel)
+    if name == POINT_CLOUD:
+        return _clouds(lambda make: PointCloud2Decoder(topic, encoding, make, warn))
+    if name in PLANAR_SCANS:
+        wanted, cloud_of = PLANAR_SCANS[name]
+        columns = ColumnReader(channel, wanted, definitions.candidates)
+        return _clouds(lambda _: lambda payload: cloud_of(columns.one(bytes(payload))))
+    if last_part(name) == LIVOX:
+        return _clouds(partial(livox_decoder, topic, encoding))
+    return _by_columns(channel, type_of(name) or _of_found_pose(channel), definitions, order)
+
+
+def _clouds(make: Callable[[MakeCloud], Callable[[Payload], PointCloud | None]]) -> CloudReader:
+    return CloudReader(make(cloud_from_block), make(checked_cloud))
+
+
+def _of_foxglove(channel: Channel) -> RowReader | CloudReader:
+    name, topic = channel.type_name, channel.topic
+    if channel.message_encoding == "json":
+        if FOXGLOVE[name] is PointCloud:
+            return _clouds(partial(foxglove.json_point_cloud_decoder, topic))
+        return OneByOne(_single(foxglove.json_pose_decoder(topic)))
+    deserialise = foxglove.protobuf_deserialiser(channel)
+    if FOXGLOVE[name] is PointCloud:
+        return _clouds(lambda make: _chain(deserialise, partial(foxglove.decode_point_cloud, make_cloud=make), topic))
+    return OneByOne(_single(_chain(deserialise, foxglove.decode_pose_in_frame, topic)))
+
+
+def _by_columns(channel: Channel, kind: Type, definitions: Definitions, order: JointOrder) -> RowReader:
+    return ByColumns(ColumnReader(channel, kind.wanted, definitions.candidates), kind, order)
+
+
+def _of_found_pose(channel: Channel) -> Type:
+    found = found_pose(channel)
+    assert isinstance(found, PoseField)
+    wanted = pose_at("", found.header) | {"position": f"{found.position}:xyz", "quat": f"{found.orientation}:xyzw"}
+    if not found.flag:
+        return Type((Pose,), wanted, pose_rows)
+    lost_if = LOST_IF[found.flag.rpartition(".")[2]]
+    return Type((Pose,), wanted | {"lost": found.flag}, partial(pose_rows, flag=found.flag, lost_if=lost_if))
+
+
+class ByColumns:
+    """Reads payloads of a type of the table, many at once."""
+
+    def __init__(self, columns: ColumnReader, kind: Type, order: JointOrder) -> None:
+        self._columns, self._type, self._order = columns, kind, order
+
+    def read(self, payloads: Sequence[bytes]) -> Iterator[Decoded]:
+        """See RowReader."""
+        for which, columns in self._columns.read(payloads):
+            if isinstance(columns, DecodeError):
+                yield Decoded(which, (), len(which), columns.reason)
+                continue
+            try:
+                with np.errstate(all="ignore"):
+                    parts = list(self._type.rows(columns, self._order))
+            except UnknownJoints:  # of another machine; `detect_roles` reports a topic of nothing else
+                yield Decoded(which)
+                continue
+            except DecodeError as error:
+                yield Decoded(which, (), len(which), error.reason)
+                continue
+            except (ValueError, TypeError, KeyError, IndexError) as error:  # a definition of another shape
+                yield Decoded(which, (), len(which), f"not of the usual shape: {error}")
+                continue
+            stamps, frames, sound = columns.stamp_ns(), columns.frames(), columns.sound
+            parts = [each for each in parts if len(each.rows)]
+            for i, each in enumerate(parts):
+                if each.stamp_ns is None:
+                    each = each._replace(stamp_ns=stamps)
+                if not sound.all():
+                    of = np.arange(columns.n) if each.of is None else each.of
+                    each = each._replace(rows=each.rows[sound[of]], of=of[sound[of]])
+                parts[i] = each._replace(frames=each.frames or frames)
+            yield Decoded(which, parts, int((~sound).sum()), columns.why)
+
+
+class OneByOne:
+    """Reads payloads whose messages are decoded one by one: of plug-ins and Foxglove."""
+
+    def __init__(self, decode: Callable[[Payload], Iterable[Message]]) -> None:
+        self._decode = decode
+
+    def read(self, payloads: Sequence[bytes]) -> Iterator[Decoded]:
+        """See RowReader."""
+        for number, payload in enumerate(payloads):
+            which = np.array([number])
+            try:
+                yield Decoded(which, [part for each in self._decode(payload) for part in parts_of(each)])
+            except DecodeError as error:
+                yield Decoded(which, (), 1, error.reason)

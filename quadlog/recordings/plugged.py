@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,25 @@ from numpy.typing import DTypeLike
 
 from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
-from quadlog.messages import Float, Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import (
+    NO_ID,
+    ROWS,
+    UNPLACED,
+    Batch,
+    Float,
+    Imu,
+    JointStates,
+    Message,
+    Odometry,
+    PointCloud,
+    Pose,
+    Transforms,
+    UwbRanges,
+)
 from quadlog.recordings.containers.container import MAX_TIME_NS
 from quadlog.recordings.decoders.pose import normalised, within_reach
+from quadlog.recordings.decoders.rows import Part
+from quadlog.recordings.types import is_static
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
 
@@ -128,3 +145,76 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
             within_reach(x, y, z, topic)
         arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
     return arrays
+
+
+def parts_of(message: Message) -> Iterator[Part]:
+    """A message as rows; of transforms a part for each."""
+    if isinstance(message, Transforms):
+        for index, each in enumerate(message.transforms):
+            (part,) = parts_of(each)
+            rows = np.zeros(1, ROWS[Transforms])
+            for name in ("position_m", "quat_xyzw"):
+                rows[name] = part.rows[name]
+            rows["index"] = index
+            yield part._replace(kind=Transforms, rows=rows)
+        return
+    dtype, n, of = ROWS[type(message)], 1, None
+    if isinstance(message, UwbRanges):
+        dtype = UNPLACED if message.anchor_position_m is None else dtype
+        # One that was not measured is left out of the arrays.
+        n = len(message.anchor) or bool(message.unmeasured)
+        of = np.zeros(n, np.int64)
+    rows = np.full(n, NO_ID, dtype)
+    for name in rows.dtype.names[2:] if n else ():
+        value = getattr(message, name)
+        if value is None or np.size(value):
+            rows[name] = (NO_ID if name == "tag" else np.nan) if value is None else value
+    stamps = None if message.stamp_ns is None else np.array([message.stamp_ns])
+    frames = getattr(message, "frame_id", ""), getattr(message, "child_frame_id", "")
+    yield Part(type(message), rows, of, stamps, frames, getattr(message, "unmeasured", ""))
+
+
+def messages_of(batches: Iterable[Batch]) -> Iterator[tuple[int, int, str, Message]]:
+    """Order, time, topic and message for each message of complete batches, by order."""
+    found: dict[tuple[int, str], list[tuple[int, Message]]] = {}
+    topics = {}
+    for batch in batches:
+        for at, message in _unpacked(batch):
+            order = int(batch.rows["order"][at])
+            topics[order] = batch.topic
+            found.setdefault((order, batch.kind.__name__), []).append((int(batch.rows["t_ns"][at]), message))
+    for (order, kind), several in sorted(found.items(), key=lambda each: each[0][0]):
+        if kind == Transforms.__name__:
+            poses = tuple(message for _, message in several)
+            several = [(several[0][0], Transforms(poses[0].stamp_ns, poses, is_static(topics[order])))]
+        for t_ns, message in several:
+            yield order, t_ns, topics[order], message
+
+
+def _unpacked(batch: Batch) -> Iterator[tuple[int, Message]]:
+    """The messages of a batch, each with the number of its first row; transforms as poses."""
+    rows, kind, frames = batch.rows, batch.kind, (batch.frame_id, batch.child_frame_id)
+    stamps = [None] * len(rows) if batch.stamp_ns is None else batch.stamp_ns.tolist()
+    if kind is UwbRanges:
+        ids = np.column_stack([rows["order"], rows["tag"]])
+        starts = np.flatnonzero(np.diff(ids, axis=0, prepend=ids[:1] - 1).any(axis=1)).tolist()
+        for at, end in pairwise([*starts, len(rows)]):
+            some = rows[at:end]
+            tag, some = int(some["tag"][0]), some[:0] if batch.unmeasured else some
+            gap_db = None if np.isnan(some["first_path_gap_db"]).all() else some["first_path_gap_db"].copy()
+            places = some["anchor_position_m"].copy() if "anchor_position_m" in rows.dtype.names else None
+            columns = some["anchor"].copy(), some["range_m"].copy(), gap_db, places
+            yield at, UwbRanges(stamps[at], None if tag == NO_ID else tag, *columns, batch.unmeasured)
+        return
+    for at, (row, stamp) in enumerate(zip(rows, stamps, strict=True)):
+        values = {name: row[name].astype(np.float64) for name in rows.dtype.names[2:]}
+        if kind is Imu:
+            if np.isnan(values["quat_xyzw"]).any():
+                values["quat_xyzw"] = None
+            yield at, Imu(stamp, batch.frame_id, **values)
+        elif kind is JointStates:
+            yield at, JointStates(stamp, **values | {"tick": float(values["tick"])})
+        elif kind is Odometry:
+            yield at, Odometry(stamp, *frames, **values)
+        else:
+            yield at, Pose(stamp, *frames, values["position_m"], values["quat_xyzw"])

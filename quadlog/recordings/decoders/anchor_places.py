@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -75,6 +75,28 @@ class _Kept:
         moved_m = float(np.quantile(np.linalg.norm(positions_m - median_m, axis=1), _AGREEING))
         x_m, y_m, z_m = (float(each) for each in median_m)
         return AnchorPlace((x_m, y_m, z_m), moved_m, self.n)
+
+
+def places_of(ranges: Iterable[np.ndarray]) -> dict[int, AnchorPlace]:
+    """Anchor id -> place, by rising id, of the positions that rows of ranges carry, those of MOST_ANCHORS at most.
+
+    NaN and (0, 0, 0), which drivers write for none, are no position.
+    """
+    placed = [each[["anchor", "anchor_position_m"]] for each in ranges if "anchor_position_m" in each.dtype.fields]
+    if not placed:
+        return {}
+    rows = np.concatenate(placed)
+    position_m = rows["anchor_position_m"]
+    given = (rows["anchor"] >= 0) & position_m.any(axis=1) & (np.abs(position_m) < _FARTHEST_M).all(axis=1)
+    anchor, position_m = rows["anchor"][given], position_m[given]
+    places = {}
+    for each in np.unique(anchor)[:MOST_ANCHORS].tolist():
+        mine_m = position_m[anchor == each]
+        median_m = np.median(mine_m, axis=0)
+        moved_m = float(np.quantile(np.linalg.norm(mine_m - median_m, axis=1), _AGREEING))
+        x_m, y_m, z_m = median_m.tolist()
+        places[each] = AnchorPlace((x_m, y_m, z_m), moved_m, len(mine_m))
+    return places
 
 
 def place_warnings(places: Mapping[int, AnchorPlace], configured_m: Mapping[int, Float]) -> list[str]:

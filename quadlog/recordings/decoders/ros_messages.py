@@ -59,7 +59,7 @@ class Definitions:
         # Topics often share a definition, and to compile one takes 10 ms.
         alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = self._ways.get(alike) or [self._way(types, channel) for types in self._candidates(channel)]
+            found = self._ways.get(alike) or [self._way(types, channel) for types in self.candidates(channel)]
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
         if not found:
@@ -75,7 +75,7 @@ class Definitions:
         ways: what may be wanted of it. None where that definition has none of it, or none fits.
         """
         try:
-            for types in self._candidates(channel):
+            for types in self.candidates(channel):
                 flat = ((flat_fields(types, channel.type_name, wanted), in_columns) for wanted, in_columns in ways)
                 fields, in_columns = next((each for each in flat if each[0] is not None), (None, None))
                 if fields is None or in_columns is None:
@@ -114,7 +114,7 @@ class Definitions:
             self._stores.append(store)
         return store
 
-    def _candidates(self, channel: Channel) -> Iterator[Types]:
+    def candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
         if channel.schema.strip(b"\0 \n"):
             types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
