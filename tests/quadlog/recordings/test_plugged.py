@@ -90,7 +90,7 @@ def test_a_type_of_quadlogs_own_is_refused(install, log, taken):
     plug_in(install, taken)
     add_json(log, "/own", taken)
     with pytest.raises(QuadlogError, match=r"quadlog-beacons 1\.0"):
-        list(Recording(log.container).everything())
+        list(Recording(log.container).messages("/own"))
 
 
 @pytest.mark.parametrize(
