@@ -23,8 +23,9 @@ from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
+from quadlog.recordings.roles import Roles, detect_roles
 from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
+from quadlog.recordings.unread import hint, nearest_role, why_not_read
 from quadlog.results.find_runs import refuse_existing
 from quadlog.storage.atomic_write import write_whole
 
@@ -122,7 +123,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
         "end_ns": seen.end_ns,
         "losses": [asdict(loss) for loss in recording.losses],
         "warnings": [*recording.warnings, *_clock_warnings(seen, roles.played)],
-        "topics": [_topic_row(each, roles) for each in seen.topics],
+        "topics": [_topic_row(each, recording, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
@@ -188,13 +189,15 @@ def _back_warnings(seen: Survey, read: Collection[str]) -> list[str]:
     ]
 
 
-def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
+def _topic_row(topic: TopicSurvey, recording: Recording, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
+    channel = next(each for each in recording.channels_of(topic.name) if each.type_name == topic.type)
+    do = hint(channel) if role is None and topic.messages else ""
     if role is None and not why:
         why = why_not_read(topic.type) if nearest_role(topic.type) is None else NOT_NEEDED
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
-    return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}
+    return row | {"role": role, "why": why, "hint": do or None, "clock_offset_s": topic.clock_offset_s}
 
 
 ALWAYS = ("topics", "results")

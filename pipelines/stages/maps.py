@@ -23,7 +23,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.recordings.roles import PLANAR_SCANS
+from quadlog.recordings.kinds import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap

@@ -90,7 +90,7 @@ class CloudMover:
             tree = TransformTree()
             if odometry is not None:
                 poses = np.column_stack([odometry.position_m, odometry.quat_xyzw])
-                tree.add_moving("", *mount.moving, np.arange(len(odometry)), odometry.t_ns, poses)
+                tree.add("", *mount.moving, odometry.t_ns, poses)
         self._t_ns = np.unique(streams.clouds_ns)
         span_ns = tree.span_between_ns(*mount.moving)
         at_ns = self._t_ns if span_ns is None else np.clip(self._t_ns, *span_ns)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from quadlog.config.schema import Config
 from quadlog.errors import MAX_LISTED, MissingInput, QuadlogError, set_flag
-from quadlog.messages import UwbRanges
+from quadlog.messages import Batch, UwbRanges
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
-from quadlog.recordings.decoders.anchor_places import AnchorPlaces
+from quadlog.recordings.decoders.anchor_places import places_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
@@ -170,10 +172,10 @@ class Look:
     def _check_clocks(self) -> None:
         """Raises ClocksDiffer where the usual stamps of topics that are read together lie too far apart."""
         read = {each for of in self.topics_to_read().values() for each in ([of] if isinstance(of, str) else of or ())}
-        clock, log_ns = Clock(self.recording.path, self.recording.stamp), 1 << 62
+        clock, log_ns = Clock(self.recording.path, self.recording.stamp), np.array([1 << 62])
         for topic in sorted(read.intersection(self.roles.played).difference(self.unheard)):
             stamp_ns = log_ns + self.recording.usual_offset_ns(topic)
-            clock.time_ns(topic, stamp_ns if topic in self.recording.clock.usual_ns else None, log_ns)
+            clock.times_ns(topic, stamp_ns if topic in self.recording.clock.usual_ns else None, log_ns)
 
 
 SAMPLED_RANGES = 50
@@ -183,12 +185,8 @@ def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
     """Whether there are ranges, and anchors of the configuration or of the first messages, to locate anything by."""
     if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
         return ("uwb" in roles.found or "uwb" in roles.ambiguous) and wants_uwb(config)
-    places = AnchorPlaces()
-    for topic in roles.topics("uwb"):
-        for message in recording.sample(topic, SAMPLED_RANGES):
-            if isinstance(message, UwbRanges):
-                places.take(message)
-    return bool(places.found())
+    first = [each for topic in roles.topics("uwb") for each in recording.peek(topic, SAMPLED_RANGES)[0]]
+    return bool(places_of(each.rows for each in first if isinstance(each, Batch) and each.kind is UwbRanges))
 
 
 def wants_uwb(config: Config) -> bool:

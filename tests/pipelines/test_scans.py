@@ -26,7 +26,7 @@ def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, mo
     mount[2, 3] = MOUNT_M
     if moving is not None:
         values = np.concatenate([np.zeros((len(moving), 3)), moving], axis=1)
-        tree.add_moving("/tf", "map", "base_link", np.arange(len(moving)), at(len(moving)), values)
+        tree.add("/tf", "map", "base_link", at(len(moving)), values)
     of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
     poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
     streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))

@@ -29,8 +29,10 @@ from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
 from quadlog.recordings.containers.container import Loss
-from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
+from quadlog.recordings.kinds import kinds_of
+from quadlog.recordings.roles import position_topics
 from quadlog.recordings.streams import Streams
+from quadlog.recordings.topic_names import names_estimator, names_truth
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 

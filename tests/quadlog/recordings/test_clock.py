@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config.schema import Topics
+from quadlog.messages import Batch
 from quadlog.recordings.clock import kept_rows, repeated_rows
 from quadlog.recordings.clock_offsets import LATE_NS
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.gathering import Many
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import detect_roles
 
@@ -70,7 +70,7 @@ def test_kept_stamps_go_back_by_no_more_than_messages_may_overtake(tenths):
 @given(st.lists(st.integers(0, 10), max_size=20))
 def test_late_stamps_are_sorted_in_and_the_first_of_equal_ones_is_kept(tenths):
     t_ns = stamps(*(100 * each for each in tenths))
-    rows = kept_rows(t_ns)
+    rows = kept_rows(t_ns, repeated_rows(t_ns))
     assert rows.tolist() == [tenths.index(each) for each in sorted(set(tenths))]
 
 
@@ -175,10 +175,10 @@ def test_clocks_of_streams_that_are_compared(log, name):
     roles = detect_roles(recording, Topics())
     warnings = recording.warnings
     times: dict[Stream, list[int]] = {}
-    for each in recording.gathered(roles.played):
-        if isinstance(each, Many):
-            frames = (each.columns.frame_id, each.columns.child_frame_id)
-            times.setdefault(frames if each.topic == "/tf" else each.topic, []).extend(each.t_ns.tolist())
+    for each in recording.batches(roles.played):
+        if isinstance(each, Batch):
+            frames = (each.frame_id, each.child_frame_id)
+            times.setdefault(frames if each.topic == "/tf" else each.topic, []).extend(each.rows["t_ns"].tolist())
         else:
             times.setdefault(each.topic, []).append(each.t_ns)
     # One by one they have the same times.
