@@ -19,14 +19,13 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
-from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss
+from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
 from quadlog.recordings.roles import Roles, detect_roles
-from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
-from quadlog.recordings.unread import hint, nearest_role, why_not_read
-from quadlog.results.find_runs import refuse_existing
+from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
+from quadlog.recordings.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
 
 FAR_APART_S = FAR_APART_NS * 1e-9
@@ -73,7 +72,7 @@ def _look(
     unindexed = []
     if part is not None:
         try:
-            return part, survey(part, indexed_pulses(recording.container)), []
+            return part, survey(part, indexed_times(recording.container)), []
         except NothingReadable:
             unindexed = ["no message of the sample can be read; all of the recording was read"]
         except Damaged as damage:
@@ -82,7 +81,7 @@ def _look(
         return recording, survey(recording, watch=partial(_advance, recording, progress)), unindexed
 
 
-def _advance(recording: Recording, progress: Progress, messages: Iterator[Decoded]) -> Iterator[Decoded]:
+def _advance(recording: Recording, progress: Progress, messages: Iterator[RawMessage]) -> Iterator[RawMessage]:
     """The messages, with a step of progress for each hundredth of the recorded time."""
     start_ns, end_ns = recording.span_ns or (0, 0)
     step_ns = max((end_ns - start_ns) // STEPS, 1)
@@ -90,7 +89,7 @@ def _advance(recording: Recording, progress: Progress, messages: Iterator[Decode
     steps = 0
     for each in messages:
         yield each
-        while steps < min((each[0].log_time_ns - start_ns) // step_ns, STEPS):
+        while steps < min((each.log_time_ns - start_ns) // step_ns, STEPS):
             steps += 1
             progress.advance(steps * step_ns * 1e-9)
 
@@ -192,9 +191,10 @@ def _back_warnings(seen: Survey, read: Collection[str]) -> list[str]:
 def _topic_row(topic: TopicSurvey, recording: Recording, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
     channel = next(each for each in recording.channels_of(topic.name) if each.type_name == topic.type)
-    do = hint(channel) if role is None and topic.messages else ""
+    do = hint(channel, recording.mapped) if role is None and topic.messages else ""
     if role is None and not why:
-        why = why_not_read(topic.type) if nearest_role(topic.type) is None else NOT_NEEDED
+        row = unread(channel, recording.mapped)
+        why = NOT_NEEDED if row is None or row.role else row.words
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
     return row | {"role": role, "why": why, "hint": do or None, "clock_offset_s": topic.clock_offset_s}
@@ -247,6 +247,8 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
 
 def write_new(path: Path, text: str, *, force: bool) -> None:
     """Write a file whole. Raises AlreadyExists unless forced, CannotWrite."""
+    from quadlog.results.find_runs import refuse_existing  # has tables, which take a tenth of a second to load
+
     refuse_existing(path, force)
     write_whole(path, text.encode())
 

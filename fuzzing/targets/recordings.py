@@ -18,7 +18,7 @@ from quadlog.errors import ExitCode, NothingReadable
 from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.decoding import FOXGLOVE_JSON, FOXGLOVE_PROTOBUF, decoder_for
-from quadlog.recordings.survey import indexed_pulses
+from quadlog.recordings.survey import indexed_times
 
 READ = (ExitCode.DONE, ExitCode.WITH_LOSS, ExitCode.FAILED)
 _MOST_MESSAGES = 1_000_000
@@ -30,7 +30,7 @@ def containers(folder: Path, data: bytes) -> None:
     path.write_bytes(data)
     with open_container(path) as container:
         with suppress(Damaged):  # no usable index
-            indexed_pulses(container)
+            indexed_times(container)
         part = container.excerpt(Budget(places=2, stored_bytes=500, messages=8))
         with suppress(NothingReadable):  # elsewhere there may be more
             deque(() if part is None else islice(part.messages(), _MOST_MESSAGES), maxlen=0)

@@ -23,7 +23,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.recordings.kinds import PLANAR_SCANS
+from quadlog.recordings.types import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -125,7 +125,7 @@ def _filtered(
     if config.lidar.deskew:
         journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
     topic = str(data.log.lidar)
-    planar = PLANAR_SCANS.issuperset(data.log.recording.types_of(topic))
+    planar = PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)}
     tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})", planar=planar)
 
 

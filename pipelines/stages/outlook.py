@@ -60,7 +60,8 @@ class Look:
         elif not find_mount(self.recording, roles, self.config, lidar, odometry).known:
             missing.append("lidar.mount")
         until = "position" if lidar is None else "map" if target == "none" else "control"
-        by = {"tf": f"tf {where[1]} → {where[0]}" if where else "tf", "pose": " ".join(["pose", *roles.topics("pose")])}
+        by = {name: " ".join([name, *roles.topics(name)]) for name in ("pose", "gnss")}
+        by["tf"] = f"tf {where[1]} → {where[0]}" if where else "tf"
         return {"until": until, "position": by.get(source, source), "target": target, "missing": missing}
 
     def position(self) -> str:
@@ -73,9 +74,10 @@ class Look:
             "uwb": lambda: self.by_uwb and self._hears(*roles.topics("uwb")),
             "tf": lambda: roles.base_in_map(topics) is not None,
             "odometry": lambda: self._hears(*roles.topics("odometry")),
-            "pose": lambda: len(roles.topics("pose")) == 1 and self._hears(*roles.topics("pose")),
+            "pose": lambda: self._has_one("pose"),
             "legs": lambda: "joints" in roles.found and self._hears(*roles.topics("joints")),
             "lidar": lambda: "lidar" in roles.found,
+            "gnss": lambda: self._has_one("gnss"),
             "fixed": lambda: True,
         }
         if topics.position == "auto":
@@ -98,6 +100,7 @@ class Look:
             "uwb": lambda: ranges if anchors else "no [[uwb.anchors]] are configured",
             "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
             "pose": lambda: f"{len(roles.topics('pose')) or 'no'} topics could be the pose",
+            "gnss": lambda: f"{len(roles.topics('gnss')) or 'no'} topics have satellite fixes",
             "legs": lambda: failed.get(source, "no angles of twelve leg joints are known"),
             "lidar": lambda: failed.get(source, roles.why_none(source)),
             "odometry": lambda: roles.why_none(source),
@@ -154,9 +157,12 @@ class Look:
             "reference": unless_ambiguous(roles, "reference"),
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),
-            "estimates": roles.topics("pose"),
+            "estimates": roles.topics("pose") + roles.topics("gnss"),
             "lidar": unless_ambiguous(roles, "lidar"),
         }
+
+    def _has_one(self, role: str) -> bool:
+        return len(self.roles.topics(role)) == 1 and self._hears(*self.roles.topics(role))
 
     def _hears(self, *topics: str) -> bool:
         return not self.unheard.keys() >= {*topics}

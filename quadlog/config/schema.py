@@ -68,8 +68,8 @@ class Topics(Section):
     position: str = Field(
         "auto",
         description="robot position: uwb, tf, odometry, pose (the only pose topic without a name of truth), legs "
-        "(joints), lidar (matched scans), fixed, a pose topic or TUM file; auto: the first of these that the recording "
-        "has",
+        "(joints), lidar (matched scans), gnss (the only topic of satellite fixes), fixed, a pose topic or TUM file; "
+        "auto: the first of these that the recording has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')

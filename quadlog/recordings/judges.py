@@ -7,19 +7,21 @@ from collections.abc import Callable, Sequence
 from quadlog.errors import set_flag, some_of
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.clock_offsets import FAR_APART_NS
-from quadlog.recordings.decoders.pose import is_static
-from quadlog.recordings.decoders.pose_fields import PoseField
-from quadlog.recordings.decoding import last_part
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.formatting import several
-from quadlog.recordings.kinds import BODY_KINDS, RANGE_TYPE, kinds_of
 from quadlog.recordings.lidar_topics import judge_clouds
 from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.topic_names import is_measured, names_truth
+from quadlog.recordings.types import is_static, last_part
 
+RANGE_TYPE, FIX_TYPE = "sensor_msgs/msg/Range", "sensor_msgs/msg/NavSatFix"
+PLACES = {"geometry_msgs/msg/PointStamped", "geometry_msgs/msg/Pose2D"}
+"""Types of poses that are often not the robot's: clicks on a map, found things."""
 SAMPLED_JOINTS = 20
 """Drivers of arms and wheels may share the topic."""
-_TRUTH = 10
+_TRUTH, _SINGLE = 10, 6
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
     "lidar": ((PointCloud,), "a point cloud"),
@@ -34,10 +36,9 @@ KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
 """Role -> what the configuration can name for it, in words."""
 
 
-def fits(recording: Recording, role: str, type_name: str) -> bool:
-    """By its kinds, or by the pose that the recording's own definition shows in a type that nobody else decodes."""
-    found = isinstance(recording.found_poses.get(type_name), PoseField)
-    return not set(KINDS[role][0]).isdisjoint((Pose,) if found else kinds_of(type_name))
+def fits(recording: Recording, role: str, channel: Channel) -> bool:
+    """Whether the configuration may give a role to the topic of a channel, by what its messages become."""
+    return not set(KINDS[role][0]).isdisjoint(kinds_of(channel, recording.mapped))
 
 
 def judge_ranges(look: Look) -> list[Candidate]:
@@ -45,7 +46,8 @@ def judge_ranges(look: Look) -> list[Candidate]:
     types: dict[str, list[str]] = {}
     nameless = []
     for topic, name in look.of_kind(UwbRanges).items():
-        if name == RANGE_TYPE and look.recording.ends_of(topic) is None:
+        unnamed = name == RANGE_TYPE and topic not in look.recording.mapped
+        if unnamed and look.recording.ends_of(topic) is None:
             why = "is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
             nameless.append(Candidate((topic,), 0, why))
         else:
@@ -61,7 +63,7 @@ def judge_odometry(look: Look) -> list[Candidate]:
     candidates = []
     for topic, name in look.of_kind(Odometry).items():
         if not names_truth(topic) and is_measured(topic):
-            candidates.append(_by_type(topic, name))
+            candidates.append(_by_type(look, topic, name))
         elif not names_truth(topic):
             why = f"not used: not measured by its name; if it is, {set_flag('topics.odometry', [topic])}"
             candidates.append(Candidate((topic,), 0, why))
@@ -70,21 +72,22 @@ def judge_odometry(look: Look) -> list[Candidate]:
 
 def judge_imus(look: Look) -> list[Candidate]:
     """Every topic with an IMU."""
-    return [_by_type(topic, name) for topic, name in look.of_kind(Imu).items()]
+    return [_by_type(look, topic, name) for topic, name in look.of_kind(Imu).items()]
 
 
-def _by_type(topic: str, type_name: str) -> Candidate:
-    why = f"in {type_name}" if type_name in BODY_KINDS else f"the only {type_name}"
-    return Candidate((topic,), 1 + _rank_of(topic, type_name), why)
+def _by_type(look: Look, topic: str, type_name: str) -> Candidate:
+    rank = _rank_of(look, topic, type_name)
+    return Candidate((topic,), 1 + rank, f"the only {type_name}" if rank == _SINGLE else f"in {type_name}")
 
 
-def _rank_of(topic: str, type_name: str) -> int:
+def _rank_of(look: Look, topic: str, type_name: str) -> int:
     """How well a topic of several kinds serves; those for one thing serve best.
 
     A robot's own /lf/ topics repeat others at a lower rate.
     """
-    if type_name not in BODY_KINDS:
-        return 6
+    kinds = look.kinds(topic)
+    if len(kinds) == 1 and JointStates not in kinds:
+        return _SINGLE
     by_type = {"LowState": 5, "SportModeState": 3, "HighState": 1}.get(last_part(type_name), 5)
     return by_type - ("lf" in topic.split("/"))
 
@@ -94,15 +97,23 @@ def judge_joints(look: Look) -> list[Candidate]:
     return [_of_legs(look, topic, name) for topic, name in look.of_kind(JointStates).items()]
 
 
+def why_no_joints(recording: Recording, topic: str) -> str | None:
+    """Why a topic's first messages show no joints of four legs, None where they do."""
+    if any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
+        return None
+    refused = recording.why_unsampled(topic, SAMPLED_JOINTS) or recording.joints.refused.get(topic)
+    return refused or "holds no joints"
+
+
 def _of_legs(look: Look, topic: str, type_name: str) -> Candidate:
-    why = look.recording.why_unsampled(topic, SAMPLED_JOINTS)
-    if why is not None or not look.first(JointStates, [topic], SAMPLED_JOINTS)[topic]:
-        return Candidate((topic,), 0, why or "holds no joints")
+    why = why_no_joints(look.recording, topic)
+    if why is not None:
+        return Candidate((topic,), 0, why)
     used = look.recording.joints.used.get(topic)
     left_out = () if used is None else used.left_out
     others = f", others are left out: {some_of(left_out)}" if left_out else ""
     # Where both are recorded, a driver makes the JointState of the LowState, without the feet.
-    rank = 4 if last_part(type_name) == "JointState" else 1 + _rank_of(topic, type_name)
+    rank = 4 if last_part(type_name) == "JointState" else 1 + _rank_of(look, topic, type_name)
     return Candidate((topic,), rank, f"12 joints of four legs in {type_name}{others}")
 
 
@@ -127,7 +138,7 @@ def judge_references(look: Look) -> list[Candidate]:
     candidates = []
     for topic, name in names.items():
         words = look.found_words(name)
-        if not fits(look.recording, "reference", name):
+        if not {Pose, Odometry}.intersection(look.kinds(topic)):
             continue
         if names_truth(topic) or (words and names_truth(name)):
             rank, why = _TRUTH - bool(words), f"{words or name}, named as ground truth"
@@ -150,12 +161,31 @@ def _apart_s(look: Look, topic: str) -> float:
 
 def judge_estimates(look: Look) -> list[Candidate]:
     """All topics of poses that estimators may have made, together."""
-    poses = look.of_kind(Pose)
-    topics = [topic for topic in poses if is_measured(topic) and not names_truth(topic)]
-    why = f"one of {len(topics)} estimates of a pose; topics.position takes one as the robot's position"
+    poses = {t: name for t, name in _measured(look).items() if name != FIX_TYPE}
+    choose = "topics.position takes one as the robot's position"
+    places = [topic for topic, name in poses.items() if name in PLACES and topic not in look.recording.mapped]
+    flags = {topic: set_flag("topics.position", [topic]) for topic in places}
+    unsure = [Candidate((t,), 0, f"not used: if it is the robot's position, {flags[t]}") for t in places]
+    topics = tuple(topic for topic in poses if topic not in places)
+    why = f"one of {len(topics)} estimates of a pose; {choose}"
     if len(topics) == 1:
         why = f"the only {poses[topics[0]]} without a name of truth: an estimate"
-    return [Candidate(tuple(topics), 1, why)] if topics else []
+    return [*unsure, *([Candidate(topics, 1, why)] if topics else [])]
+
+
+def judge_fixes(look: Look) -> list[Candidate]:
+    """All topics of satellite fixes, together."""
+    topics = tuple(topic for topic, name in _measured(look).items() if name == FIX_TYPE)
+    why = "satellite fixes as local metres, the robot's position where nothing else gives one"
+    if len(topics) > 1:
+        why = f"one of {len(topics)} topics of satellite fixes; topics.position takes one as the robot's position"
+    return [Candidate(topics, 1, why)] if topics else []
+
+
+def _measured(look: Look) -> dict[str, str]:
+    """Topic -> type, of poses that are not found by definition, nor named as truth or as wanted."""
+    poses = look.of_kind(Pose).items()
+    return {t: n for t, n in poses if is_measured(t) and not names_truth(t) and not look.found_words(n)}
 
 
 JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
@@ -167,5 +197,6 @@ JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
     "tf": judge_transforms,
     "reference": judge_references,
     "pose": judge_estimates,
+    "gnss": judge_fixes,
 }
 """Role -> its candidates, in the order in which roles are settled."""

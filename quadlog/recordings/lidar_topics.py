@@ -11,9 +11,9 @@ import numpy as np
 
 from quadlog.errors import set_flag
 from quadlog.messages import Int, Odometry, PointCloud
-from quadlog.recordings.kinds import PLANAR_SCANS
 from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.types import PLANAR_SCANS
 
 SAMPLED_SCANS = 5
 LATE_SCANS = 100
@@ -54,7 +54,7 @@ def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:
     if not scans:
         why = look.recording.why_unsampled(topic, SAMPLED_SCANS) or "it holds no cloud"
         return Candidate((topic,), 0, f"cannot be decoded: {why}")
-    points, planar = max(_points(scans), key=len), PLANAR_SCANS.issuperset(look.recording.types_of(topic))
+    points, planar = max(_points(scans), key=len), look.usable[topic] in PLANAR_SCANS
     described = f"{len(points)} points per scan"
     if len(points) == 0:
         return Candidate((topic,), 0, "its first scans are empty")

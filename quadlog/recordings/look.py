@@ -10,13 +10,13 @@ from typing import TypeVar
 from quadlog.config.schema import Topics
 from quadlog.errors import some_of
 from quadlog.messages import Message, Odometry, PointCloud, Transforms
-from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
-from quadlog.recordings.kinds import kinds_of
+from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import look_at_frames
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.recordings.unread import refusal
+from quadlog.recordings.types import is_static
+from quadlog.recordings.unread import unread
 
 Kind = TypeVar("Kind")
 
@@ -71,9 +71,11 @@ class Look:
     def _why_unusable(self, topic: str, types: list[str]) -> str | None:
         if len(types) > 1:
             return f"carries several types ({some_of(types)})"
-        pose = self.recording.found_poses.get(types[0])
-        if why := refusal(types[0]) or (pose if isinstance(pose, str) else None):
-            return why
+        row = unread(self.recording.channels_of(topic)[0], self.recording.mapped)
+        if row is not None and row.role:
+            return row.words
+        if isinstance(pose := self.recording.found_poses.get(types[0]), str):
+            return pose
         if all(channel.count == 0 for channel in self.recording.channels_of(topic)):
             return "has no messages"
         return self.recording.why_undecodable(topic)
@@ -86,11 +88,16 @@ class Look:
     @cached_property
     def free(self) -> dict[str, str]:
         """Topic -> type, of usable topics that may play a role; one whose messages hold several kinds can have more."""
-        return {t: name for t, name in self.usable.items() if t not in self.chosen or len(kinds_of(name)) > 1}
+        return {t: name for t, name in self.usable.items() if t not in self.chosen or len(self.kinds(t)) > 1}
+
+    def kinds(self, topic: str) -> tuple[type[Message], ...]:
+        """What the messages of a topic become, the main kind first."""
+        channels, name = self.recording.channels_of(topic), self.recording.types_of(topic)[0]
+        return next(kinds_of(each, self.recording.mapped) for each in channels if each.type_name == name)
 
     def of_kind(self, kind: type[Message], *, taken: bool = False) -> dict[str, str]:
         """Topic -> type, of free topics whose messages hold a kind; taken: of all usable ones."""
-        return {t: name for t, name in (self.usable if taken else self.free).items() if kind in kinds_of(name)}
+        return {t: name for t, name in (self.usable if taken else self.free).items() if kind in self.kinds(t)}
 
     def first(self, kind: type[Kind], topics: Iterable[str], count: int = 1) -> dict[str, list[Kind]]:
         """What the first few messages of topics hold of a kind."""
@@ -138,7 +145,7 @@ class Look:
             return (tf,)
         trees = {space: look_at_frames(self.recording, own) for space, own in spaces.items()}
         seen = self.frames_of(Odometry) | self.frames_of(PointCloud)
-        others = {topic for topic, name in self.usable.items() if kinds_of(name)}.difference(tf)
+        others = self.usable.keys() - tf
         home = {t: max((space for space in spaces if t.startswith(f"{space}/")), key=len, default="") for t in others}
 
         def fit(space: str) -> tuple[int, int, int]:

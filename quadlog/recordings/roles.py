@@ -9,16 +9,17 @@ from functools import cached_property
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Pose
-from quadlog.recordings.decoders.pose import is_static
-from quadlog.recordings.judges import JUDGES, KINDS, SAMPLED_JOINTS, fits
+from quadlog.recordings.judges import JUDGES, KINDS, fits, why_no_joints
 from quadlog.recordings.look import Look, Role
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.recordings.topic_names import is_measured, is_target_name, names_truth
+from quadlog.recordings.types import is_static
 from quadlog.recordings.unread import nearest_role
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "fixed")  # auto: the first that is there
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "gnss", "fixed")
+"""Sources of the robot's position; auto: the first that is there."""
 NO_REFERENCE = "none"
 
 
@@ -118,15 +119,15 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     for role, names in _configured(recording, topics).items():
         fields = [look.found_words(name) for topic in names for name in recording.types_of(topic)]
         look.found[role] = Role(role, names, "; ".join(["chosen in the configuration", *filter(None, fields)]))
-        if role == "joints" and (why := recording.why_unsampled(names[0], SAMPLED_JOINTS)) is not None:
+        if role == "joints" and (why := why_no_joints(recording, names[0])) is not None:
             raise UnknownTopic(role, names[0], _fitting(recording, role, names[0]), f"cannot be used: it {why}")
     for role, judge in JUDGES.items():
         if role not in look.found and (role, topics.reference) != ("reference", NO_REFERENCE):
             look.settle(role, judge(look))
-    near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each.type_name))}
+    near = {each.topic: fit for each in recording.channels if (fit := nearest_role(each, recording.mapped))}
     near |= {each.topic: "reference" for each in recording.channels if each.type_name in recording.found_poses}
     unused = {topic: why for topic, why in look.unused.items() if topic in near}
-    targets = tuple(topic for topic in look.of_kind(Pose) if is_target_name(topic))
+    targets = tuple(t for t, n in look.of_kind(Pose).items() if is_target_name(t) and not look.found_words(n))
     roles = Roles(look.found, look.ambiguous, unused, near, targets, look.frames, look.transforms[1:])
     _compare_clocks(recording, roles, topics)
     return roles
@@ -136,8 +137,8 @@ def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
     """Compare the clocks of what is used together: of tf the transform that moves base, of poses a lone one."""
     placed, tf = roles.base_in_map(topics), roles.found["tf"].topics if "tf" in roles.found else ()
     moving = [] if placed is None else [edge for edge in roles.frames.moving(*placed) if not edge.is_still]
-    lone = topics.position == "pose" or not {"uwb", "tf", "odometry"} & roles.found.keys()
-    names = {"reference"} if lone else {"reference", "pose"}
+    lone = topics.position in ("pose", "gnss") or not {"uwb", "tf", "odometry"} & roles.found.keys()
+    names = {"reference"} if lone else {"reference", "pose", "gnss"}
     reported = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
     compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - reported
     recording.compare_clocks(roles.played, tf, compared, reported)
@@ -146,7 +147,7 @@ def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
 def position_topics(recording: Recording) -> list[str]:
     """The topics that topics.position could name, without those that by their names are not the robot's poses."""
     sent = [each for each in recording.channels if each.count != 0 and is_measured(each.topic)]
-    return sorted({each.topic for each in sent if fits(recording, "position", each.type_name)})
+    return sorted({each.topic for each in sent if fits(recording, "position", each)})
 
 
 def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
@@ -174,11 +175,11 @@ def _check_configured(recording: Recording, role: str, topic: str) -> None:
         raise UnknownTopic(role, topic, choices or sorted({channel.topic for channel in recording.channels}))
     if len(types) > 1:
         raise UnknownTopic(role, topic, choices, f"carries several types ({some_of(types)})")
-    if not fits(recording, role, types[0]):
+    if not any(fits(recording, role, channel) for channel in recording.channels_of(topic)):
         raise UnknownTopic(role, topic, choices, f"is {types[0]}, not {KINDS[role][1]}")
 
 
 def _fitting(recording: Recording, role: str, topic: str) -> list[str]:
     """The other topics whose type fits a role."""
-    topics = (channel.topic for channel in recording.channels if fits(recording, role, channel.type_name))
+    topics = (channel.topic for channel in recording.channels if fits(recording, role, channel))
     return [each for each in dict.fromkeys(topics) if each != topic]

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.pose_fields import HEADER, PoseField
+from quadlog.recordings.decoders.pose_fields import HEADER
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
-from quadlog.recordings.decoding import REFUSED, found_pose, last_part, plugged_decoder
-from quadlog.recordings.kinds import RANGE_TYPE, kinds_of
+from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.topic_names import name_words
+from quadlog.recordings.types import REFUSED, Type, last_part
 
 NEAREST_ROLE: dict[type[Message], str] = {
     PointCloud: "lidar",
@@ -39,6 +39,11 @@ class Unread(NamedTuple):
     role: str
     why: str
     do: str = ""
+
+    @property
+    def words(self) -> str:
+        """Why a topic that looks fit for a role is not."""
+        return "; ".join(filter(None, [self.why, self.do])) if self.role else f"not used: {self.why}"
 
 
 def _packets(packages: str, driver: str) -> Unread:
@@ -70,43 +75,31 @@ TABLE = (
 PLUGIN = "a plug-in reads types of your own: see howto/plugins in the documentation"
 
 
-def _row(type_name: str) -> Unread | None:
-    name = f"{type_name.partition('/')[0]}/{last_part(type_name)}"
-    return next((row for row in TABLE if re.search(row.pattern, name)), None)
-
-
-def refusal(type_name: str) -> str | None:
-    """Why a type that looks like a sensor's cannot be used, or None."""
-    if plugged_decoder(type_name) is not None:
+def unread(channel: Channel, mapped: Mapping[str, Type] = {}) -> Unread | None:
+    """The row of a channel whose messages are not read, None where they are. mapped: as for kinds_of."""
+    if kinds_of(channel, mapped):
         return None
-    row = None if kinds_of(type_name) else _row(type_name)
-    why = "" if row is None or not row.role else f"{row.why.format(type=type_name)}; {row.do}"
-    return REFUSED.get(last_part(type_name), why) or None
+    last = last_part(channel.type_name)
+    name = f"{channel.type_name.partition('/')[0]}/{last}"
+    rows = [Unread("", "uwb", REFUSED[last])] if last in REFUSED else TABLE
+    why = f"quadlog has no decoder for {last or 'messages without a type'}"
+    row = next((row for row in rows if re.search(row.pattern, name)), Unread("", "", why, PLUGIN))
+    return row._replace(why=row.why.format(type=channel.type_name))
 
 
-def nearest_role(type_name: str) -> str | None:
-    """The role that topics of a type look fit for, usable or not."""
-    if kinds := kinds_of(type_name):
-        return NEAREST_ROLE[kinds[0]]
-    row = _row(type_name)
-    return "uwb" if last_part(type_name) in REFUSED else None if row is None else row.role or None
+def nearest_role(channel: Channel, mapped: Mapping[str, Type] = {}) -> str | None:
+    """The role that a topic looks fit for, usable or not."""
+    row = unread(channel, mapped)
+    return NEAREST_ROLE[kinds_of(channel, mapped)[0]] if row is None else row.role or None
 
 
-def why_not_read(type_name: str) -> str:
-    """Why topics of a type that has no decoder play no role."""
-    row = _row(type_name)
-    why = f"quadlog has no decoder for {last_part(type_name) or 'messages without a type'}"
-    return f"not used: {why if row is None else row.why}"
-
-
-def hint(channel: Channel) -> str:
+def hint(channel: Channel, mapped: Mapping[str, Type] = {}) -> str:
     """What makes a topic without a role usable: keys of quadlog.toml, a driver, a plug-in; empty where nothing does."""
-    if channel.type_name == RANGE_TYPE:
+    if channel.type_name == "sensor_msgs/msg/Range" and channel.topic not in mapped:
         return _table("uwb.range_topics", channel, tag="0", anchor="1")
-    if kinds_of(channel.type_name) or isinstance(found_pose(channel), PoseField):
-        return ""
-    if (row := _row(channel.type_name)) is not None:
-        return row.do
+    row = unread(channel, mapped)
+    if row is None or row.do is not PLUGIN:
+        return "" if row is None else row.do
     if channel.message_encoding not in ("ros1", "cdr") or standard_types(channel.message_encoding, channel.type_name):
         return ""
     paths = dict(_numbers(channel))
@@ -147,18 +140,16 @@ AXIS = re.compile(r"(?:^|[._])([pqr]?)([xyzw])(?:$|[._])")
 
 
 def _pose(channel: Channel, paths: dict[str, str]) -> str:
-    """The keys for a message with two to seven numbers of a pose, by the names of its fields."""
+    """The keys for a message with a position, or a position and a quaternion, by the names of its fields."""
     place, turn = dict[str, str](), dict[str, str]()
     for path in (path for path in paths if "[]" not in path and not _words(path) & NO_PLACE):
         axis = AXIS.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", path).lower())
         if axis is not None:
             turned = axis[1] in ("q", "r") or axis[2] == "w" or _words(path) & TURN_WORDS
             (turn if turned else place).setdefault(axis[2], path)
-    yaw = [path for path in paths if _words(path) & {"yaw", "theta", "heading"} and "[]" not in path]
-    if not {"x", "y"} <= place.keys():
+    if len(place) < 3:
         return ""
-    turns = [turn[axis] for axis in "xyzw"] if len(turn) == 4 else yaw[:1]
-    fields = [*(place[axis] for axis in "xyz" if axis in place), *turns]
+    fields = [place[axis] for axis in "xyz"] + ([turn[axis] for axis in "xyzw"] if len(turn) == 4 else [])
     return _table("topics.poses", channel, fields=json.dumps(fields), unit=json.dumps(_unit(fields[0])))
 
 

@@ -19,7 +19,7 @@ from mcap.writer import IndexType
 from quadlog.errors import QuadlogError
 from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.survey import Pulse, indexed_pulses, survey
+from quadlog.recordings.survey import Pulse, indexed_times, survey
 from quadlog.storage.byte_ranges import LocalBytes
 from tests.lab import recordings
 
@@ -72,7 +72,7 @@ def seen_of(path: Path, budget: Budget | None) -> tuple[list[Any], list[str]]:
     """What every message's log time tells, and the warnings: read whole, or from the index beside an excerpt."""
     with open_recording(path) as recording:
         part = recording if budget is None else recording.excerpt(budget) or recording
-        pulses = None if budget is None else indexed_pulses(recording.container)
+        pulses = None if budget is None else indexed_times(recording.container)
         seen = survey(part, pulses)
         topics = [replace(each, clock_offset_s=None, clock_jump_s=None, clock_back_ns=0) for each in seen.topics]
         topics = [replace(each, clock_back_to_ns=0) for each in topics]
@@ -123,7 +123,7 @@ def test_no_more_is_read_than_the_index_and_the_excerpt(
 
     monkeypatch.setattr(LocalBytes, "read", count)
     with open_recording(path) as recording:
-        pulses = indexed_pulses(recording.container)
+        pulses = indexed_times(recording.container)
         index_bytes = read_bytes
         part = recording.excerpt(Budget(8, size // 10, 100))
         assert part is not None
@@ -137,7 +137,7 @@ def test_no_more_is_read_than_the_index_and_the_excerpt(
 def test_an_index_that_contradicts_the_file_is_damaged(tmp_path: Path) -> None:
     path = recordings.mcap(tmp_path / "walk.mcap", recordings.some(80), index_types=IndexType.ALL & ~IndexType.MESSAGE)
     with open_recording(path) as recording, pytest.raises(Damaged, match="list 0 of 80 messages"):
-        indexed_pulses(recording.container)
+        indexed_times(recording.container)
 
 
 @pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")

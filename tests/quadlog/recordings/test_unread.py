@@ -6,13 +6,16 @@ import tomllib
 
 import pytest
 
+from quadlog.config.schema import Config
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.unread import PLUGIN, hint, nearest_role, refusal
+from quadlog.recordings.unread import PLUGIN, hint, nearest_role, unread
 
 VICON = "float32 x_trans\nfloat32 y_trans\nfloat32 z_trans\nfloat32 x_rot\nfloat32 y_rot\nfloat32 z_rot\nfloat32 w\n"
 NODES = "uint8 id\nNode[] nodes\n=====\nMSG: lab/Node\nuint8 id\nfloat32 dis\nfloat32[3] pos\n"
 PLACE = "geometry_msgs/Point place\nfloat64 yaw_deg\n=====\nMSG: geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z\n"
-IDL = "module lab { module msg { struct A { double posX, posY; double qx; double qy; double qz; double qw; }; }; };"
+IDL = (
+    "module lab { module msg { struct A { double posX, posY, posZ; double qx; double qy; double qz; double qw; }; }; };"
+)
 VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
 
 
@@ -20,9 +23,10 @@ VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
     ("text", "keys"),
     [
         (f"string name\n{VICON}", {"fields": VICON_FIELDS, "unit": "m"}),
-        ("float64 x_mm\nfloat64 y_mm\nfloat64 vx\nfloat64 vy\n", {"fields": ["x_mm", "y_mm"], "unit": "mm"}),
-        (PLACE, {"fields": ["place.x", "place.y", "place.z", "yaw_deg"], "unit": "m"}),
-        (IDL, {"fields": ["posX", "posY", "qx", "qy", "qz", "qw"], "unit": "m"}),
+        ("float64 x_mm\nfloat64 y_mm\nfloat64 z_mm\nfloat64 vx\n", {"fields": ["x_mm", "y_mm", "z_mm"], "unit": "mm"}),
+        (PLACE, {"fields": ["place.x", "place.y", "place.z"], "unit": "m"}),
+        (IDL, {"fields": ["posX", "posY", "posZ", "qx", "qy", "qz", "qw"], "unit": "m"}),
+        ("float32 x\nfloat32 y\nfloat32 theta\n", {}),
         (NODES, {"tag": "id", "anchor": "nodes[].id", "field": "nodes[].dis", "unit": "m"}),
         ("uint16 anchor\nuint32 range_mm\n", {"tag": 0, "anchor": "anchor", "field": "range_mm", "unit": "mm"}),
         ("uint16 initiator\nuint16 responder\nfloat64 distance\n", {"tag": "initiator", "anchor": "responder"}),
@@ -42,6 +46,7 @@ def test_keys_for_messages_with_a_pose_or_ranges_by_the_names_of_their_fields(te
     ((name, (row,)),) = inner.items()
     assert (section, name) == (("topics", "poses") if "fields" in keys else ("uwb", "range_topics"))
     assert row | keys == row
+    Config.model_validate(tomllib.loads(said))
     assert row["topic"] == "/lab/a"
 
 
@@ -59,6 +64,7 @@ def test_keys_for_messages_with_a_pose_or_ranges_by_the_names_of_their_fields(te
     ],
 )
 def test_drivers_for_raw_data_and_nothing_for_what_no_replay_needs(type_name, role, words):
-    said = hint(Channel("/a", type_name, "cdr", "", b""))
-    assert (bool(said), words in said, nearest_role(type_name)) == (bool(words), True, role)
-    assert said in (refusal(type_name) or said)
+    channel = Channel("/a", type_name, "cdr", "", b"")
+    said, row = hint(channel), unread(channel)
+    assert (bool(said), words in said, nearest_role(channel)) == (bool(words), True, role)
+    assert row is None or not row.role or said in row.words
