@@ -13,10 +13,10 @@ from numpy.typing import DTypeLike
 
 from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
+from quadlog.geometry import FARTHEST_M
 from quadlog.messages import (
     NO_ID,
     ROWS,
-    UNPLACED,
     Batch,
     Float,
     Imu,
@@ -29,44 +29,17 @@ from quadlog.messages import (
     UwbRanges,
 )
 from quadlog.recordings.containers.container import MAX_TIME_NS
-from quadlog.recordings.decoders.pose import normalised, within_reach
-from quadlog.recordings.decoders.rows import Part
+from quadlog.recordings.decoders.rows import Part, part, unit_rows
 from quadlog.recordings.types import is_static
 
 Interpret = Callable[[Any, str], tuple[Message, ...]]
 
-# Field -> what it holds and its shape; letters stand for a length that is the same in all fields.
-_ARRAYS: dict[type, dict[str, tuple[DTypeLike, tuple[int | str, ...]]]] = {
-    PointCloud: {"xyz_m": (np.float32, ("n", 3)), "ring": (np.uint16, ("n",)), "offset_ns": (np.int64, ("n",))},
-    UwbRanges: {
-        "anchor": (np.int64, ("k",)),
-        "range_m": (np.float64, ("k",)),
-        "first_path_gap_db": (np.float64, ("k",)),
-        "anchor_position_m": (np.float64, ("k", 3)),
-    },
-    Pose: {"position_m": (np.float64, (3,)), "quat_xyzw": (np.float64, (4,))},
-    Odometry: {
-        "position_m": (np.float64, (3,)),
-        "quat_xyzw": (np.float64, (4,)),
-        "linear_mps": (np.float64, (3,)),
-        "angular_radps": (np.float64, (3,)),
-    },
-    Imu: {"quat_xyzw": (np.float64, (4,)), "angular_radps": (np.float64, (3,)), "linear_mps2": (np.float64, (3,))},
-    Transforms: {},
-    JointStates: {
-        "position_rad": (np.float64, (12,)),
-        "velocity_radps": (np.float64, (12,)),
-        "torque_nm": (np.float64, (12,)),
-        "foot_force_n": (np.float64, (4,)),
-    },
+_CLOUD: dict[str, tuple[DTypeLike, tuple[int, ...]]] = {
+    "xyz_m": (np.float32, (3,)),
+    "ring": (np.uint16, ()),
+    "offset_ns": (np.int64, ()),
 }
-_MAY_BE_NONE = {
-    (PointCloud, "ring"),
-    (PointCloud, "offset_ns"),
-    (UwbRanges, "first_path_gap_db"),
-    (UwbRanges, "anchor_position_m"),
-    (Imu, "quat_xyzw"),
-}
+_MAY_BE_NONE = {"ring", "offset_ns", "first_path_gap_db", "anchor_position_m"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +60,8 @@ def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
     """What an entry point names, as the decoder it has to be. Raises QuadlogError, which says what is wrong."""
     if not isinstance(found, MessageDecoder):
         raise plugin.unusable(f"is no MessageDecoder but {type(found).__name__}")
-    if found.gives not in _ARRAYS:
-        known = ", ".join(each.__name__ for each in _ARRAYS)
+    if found.gives not in (PointCloud, *ROWS):
+        known = ", ".join(each.__name__ for each in (PointCloud, *ROWS))
         raise plugin.unusable(f"gives {getattr(found.gives, '__name__', found.gives)}, which is not one of {known}")
     return found
 
@@ -129,66 +102,77 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
 
     Raises DecodeError, ValueError.
     """
-    lengths: dict[str, int] = {}
-    arrays = {}
-    for name, (kind, shape) in _ARRAYS[gives].items():
+    several, wanted = gives in (PointCloud, UwbRanges), dict(_CLOUD if gives is PointCloud else {})
+    for name in () if gives in (PointCloud, Transforms) else _fields_of(gives):
+        dtype = ROWS[gives][name]
+        if name not in ("tag", "tick"):  # numbers of joints as they come; their rows have half of the bits
+            wanted[name] = np.float64 if dtype.base.kind == "f" else dtype.base, dtype.shape
+    lengths, arrays = set(), {}
+    for name, (kind, shape) in wanted.items():
         value = getattr(message, name)
-        if value is None and (gives, name) in _MAY_BE_NONE:
+        if value is None and (name in _MAY_BE_NONE or (gives, name) == (Imu, "quat_xyzw")):
             continue
         array = np.asarray(value, dtype=kind)
-        length = len(array) if array.ndim else 0
-        wanted = tuple(lengths.setdefault(each, length) if isinstance(each, str) else each for each in shape)
-        if array.shape != wanted:
-            raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {wanted}")
-        if name == "position_m":
-            x, y, z = array.tolist()
-            within_reach(x, y, z, topic)
-        arrays[name] = normalised(array.tolist(), topic) if name == "quat_xyzw" else array
+        if array.ndim != len(shape) + several or array.shape[several:] != shape:
+            raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {('N',) * several + shape}")
+        lengths |= {len(array)} if several else set()
+        if name == "position_m" and not (np.abs(array) <= FARTHEST_M).all():
+            raise DecodeError(topic, f"its position is not finite, or beyond {FARTHEST_M:.0e} m")
+        if name == "quat_xyzw":
+            unit, finite = unit_rows(array[None])
+            if not finite.all():
+                raise DecodeError(topic, "its quaternion is not finite")
+            array = unit[0]
+        arrays[name] = array
+    if len(lengths) > 1:
+        raise DecodeError(topic, f"its plug-in gave arrays of lengths {sorted(lengths)}")
     return arrays
+
+
+def _fields_of(kind: type[Message]) -> tuple[str, ...]:
+    """Fields of a kind's rows that its messages have too."""
+    return (ROWS[kind].names or ())[2:]
 
 
 def parts_of(message: Message) -> Iterator[Part]:
     """A message as rows; of transforms a part for each."""
     if isinstance(message, Transforms):
         for index, each in enumerate(message.transforms):
-            (part,) = parts_of(each)
-            rows = np.zeros(1, ROWS[Transforms])
-            for name in ("position_m", "quat_xyzw"):
-                rows[name] = part.rows[name]
-            rows["index"] = index
-            yield part._replace(kind=Transforms, rows=rows)
-        return
-    dtype, n, of = ROWS[type(message)], 1, None
-    if isinstance(message, UwbRanges):
-        dtype = UNPLACED if message.anchor_position_m is None else dtype
+            values = {"position_m": each.position_m, "quat_xyzw": each.quat_xyzw, "index": index}
+            yield _of_one(part(Transforms, 1, **values), each)
+    elif isinstance(message, UwbRanges):
         # One that was not measured is left out of the arrays.
-        n = len(message.anchor) or bool(message.unmeasured)
-        of = np.zeros(n, np.int64)
-    rows = np.full(n, NO_ID, dtype)
-    for name in rows.dtype.names[2:] if n else ():
-        value = getattr(message, name)
-        if value is None or np.size(value):
-            rows[name] = (NO_ID if name == "tag" else np.nan) if value is None else value
-    stamps = None if message.stamp_ns is None else np.array([message.stamp_ns])
+        n, why = len(message.anchor) or bool(message.unmeasured), message.unmeasured
+        values = {name: getattr(message, name) for name in _fields_of(UwbRanges)}
+        values["tag"] = NO_ID if message.tag is None else message.tag
+        given = {name: each for name, each in values.items() if each is not None and (name == "tag" or len(each))}
+        made = part(UwbRanges, n, of=np.zeros(n, np.int64), unmeasured=why, **{"first_path_gap_db": np.nan} | given)
+        yield _of_one(made, message)
+    else:
+        values = {name: np.nan if (v := getattr(message, name)) is None else v for name in _fields_of(type(message))}
+        yield _of_one(part(type(message), 1, **values), message)
+
+
+def _of_one(made: Part, message: Any) -> Part:
     frames = getattr(message, "frame_id", ""), getattr(message, "child_frame_id", "")
-    yield Part(type(message), rows, of, stamps, frames, getattr(message, "unmeasured", ""))
+    return made._replace(stamp_ns=None if message.stamp_ns is None else np.array([message.stamp_ns]), frames=frames)
 
 
 def messages_of(batches: Iterable[Batch]) -> Iterator[tuple[int, int, str, Message]]:
     """Order, time, topic and message for each message of complete batches, by order."""
-    found: dict[tuple[int, str], list[tuple[int, Message]]] = {}
-    topics = {}
+    found: dict[tuple[int, int], list[tuple[int, str, Any]]] = {}
+    kinds = list(ROWS)
     for batch in batches:
         for at, message in _unpacked(batch):
-            order = int(batch.rows["order"][at])
-            topics[order] = batch.topic
-            found.setdefault((order, batch.kind.__name__), []).append((int(batch.rows["t_ns"][at]), message))
-    for (order, kind), several in sorted(found.items(), key=lambda each: each[0][0]):
-        if kind == Transforms.__name__:
-            poses = tuple(message for _, message in several)
-            several = [(several[0][0], Transforms(poses[0].stamp_ns, poses, is_static(topics[order])))]
-        for t_ns, message in several:
-            yield order, t_ns, topics[order], message
+            row = batch.rows[at]
+            key = int(row["order"]), kinds.index(batch.kind)
+            found.setdefault(key, []).append((int(row["t_ns"]), batch.topic, message))
+    for (order, kind), several in sorted(found.items()):
+        if kinds[kind] is Transforms:
+            t_ns, topic, first = several[0]
+            poses = tuple(pose for _, _, pose in several)
+            several = [(t_ns, topic, Transforms(first.stamp_ns, poses, is_static(topic)))]
+        yield from ((order, *each) for each in several)
 
 
 def _unpacked(batch: Batch) -> Iterator[tuple[int, Message]]:
@@ -199,22 +183,19 @@ def _unpacked(batch: Batch) -> Iterator[tuple[int, Message]]:
         ids = np.column_stack([rows["order"], rows["tag"]])
         starts = np.flatnonzero(np.diff(ids, axis=0, prepend=ids[:1] - 1).any(axis=1)).tolist()
         for at, end in pairwise([*starts, len(rows)]):
-            some = rows[at:end]
-            tag, some = int(some["tag"][0]), some[:0] if batch.unmeasured else some
-            gap_db = None if np.isnan(some["first_path_gap_db"]).all() else some["first_path_gap_db"].copy()
-            places = some["anchor_position_m"].copy() if "anchor_position_m" in rows.dtype.names else None
-            columns = some["anchor"].copy(), some["range_m"].copy(), gap_db, places
-            yield at, UwbRanges(stamps[at], None if tag == NO_ID else tag, *columns, batch.unmeasured)
+            tag, some = int(rows["tag"][at]), rows[at:at] if batch.unmeasured else rows[at:end]
+            values = {name: some[name].copy() for name in rows.dtype.names[3:]}
+            if np.isnan(values["first_path_gap_db"]).all():
+                values["first_path_gap_db"] = None
+            tag = None if tag == NO_ID else tag
+            yield at, UwbRanges(stamps[at], tag, **values, unmeasured=batch.unmeasured)
         return
     for at, (row, stamp) in enumerate(zip(rows, stamps, strict=True)):
-        values = {name: row[name].astype(np.float64) for name in rows.dtype.names[2:]}
+        values = {name: row[name].astype(np.float64) for name in rows.dtype.names[2:] if name != "index"}
         if kind is Imu:
-            if np.isnan(values["quat_xyzw"]).any():
-                values["quat_xyzw"] = None
-            yield at, Imu(stamp, batch.frame_id, **values)
+            turn = values.pop("quat_xyzw")
+            yield at, Imu(stamp, frames[0], None if np.isnan(turn).any() else turn, **values)
         elif kind is JointStates:
             yield at, JointStates(stamp, **values | {"tick": float(values["tick"])})
-        elif kind is Odometry:
-            yield at, Odometry(stamp, *frames, **values)
         else:
-            yield at, Pose(stamp, *frames, values["position_m"], values["quat_xyzw"])
+            yield at, (Odometry if kind is Odometry else Pose)(stamp, *frames, **values)

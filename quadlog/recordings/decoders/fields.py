@@ -26,8 +26,8 @@ DTYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") f
 ARRAYS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
 CDR_ORDER, CDR_SLACK = {b"\0\0": ">", b"\0\1": "<"}, 3  # writers may fill a payload up to four bytes
 KEPT_LAYOUTS, LARGEST_BYTES = 16, 1 << 20
-MOST_DEFINED, MOST_SENT = 10_000, 1 << 16
-"""Fields of a definition laid out flat, and of a payload: types within types, and arrays, multiply them."""
+MOST_SENT = 1 << 16
+"""Fields of a payload, each number in an array apart."""
 
 
 class Misfit(ValueError):
@@ -141,16 +141,11 @@ class Step(NamedTuple):
 
 def flat_steps(types: Types, type_name: str, leaves: Collection[str]) -> tuple[Step, ...]:
     """All fields of a checked type and of the types within it. Raises Misfit for kinds of fields that are not read."""
-    room = MOST_DEFINED
     wanted = {leaf[: i + 1] for leaf in leaves for i, sign in enumerate(leaf) if sign == "]"} | {*leaves}
 
     def of(name: str, prefix: str) -> Iterator[Step]:
-        nonlocal room
         for field_name, (kind, detail) in types[name][1]:
             path, count = prefix + field_name, None
-            room -= 1
-            if room < 0:
-                raise Misfit(f"its definition has more than {MOST_DEFINED} fields")
             if kind in ARRAYS:
                 path, count = f"{path}[]", detail[1] if kind == Nodetype.ARRAY else -1
                 kind, detail = detail[0]
@@ -158,7 +153,7 @@ def flat_steps(types: Types, type_name: str, leaves: Collection[str]) -> tuple[S
                 yield from of(detail, f"{path}.")
                 continue
             inner = tuple(of(detail, f"{path}.")) if kind == Nodetype.NAME else ()
-            dtype = "" if inner else "s" if detail[0] == "string" else DTYPES.get(detail[0])
+            dtype = "" if kind == Nodetype.NAME else "s" if detail[0] == "string" else DTYPES.get(detail[0])
             if dtype is None:
                 raise Misfit(f"its field {path} is a {detail[0]}")
             yield Step(dtype, count, path if path in wanted else "", inner)
@@ -168,17 +163,20 @@ def flat_steps(types: Types, type_name: str, leaves: Collection[str]) -> tuple[S
 
 @dataclass
 class Walk:
-    """A walk along one payload: what must be the same in others (fixed), and where the wanted fields are."""
+    """A walk along one payload. Its steps raise Misfit where the payload ends before, or has more than `left` fields.
+
+    fixed: what must be the same in payloads like it; texts, numbers, lengths: what was met where something is wanted.
+    """
 
     payload: bytes
     cdr: bool
+    left: int = MOST_SENT
     at: int = 0
     order: str = "<"
     fixed: list[tuple[int, bytes]] = field(default_factory=list)
     texts: dict[str, list[str]] = field(default_factory=dict)
     numbers: dict[str, list[tuple[int, str, int]]] = field(default_factory=dict)
     lengths: dict[str, list[int]] = field(default_factory=dict)
-    left: int = MOST_SENT
 
     def __post_init__(self) -> None:
         if self.cdr:
@@ -189,52 +187,63 @@ class Walk:
             self.fixed.append((0, mark))
 
     def along(self, steps: Sequence[Step]) -> None:
-        """Over the fields. Raises Misfit where the payload ends before them, or has too many."""
-        self.left -= len(steps)
-        if self.left < 0:
-            raise Misfit(f"it has more than {MOST_SENT} fields")
+        """Over the fields of a message."""
+        self.spend(len(steps))
         for dtype, given, path, inner in steps:
             count = 1 if given is None else self.length() if given < 0 else given
-            if dtype in ("", "s") and count > self.left:
-                raise Misfit(f"it has an array of {count} {'texts' if dtype else 'messages'}")
             if path and given is not None:
                 self.lengths.setdefault(path, []).append(count)
-            if dtype == "":
+            if dtype in ("", "s"):
+                self.spend(count)
                 for _ in range(count):
-                    self.along(inner)
-            elif dtype == "s":
-                texts = [self.text(bool(path)) for _ in range(count)]
-                if path:
-                    self.texts.setdefault(path, []).extend(texts)
+                    if inner:
+                        self.along(inner)
+                    elif dtype and path:
+                        self.texts.setdefault(path, []).append(self.text(wanted=True))
+                    elif dtype:
+                        self.text()
             else:
-                size = int(dtype[1])
-                if count:  # an empty sequence is not aligned
-                    self.align(size)
+                begin = self.over_numbers(dtype, count)
                 if path:
-                    self.numbers.setdefault(path, []).append((self.at, self.order + dtype, count))
-                self.skip(count * size)
+                    self.numbers.setdefault(path, []).append((begin, self.order + dtype, count))
 
-    def text(self, wanted: bool) -> str:
-        raw = self.skip(self.length())
+    def end(self) -> None:
+        """Raise Misfit unless the payload ends here."""
+        left = len(self.payload) - self.at
+        if left > (CDR_SLACK if self.cdr else 0):
+            raise Misfit(f"{left} bytes are left over")
+
+    def spend(self, fields: int) -> None:
+        self.left -= fields
+        if self.left < 0:
+            raise Misfit("it has more fields than such a message")
+
+    def text(self, *, wanted: bool = False) -> str:
+        size = self.length()
+        begin, raw = self.at, self.skip(size)
         if self.cdr and raw[-1:] != b"\0":
             raise Misfit("a string does not end with its zero byte")
+        if wanted:
+            self.fixed.append((begin, raw))
         try:
-            text = (raw[:-1] if self.cdr else raw).decode()
+            return (raw[:-1] if self.cdr else raw).decode()
         except UnicodeDecodeError:
             raise Misfit("a string is not UTF-8") from None
-        if wanted:
-            self.fixed.append((self.at - len(raw), raw))
-        return text
 
     def length(self) -> int:
-        self.align(4)
-        begin, raw = self.at, self.skip(4)
+        begin = self.over_numbers("u4", 1)
+        raw = self.payload[begin : self.at]
         self.fixed.append((begin, raw))
         return int.from_bytes(raw, "little" if self.order == "<" else "big")
 
-    def align(self, size: int) -> None:
-        if self.cdr:  # counts from behind its first four bytes
+    def over_numbers(self, dtype: str, count: int) -> int:
+        """Where numbers begin, having stepped over them."""
+        size = int(dtype[1])
+        if self.cdr and count:  # counts from behind its first four bytes; an empty sequence is not aligned
             self.skip((4 - self.at) % size)
+        begin = self.at
+        self.skip(count * size)
+        return begin
 
     def skip(self, size: int) -> bytes:
         begin, self.at = self.at, self.at + size
@@ -244,42 +253,32 @@ class Walk:
 
 
 class Grid(NamedTuple):
-    """Where the numbers (T, K) of a column are: blocks of even distances, each a shape, an offset and two strides."""
+    """Where the numbers (T, K) of a leaf lie, in blocks of even distances: a shape, an offset, two strides."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, int]
     blocks: list[tuple[Any, tuple[int, int], int, tuple[int, int]]]
 
     @classmethod
-    def of(cls, path: Path, found: Sequence[Sequence[tuple[int, str, int]]]) -> Grid:
-        """found: of each leaf the offset, the dtype and the count each time that it was met. Raises Misfit."""
-        kinds = {dtype for each in found for _, dtype, _ in each}
-        if len(kinds) > 1 or any(count < path.first for each in found for *_, count in each):
-            raise Misfit(f"{path.leaves[0]} is too short, or of several kinds of numbers")
-        dtype = np.dtype(kinds.pop() if kinds else "f8")
-        ranges = [[np.arange(path.first or count) * dtype.itemsize + at for at, _, count in each] for each in found]
-        if path.first:
-            offsets = np.array(ranges[0]).reshape(-1, path.first)
-        else:
-            offsets = np.stack([np.concatenate([np.empty(0, np.int64), *each]) for each in ranges], axis=1)
+    def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Grid:
+        """found: offset, dtype and count each time that the leaf was met; first: K, 0 for one. Raises Misfit."""
+        dtype = np.dtype(found[0][1] if found else "f8")
+        if any(count < first for *_, count in found):
+            raise Misfit(f"it has an array of less than {first} numbers")
+        ranges = [np.arange(first or count) * dtype.itemsize + at for at, _, count in found]
+        offsets = np.concatenate([np.empty(0, np.int64), *ranges]).reshape(-1, first or 1)
         steps = [np.unique(np.diff(offsets, axis=axis)) for axis in (0, 1)]
-        if offsets.size and all(len(each) < 2 for each in steps):
+        if len(offsets) and all(len(each) < 2 for each in steps):
             down, across = (int(each.sum()) for each in steps)
-            return cls(dtype, offsets.shape, [(..., offsets.shape, int(offsets[0, 0]), (down, across))])
-        singly = [
-            ((slice(None), slice(i, i + 1), slice(j, j + 1)), (1, 1), int(at), (0, 0))
-            for (i, j), at in np.ndenumerate(offsets)
-        ]
-        return cls(dtype, offsets.shape, singly)
+            return cls(dtype, offsets.shape, [(slice(None), offsets.shape, int(offsets[0, 0]), (down, across))])
+        rows = [(slice(i, i + 1), (1, first or 1), int(each[0]), (0, dtype.itemsize)) for i, each in enumerate(offsets)]
+        return cls(dtype, offsets.shape, rows)
 
-    def values(self, payloads: np.ndarray) -> np.ndarray:
-        """(N, T, K) float64 or int64, of C-contiguous payloads (N, size) uint8."""
+    def read(self, payloads: np.ndarray, values: np.ndarray) -> None:
+        """Fill values (N, T, K) from C-contiguous payloads (N, size) uint8."""
         n, size = payloads.shape
-        values = np.empty((n, *self.shape), np.float64 if self.dtype.kind == "f" else np.int64)
-        with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
-            for where, shape, offset, strides in self.blocks:
-                values[where] = np.ndarray((n, *shape), self.dtype, payloads, offset, (size, *strides))
-        return values
+        for rows, shape, offset, strides in self.blocks:
+            values[:, rows] = np.ndarray((n, *shape), self.dtype, payloads, offset, (size, *strides))
 
 
 class Layout:
@@ -288,9 +287,7 @@ class Layout:
     def __init__(self, payload: bytes, cdr: bool, steps: Sequence[Step], paths: Mapping[str, Path]) -> None:
         walk = Walk(payload, cdr)
         walk.along(steps)
-        left = len(payload) - walk.at
-        if left > (CDR_SLACK if cdr else 0):
-            raise Misfit(f"{left} bytes are left over")
+        walk.end()
         fixed = [(at + i, byte) for at, raw in walk.fixed for i, byte in enumerate(raw)]
         self._places, self._same = np.array(fixed, np.intp).reshape(-1, 2).T
         arrays = {array for path in paths.values() for array in path.arrays}
@@ -298,7 +295,7 @@ class Layout:
         self.arrays = {column: path.arrays for column, path in paths.items()}
         self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
         self._grids = [
-            (column, path, Grid.of(path, [walk.numbers.get(leaf, []) for leaf in path.leaves]))
+            (column, path, [Grid.of(walk.numbers.get(leaf, []), path.first) for leaf in path.leaves])
             for column, path in paths.items()
             if not path.text
         ]
@@ -310,10 +307,16 @@ class Layout:
     def columns(self, payloads: np.ndarray, topic: str, memory: dict[str, Any]) -> Columns:
         """The wanted columns of payloads (N, size) that fit."""
         columns = Columns(len(payloads), topic, self, memory)
-        for column, path, grid in self._grids:
-            values = grid.values(payloads)
+        for column, path, grids in self._grids:
+            (t, k), m = grids[0].shape, len(grids)
+            values = np.empty(
+                (len(payloads), t, k * m), "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
+            )
+            with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
+                for i, grid in enumerate(grids):
+                    grid.read(payloads, values[..., i : i + k])
             values = values if path.arrays else values[:, 0]
-            columns[column] = values if path.first or len(path.leaves) > 1 else values[..., 0]
+            columns[column] = values if path.first or m > 1 else values[..., 0]
         return columns
 
 
@@ -331,7 +334,7 @@ class ColumnReader:
         self._known: dict[int, list[Layout]] = {}
         self._memory: dict[str, Any] = {}
         self._plans: list[tuple[tuple[Step, ...], dict[str, Path]]] = []
-        why = "the recording embeds no definition; give its .msg with --msg-path"
+        why = ""
         try:
             for types in tables(channel):
                 try:

@@ -1,31 +1,17 @@
-"""A deserialised ROS message's stamp and frame, and a payload read field by field."""
+"""A payload read field by field, for clouds."""
 
 from __future__ import annotations
 
 import struct
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from quadlog.errors import DecodeError
 from quadlog.messages import NS_PER_S
 
 
-def stamp_ns(message: Any) -> int | None:
-    """header.stamp in nanoseconds, or None for a message without header."""
-    header = getattr(message, "header", None)
-    if header is None:
-        return None
-    return nanoseconds(int(header.stamp.sec), int(header.stamp.nanosec))
-
-
 def nanoseconds(seconds: int, nanos: int) -> int:
     """A stamp's two numbers as one."""
     return seconds * NS_PER_S + nanos
-
-
-def frame_id(message: Any) -> str:
-    """header.frame_id, or an empty name; ROS 1 names may begin with a slash that ROS 2 forbids."""
-    header = getattr(message, "header", None)
-    return "" if header is None else frame_name(header.frame_id)
 
 
 def frame_name(name: str) -> str:

@@ -10,15 +10,15 @@ import pytest
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Imu, Odometry, Pose, Transforms
-from quadlog.recordings.decoding import decoder_for
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005
 TURN = (0.0, 0.0, 0.6, 0.8)
 
 
 def decode(ros: Any, message: Any, topic: str = "/topic") -> Any:
-    (decoded,) = decoder_for(ros.channel(topic, message.__msgtype__))(ros.serialise(message))  # type: ignore[misc]
-    return decoded
+    (found,) = decoded(ros.channel(topic, message.__msgtype__), ros.serialise(message))
+    return found
 
 
 def messages_at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
@@ -38,8 +38,8 @@ def messages_at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
 
 
 def test_poses_and_the_twist_of_odometry(ros: Any) -> None:
-    decoded = [decode(ros, each) for each in messages_at(ros, (1.0, 2.0, 3.0))]
-    poses = [each.transforms[-1] if isinstance(each, Transforms) else each for each in decoded]
+    found = [decode(ros, each) for each in messages_at(ros, (1.0, 2.0, 3.0))]
+    poses = [each.transforms[-1] if isinstance(each, Transforms) else each for each in found]
     assert [type(each) for each in poses[:4]] == [Pose, Pose, Odometry, Pose]
     assert [each.child_frame_id for each in poses] == ["", "", "base", "base", "base"][: len(poses)]
     for pose in poses:
@@ -63,12 +63,11 @@ def test_tf(both_ros: Any, topic: str, static: bool) -> None:
     ros = both_ros.cdr
     ends = (("map", "odom", 5), ("odom", "base", 7))
     message = ros.tf(*(ros.transform(t_ns, parent, child, (1.0, 2.0, 3.0), TURN) for parent, child, t_ns in ends))
-    decoded = decode(ros, message, topic)
-    assert isinstance(decoded, Transforms)
-    assert decoded.static is static
-    assert decoded.stamp_ns == 5
-    assert [each.child_frame_id for each in decoded.transforms] == ["odom", "base"]
-    assert decode(ros, ros.tf(), topic).stamp_ns is None
+    found = decode(ros, message, topic)
+    assert isinstance(found, Transforms)
+    assert (found.static, found.stamp_ns) == (static, 5)
+    assert [each.child_frame_id for each in found.transforms] == ["odom", "base"]
+    assert decoded(ros.channel(topic, "tf2_msgs/msg/TFMessage"), ros.serialise(ros.tf())) == ()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.01 * FARTHEST_M])

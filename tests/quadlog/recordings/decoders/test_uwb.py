@@ -9,9 +9,9 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.range_ends import ends_of_topic
 from quadlog.recordings.decoders.ros_messages import BUNDLED
-from quadlog.recordings.decoders.uwb import ends_of_topic
-from quadlog.recordings.decoding import decoder_for
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005
 
@@ -42,7 +42,7 @@ class Linktrack:
         serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
         text = self.store.generate_msgdef(self.frame, ros_version=1 if ros1 else 2)[0].encode() if schema else b""
         kind = ("ros1msg" if ros1 else "ros2msg") if schema else ""
-        return decoder_for(Channel("/uwb", self.frame, self.encoding, kind, text))(serialize(message, self.frame))
+        return decoded(Channel("/uwb", self.frame, self.encoding, kind, text), bytes(serialize(message, self.frame)))
 
 
 def zeros(count):
@@ -75,7 +75,7 @@ def test_anchors_hold_the_ranges_of_every_tag():
     assert as_rows(frame.decoded(1, 0, 1, 2, 5.0, tags)) == [(3, [1, 7], [3.0, 6.0]), (5, [1, 7], [5.0, 10.0])]
     frame = Linktrack("ros1", "Nodeframe3", "Node2")
     nodes = [frame.part("Node2", 2, 7, 3.5, -80.0, -79.0), frame.part("Node2", 2, 8, 0.0, -80.0, -79.0)]
-    assert as_rows(frame.decoded(1, 2, 1, 2, 5.0, nodes)) == [(7, [2], [3.5]), (8, [], [])]
+    assert as_rows(frame.decoded(1, 2, 1, 2, 5.0, nodes)) == [(7, [2], [3.5])]
     frame = Linktrack("ros1", "Nodeframe4", "Node4Tag", "Node4Anchor")
     anchors = [frame.part("Node4Anchor", 0, 1.0), frame.part("Node4Anchor", 6, 2.0)]
     assert as_rows(frame.decoded(3, 0, 1, 2, 5.0, [frame.part("Node4Tag", 3, 4.0, anchors)])) == [(3, [0, 6], [1, 2])]
@@ -117,7 +117,7 @@ def test_single_ranges(ros, kind, embedded, range_m):
     channel = ros.channel("/uwb/n_3", kind)
     if not embedded:
         channel = Channel(channel.topic, kind, ros.encoding, "", b"")
-    (ranges,) = decoder_for(channel)(ros.serialise(message))
+    (ranges,) = decoded(channel, ros.serialise(message))
     measured = not math.isinf(range_m) or not kind.endswith("/Range")
     assert bool(ranges.unmeasured) != measured
     assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (stamp_ns, ends[0], ends[1] * measured)
@@ -135,7 +135,7 @@ def test_single_ranges(ros, kind, embedded, range_m):
 def test_limits_of_a_range_count_where_it_has_some(ros, range_m, limits_m, measured):
     kind = "sensor_msgs/msg/Range"
     message = ros.type(kind)(ros.header(T_NS), 0, 0.0, *limits_m, range_m)
-    (ranges,) = decoder_for(ros.channel("/uwb/n_3", kind))(ros.serialise(message))
+    (ranges,) = decoded(ros.channel("/uwb/n_3", kind), ros.serialise(message))
     assert (len(ranges.range_m), len(ranges.anchor), "min_range" in ranges.unmeasured) == (
         measured,
         measured,
@@ -150,7 +150,7 @@ def test_a_ranging_that_failed_measured_nothing(ros, status):
     point = ros.type("geometry_msgs/msg/Point")(1.0, 2.0, 3.0)
     numbers = (1, 200, 100, 0, 1, status, 0, 5, 3.5, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
     message = bundled(ros, kind)(ros.header(T_NS), *numbers, *[point] * 4)
-    (ranges,) = decoder_for(ros.channel("/uwb", kind))(ros.serialise(message))
+    (ranges,) = decoded(ros.channel("/uwb", kind), ros.serialise(message))
     failed = status in (1, 3) or (status % 2 == 0 and any(status & bit for bit in (2, 4, 32)))
     assert (len(ranges.range_m) == 0, "range_status" in ranges.unmeasured) == (failed, failed)
     assert (ranges.anchor_position_m is None) == failed
