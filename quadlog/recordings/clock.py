@@ -140,55 +140,59 @@ class Sender(NamedTuple):
 class Passage(NamedTuple):
     """Stamps t_ns (K,) of a wrong clock by log times (K,), and the log times of its nearest neighbours.
 
-    Of a clock that ran ahead, or of one that was set back and passes a time again.
+    repeats: whether the clock was set back and passes a time again; else it ran ahead until it was set back.
     """
 
     log_ns: Int
     t_ns: Int
     after_ns: int
     before_ns: int
+    repeats: bool
 
     def rows(self, sender: Sender) -> Mask:
-        """(N,) which stamps of a sender are of it."""
+        """(N,) which stamps of a sender are of it: none of one whose clock is not set back then, if it is heard."""
         near = (sender.log_ns > self.after_ns) & (sender.log_ns < self.before_ns)
-        if near.any():
-            since_ns = self.log_ns - self.log_ns[0]
-            along_ns = np.interp(sender.log_ns[near] - self.log_ns[0], since_ns, self.t_ns - self.t_ns[0])
-            near[near] = np.abs(sender.t_ns[near] - self.t_ns[0] - along_ns) <= LATE_NS
+        along_ns = np.interp(sender.log_ns - self.log_ns[0], self.log_ns - self.log_ns[0], self.t_ns - self.t_ns[0])
+        near &= np.abs(sender.t_ns - self.t_ns[0] - along_ns) <= LATE_NS
+        within = np.flatnonzero(near)
+        beyond = np.flatnonzero(sender.log_ns <= self.after_ns if self.repeats else sender.log_ns >= self.before_ns)
+        if len(within) and len(beyond):
+            edge = [beyond[-1], within[0]] if self.repeats else [within[-1], beyond[0]]
+            before_ns, behind_ns = (sender.t_ns - sender.log_ns)[edge]
+            near &= before_ns - behind_ns > LATE_NS
         return near
 
 
 def left_out(senders: Sequence[Sender]) -> list[Mask]:
     """Of each sender (N,) which stamps to leave out, so that all are those of one passage of time.
 
-    Which stamps repeat_rows says by the sender that is heard longest; others on its clock lose the same stretch, also
-    those that are not heard before or behind it and have no stamps that go back.
+    Of one clock `repeated_rows` decides by the sender that is heard longest: all others lose the same stretch.
     """
     masks = [np.zeros(len(each.t_ns), np.bool_) for each in senders]
     passages: list[Passage] = []
     backward = [row for row, each in enumerate(senders) if each.goes_back]
     for row in sorted(backward, key=lambda row: senders[row].heard, reverse=True):
-        sender, mask = senders[row], masks[row]
         for passage in passages:
-            mask |= passage.rows(sender)
-        mask[~mask] = repeated_rows(sender.t_ns[~mask])
-        passages += _passages(sender, mask)
-    for row, (sender, mask) in enumerate(zip(senders, masks, strict=True)):
-        for passage in passages if row not in backward and len(mask) else ():
-            if sender.log_ns[0] > passage.after_ns or sender.log_ns[-1] < passage.before_ns:
-                mask |= passage.rows(sender)
+            masks[row] |= passage.rows(senders[row])
+        masks[row][~masks[row]] = repeated_rows(senders[row].t_ns[~masks[row]])
+        passages += _passages(senders[row], masks[row])
+    for row, sender in enumerate(senders):
+        for passage in passages if row not in backward else ():
+            masks[row] |= passage.rows(sender)
     return masks
 
 
 def _passages(sender: Sender, mask: Mask) -> list[Passage]:
-    """The stretches that a sender loses, long enough that others must lose them too."""
+    """The stretches that a sender loses, if they are long enough for others to lose them too."""
+    found = []
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     log_ns = np.concatenate([[-(1 << 62)], sender.log_ns, [1 << 62]])
-    found = [
-        Passage(sender.log_ns[begin:end], sender.t_ns[begin:end], int(log_ns[begin]), int(log_ns[end + 1]))
-        for begin, end in edges.reshape(-1, 2).tolist()
-    ]
-    return [each for each in found if len(each.log_ns) >= AGREEING_STRAYS and np.ptp(each.log_ns) >= LATE_NS]
+    for begin, end in edges.reshape(-1, 2).tolist():
+        own_ns, t_ns = sender.log_ns[begin:end], sender.t_ns[begin:end]
+        if len(t_ns) >= AGREEING_STRAYS and np.ptp(own_ns) >= LATE_NS:
+            repeats = begin > 0 and bool(sender.t_ns[begin - 1] > t_ns[0])
+            found.append(Passage(own_ns, t_ns, int(log_ns[begin]), int(log_ns[end + 1]), repeats))
+    return found
 
 
 def kept_rows(t_ns: Int, left: Mask, *, equal: bool = False) -> Int:
