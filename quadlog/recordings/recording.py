@@ -31,6 +31,8 @@ from quadlog.storage.remote_path import to_path
 MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
 """Small messages of a channel that are decoded at once."""
 UNPACKED_AT_ONCE = 64
+Stamps = tuple[str, str, Int, Int]
+"""A topic, a stream and what stamps_of gives of it."""
 MARGIN_NS = 10_000_000_000
 """Messages may be logged so much earlier or later than others with their stamps."""
 
@@ -82,7 +84,7 @@ class Recording(ClosedOnExit):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
     range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
-    is read by configuration.
+    is read by configuration. glimpsed: the stamps of all that a glimpse shows, where somebody has read it already.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class Recording(ClosedOnExit):
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
         self.range_units: dict[str, str] = {}
         self.mapped: dict[str, Type] = {}
+        self.glimpsed: list[Stamps] | None = None
         self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
         self._first_lags_ns: dict[str, list[int]] = {}
@@ -336,9 +339,13 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
+        glimpsed, wanted = self.glimpsed, {*topics}
+        if glimpsed is None:
+            glimpsed = ((each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics))
         parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for each in self.glimpse().batches(topics):
-            parts[_stream_of(each) if each.topic in tf else each.topic].append(_stamps_of(each))
+        for topic, stream, *stamps in glimpsed:
+            if topic in wanted:
+                parts[stream if topic in tf else topic].append(stamps)
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
@@ -366,9 +373,9 @@ class Recording(ClosedOnExit):
 
     def _times_of(self, each: Batch | Timed) -> tuple[Int, Int, Mask]:
         """(N,) log times, times on the clock, and whether they are those of stamps; strays are not left out."""
-        log_ns, stamp_ns = _stamps_of(each)
+        stream, log_ns, stamp_ns = stamps_of(each)
         stamped = stamp_ns > 0
-        placed_ns = self.clock.one.placed_ns(each.topic, _stream_of(each), stamp_ns, log_ns)
+        placed_ns = self.clock.one.placed_ns(each.topic, stream, stamp_ns, log_ns)
         return log_ns, np.where(stamped, placed_ns, log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:
@@ -587,17 +594,14 @@ def _picked(batch: Batch, rows: Mask) -> Batch:
     return batch._replace(rows=batch.rows[rows], log_ns=batch.log_ns[rows], stamp_ns=stamp_ns)
 
 
-def _stamps_of(each: Batch | Timed) -> tuple[Int, Int]:
-    """(N,) log times, of a reading on these, and header stamps, 0 without."""
+def stamps_of(each: Batch | Timed) -> tuple[str, Int, Int]:
+    """The stream, a topic or a transform, (N,) log times, of a reading on these, and (N,) header stamps, 0 without."""
     if isinstance(each, Timed):
-        return np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
-    return each.log_ns, np.zeros(len(each.log_ns), np.int64) if each.stamp_ns is None else each.stamp_ns
-
-
-def _stream_of(each: Batch | Timed) -> str:
-    """The name of a transform as a stream, else the topic."""
-    named = isinstance(each, Batch) and each.kind is Transforms
-    return stream_name(each.topic, each.frame_id, each.child_frame_id) if named else each.topic
+        return each.topic, np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
+    named = each.kind is Transforms
+    stream = stream_name(each.topic, each.frame_id, each.child_frame_id) if named else each.topic
+    stamp_ns = np.zeros(len(each.log_ns), np.int64) if each.stamp_ns is None else each.stamp_ns
+    return stream, each.log_ns, stamp_ns
 
 
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:
