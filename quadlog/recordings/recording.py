@@ -23,7 +23,7 @@ from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Part, Type
-from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, reader_of
+from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
 from quadlog.recordings.plugged import messages_of
 from quadlog.recordings.types import is_static, own_types
 from quadlog.storage.remote_path import to_path
@@ -141,7 +141,8 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless, *self._mended]))
+        own = [*tagless, *plugin_notes(self.channels), *self._mended]
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
