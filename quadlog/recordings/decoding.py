@@ -202,8 +202,8 @@ class ByColumns:
                     raise columns
                 with np.errstate(all="ignore"):
                     parts = [each for each in self.type.rows(columns, self.order) if len(each.rows)]
-            except UnknownJoints:  # of another machine; `detect_roles` reports a topic of nothing else
-                yield Decoded(which)
+            except UnknownJoints as error:  # of another machine; `detect_roles` reports a topic of nothing else
+                yield Decoded(which, why=error.reason)
                 continue
             except (DecodeError, ValueError, TypeError, KeyError, IndexError) as error:  # a definition of another shape
                 why = error.reason if isinstance(error, DecodeError) else str(error)

@@ -276,18 +276,6 @@ class Recording(ClosedOnExit):
                 seen[each.topic] = min(seen.get(each.topic, first), first)
         return seen
 
-    def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
-        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use.
-
-        Clouds are checked as for use, but come without points.
-        """
-        reading = Pass(self, timed=False)
-        for order, raw in enumerate(self.container.messages()):
-            found = [*reading.take(order, raw), *reading.rest()]
-            batches = (each for each in found if isinstance(each, Batch))
-            clouds = [each.message for each in found if isinstance(each, Timed)]
-            yield raw, (*(message for *_, message in messages_of(batches)), *clouds)
-
     def excerpt(self, budget: Budget) -> Recording | None:
         """The same with a bounded number of its messages, from places spread evenly; None where it is small.
 
