@@ -129,7 +129,7 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
-        "tf": _tf_rows(roles, seen, roles.frames.base_frame(config.topics.base_frame)),
+        "tf": _tf_rows(roles, seen, roles.frames.base),
         "replay": look.outlook({link.tag for links in seen.links.values() for link in links}),
         "anchors": [
             dict(zip(("id", "x_m", "y_m", "z_m"), (anchor, *place.position_m), strict=True))

@@ -161,11 +161,10 @@ def read_log(log: Log, progress: Progress) -> LogData:
             progress.advance()
 
     streams = gather(recording, *log.window, watch, **topics)
-    frames, base_frame = roles.frames, config.topics.base_frame
+    frames = roles.frames
     mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
-    base = frames.base_frame(base_frame) or base_frame
-    streams = mounts.poses_in_base(streams, base, mount, topics)
-    streams.warnings.extend(_sender_warnings(log, streams, base))
+    streams = mounts.poses_in_base(streams, frames.base or "", mount, topics)
+    streams.warnings.extend(_sender_warnings(log, streams))
     imu = streams.imu
     if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
@@ -178,7 +177,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
         log=log,
         config=config,
         input=described.result(),
-        streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames, base_frame)),
+        streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames)),
         mount=mount,
         mover=mover,
         up=mounts.up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
@@ -236,7 +235,7 @@ def tell_recording(data: LogData, journal: Journal) -> None:
     for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
-    base = None if data.config.topics.base_frame else roles.frames.base_frame()
+    base = None if roles.frames.configured else roles.frames.base
     others = [] if base is None else roles.frames.other_robots(base)
     flags = [set_flag("topics.tf", each) for each in roles.other_tf]
     if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
@@ -248,11 +247,12 @@ def tell_recording(data: LogData, journal: Journal) -> None:
         journal.warn(f"{topic}: its joints are not used: it {why}")
 
 
-def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
+def _sender_warnings(log: Log, streams: Streams) -> list[str]:
     """Leaves one of two nodes that send a transform above base in turns, with a warning."""
     others = [*position_topics(log.recording), *(["lidar"] if log.lidar else [])]
     flags = "  or  ".join(set_flag("topics.position", [each]) for each in others[:MAX_LISTED]) or "none"
-    found = [(edge, edge.keep_one_sender(streams.odometry)) for edge in streams.tf.chain(base) if not edge.is_still]
+    chain = streams.tf.chain(log.roles.frames.base or "")
+    found = [(edge, edge.keep_one_sender(streams.odometry)) for edge in chain if not edge.is_still]
     return [
         f"{edge.topic}: two nodes send {edge.parent} to {edge.child} in turns, {one[2]:.2f} m apart: {one[0]} poses of "
         f"one are taken, {one[1]} are left out; other positions:  {flags}"
@@ -263,8 +263,7 @@ def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
 
 def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | None, streams: Streams) -> list[str]:
     """What a user should know of the mounts, now that all transforms are read."""
-    frames, base_frame = log.roles.frames, log.config.topics.base_frame
-    fixed, base, imu = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame), streams.imu
-    if imu is not None and base is not None and mounts.imu_mount(imu.frame_id, frames, base) is not None:
-        fixed.append((imu.frame_id, base))
+    frames, imu, fixed = log.roles.frames, streams.imu, [] if mount.from_tf is None else [mount.from_tf]
+    if imu is not None and frames.base is not None and mounts.imu_mount(imu.frame_id, frames) is not None:
+        fixed.append((imu.frame_id, frames.base))
     return mounts.moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())

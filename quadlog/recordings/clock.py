@@ -7,7 +7,6 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -141,55 +140,59 @@ class Sender(NamedTuple):
 class Passage(NamedTuple):
     """Stamps t_ns (K,) of a wrong clock by log times (K,), and the log times of its nearest neighbours.
 
-    Of a clock that ran ahead, or of one that was set back and passes a time again.
+    repeats: whether the clock was set back and passes a time again; else it ran ahead until it was set back.
     """
 
     log_ns: Int
     t_ns: Int
     after_ns: int
     before_ns: int
+    repeats: bool
 
     def rows(self, sender: Sender) -> Mask:
-        """(N,) which stamps of a sender are of it."""
+        """(N,) which stamps of a sender are of it: none of one whose clock is not set back then, if it is heard."""
         near = (sender.log_ns > self.after_ns) & (sender.log_ns < self.before_ns)
-        if near.any():
-            since_ns = self.log_ns - self.log_ns[0]
-            along_ns = np.interp(sender.log_ns[near] - self.log_ns[0], since_ns, self.t_ns - self.t_ns[0])
-            near[near] = np.abs(sender.t_ns[near] - self.t_ns[0] - along_ns) <= LATE_NS
+        along_ns = np.interp(sender.log_ns - self.log_ns[0], self.log_ns - self.log_ns[0], self.t_ns - self.t_ns[0])
+        near &= np.abs(sender.t_ns - self.t_ns[0] - along_ns) <= LATE_NS
+        within = np.flatnonzero(near)
+        beyond = np.flatnonzero(sender.log_ns <= self.after_ns if self.repeats else sender.log_ns >= self.before_ns)
+        if len(within) and len(beyond):
+            edge = [beyond[-1], within[0]] if self.repeats else [within[-1], beyond[0]]
+            before_ns, behind_ns = (sender.t_ns - sender.log_ns)[edge]
+            near &= before_ns - behind_ns > LATE_NS
         return near
 
 
 def left_out(senders: Sequence[Sender]) -> list[Mask]:
     """Of each sender (N,) which stamps to leave out, so that all are those of one passage of time.
 
-    Which stamps repeat_rows says by the sender that is heard longest; others on its clock lose the same stretch, also
-    those that are not heard before or behind it and have no stamps that go back.
+    Of one clock `repeated_rows` decides by the sender that is heard longest: all others lose the same stretch.
     """
     masks = [np.zeros(len(each.t_ns), np.bool_) for each in senders]
     passages: list[Passage] = []
     backward = [row for row, each in enumerate(senders) if each.goes_back]
     for row in sorted(backward, key=lambda row: senders[row].heard, reverse=True):
-        sender, mask = senders[row], masks[row]
         for passage in passages:
-            mask |= passage.rows(sender)
-        mask[~mask] = repeated_rows(sender.t_ns[~mask])
-        passages += _passages(sender, mask)
-    for row, (sender, mask) in enumerate(zip(senders, masks, strict=True)):
-        for passage in passages if row not in backward and len(mask) else ():
-            if sender.log_ns[0] > passage.after_ns or sender.log_ns[-1] < passage.before_ns:
-                mask |= passage.rows(sender)
+            masks[row] |= passage.rows(senders[row])
+        masks[row][~masks[row]] = repeated_rows(senders[row].t_ns[~masks[row]])
+        passages += _passages(senders[row], masks[row])
+    for row, sender in enumerate(senders):
+        for passage in passages if row not in backward else ():
+            masks[row] |= passage.rows(sender)
     return masks
 
 
 def _passages(sender: Sender, mask: Mask) -> list[Passage]:
-    """The stretches that a sender loses, long enough that others must lose them too."""
+    """The stretches that a sender loses, if they are long enough for others to lose them too."""
+    found = []
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     log_ns = np.concatenate([[-(1 << 62)], sender.log_ns, [1 << 62]])
-    found = [
-        Passage(sender.log_ns[begin:end], sender.t_ns[begin:end], int(log_ns[begin]), int(log_ns[end + 1]))
-        for begin, end in edges.reshape(-1, 2).tolist()
-    ]
-    return [each for each in found if len(each.log_ns) >= AGREEING_STRAYS and np.ptp(each.log_ns) >= LATE_NS]
+    for begin, end in edges.reshape(-1, 2).tolist():
+        own_ns, t_ns = sender.log_ns[begin:end], sender.t_ns[begin:end]
+        if len(t_ns) >= AGREEING_STRAYS and np.ptp(own_ns) >= LATE_NS:
+            repeats = begin > 0 and bool(sender.t_ns[begin - 1] > t_ns[0])
+            found.append(Passage(own_ns, t_ns, int(log_ns[begin]), int(log_ns[end + 1]), repeats))
+    return found
 
 
 def kept_rows(t_ns: Int, left: Mask, *, equal: bool = False) -> Int:
@@ -202,70 +205,43 @@ def kept_rows(t_ns: Int, left: Mask, *, equal: bool = False) -> Int:
     return rows if equal else rows[np.diff(t_ns[rows], prepend=t_ns[rows[:1]] - 1) > 0]
 
 
-_BRIDGED_NS = 10_000_000_000
-
-
-class _Kept(NamedTuple):
-    """A row that is kept: the latest stamp up to it, and how much time they passed, pauses bridged up to a length."""
-
-    row: int
-    latest_ns: int
-    passed_ns: int
+BRIDGED_NS = 10_000_000_000
+"""A pause counts no longer where it is asked how much time stamps pass."""
 
 
 def repeated_rows(t_ns: Int) -> Mask:
     """(N,) bool: the rows to leave out, so that stamps (N,), as logged, are those of one passage of time.
 
     After a step back, rows are left out until the stamps pass what was
-    covered before: what came first stays, so that all senders on one clock
-    lose the same stretch. But stamps that ran ahead are left out instead where
-    they are fewer than AGREEING_STRAYS, of more that follow, or passed less
-    than half the time of those behind them: a clock that was wrong at first.
+    covered before: what came first stays. But stamps that ran ahead are left
+    out instead where they are fewer than AGREEING_STRAYS, of more that follow,
+    or passed less than half the time of those behind them: a clock that was
+    wrong at first.
     """
-    repeated = np.zeros(len(t_ns), np.bool_)
-    if not (t_ns < np.maximum.accumulate(t_ns) - LATE_NS).any():
-        return repeated
-    times = t_ns.tolist()
-    kept, again, start = list[_Kept](), False, _Kept(-1, min(times), 0)
-    for row, time_ns in enumerate(times):
-        covered_ns = (kept or [start])[-1].latest_ns
-        if not again and time_ns < covered_ns - LATE_NS:
-            first = bisect_right(kept, time_ns, key=lambda each: each.latest_ns)
-            ahead = [each.row for each in kept[-AGREEING_STRAYS:] if times[each.row] > time_ns + LATE_NS]
-            following_ns = np.maximum.accumulate(t_ns[row : row + AGREEING_STRAYS])
-            if not 0 < len(ahead) < int((following_ns < covered_ns - LATE_NS).sum()):
-                passed_ns = kept[-1].passed_ns - kept[first].passed_ns
-                shorter = 2 * passed_ns < _passed_ns(times[row : _row_beyond(t_ns, row, covered_ns)])
-                ahead = [each.row for each in kept[first:] if times[each.row] > time_ns] if shorter else []
+    repeated, row = np.zeros(len(t_ns), np.bool_), 0
+    latest_ns = np.maximum.accumulate(t_ns)
+    fallen = t_ns < latest_ns - LATE_NS
+    while row < len(t_ns) and fallen[row := row + int(fallen[row:].argmax())]:
+        first, end = np.searchsorted(latest_ns, [t_ns[row], latest_ns[row]], side="right").tolist()
+        ahead = first + np.flatnonzero(~repeated[first:row] & (t_ns[first:row] > t_ns[row]))
+        slips = ahead[t_ns[ahead] > t_ns[row] + LATE_NS]
+        following_ns = np.maximum.accumulate(t_ns[row : row + AGREEING_STRAYS])
+        if len(slips) < (following_ns < latest_ns[row] - LATE_NS).sum():
+            repeated[slips] = True
+        elif 2 * _passed_ns(t_ns[ahead]) < _passed_ns(t_ns[row:end]):
             repeated[ahead] = True
-            tail = [each.row for each in kept[first:] if not repeated[each.row]] if ahead else []
-            del kept[first if ahead else len(kept) :]
-            for each in tail:
-                kept.append(_behind((kept or [start])[-1], each, times[each]))
-            covered_ns = (kept or [start])[-1].latest_ns
-            again = time_ns < covered_ns - LATE_NS
-        if again and time_ns <= covered_ns:
-            repeated[row] = True
+        else:
+            repeated[row:end] = True
+            row = end
             continue
-        again = False
-        kept.append(_behind((kept or [start])[-1], row, time_ns))
+        latest_ns = np.maximum.accumulate(np.where(repeated, t_ns.min(), t_ns))
+        fallen = ~repeated & (t_ns < latest_ns - LATE_NS)
     return repeated
 
 
-def _behind(last: _Kept, row: int, time_ns: int) -> _Kept:
-    latest_ns = max(last.latest_ns, time_ns)
-    return _Kept(row, latest_ns, last.passed_ns + min(latest_ns - last.latest_ns, _BRIDGED_NS))
-
-
-def _row_beyond(t_ns: Int, row: int, covered_ns: int) -> int:
-    """The first row from this one on whose stamp is later than what was covered; N where there is none."""
-    beyond = t_ns[row:] > covered_ns
-    return row + int(beyond.argmax()) if beyond.any() else len(t_ns)
-
-
-def _passed_ns(times_ns: Sequence[int]) -> int:
-    """The time that stamps pass, as _Kept.passed_ns."""
-    return int(np.minimum(np.diff(np.maximum.accumulate(times_ns)), _BRIDGED_NS).sum())
+def _passed_ns(t_ns: Int) -> int:
+    """How much time stamps (N,) pass, late ones apart."""
+    return int(np.minimum(np.diff(np.maximum.accumulate(t_ns)), BRIDGED_NS).sum())
 
 
 def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]:

@@ -69,7 +69,7 @@ def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:
 
 def _placed(look: Look, candidate: Candidate, scans: Sequence[PointCloud]) -> Candidate:
     """A cloud whose frame is not the robot's serves where nothing else does, if the robot has a place in it."""
-    base = look.frames.base_frame(look.topics.base_frame)
+    base = look.frames.base
     if not candidate.rank or not look.frames.is_world(frame := scans[-1].frame_id, base):
         return candidate
     odometry = look.first(Odometry, look.of_kind(Odometry)).values()

@@ -120,6 +120,7 @@ class Look:
     def frames(self) -> TransformTree:
         """What a look at the robot's transforms shows."""
         frames = look_at_frames(self.recording, self.transforms[0])
+        frames.configured = self.topics.base_frame
         frames.bodies = self.frames_of(Odometry)
         frames.seen = frames.bodies | self.frames_of(PointCloud)
         return frames

@@ -23,7 +23,7 @@ from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Part, Type
-from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, reader_of
+from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
 from quadlog.recordings.plugged import messages_of
 from quadlog.recordings.types import is_static, own_types
 from quadlog.storage.remote_path import to_path
@@ -144,7 +144,8 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless, *self._mended]))
+        own = [*tagless, *plugin_notes(self.channels), *self._mended]
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -277,18 +278,6 @@ class Recording(ClosedOnExit):
             for first in sorted(zip(log_ns[usual].tolist(), t_ns[usual].tolist(), strict=True))[:1]:
                 seen[each.topic] = min(seen.get(each.topic, first), first)
         return seen
-
-    def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
-        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use.
-
-        Clouds are checked as for use, but come without points.
-        """
-        reading = Pass(self, timed=False)
-        for order, raw in enumerate(self.container.messages()):
-            found = [*reading.take(order, raw), *reading.rest()]
-            batches = (each for each in found if isinstance(each, Batch))
-            clouds = [each.message for each in found if isinstance(each, Timed)]
-            yield raw, (*(message for *_, message in messages_of(batches)), *clouds)
 
     def excerpt(self, budget: Budget) -> Recording | None:
         """The same with a bounded number of its messages, from places spread evenly; None where it is small.

@@ -86,7 +86,7 @@ class Roles:
 
     def base_in_map(self, topics: Topics) -> tuple[str, str] | None:
         """The robot's frame and the frame that is the map, by a look at the transforms; None if it does not move."""
-        base = self.frames.base_frame(topics.base_frame)
+        base = self.frames.base
         frame = None if base is None else self.frames.fixed_frame(base, topics.map_frame)
         return None if base is None or frame is None else (base, frame)
 

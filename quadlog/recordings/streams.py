@@ -274,8 +274,9 @@ class _Logged:
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = track.rows["tag"] != NO_ID
             if nameless := int((~known).sum()):
-                left = f"{nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
-                self._warnings.append(f"{track.topic}: {left}")
+                self._warnings.append(
+                    f"{track.topic}: {nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                )
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
         for why, count in sorted(self._unmeasured.items()):
@@ -325,8 +326,9 @@ class _Logged:
             unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
             # A message that gives none of them has NaN everywhere.
             if unfit.any() and not np.isnan(part).all():
-                left = f"{unfit.sum()} of {unfit.size} {what} are no finite numbers; left out"
-                self._warnings.append(f"{track.topic}: {left}")
+                self._warnings.append(
+                    f"{track.topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out"
+                )
             part[unfit] = np.nan
         for what in ("torques", "foot forces"):
             # Drivers that measure none write zeros.

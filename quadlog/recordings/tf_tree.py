@@ -84,10 +84,15 @@ class Edge:
 
 
 class TransformTree:
-    """All frames of a recording. seen: those that clouds and odometry are of; bodies: those of odometry alone."""
+    """All frames of a recording.
 
-    def __init__(self) -> None:
+    configured: the robot's frame by configuration, empty: detected. seen: the frames that clouds and odometry are of;
+    bodies: those of odometry alone.
+    """
+
+    def __init__(self, configured: str = "") -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
+        self.configured = configured
         self.seen: set[str] = set()
         self.bodies: set[str] = set()
 
@@ -114,15 +119,16 @@ class TransformTree:
         """Every frame, sorted."""
         return sorted({frame for key in self._edges for frame in key})
 
-    def base_frame(self, configured: str = "") -> str | None:
+    @property
+    def base(self) -> str | None:
         """The robot's frame: the configured one; else the first of BASE_FRAMES that moves, or that occurs.
 
         One that moves in its parent goes before those that are fixed to it: base_footprint, if odom has base_link only
         through it. Of several robots the one that what is seen is fixed to. Without these names the only frame that
         moves in one of WORLD_FRAMES, or that odometry is of.
         """
-        if configured:
-            return configured if configured in self.frames else None
+        if self.configured:
+            return self.configured
         frames = sorted(self.frames, key=lambda frame: frame.count("/"))
         named = [frame for name in BASE_FRAMES for frame in frames if is_named(frame, (name,))]
         if named:

@@ -196,7 +196,7 @@ def _tilt(streams: Streams, t_ns: Int) -> Float | None:
 
 def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
     topics, tree = data.config.topics, data.streams.tf
-    base = data.log.roles.frames.base_frame(topics.base_frame)
+    base = data.log.roles.frames.base
     frame = None if base is None else tree.fixed_frame(base, topics.map_frame)
     series = None if base is None or frame is None else tree.pose_series(base, frame)
     if series is not None:

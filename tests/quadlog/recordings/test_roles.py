@@ -181,8 +181,8 @@ def test_real_recordings(file, role, topic):
 
 
 def test_many_topics_are_looked_through_once_and_few_are_listed(log, monkeypatch):
-    compiled, largest = [], ros_messages.largest_payload_bytes
-    monkeypatch.setattr(ros_messages, "largest_payload_bytes", lambda *each: compiled.append(1) or largest(*each))
+    compiled, largest = [], ros_messages.needed_types
+    monkeypatch.setattr(ros_messages, "needed_types", lambda *each: compiled.append(1) or largest(*each))
     roles = roles_of(log, ", ".join(f"/odom_{number:03} odometry" for number in range(300)))
     assert len(compiled) < 3
     with pytest.raises(AmbiguousTopic, match="280 more") as raised:

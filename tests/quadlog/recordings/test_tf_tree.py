@@ -31,9 +31,9 @@ def test_static_chains_compose_both_ways() -> None:
     expected = matrix(mast) @ matrix(lidar)
     np.testing.assert_allclose(tree.static_transform("lidar", "base_link"), expected, atol=1e-12)  # type: ignore[arg-type]
     np.testing.assert_allclose(tree.static_transform("base_link", "lidar"), invert_transform(expected), atol=1e-12)  # type: ignore[arg-type]
-    assert tree.base_frame() == "base_link"
-    assert tree.base_frame("lidar") == "lidar"
-    assert tree.base_frame("nothing") is None
+    assert tree.base == "base_link"
+    tree.configured = "lidar"
+    assert tree.base == "lidar"
 
 
 def test_frames_that_do_not_connect_have_no_transform() -> None:
@@ -92,7 +92,7 @@ def test_which_frames_are_the_robot_and_the_map(name: str) -> None:
         parent, child = edge.replace("=", ">").split(">")
         poses = [pose((0.1 * i, 0.0, 0.0)) for i in range(3 if ">" in edge else 1)]
         add(tree, parent, child, *poses, static="=" in edge)
-    assert tree.base_frame() == base
+    assert tree.base == base
     if base is not None:
         assert tree.fixed_frame(base) == fixed
         series = None if fixed is None else tree.pose_series(base, fixed)
