@@ -152,9 +152,9 @@ def position_topics(recording: Recording) -> list[str]:
 
 def configured_topics(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
     """Role -> topics, for the roles that the configuration settles. Raises UnknownTopic."""
-    named: dict[str, list[str]] = {role: [getattr(topics, role)] for role in ("lidar", "odometry", "imu", "joints")}
+    named: dict[str, list[str]] = {role: [getattr(topics, role)] for role in ("odometry", "imu", "joints")}
     named["reference"] = [] if topics.reference == NO_REFERENCE else [topics.reference]
-    named |= {"uwb": topics.uwb, "tf": topics.tf}
+    named |= {"lidar": topics.lidar, "uwb": topics.uwb, "tf": topics.tf}
     named["target"] = [] if topics.target in TARGET_WORDS else [topics.target]
     by_topic = topics.position not in POSITION_WORDS and recording.types_of(topics.position)
     named["position"] = [topics.position] if by_topic else []

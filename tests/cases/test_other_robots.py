@@ -128,6 +128,19 @@ def two_scanners(log: Log, room: Room) -> None:
     add_scans(log, room, 8.0, mount=(0.0, 0.0, np.pi), topic="/rear/scan", frame="rear_laser")
 
 
+def halves(log: Log, room: Room) -> None:
+    """A scanner in front and one behind, which turns 40 ms later; each sees half of what is around."""
+    odometry(log, room)
+    for topic, late_s, mount in (("/front/scan", 0.0, (0.2, 0.0, 0.0)), ("/rear/scan", 0.04, (-0.3, 0.1, np.pi))):
+        log.tf(ns(0.0), "base_link", topic, mount, 0.2, "/tf_static")
+        for t_s in instants_s(7.9, 10):
+            ranges_m = room.ranges_m(t_s + late_s, 180, mount, np.pi)
+            log.scan(ns(t_s + late_s), ranges_m, np.pi, topic=topic, frame=topic)
+
+
+BOTH = """topics.lidar=["/front/scan", "/rear/scan"]"""
+
+
 def filtered_copy(log: Log, room: Room) -> None:
     tf("odom", "base_link")(log, room)
     add_scans(log, room, 8.0, frame="base_link")
@@ -340,7 +353,13 @@ CASES = {
         ),
         settings=("topics.position=legs",),
     ),
-    "two-scanners": Case(two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan")),
+    "two-scanners": Case(
+        two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan", BOTH)
+    ),
+    "two-scanners-as-one": Case(halves, 0, "odometry", says=("79 scans",), walls=True, settings=(BOTH,)),
+    "two-scanners-without-mounts": Case(
+        two_scanners, 1, says=("no transform places the frame of /front/scan, /rear/scan",), settings=(BOTH,)
+    ),
     "filtered-copy": Case(filtered_copy, 0, "tf", walls=True),
     "cloud-in-the-world": Case(
         together(tf("odom", "base_link"), lambda log, room: rings_of_points(log, room, "odom", fixed=True)),
