@@ -280,8 +280,9 @@ class _Logged:
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = track.rows["tag"] != NO_ID
             if nameless := int((~known).sum()):
+                topic = track.topic
                 self._warnings.append(
-                    f"{track.topic}: {nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                    f"{topic}: {nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
                 )
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
