@@ -81,9 +81,12 @@ def plugged_decoder(type_name: str) -> MessageDecoder | None:
 
 def plugin_notes(channels: Iterable[Channel]) -> list[str]:
     """One line for each type of quadlog's own that a plug-in decodes instead."""
-    own = sorted({each.type_name for each in channels if _own_kinds(each)})
-    found = {name: plugin for name in own if (plugin := decoder_plugin(name)) is not None}
-    return [f"{name}: decoded by {each.distribution} {each.version}, not by quadlog" for name, each in found.items()]
+    plugins = {name: decoder_plugin(name) for name in sorted({each.type_name for each in channels if _own_kinds(each)})}
+    return [
+        f"{name}: decoded by the plug-in of {each.distribution} {each.version}, not by quadlog"
+        for name, each in plugins.items()
+        if each is not None
+    ]
 
 
 def kinds_of(channel: Channel, mapped: Mapping[str, Type] | None = None) -> tuple[type[Message], ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,9 +19,7 @@ from quadlog.messages import (
     Batch,
     Float,
     Imu,
-    JointStates,
     Message,
-    Odometry,
     PointCloud,
     Pose,
     Transforms,
@@ -107,7 +104,7 @@ def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, F
         dtype = ROWS[gives][name]
         if name not in ("tag", "tick"):  # numbers of joints as they come; their rows have half of the bits
             wanted[name] = np.float64 if dtype.base.kind == "f" else dtype.base, dtype.shape
-    lengths, arrays = set(), {}
+    lengths, arrays = set[int](), dict[str, Float]()
     for name, (kind, shape) in wanted.items():
         value = getattr(message, name)
         if value is None and (name in _MAY_BE_NONE or (gives, name) == (Imu, "quat_xyzw")):
@@ -138,24 +135,25 @@ def parts_of(message: Message) -> Iterator[Part]:
     """A message as rows; of transforms a part for each."""
     if isinstance(message, Transforms):
         for index, each in enumerate(message.transforms):
-            values = {"position_m": each.position_m, "quat_xyzw": each.quat_xyzw, "index": index}
-            yield _of_one(part(Transforms, 1, **values), each)
-    elif isinstance(message, UwbRanges):
+            (made,) = parts_of(each)
+            values: dict[str, Any] = {"index": index} | {name: made.rows[name] for name in _fields_of(Pose)}
+            yield part(Transforms, 1, **values)._replace(stamp_ns=made.stamp_ns, frames=made.frames)
+        return
+    given: dict[str, Any] = {name: getattr(message, name) for name in _fields_of(type(message))}
+    n, of, why = 1, None, ""
+    if isinstance(message, UwbRanges):
         # One that was not measured is left out of the arrays.
         n, why = len(message.anchor) or bool(message.unmeasured), message.unmeasured
-        values = {name: getattr(message, name) for name in _fields_of(UwbRanges)}
-        values["tag"] = NO_ID if message.tag is None else message.tag
-        given = {name: each for name, each in values.items() if each is not None and (name == "tag" or len(each))}
-        made = part(UwbRanges, n, of=np.zeros(n, np.int64), unmeasured=why, **{"first_path_gap_db": np.nan} | given)
-        yield _of_one(made, message)
-    else:
-        values = {name: np.nan if (v := getattr(message, name)) is None else v for name in _fields_of(type(message))}
-        yield _of_one(part(type(message), 1, **values), message)
-
-
-def _of_one(made: Part, message: Any) -> Part:
+        of, given = (
+            np.zeros(n, np.int64),
+            {name: each for name, each in given.items() if name == "tag" or np.size(each)},
+        )
+        given = {"first_path_gap_db": None} | {name: each for name, each in given.items() if each is not None}
+        given["tag"] = NO_ID if message.tag is None else message.tag
+    filled: dict[str, Any] = {name: np.nan if each is None else each for name, each in given.items()}
+    stamps = None if message.stamp_ns is None else np.array([message.stamp_ns])
     frames = getattr(message, "frame_id", ""), getattr(message, "child_frame_id", "")
-    return made._replace(stamp_ns=None if message.stamp_ns is None else np.array([message.stamp_ns]), frames=frames)
+    yield part(type(message), n, of=of, unmeasured=why, **filled)._replace(stamp_ns=stamps, frames=frames)
 
 
 def messages_of(batches: Iterable[Batch]) -> Iterator[tuple[int, int, str, Message]]:
@@ -167,35 +165,33 @@ def messages_of(batches: Iterable[Batch]) -> Iterator[tuple[int, int, str, Messa
             row = batch.rows[at]
             key = int(row["order"]), kinds.index(batch.kind)
             found.setdefault(key, []).append((int(row["t_ns"]), batch.topic, message))
-    for (order, kind), several in sorted(found.items()):
+    for order, kind in sorted(found):
+        several = found[order, kind]
         if kinds[kind] is Transforms:
             t_ns, topic, first = several[0]
-            poses = tuple(pose for _, _, pose in several)
-            several = [(t_ns, topic, Transforms(first.stamp_ns, poses, is_static(topic)))]
+            several = [(t_ns, topic, Transforms(first.stamp_ns, tuple(each for *_, each in several), is_static(topic)))]
         yield from ((order, *each) for each in several)
 
 
 def _unpacked(batch: Batch) -> Iterator[tuple[int, Message]]:
     """The messages of a batch, each with the number of its first row; transforms as poses."""
-    rows, kind, frames = batch.rows, batch.kind, (batch.frame_id, batch.child_frame_id)
-    stamps = [None] * len(rows) if batch.stamp_ns is None else batch.stamp_ns.tolist()
+    rows, kind = batch.rows, Pose if batch.kind is Transforms else batch.kind
+    names = [name for name in _fields_of(kind) if name in (rows.dtype.names or ())]
+    starts, ends = list(range(len(rows))), None
     if kind is UwbRanges:
         ids = np.column_stack([rows["order"], rows["tag"]])
         starts = np.flatnonzero(np.diff(ids, axis=0, prepend=ids[:1] - 1).any(axis=1)).tolist()
-        for at, end in pairwise([*starts, len(rows)]):
-            tag, some = int(rows["tag"][at]), rows[at:at] if batch.unmeasured else rows[at:end]
-            values = {name: some[name].copy() for name in rows.dtype.names[3:]}
-            if np.isnan(values["first_path_gap_db"]).all():
-                values["first_path_gap_db"] = None
-            tag = None if tag == NO_ID else tag
-            yield at, UwbRanges(stamps[at], tag, **values, unmeasured=batch.unmeasured)
-        return
-    for at, (row, stamp) in enumerate(zip(rows, stamps, strict=True)):
-        values = {name: row[name].astype(np.float64) for name in rows.dtype.names[2:] if name != "index"}
-        if kind is Imu:
-            turn = values.pop("quat_xyzw")
-            yield at, Imu(stamp, frames[0], None if np.isnan(turn).any() else turn, **values)
-        elif kind is JointStates:
-            yield at, JointStates(stamp, **values | {"tick": float(values["tick"])})
+        ends = [*starts[1:], len(rows)]
+    for i, at in enumerate(starts):
+        fields: dict[str, Any] = {"stamp_ns": None if batch.stamp_ns is None else int(batch.stamp_ns[at])}
+        fields |= {name: getattr(batch, name) for name in ("frame_id", "child_frame_id") if name in kind.__slots__}
+        if ends is not None:
+            some = rows[at:at] if batch.unmeasured else rows[at : ends[i]]
+            fields |= {name: some[name].copy() for name in names} | {"unmeasured": batch.unmeasured}
+            fields["tag"] = None if (tag := int(rows["tag"][at])) == NO_ID else tag
         else:
-            yield at, (Odometry if kind is Odometry else Pose)(stamp, *frames, **values)
+            fields |= {name: rows[name][at].astype(np.float64) for name in names}
+        for name in ("first_path_gap_db", "quat_xyzw"):
+            if name in fields and np.isnan(fields[name]).all():
+                fields[name] = None
+        yield at, kind(**fields)

@@ -176,15 +176,11 @@ def picked(batch: Batch, rows: Mask) -> Batch:
     return batch._replace(rows=batch.rows[rows], log_ns=batch.log_ns[rows], stamp_ns=stamp_ns)
 
 
-def stamps_of(each: Batch | Timed) -> tuple[Int, Int]:
-    """(N,) log times, of a reading on these, and header stamps, 0 without."""
+def stamps_of(each: Batch | Timed) -> tuple[str, Int, Int]:
+    """The stream, a topic or a transform, (N,) log times, of a reading on these, and (N,) header stamps, 0 without."""
     if isinstance(each, Timed):
-        return np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
-    return each.log_ns, np.zeros(len(each.log_ns), np.int64) if each.stamp_ns is None else each.stamp_ns
-
-
-def stream_of(each: Batch | Timed) -> str:
-    """The name of a transform as a stream, else the topic."""
-    if isinstance(each, Timed) or each.kind is not Transforms:
-        return each.topic
-    return stream_name(each.topic, each.frame_id, each.child_frame_id)
+        return each.topic, np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
+    named = each.kind is Transforms
+    stream = stream_name(each.topic, each.frame_id, each.child_frame_id) if named else each.topic
+    stamp_ns = np.zeros(len(each.log_ns), np.int64) if each.stamp_ns is None else each.stamp_ns
+    return stream, each.log_ns, stamp_ns

@@ -22,13 +22,15 @@ from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, reader_of
+from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
 from quadlog.recordings.plugged import messages_of
-from quadlog.recordings.reading import Pass, picked, stamps_of, stream_of
+from quadlog.recordings.reading import Pass, picked, stamps_of
 from quadlog.recordings.types import is_static, own_types
 from quadlog.storage.remote_path import to_path
 
 UNPACKED_AT_ONCE = 64
+Stamps = tuple[str, str, Int, Int]
+"""A topic, a stream and what stamps_of gives of it."""
 MARGIN_NS = 10_000_000_000
 """Messages may be logged so much earlier or later than others with their stamps."""
 
@@ -80,7 +82,7 @@ class Recording(ClosedOnExit):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
     range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
-    is read by configuration.
+    is read by configuration. glimpsed: the stamps of all that a glimpse shows, where somebody has read it already.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class Recording(ClosedOnExit):
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
         self.range_units: dict[str, str] = {}
         self.mapped: dict[str, Type] = {}
+        self.glimpsed: list[Stamps] | None = None
         self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
         self._first_lags_ns: dict[str, list[int]] = {}
@@ -139,7 +142,8 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless, *self._mended]))
+        own = [*tagless, *plugin_notes(self.channels), *self._mended]
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -326,9 +330,13 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
+        glimpsed, wanted = self.glimpsed, {*topics}
+        if glimpsed is None:
+            glimpsed = ((each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics))
         parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for each in self.glimpse().batches(topics):
-            parts[stream_of(each) if each.topic in tf else each.topic].append(stamps_of(each))
+        for topic, stream, *stamps in glimpsed:
+            if topic in wanted:
+                parts[stream if topic in tf else topic].append(stamps)
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
@@ -356,9 +364,9 @@ class Recording(ClosedOnExit):
 
     def _times_of(self, each: Batch | Timed) -> tuple[Int, Int, Mask]:
         """(N,) log times, times on the clock, and whether they are those of stamps; strays are not left out."""
-        log_ns, stamp_ns = stamps_of(each)
+        stream, log_ns, stamp_ns = stamps_of(each)
         stamped = stamp_ns > 0
-        placed_ns = self.clock.one.placed_ns(each.topic, stream_of(each), stamp_ns, log_ns)
+        placed_ns = self.clock.one.placed_ns(each.topic, stream, stamp_ns, log_ns)
         return log_ns, np.where(stamped, placed_ns, log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:

@@ -32,7 +32,6 @@ from quadlog.recordings.decoders.ranges import (
     type_of_ranges,
 )
 from quadlog.recordings.decoders.rows import HEADER, Type
-from quadlog.recordings.decoders.rows import Part as Part
 
 TYPES: dict[str, Type] = {
     "geometry_msgs/msg/PointStamped": Type((Pose,), HEADER | {"position": "point:xyz"}, pose),

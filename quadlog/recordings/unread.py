@@ -13,10 +13,11 @@ from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Po
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.pose_fields import HEADER
 from quadlog.recordings.decoders.ros_messages import standard_types
+from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.topic_names import name_words
-from quadlog.recordings.types import REFUSED, Type, last_part
+from quadlog.recordings.types import REFUSED, last_part
 
 NEAREST_ROLE: dict[type[Message], str] = {
     PointCloud: "lidar",

@@ -32,7 +32,9 @@ def places_of(ranges: Iterable[np.ndarray]) -> dict[int, AnchorPlace]:
 
     NaN and (0, 0, 0), which drivers write for none, are no position.
     """
-    placed = [each[["anchor", "anchor_position_m"]] for each in ranges if "anchor_position_m" in each.dtype.fields]
+    placed = [
+        each[["anchor", "anchor_position_m"]] for each in ranges if "anchor_position_m" in (each.dtype.names or ())
+    ]
     if not placed:
         return {}
     rows = np.concatenate(placed)

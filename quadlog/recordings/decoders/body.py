@@ -6,6 +6,7 @@ Fields as in unitree_go and unitree_legged_msgs; quaternions are w, x, y, z. Wit
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -15,18 +16,17 @@ from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.poses import sound_position_m
 from quadlog.recordings.decoders.rows import HEADER, NO_TURN, Part, Type, part, unit_rows
 
+JOINT_VALUES = ("position_rad", "velocity_radps", "torque_nm")
+
 
 def joint_state(columns: Columns, order: JointOrder) -> Iterator[Part]:
     """Raises DecodeError for lists of different lengths, UnknownJoints without legs."""
-    names, lists = (
-        columns["names"],
-        {"positions": "position_rad", "velocities": "velocity_radps", "efforts": "torque_nm"},
-    )
+    names, lists = columns["names"], dict(zip(("positions", "velocities", "efforts"), JOINT_VALUES, strict=True))
     for what, name in lists.items():
         if columns[name].shape[1] not in (0, len(names)):
             raise ValueError(f"names {len(names)} joints, but has {columns[name].shape[1]} {what}")
     found = order.of_names(names, columns.topic)
-    values = {
+    values: dict[str, Any] = {
         name: columns[name][:, found.place] * found.sign if columns[name].shape[1] else np.nan
         for name in lists.values()
     }
@@ -35,7 +35,7 @@ def joint_state(columns: Columns, order: JointOrder) -> Iterator[Part]:
     yield part(JointStates, columns.n, **values, foot_force_n=feet, tick=np.nan)
 
 
-JOINT_STATE = {"names": "name[]", "position_rad": "position[]", "velocity_radps": "velocity[]", "torque_nm": "effort[]"}
+JOINT_STATE = {"names": "name[]"} | dict(zip(JOINT_VALUES, ("position[]", "velocity[]", "effort[]"), strict=True))
 
 
 def unitree(columns: Columns, order: JointOrder) -> Iterator[Part]:
@@ -55,8 +55,8 @@ def unitree(columns: Columns, order: JointOrder) -> Iterator[Part]:
     if "q" in columns:
         feet, tick = columns["feet"], columns["tick"] % TICKS if "tick" in columns else np.nan
         found = order.of_motors(columns["q"].shape[1], feet.shape[1], columns.topic)
-        names = {"position_rad": "q", "velocity_radps": "dq", "torque_nm": "tau"}
-        values = {name: columns[column][:, found.place] * found.sign for name, column in names.items()}
+        motors = zip(JOINT_VALUES, ("q", "dq", "tau"), strict=True)
+        values: dict[str, Any] = {name: columns[each][:, found.place] * found.sign for name, each in motors}
         yield part(JointStates, columns.n, **values, foot_force_n=feet[:, found.feet], tick=tick)
     quat_xyzw[absent] = np.nan
     rates = {"angular_radps": columns["rate"], "linear_mps2": columns["acceleration"]}

@@ -130,11 +130,11 @@ def _leads(types: Types, name: str, steps: Sequence[str], first: int, text: bool
 class Step(NamedTuple):
     """A field to walk over: numbers, strings ("s") or messages ("").
 
-    count: None for one that is no array, -1 where the payload gives it; path: empty where nothing of it is wanted.
+    length: None for one that is no array, -1 where the payload gives it; path: empty where nothing of it is wanted.
     """
 
     dtype: str
-    count: int | None
+    length: int | None
     path: str
     inner: tuple[Step, ...] = ()
 

@@ -5,6 +5,7 @@ reach are refused.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -37,10 +38,8 @@ def pose(columns: Columns, _: JointOrder, *, flag: str = "", lost_if: bool = Fal
     """A pose, with a twist an odometry. flag: field that is lost_if in messages whose pose was not measured."""
     if flag:
         columns.refuse(columns["lost"].astype(bool) == lost_if, f"the body is not tracked ({flag})")
-    values = {
-        "position_m": sound_position_m(columns),
-        "quat_xyzw": _quat_xyzw(columns) if "quat" in columns else NO_TURN,
-    }
+    quat_xyzw = _quat_xyzw(columns) if "quat" in columns else NO_TURN
+    values: dict[str, Any] = {"position_m": sound_position_m(columns), "quat_xyzw": quat_xyzw}
     if "linear" in columns:
         twist = {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
         yield part(Odometry, columns.n, **values, **twist)

@@ -117,16 +117,18 @@ def _object(types: Types, type_name: str, walk: Walk) -> SimpleNamespace:
         if many:
             count = walk.length() if kind == Nodetype.SEQUENCE else detail[1]
             kind, detail = detail[0]
+        every: Any
         if kind == Nodetype.NAME or detail[0] == "string":
             walk.spend(count)
-            found = [_object(types, detail, walk) if kind == Nodetype.NAME else walk.text() for _ in range(count)]
+            every = [_object(types, detail, walk) if kind == Nodetype.NAME else walk.text() for _ in range(count)]
+            values[name] = every if many else every[0]
         else:
             walk.spend(1)
             dtype = DTYPES[detail[0]]
             begin = walk.over_numbers(dtype, count)
-            raw = np.frombuffer(walk.payload, walk.order + dtype, count, begin)
-            found = raw.astype(bool if detail[0] == "bool" else dtype)
-        values[name] = found if many else found[0] if isinstance(found, list) else found[0].item()
+            every = np.frombuffer(walk.payload, walk.order + dtype, count, begin)
+            every = every.astype(bool if detail[0] == "bool" else dtype)
+            values[name] = every if many else every[0].item()
     return SimpleNamespace(**values)
 
 

@@ -60,7 +60,8 @@ NO_TURN = (0.0, 0.0, 0.0, 1.0)
 def unit_rows(quat_xyzw: Float) -> tuple[Float, np.ndarray]:
     """Quaternions (..., 4) at unit length, all zeros as no rotation; and (...,) which are finite."""
     x, y, z, w = np.moveaxis(quat_xyzw, -1, 0)
-    length = np.sqrt(x * x + y * y + z * z + w * w)
-    unit = quat_xyzw / length[..., None]
+    with np.errstate(all="ignore"):
+        length = np.sqrt(x * x + y * y + z * z + w * w)
+        unit = quat_xyzw / length[..., None]
     unit[length == 0] = NO_TURN
     return unit, np.isfinite(length)
