@@ -279,10 +279,9 @@ class _Logged:
         found = []
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = track.rows["tag"] != NO_ID
-            if nameless := int((~known).sum()):
-                topic = track.topic
+            if count := int((~known).sum()):
                 self._warnings.append(
-                    f"{topic}: {nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                    f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
                 )
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
