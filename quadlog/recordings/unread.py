@@ -85,7 +85,7 @@ def unread(channel: Channel, mapped: Mapping[str, Type] = {}) -> Unread | None:
     rows = [Unread("", "uwb", REFUSED[last])] if last in REFUSED else TABLE
     why = f"quadlog has no decoder for {last or 'messages without a type'}"
     row = next((row for row in rows if re.search(row.pattern, name)), Unread("", "", why, PLUGIN))
-    return row._replace(why=row.why.format(type=channel.type_name))
+    return row._replace(why=row.why.replace("{type}", channel.type_name))
 
 
 def nearest_role(channel: Channel, mapped: Mapping[str, Type] = {}) -> str | None:

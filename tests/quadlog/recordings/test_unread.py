@@ -60,6 +60,7 @@ def test_keys_for_messages_with_a_pose_or_ranges_by_the_names_of_their_fields(te
         ("sensor_msgs/msg/CompressedImage", None, ""),
         ("diagnostic_msgs/msg/DiagnosticArray", None, ""),
         ("nav_msgs/msg/Odometry", "odometry", ""),
+        ("any/msg/{brace", None, "howto/plugins"),
         ("sensor_msgs/msg/Range", "uwb", "uwb.range_topics"),
     ],
 )
