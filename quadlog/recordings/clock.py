@@ -68,7 +68,8 @@ class Clock:
             return log_ns, kept
         t_ns = np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns)
         offset_ns = t_ns - log_ns
-        self.learn(topic, offset_ns[stamped][:FIRST_STAMPS].tolist())
+        if topic not in self.usual_ns:
+            self.learn(topic, offset_ns[stamped][:FIRST_STAMPS].tolist())
         kept = ~stamped | (np.abs(offset_ns - self.usual_ns[topic]) <= FAR_APART_NS)
         for row in np.flatnonzero(~kept).tolist():
             self._take_stray(topic, int(t_ns[row]), int(offset_ns[row]))

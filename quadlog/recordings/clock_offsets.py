@@ -72,11 +72,15 @@ class OneClock:
 
         Those that are an hour away are left to be judged by Clock.
         """
-        shift_ns, since_ns = self.shift_ns.get(stream, self.shift_ns.get(topic, 0)), self.log_ns - self.log_ns[0]
-        more_ns = np.interp(log_ns - self.log_ns[0], since_ns, self.offset_ns - self.offset_ns[0])
-        logged_ns = log_ns + self.offset_ns[0] + more_ns.astype(np.int64)
-        t_ns = logged_ns if shift_ns is None else stamp_ns - shift_ns
-        away_ns = abs(t_ns - np.clip(t_ns, *self.within_ns))
+        shift_ns, (low_ns, high_ns) = self.shift_ns.get(stream, self.shift_ns.get(topic, 0)), self.within_ns
+        t_ns = None if shift_ns is None else stamp_ns - shift_ns
+        if t_ns is not None and not ((t_ns < low_ns) | (t_ns > high_ns)).any():
+            return t_ns
+        since_ns, offset_ns = self.log_ns - self.log_ns[0], self.offset_ns - self.offset_ns[0]
+        more_ns = np.interp(log_ns - self.log_ns[0], since_ns, offset_ns).astype(np.int64)
+        logged_ns = log_ns + self.offset_ns[0] + more_ns
+        t_ns = logged_ns if t_ns is None else t_ns
+        away_ns = abs(t_ns - np.clip(t_ns, low_ns, high_ns))
         outside = (stamp_ns > 0) & (away_ns > 0) & (away_ns <= FAR_APART_NS)
         if outside.any():
             self.outside.setdefault(topic, set()).update(stamp_ns[outside].tolist())
