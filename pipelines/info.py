@@ -23,7 +23,7 @@ from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles
+from quadlog.recordings.roles import Roles, configured_topics, detect_roles
 from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
 from quadlog.recordings.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
@@ -48,9 +48,11 @@ def describe_recording(
     full, or without an index, all of it is read, with progress. Raises the errors of open_recording and UnknownTopic.
     """
     with open_configured(path, config, msg_path) as recording:
-        roles = detect_roles(recording, config.topics)
+        configured_topics(recording, config.topics)  # refuses what is not there before all is read
         budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
         part, seen, unindexed = _look(recording, budget, open_progress)
+        recording.glimpsed = seen.stamps
+        roles = detect_roles(recording, config.topics)
         uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
         info = _describe(recording, roles, seen, config)
         jumps = _back_warnings(seen, roles.topics("uwb") if uwb else ())
@@ -67,12 +69,13 @@ def _look(
     budget: for large recordings, None to read all.
     """
     part = None if budget is None else recording.excerpt(budget)
+    keep = budget is EXCERPT  # what a glimpse shows, too
     if part is None and budget is not None:
-        return recording, survey(recording), []
+        return recording, survey(recording, keep_stamps=keep), []
     unindexed = []
     if part is not None:
         try:
-            return part, survey(part, indexed_times(recording.container)), []
+            return part, survey(part, indexed_times(recording.container), keep_stamps=keep), []
         except NothingReadable:
             unindexed = ["no message of the sample can be read; all of the recording was read"]
         except Damaged as damage:

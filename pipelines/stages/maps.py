@@ -124,9 +124,10 @@ def _filtered(
         journal.warn(doubt)
     if config.lidar.deskew:
         journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
-    topic = str(data.log.lidar)
-    planar = PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)}
-    tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})", planar=planar)
+    lidars = data.log.lidars
+    planar = all(PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)} for topic in lidars)
+    where = f" ({', '.join(lidars)}: {data.log.roles.of_topic(lidars[0])[1]})"
+    tally.tell(journal, config, where, planar=planar)
 
 
 UNUSUAL = {

@@ -37,6 +37,11 @@ class Look:
     config: Config
     by_uwb: bool
 
+    @property
+    def lidars(self) -> tuple[str, ...]:
+        """The topics of the clouds; none without any, or where there is a choice."""
+        return self.roles.found["lidar"].topics if "lidar" in self.roles.found else ()
+
     def outlook(self, tags: Collection[int]) -> dict[str, Any]:
         """How far a replay will go, or that it will refuse, with what, and what is missing; tags: those that ranged."""
         topics, roles = self.config.topics, self.roles
@@ -48,18 +53,18 @@ class Look:
             return nowhere | {"missing": [str(error)]}
         if not self._hears(*roles.played):
             return nowhere | {"missing": [self.why_nothing()]}
-        lidar, odometry = unless_ambiguous(roles, "lidar"), unless_ambiguous(roles, "odometry")
+        lidars, odometry = self.lidars, unless_ambiguous(roles, "odometry")
         target, where, missing = topics.target, roles.base_in_map(topics), [*self._unplaced(), *self._unheard()]
         if target == "auto":
             target = "uwb" if source == "uwb" and len(tags) > 1 else "none" if source == "fixed" else "ahead"
         if source == "fixed":
             ways = self.ways_out(roles.frames, failed={"lidar": ""})
             missing = ["; ".join(filter(None, ["a position; the robot is taken to stand still", ways]))]
-        if lidar is None:
+        if not lidars:
             missing.append(roles.why_none("lidar"))
-        elif not find_mount(self.recording, roles, self.config, lidar, odometry).known:
+        elif not all(find_mount(self.recording, roles, self.config, each, odometry).known for each in lidars):
             missing.append("lidar.mount")
-        until = "position" if lidar is None else "map" if target == "none" else "control"
+        until = "position" if not lidars else "map" if target == "none" else "control"
         by = {name: " ".join([name, *roles.topics(name)]) for name in ("pose", "gnss")}
         by["tf"] = f"tf {where[1]} → {where[0]}" if where else "tf"
         return {"until": until, "position": by.get(source, source), "target": target, "missing": missing}
@@ -158,7 +163,7 @@ class Look:
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),
             "estimates": roles.topics("pose") + roles.topics("gnss"),
-            "lidar": unless_ambiguous(roles, "lidar"),
+            "lidar": self.lidars,
         }
 
     def _has_one(self, role: str) -> bool:

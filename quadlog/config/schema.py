@@ -20,8 +20,8 @@ from quadlog.metrics.catalogue import CATALOGUE
 
 
 def _as_list(value: object) -> object:
-    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
-    return [value] if isinstance(value, str) and value else value
+    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it; "" is none."""
+    return list(filter(None, [value])) if isinstance(value, str) else value
 
 
 def _is_planner(name: str) -> str:
@@ -54,7 +54,9 @@ class PoseTopic(Section):
 class Topics(Section):
     """Which topic plays which role. Empty: detected, and explained by `quadlog info`."""
 
-    lidar: str = Field("", description="point clouds")
+    lidar: Annotated[list[str], BeforeValidator(_as_list)] = Field(
+        [], description="point clouds; several scanners with mounts in tf are one lidar, as one in front and one behind"
+    )
     uwb: Annotated[list[str], BeforeValidator(_as_list)] = Field(
         [], description="UWB ranges; several topics where each anchor has its own"
     )

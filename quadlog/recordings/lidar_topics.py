@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -20,6 +21,7 @@ LATE_SCANS = 100
 """A lidar that shows nothing in so many scans, ten seconds of them, is not expected to."""
 NO_RETURN_M = 1e4
 """Coordinates beyond are what some drivers write where there was no return."""
+SIDE = re.compile("front|rear|back|left|right")
 FEW_POINTS = 100  # a spinning lidar gives thousands, a radar tens
 FLAT_M = 0.02
 COMPARED_SCANS, COMPARED_POINTS, COMPARED_MESSAGES = 12, 64, 600
@@ -46,7 +48,11 @@ def judge_clouds(look: Look) -> list[Candidate]:
             topic for topic, scans in samples.items() if not found[topic].rank and not any(map(len, _points(scans)))
         ]
         found |= {topic: _by_later_scans(look, found[topic]) for topic in silent}
-    return [*found.values()]
+    sides = {topic: SIDE.search(topic) for topic, each in found.items() if each.rank == best > _WORLD}
+    several = tuple(topic for topic, side in sides.items() if side)
+    if len({side[0] for side in sides.values() if side}) < 2:
+        return [*found.values()]
+    return [*found.values(), Candidate(several, best, f"{len(several)} scanners that look to different sides")]
 
 
 def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:

@@ -116,7 +116,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     kind. Ambiguity is data here: it is raised where the role is needed.
     """
     look = Look(recording, topics)
-    for role, names in _configured(recording, topics).items():
+    for role, names in configured_topics(recording, topics).items():
         fields = [look.found_words(name) for topic in names for name in recording.types_of(topic)]
         look.found[role] = Role(role, names, "; ".join(["chosen in the configuration", *filter(None, fields)]))
         if role == "joints" and (why := why_no_joints(recording, names[0])) is not None:
@@ -150,11 +150,11 @@ def position_topics(recording: Recording) -> list[str]:
     return sorted({each.topic for each in sent if fits(recording, "position", each)})
 
 
-def _configured(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
+def configured_topics(recording: Recording, topics: Topics) -> dict[str, tuple[str, ...]]:
     """Role -> topics, for the roles that the configuration settles. Raises UnknownTopic."""
-    named: dict[str, list[str]] = {role: [getattr(topics, role)] for role in ("lidar", "odometry", "imu", "joints")}
+    named: dict[str, list[str]] = {role: [getattr(topics, role)] for role in ("odometry", "imu", "joints")}
     named["reference"] = [] if topics.reference == NO_REFERENCE else [topics.reference]
-    named |= {"uwb": topics.uwb, "tf": topics.tf}
+    named |= {"lidar": topics.lidar, "uwb": topics.uwb, "tf": topics.tf}
     named["target"] = [] if topics.target in TARGET_WORDS else [topics.target]
     by_topic = topics.position not in POSITION_WORDS and recording.types_of(topics.position)
     named["position"] = [topics.position] if by_topic else []

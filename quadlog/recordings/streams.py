@@ -31,10 +31,11 @@ from quadlog.messages import (
     UwbRanges,
 )
 from quadlog.recordings.bursts import spread
-from quadlog.recordings.clock import Mask, Sender, clock_losses, kept_rows, left_out
+from quadlog.recordings.clock import Mask, Sender, clock_losses, goes_back, kept_rows, left_out
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
-from quadlog.recordings.recording import Pass, Recording
+from quadlog.recordings.reading import Pass
+from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.recordings.types import is_static
 
@@ -50,7 +51,7 @@ class Streams:
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
     anchor_places: anchor id -> where the range messages say that it is. estimates: pose topic -> its poses.
     losses: of topics whose clock was set back. clouds_ns: (C,) stamps of the clouds in the order in which they came;
-    repeated_clouds: (C,) those that a clock that was set back stamps a second time.
+    clouds_of: (C,) by the number of their topic; repeated_clouds: (C,) those that a clock that was set stamps wrongly.
     """
 
     ranges: RangeSeries | None
@@ -66,6 +67,7 @@ class Streams:
     losses: list[Loss]
     anchor_places: dict[int, AnchorPlace]
     clouds_ns: Int
+    clouds_of: Int
     repeated_clouds: Mask
     joints: JointSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
@@ -82,12 +84,12 @@ class Wanted(NamedTuple):
     tf: Sequence[str] = ()
     joints: str | None = None
     estimates: Sequence[str] = ()
-    lidar: str | None = None
+    lidar: Sequence[str] = ()
 
     def topics(self, *, static: bool) -> list[str]:
         """Those of static transforms, which hold before any window too, or all others, each once."""
-        single = (self.odometry, self.imu, self.joints, self.reference, self.target, self.lidar)
-        topics = dict.fromkeys([*self.uwb, *filter(None, single), *self.estimates, *self.tf])
+        single = (self.odometry, self.imu, self.joints, self.reference, self.target)
+        topics = dict.fromkeys([*self.uwb, *filter(None, single), *self.estimates, *self.lidar, *self.tf])
         return [topic for topic in topics if (topic in self.tf and is_static(topic)) == static]
 
     def kinds(self) -> dict[type[Message], set[str | None]]:
@@ -157,7 +159,7 @@ class _Track(NamedTuple):
 
     def parts(self, kind: type[Message]) -> list[NDArray[np.intp]]:
         """The rows of each sender: of ranges of each link, since tags of a topic may be late by different amounts."""
-        if kind is not UwbRanges:
+        if kind is not UwbRanges or not goes_back(self.t_ns):
             return [np.arange(len(self.rows))]
         order = np.lexsort((self.rows["anchor"], self.rows["tag"]))
         link = np.column_stack([self.rows["tag"], self.rows["anchor"]])[order]
@@ -175,7 +177,7 @@ class _Logged:
         self._wanted, self._kinds = wanted, wanted.kinds()
         self._static: dict[_Key, list[Batch]] = defaultdict(list)
         self._batches: dict[_Key, list[Batch]] = defaultdict(list)
-        self._clouds_ns, self._clouds_log_ns = array("q"), array("q")
+        self._clouds = array("q")  # number of the topic, log time and time of each
         self._unmeasured = Counter[str]()
         self._warnings: list[str] = []
 
@@ -193,9 +195,8 @@ class _Logged:
         for each in recording.read(topics, reading) if topics else ():
             watch(each.topic)
             if isinstance(each, Timed):
-                if each.topic == self._wanted.lidar:
-                    self._clouds_ns.append(each.t_ns)
-                    self._clouds_log_ns.append(reading.log_ns)
+                if each.topic in self._wanted.lidar:
+                    self._clouds.extend((self._wanted.lidar.index(each.topic), reading.log_ns, each.t_ns))
             elif each.unmeasured:
                 self._unmeasured[each.unmeasured] += len(each.rows)
             elif each.topic in self._kinds[each.kind]:
@@ -209,7 +210,8 @@ class _Logged:
         tracks = {key: _Track.of(batches) for key, batches in self._batches.items()}
         if spread_bursts:
             self._spread_joints(tracks)
-        losses, repeated_clouds = self._put_right(tracks)
+        clouds = np.array(self._clouds, np.int64).reshape(-1, 3).T
+        losses, repeated_clouds = self._put_right(tracks, clouds)
         ranges, gap_db = self._ranges(tracks)
         poses = {topic: _poses(tracks, topic) for topic in self._kinds[Pose]}
         odometry, twist = poses[wanted.odometry], tracks.get((Odometry, str(wanted.odometry), ""))
@@ -227,26 +229,31 @@ class _Logged:
             warnings=warnings,
             losses=losses,
             anchor_places=places_of(each.rows for each in ranged),
-            clouds_ns=np.array(self._clouds_ns, np.int64),
+            clouds_ns=clouds[2],
+            clouds_of=clouds[0],
             repeated_clouds=repeated_clouds,
             joints=self._joints(tracks),
             estimates={topic: series for topic in wanted.estimates if (series := poses[topic]) is not None},
         )
 
-    def _put_right(self, tracks: dict[_Key, _Track]) -> tuple[list[Loss], Mask]:
+    def _put_right(self, tracks: dict[_Key, _Track], clouds: Int) -> tuple[list[Loss], Mask]:
         """Bring tracks in the order of time, without what a clock that was set stamps wrongly; which clouds these are.
 
-        Equal stamps, of which the first is kept, are counted in warnings.
+        Equal stamps, of which the first is kept, are counted in warnings. clouds: (3, C) as in _clouds.
         """
-        clouds = Sender(str(self._wanted.lidar), "clouds", np.array(self._clouds_log_ns), np.array(self._clouds_ns))
         parts = [(key, rows) for key, track in tracks.items() for rows in track.parts(key[0])]
         senders = [
             Sender(tracks[key].topic, _THINGS.get(key[0], "messages"), tracks[key].log_ns[rows], tracks[key].t_ns[rows])
             for key, rows in parts
         ]
-        *left, repeated_clouds = masks = left_out([*senders, clouds])
+        scanners = [clouds[0] == number for number in range(len(self._wanted.lidar))]
+        for topic, mine in zip(self._wanted.lidar, scanners, strict=True):
+            senders.append(Sender(topic, "clouds", *clouds[1:, mine]))
+        masks, repeated = left_out(senders), np.zeros(clouds.shape[1], np.bool_)
+        for mine, mask in zip(scanners, masks[len(parts) :], strict=True):
+            repeated[mine] = mask
         whole = {key: np.zeros(len(track.rows), np.bool_) for key, track in tracks.items()}
-        for (key, rows), mask in zip(parts, left, strict=True):
+        for (key, rows), mask in zip(parts, masks[: len(parts)], strict=True):
             whole[key][rows] = mask
         for key, track in tracks.items():
             kept = kept_rows(track.t_ns, whole[key], equal=key[0] is UwbRanges)
@@ -257,7 +264,7 @@ class _Logged:
                 )
                 self._warnings.append(text)
             tracks[key] = track._replace(rows=track.rows[kept])
-        return clock_losses([*senders, clouds], masks), repeated_clouds
+        return clock_losses(senders, masks), repeated
 
     def _tree(self, tracks: Mapping[_Key, _Track]) -> TransformTree:
         tree = TransformTree()
@@ -273,10 +280,9 @@ class _Logged:
         found = []
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = track.rows["tag"] != NO_ID
-            if nameless := int((~known).sum()):
-                topic = track.topic
+            if count := int((~known).sum()):
                 self._warnings.append(
-                    f"{topic}: {nameless} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                    f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
                 )
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
@@ -286,7 +292,7 @@ class _Logged:
             return None, None
         names = ("order", "t_ns", "tag", "anchor", "range_m", "first_path_gap_db")
         order, *columns = (np.concatenate([rows[name] for rows in found]) for name in names)
-        by_time = np.lexsort((order, columns[0]))
+        by_time = np.lexsort((order, columns[0])) if len(found) > 1 else slice(None)
         *series, gap_db = (column[by_time] for column in columns)
         return RangeSeries(*series), gap_db
 

@@ -20,7 +20,8 @@ from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.recording import Pass, Recording
+from quadlog.recordings.reading import Pass, stamps_of
+from quadlog.recordings.recording import Recording, Stamps
 from quadlog.recordings.types import is_static
 
 HEADER_TYPE = "std_msgs/msg/Header"
@@ -76,6 +77,7 @@ class Survey:
 
     messages_read: how many were decoded; clocks, links and places are known from these alone. anchor_places: anchor
     id -> where the range messages say that it is. transforms: how many of each topic, parent and child were read.
+    stamps: of all messages read, if they are to be kept.
     """
 
     topics: tuple[TopicSurvey, ...]
@@ -86,6 +88,7 @@ class Survey:
     end_ns: int | None
     anchor_places: dict[int, AnchorPlace]
     transforms: Counter[tuple[str, str, str]]
+    stamps: list[Stamps] | None
 
 
 def indexed_times(container: Container) -> dict[Channel, Int]:
@@ -121,6 +124,8 @@ def survey(
     recording: Recording,
     times: Mapping[Channel, Int] | None = None,
     watch: Callable[[Iterator[RawMessage]], Iterator[RawMessage]] = lambda raws: raws,
+    *,
+    keep_stamps: bool = False,
 ) -> Survey:
     """Read everything once, except the coordinates of clouds; memory grows by 8 bytes a message.
 
@@ -130,16 +135,22 @@ def survey(
     """
     seen = {id(channel): _Seen(channel, recording) for channel in recording.channels}
     found: dict[str, _Found] = defaultdict(_Found)
-    reading = Pass(recording, timed=False)
+    reading, stamps = Pass(recording, timed=False), list[Stamps]()
+
+    def take(topic: str, some: list[Batch | Timed]) -> None:
+        found[topic].take(some)
+        if keep_stamps:
+            stamps.extend((topic, *stamps_of(each)) for each in some)
+
     for order, raw in enumerate(watch(recording.container.messages())):
         key = id(raw.channel)
         if key not in seen:
             seen[key] = _Seen(raw.channel, recording)
         seen[key].take(raw)
         if some := [*reading.take(order, raw)]:
-            found[raw.channel.topic].take(some)
+            take(raw.channel.topic, some)
     for topic, rest in groupby(reading.rest(), key=lambda each: each.topic):
-        found[topic].take([*rest])
+        take(topic, [*rest])
     read = {each.channel: np.sort(np.frombuffer(each.log_ns, np.int64)) for each in seen.values()}
     whole = read if times is None else times
     topics = [_surveyed(each, whole[each.channel], found.get(each.channel.topic, _Found())) for each in seen.values()]
@@ -152,6 +163,7 @@ def survey(
         max((each.last_ns for each in topics if each.last_ns is not None), default=None),
         places_of(rows for each in found.values() for rows in each.placed),
         Counter({(topic, *frames): n for topic in found for frames, n in found[topic].transforms.items()}),
+        stamps if keep_stamps else None,
     )
 
 
@@ -247,10 +259,10 @@ class _Found:
 
 def _first_stamps(each: Batch | Timed) -> Int:
     """(3, N) orders, log times and header stamps, 0 without, of messages; of several transforms those of the first."""
+    _, log_ns, stamp_ns = stamps_of(each)
     if isinstance(each, Timed):
-        return np.array([[0], [each.t_ns], [each.message.stamp_ns or 0]])
-    stamp_ns = np.zeros_like(each.log_ns) if each.stamp_ns is None else each.stamp_ns
-    stamps = np.array([each.rows["order"], each.log_ns, stamp_ns])
+        return np.array([[0], log_ns, stamp_ns])
+    stamps = np.array([each.rows["order"], log_ns, stamp_ns])
     return stamps[:, each.rows["index"] == 0] if each.kind is Transforms else stamps
 
 

@@ -13,6 +13,7 @@ from quadlog.config.file import load_config
 from quadlog.lidar.levelling import NotLevelled
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
+from quadlog.pipelines.stages.scanners import turns_of
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.tf_tree import TransformTree
 
@@ -80,3 +81,21 @@ def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, known, late_ns,
     scan = scanner(*settings, **known).classified(T_NS + late_ns, cloud(roll_deg=8.0))
     assert np.degrees(np.arccos(scan.row["ground_nz"])) == pytest.approx(expected_deg, abs=0.3)
     assert scan.not_levelled is (NotLevelled.STALE if late_ns else None)
+
+
+@pytest.mark.parametrize(
+    ("front_ms", "rear_ms", "turns_ms"),
+    [
+        ((0, 100, 200), (40, 140, 240), (0, 100, 200)),
+        ((0, 100, 200), (60, 160, 260), (0, 100, 200, 260)),  # each rear one is nearer to the next front one
+        ((0, 100, 300), (30, 130, 230), (0, 100, 230, 300)),  # one in front is missing
+        ((0, 100, 200), (-10, 90, 205), (0, 100, 200)),
+        ((0, 100, 200), (), (0, 100, 200)),
+    ],
+)
+def test_clouds_of_two_scanners_within_half_a_period_are_one(front_ms, rear_ms, turns_ms):
+    scanner = np.array([0] * len(front_ms) + [1] * len(rear_ms))
+    turn, t_ns = turns_of(scanner, np.array([*front_ms, *rear_ms], np.int64) * 1_000_000)
+    assert (t_ns // 1_000_000).tolist() == list(turns_ms)
+    assert sorted(set(turn.tolist())) == list(range(len(turns_ms)))
+    assert np.bincount(turn).max() <= 2
