@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.interfaces import Nodetype
 
-from quadlog.errors import DecodeError
+from quadlog.errors import DecodeError, some_of
 from quadlog.messages import NS_PER_S, Int
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.payload import PayloadReader
@@ -93,7 +93,8 @@ def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str
         if path is not None:
             found[column] = path
         elif not choices.endswith("?"):
-            raise BadDefinition(f"its definition has no field {choices}")
+            names = some_of([name for name, _ in types[type_name][1]])
+            raise BadDefinition(f"its definition has no {'text' if column in TEXTS else 'number'} {choices} ({names})")
     return found
 
 
