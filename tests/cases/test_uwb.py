@@ -343,7 +343,7 @@ CASES = {
         for kind, keys in OWN_KEYS.items()
     },
     "a field that is not there": Case(
-        own("Single"), ("its definition has no field distance",), code=1,
+        own("Single"), ("its definition has no number distance (header, peer, distance_mm)",), code=1,
         config=f'{site()}range_topics = [{{topic="/own", field="distance"}}]\n',
     ),
     "times without ticks": Case(

@@ -174,7 +174,7 @@ def test_other_definitions_of_a_standard_type_are_kept_to(text: bytes, kind: str
     channel = channel_of(own, kind, name)
     payload = serialised(own, kind, message_of(Random(0), own, name))
     if b"string x" in text or b" y\n" not in text:
-        with pytest.raises(DecodeError, match=r"has no field pose\.position:xyz"):
+        with pytest.raises(DecodeError, match=r"has no number pose\.position:xyz"):
             decoded(channel, payload)
     else:
         assert assert_columns_as(own, channel, [payload], TYPES[name].wanted) == {0}

@@ -168,5 +168,5 @@ def test_poses_of_any_message(ros: Any) -> None:
         (pose,) = decoded(channel, payload, mapped={"/vicon": own_pose(fields, "mm")})
         assert isinstance(pose, Pose)
         assert (pose.stamp_ns, pose.position_m.tolist(), pose.quat_xyzw.tolist()) == (T_NS, [1, 2, -0.5], xyzw)
-    with pytest.raises(DecodeError, match=r"no field z_tran$"):
+    with pytest.raises(DecodeError, match="no number z_tran "):
         decoded(channel, payload, mapped={"/vicon": own_pose([*place[:2], "z_tran"])})
