@@ -72,9 +72,13 @@ class Log(Look):
 
     def _first_ns(self) -> int:
         first = next(iter(self.recording.messages(self.roles.played)), None)
-        if first is None:
+        if first is not None:
+            return first.t_ns
+        heard = [topic for topic in self.roles.played if topic not in self.unheard]
+        raw = next(iter(self.recording.container.messages(heard)), None) if heard else None
+        if raw is None:
             raise NothingToReplay(self.recording.path, self.why_nothing())
-        return first.t_ns
+        return raw.log_time_ns  # of messages that hold nothing, as of tags that hear no anchor
 
     def span_ns(self, streams: Streams) -> tuple[int, int]:
         """First and last instant of what was read, not of a reference alone.

@@ -127,14 +127,14 @@ class Sender(NamedTuple):
     t_ns: Int
 
     @property
-    def goes_back(self) -> bool:
-        """Whether a stamp is farther behind the latest one than messages overtake one another."""
-        return bool((self.t_ns < np.maximum.accumulate(self.t_ns) - LATE_NS).any())
-
-    @property
     def heard(self) -> tuple[int, int]:
         """In how many seconds of the log, and how often."""
         return len(np.unique(self.log_ns // LATE_NS)), len(self.log_ns)
+
+
+def goes_back(t_ns: Int) -> bool:
+    """Whether one of the stamps (N,) is farther behind the latest one than messages overtake one another."""
+    return bool((t_ns < np.maximum.accumulate(t_ns) - LATE_NS).any())
 
 
 class Passage(NamedTuple):
@@ -170,7 +170,7 @@ def left_out(senders: Sequence[Sender]) -> list[Mask]:
     """
     masks = [np.zeros(len(each.t_ns), np.bool_) for each in senders]
     passages: list[Passage] = []
-    backward = [row for row, each in enumerate(senders) if each.goes_back]
+    backward = [row for row, each in enumerate(senders) if goes_back(each.t_ns)]
     for row in sorted(backward, key=lambda row: senders[row].heard, reverse=True):
         for passage in passages:
             masks[row] |= passage.rows(senders[row])

@@ -141,26 +141,32 @@ def reader_of(
     if encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
         raise DecodeError(topic, f"its message encoding {encoding[:40]!r} is not one quadlog reads ({known})")
-    plugged, own = plugged_decoder(name), (mapped or {}).get(topic)
-    if own is None and plugged is not None:
-        return _plugged(channel, plugged, definitions)
-    if own is None and name in FOXGLOVE:
-        if FOXGLOVE[name] is PointCloud:
-            return _clouds(partial(foxglove.cloud_decoder, channel))
-        pose = foxglove.pose_decoder(channel)
-        return OneByOne(lambda payload: [pose(payload)])
-    if own is None and name == POINT_CLOUD:
-        return _clouds(lambda make: PointCloud2Decoder(topic, encoding, make, warn))
-    if own is None and name in PLANAR_SCANS:
-        wanted, cloud_of = PLANAR_SCANS[name]
-        columns = ColumnReader(channel, wanted, definitions.candidates)
-        return _clouds(lambda _: lambda payload: cloud_of(columns.one(bytes(payload))))
-    if own is None and last_part(name) == LIVOX:
-        return _clouds(partial(livox_decoder, topic, encoding))
+    own = (mapped or {}).get(topic)
+    if own is None and (reader := _not_by_columns(channel, definitions, warn)) is not None:
+        return reader
     found = own or type_of(name) or found_pose(channel)
     assert not isinstance(found, str)
     kind = found.type() if isinstance(found, PoseField) else found
     return ByColumns(ColumnReader(channel, kind.wanted, definitions.candidates), kind, order)
+
+
+def _not_by_columns(channel: Channel, definitions: Definitions, warn: Warn) -> RowReader | CloudReader | None:
+    """What reads a channel of a plug-in's type, of Foxglove's or of clouds."""
+    name, topic, encoding = channel.type_name, channel.topic, channel.message_encoding
+    if (plugged := plugged_decoder(name)) is not None:
+        return _plugged(channel, plugged, definitions)
+    if name in FOXGLOVE:
+        if FOXGLOVE[name] is PointCloud:
+            return _clouds(partial(foxglove.cloud_decoder, channel))
+        pose = foxglove.pose_decoder(channel)
+        return OneByOne(lambda payload: [pose(payload)])
+    if name == POINT_CLOUD:
+        return _clouds(lambda make: PointCloud2Decoder(topic, encoding, make, warn))
+    if name in PLANAR_SCANS:
+        wanted, cloud_of = PLANAR_SCANS[name]
+        columns = ColumnReader(channel, wanted, definitions.candidates)
+        return _clouds(lambda _: lambda payload: cloud_of(columns.one(bytes(payload))))
+    return _clouds(partial(livox_decoder, topic, encoding)) if last_part(name) == LIVOX else None
 
 
 def _clouds(make: Callable[[MakeCloud], Callable[[Payload], PointCloud | None]]) -> CloudReader:

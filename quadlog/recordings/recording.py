@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
@@ -14,22 +13,21 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, some_of
-from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, PointCloud, Timed, Transforms, UwbRanges
+from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
 from quadlog.recordings.clock import FIRST_STAMPS, Clock, Mask, Stamp
-from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS, Offsets, one_clock, stream_name
+from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoders.rows import Part, Type
+from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
 from quadlog.recordings.plugged import messages_of
+from quadlog.recordings.reading import Pass, picked, stamps_of
 from quadlog.recordings.types import is_static, own_types
 from quadlog.storage.remote_path import to_path
 
-MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
-"""Small messages of a channel that are decoded at once."""
 UNPACKED_AT_ONCE = 64
 Stamps = tuple[str, str, Int, Int]
 """A topic, a stream and what stamps_of gives of it."""
@@ -185,8 +183,11 @@ class Recording(ClosedOnExit):
 
     def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
         """What a reading makes of topics; see `batches`."""
+        takers = reading.takers
         for order, raw in enumerate(self._raws(topics, reading)):
-            yield from reading.take(order, raw)
+            take = takers.get(id(raw.channel)) or reading.taker(raw.channel)
+            if found := take(order, raw):
+                yield from found
         yield from reading.rest()
 
     def messages(
@@ -273,9 +274,9 @@ class Recording(ClosedOnExit):
             found += reading.take(order, raw)
         seen: dict[str, tuple[int, int]] = {}
         for each in [*found, *reading.rest()]:
-            log_ns, t_ns, stamped = self._times_of(each)
-            usual = ~stamped | (np.abs(t_ns - log_ns - self.clock.usual_ns.get(each.topic, 0)) <= FAR_APART_NS)
-            for first in sorted(zip(log_ns[usual].tolist(), t_ns[usual].tolist(), strict=True))[:1]:
+            logged_ns, t_ns, stamped = self._times_of(each)
+            usual = ~stamped | (np.abs(t_ns - logged_ns - self.clock.usual_ns.get(each.topic, 0)) <= FAR_APART_NS)
+            for first in sorted(zip(logged_ns[usual].tolist(), t_ns[usual].tolist(), strict=True))[:1]:
                 seen[each.topic] = min(seen.get(each.topic, first), first)
         return seen
 
@@ -309,8 +310,9 @@ class Recording(ClosedOnExit):
             known = count, found, None if reading.decoded else reading.why
             if count <= FIRST_STAMPS or not any(isinstance(each, Timed) for each in found):  # clouds are large
                 self._peeked[topic] = known
-        found = [each if isinstance(each, Timed) else _picked(each, each.rows["order"] < count) for each in known[1]]
-        return [each for each in found[:count] if isinstance(each, Timed) or len(each.rows)], known[2]
+        clouds = [each for each in known[1] if isinstance(each, Timed)][:count]
+        rows = [picked(each, each.rows["order"] < count) for each in known[1] if isinstance(each, Batch)]
+        return [*(each for each in rows if len(each.rows)), *clouds], known[2]
 
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
@@ -375,7 +377,7 @@ class Recording(ClosedOnExit):
             if not self.is_decodable(channel):
                 continue
             if kind not in self._why_undecodable:
-                self._reader(channel)
+                self.reader(channel)
                 self._why_undecodable[kind] = self._undecodable.get(topic)
             elif (why := self._why_undecodable[kind]) is not None:
                 self._undecodable[topic] = why
@@ -409,7 +411,7 @@ class Recording(ClosedOnExit):
         several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
-    def _reader(self, channel: Channel) -> RowReader | CloudReader | None:
+    def reader(self, channel: Channel) -> RowReader | CloudReader | None:
         """What reads the channel's payloads; None where there is none, which is a loss if its type is known."""
         if id(channel) not in self._readers:
             reader = None
@@ -421,7 +423,12 @@ class Recording(ClosedOnExit):
             self._readers[id(channel)] = channel, reader
         return self._readers[id(channel)][1]
 
-    def _name_ranges(self, channel: Channel, rows: np.ndarray) -> None:
+    def count_failures(self, topic: str, count: int, why: str) -> None:
+        """So many messages of a topic could not be decoded in a reading; the reading with most is reported."""
+        most, first = self._failures.get(topic, (0, why))
+        self._failures[topic] = max(most, count), first
+
+    def name_ranges(self, channel: Channel, rows: np.ndarray) -> None:
         """Bring rows of ranges into metres, and name their ends where only the topic does."""
         topic = channel.topic
         if topic in self.range_units:
@@ -437,164 +444,8 @@ class Recording(ClosedOnExit):
                 rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named] = ends
 
 
-class _Waiting:
-    """Small messages of a channel that wait until there are enough to be decoded at once."""
-
-    def __init__(self, channel: Channel, reader: RowReader) -> None:
-        self.channel, self.reader = channel, reader
-        self.clear()
-
-    def clear(self) -> None:
-        """Nothing waits."""
-        self.orders, self.log_ns = array("q"), array("q")
-        self.payloads, self.bytes = list[bytes](), 0
-
-    def add(self, order: int, raw: RawMessage) -> bool:
-        """Whether there are enough now. The payload is copied, so that no chunk is kept for it."""
-        self.orders.append(order)
-        self.log_ns.append(raw.log_time_ns)
-        self.payloads.append(bytes(raw.payload))
-        self.bytes += len(raw.payload)
-        return self.bytes >= MOST_WAITING_BYTES or len(self.payloads) >= MOST_WAITING
-
-
-class Pass:
-    """One reading of some topics: messages go in as they were logged, rows and clouds come out.
-
-    points: whether clouds have them. timed: whether times are on the recording's clock, and stray stamps left out, or
-    log times. counted: whether failures are losses, and stamps of 0 warnings. decoded: how many messages could be
-    decoded so far; why: the reason of the first that could not. log_ns: when the last cloud was logged.
-    """
-
-    def __init__(
-        self,
-        recording: Recording,
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-        *,
-        points: bool = False,
-        timed: bool = True,
-        counted: bool = True,
-    ) -> None:
-        self.start_ns, self.end_ns = start_ns, end_ns
-        self._recording, self._points, self._timed, self._counted = recording, points, timed, counted
-        self._takers: dict[int, Callable[[int, RawMessage], Iterable[Batch | Timed]]] = {}
-        self._waiting: list[_Waiting] = []
-        self._failed, self._zeros = Counter[str](), Counter[str]()
-        self.waiting = self.decoded = self.log_ns = 0
-        self.why: str | None = None
-
-    def take(self, order: int, raw: RawMessage) -> Iterable[Batch | Timed]:
-        """What can be given out with the next message. order: grows from message to message."""
-        key = id(raw.channel)
-        if key not in self._takers:
-            self._takers[key] = self._taker(raw.channel)
-        return self._takers[key](order, raw)
-
-    def rest(self) -> Iterator[Batch]:
-        """All that waits."""
-        self.waiting = 0
-        for waiting in self._waiting:
-            yield from self._rows(waiting)
-
-    def _taker(self, channel: Channel) -> Callable[[int, RawMessage], Iterable[Batch | Timed]]:
-        reader = self._recording._reader(channel)
-        if reader is None:
-            return lambda *_: ()
-        if isinstance(reader, CloudReader):
-            return partial(self._cloud, reader.full if self._points else reader.checked)
-        waiting = _Waiting(channel, reader)
-        self._waiting.append(waiting)
-
-        def take(order: int, raw: RawMessage) -> Iterable[Batch]:
-            self.waiting += 1
-            return self._rows(waiting) if waiting.add(order, raw) else ()
-
-        return take
-
-    def _cloud(
-        self, decode: Callable[[bytes | memoryview], PointCloud | None], _: int, raw: RawMessage
-    ) -> Iterator[Timed]:
-        topic, self.log_ns = raw.channel.topic, raw.log_time_ns
-        try:
-            cloud = decode(raw.payload)
-        except DecodeError as error:
-            self._fail(topic, 1, error.reason)
-            return
-        if cloud is None:
-            return
-        self.decoded += 1
-        stamp_ns = None if cloud.stamp_ns is None else np.array([cloud.stamp_ns])
-        t_ns, kept = self._times(topic, stamp_ns, np.array([self.log_ns]))
-        if kept[0]:
-            yield Timed(int(t_ns[0]), topic, cloud)
-
-    def _rows(self, waiting: _Waiting) -> Iterator[Batch]:
-        channel, payloads = waiting.channel, waiting.payloads
-        orders, log_ns = np.array(waiting.orders, np.int64), np.array(waiting.log_ns, np.int64)
-        waiting.clear()
-        for decoded in waiting.reader.read(payloads) if payloads else ():
-            self._fail(channel.topic, decoded.failed, decoded.why)
-            self.decoded += len(decoded.which) - decoded.failed if decoded.parts else 0
-            for part in decoded.parts:
-                yield from self._batch(channel, part, orders[decoded.which], log_ns[decoded.which])
-
-    def _batch(self, channel: Channel, part: Part, orders: Int, log_ns: Int) -> Iterator[Batch]:
-        rows, stamp_ns, topic, frames = part.rows, part.stamp_ns, channel.topic, part.frames or ("", "")
-        if part.of is not None:
-            orders, log_ns = orders[part.of], log_ns[part.of]
-            stamp_ns = None if stamp_ns is None else stamp_ns[part.of]
-        if part.kind is UwbRanges:
-            self._recording._name_ranges(channel, rows)
-        stream = stream_name(topic, *frames) if part.kind is Transforms else ""
-        rows["order"] = orders
-        rows["t_ns"], kept = self._times(topic, stamp_ns, log_ns, stream)
-        batch = Batch(part.kind, topic, rows, log_ns, stamp_ns, *frames, part.unmeasured)
-        if kept.any():
-            yield batch if kept.all() else _picked(batch, kept)
-
-    def _times(self, topic: str, stamp_ns: Int | None, log_ns: Int, stream: str = "") -> tuple[Int, Mask]:
-        """Times (N,), and which of them are no strays and within the window. Static transforms hold at all times."""
-        clock, kept = self._recording.clock, np.ones(len(log_ns), np.bool_)
-        t_ns, static = log_ns, is_static(topic)
-        if self._counted and stamp_ns is not None and not static and clock.stamp != "log":
-            self._zeros[topic] += int((stamp_ns == 0).sum())
-            clock.count_zeros(topic, self._zeros[topic])
-        if self._timed and static:
-            t_ns = log_ns if stamp_ns is None or clock.stamp == "log" else np.where(stamp_ns == 0, log_ns, stamp_ns)
-        elif self._timed:
-            t_ns, kept = clock.times_ns(topic, stamp_ns, log_ns, stream)
-        if self.start_ns is not None:
-            kept = kept & (t_ns >= self.start_ns)
-        if self.end_ns is not None:
-            kept = kept & (t_ns < self.end_ns)
-        return t_ns, kept
-
-    def _fail(self, topic: str, count: int, why: str) -> None:
-        self.why = self.why or why or None
-        if count and self._counted:
-            self._failed[topic] += count
-            most, first = self._recording._failures.get(topic, (0, why))
-            self._recording._failures[topic] = max(most, self._failed[topic]), first
-
-
-def _picked(batch: Batch, rows: Mask) -> Batch:
-    stamp_ns = None if batch.stamp_ns is None else batch.stamp_ns[rows]
-    return batch._replace(rows=batch.rows[rows], log_ns=batch.log_ns[rows], stamp_ns=stamp_ns)
-
-
-def stamps_of(each: Batch | Timed) -> tuple[str, Int, Int]:
-    """The stream, a topic or a transform, (N,) log times, of a reading on these, and (N,) header stamps, 0 without."""
-    if isinstance(each, Timed):
-        return each.topic, np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
-    named = each.kind is Transforms
-    stream = stream_name(each.topic, each.frame_id, each.child_frame_id) if named else each.topic
-    stamp_ns = np.zeros(len(each.log_ns), np.int64) if each.stamp_ns is None else each.stamp_ns
-    return stream, each.log_ns, stamp_ns
-
-
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:
     """Single messages; transforms have their times for stamps."""
     timed = [each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms else each for each in batches]
-    for _, *message in messages_of(timed):
-        yield Timed(*message)
+    for _, t_ns, topic, message in messages_of(timed):
+        yield Timed(t_ns, topic, message)

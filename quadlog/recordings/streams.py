@@ -31,10 +31,11 @@ from quadlog.messages import (
     UwbRanges,
 )
 from quadlog.recordings.bursts import spread
-from quadlog.recordings.clock import Mask, Sender, clock_losses, kept_rows, left_out
+from quadlog.recordings.clock import Mask, Sender, clock_losses, goes_back, kept_rows, left_out
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
-from quadlog.recordings.recording import Pass, Recording
+from quadlog.recordings.reading import Pass
+from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.recordings.types import is_static
 
@@ -158,7 +159,7 @@ class _Track(NamedTuple):
 
     def parts(self, kind: type[Message]) -> list[NDArray[np.intp]]:
         """The rows of each sender: of ranges of each link, since tags of a topic may be late by different amounts."""
-        if kind is not UwbRanges:
+        if kind is not UwbRanges or not goes_back(self.t_ns):
             return [np.arange(len(self.rows))]
         order = np.lexsort((self.rows["anchor"], self.rows["tag"]))
         link = np.column_stack([self.rows["tag"], self.rows["anchor"]])[order]
@@ -291,7 +292,7 @@ class _Logged:
             return None, None
         names = ("order", "t_ns", "tag", "anchor", "range_m", "first_path_gap_db")
         order, *columns = (np.concatenate([rows[name] for rows in found]) for name in names)
-        by_time = np.lexsort((order, columns[0]))
+        by_time = np.lexsort((order, columns[0])) if len(found) > 1 else slice(None)
         *series, gap_db = (column[by_time] for column in columns)
         return RangeSeries(*series), gap_db
 

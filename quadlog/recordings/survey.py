@@ -20,7 +20,8 @@ from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.recording import Pass, Recording, Stamps, stamps_of
+from quadlog.recordings.reading import Pass, stamps_of
+from quadlog.recordings.recording import Recording, Stamps
 from quadlog.recordings.types import is_static
 
 HEADER_TYPE = "std_msgs/msg/Header"

@@ -8,7 +8,6 @@ missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from rosbags.interfaces import Nodetype
 from quadlog.errors import DecodeError
 from quadlog.messages import NS_PER_S, Int
 from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.payload import PayloadReader
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types
 
 TEXTS = ("frame", "child", "names")
@@ -24,14 +24,9 @@ TEXTS = ("frame", "child", "names")
 DTYPES = dict.fromkeys(("bool", "byte", "char", "octet"), "u1") | {"float32": "f4", "float64": "f8"}
 DTYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)}
 ARRAYS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-CDR_ORDER, CDR_SLACK = {b"\0\0": ">", b"\0\1": "<"}, 3  # writers may fill a payload up to four bytes
 KEPT_LAYOUTS, LARGEST_BYTES = 16, 1 << 20
 MOST_SENT = 1 << 16
 """Fields of a payload, each number in an array apart."""
-
-
-class Misfit(ValueError):
-    """A payload that does not follow its definition, or a definition without a wanted field."""
 
 
 class Columns(dict[str, Any]):
@@ -90,7 +85,7 @@ class Path(NamedTuple):
 
 
 def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str, Path]:
-    """Column -> its path in a checked definition (`needed_types`). Raises Misfit for a field that it lacks."""
+    """Column -> its path in a checked definition (`needed_types`). Raises BadDefinition for a field that it lacks."""
     found = {}
     for column, choices in wanted.items():
         paths = (_at(types, type_name, each.strip(), column in TEXTS) for each in choices.removesuffix("?").split("|"))
@@ -98,7 +93,7 @@ def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str
         if path is not None:
             found[column] = path
         elif not choices.endswith("?"):
-            raise Misfit(f"its definition has no field {choices}")
+            raise BadDefinition(f"its definition has no field {choices}")
     return found
 
 
@@ -127,129 +122,63 @@ def _leads(types: Types, name: str, steps: Sequence[str], first: int, text: bool
     return len(steps) == 1 and (detail[0] == "string") == text
 
 
-class Step(NamedTuple):
-    """A field to walk over: numbers, strings ("s") or messages ("").
+class Walk(PayloadReader):
+    """A walk along one payload that notes where wanted fields are; raises DecodeError for one that does not fit.
 
-    length: None for one that is no array, -1 where the payload gives it; path: empty where nothing of it is wanted.
+    fixed: begin and end of what must be the same in payloads like it. By path, each time it was met: wanted texts;
+    found: offset, dtype and count of wanted numbers; lengths of arrays.
     """
 
-    dtype: str
-    length: int | None
-    path: str
-    inner: tuple[Step, ...] = ()
+    def __init__(self, payload: bytes, channel: Channel, leaves: Collection[str] = (), left: int = MOST_SENT) -> None:
+        super().__init__(payload, channel.message_encoding, channel.topic)
+        self.fixed: list[tuple[int, int]] = [] if self.ros1 else [(0, 2)]
+        self.texts: dict[str, list[str]] = {}
+        self.found: dict[str, list[tuple[int, str, int]]] = {}
+        self.lengths: dict[str, list[int]] = {}
+        self._leaves, self._left = leaves, left
 
-
-def flat_steps(types: Types, type_name: str, leaves: Collection[str]) -> tuple[Step, ...]:
-    """All fields of a checked type and of the types within it. Raises Misfit for kinds of fields that are not read."""
-    wanted = {leaf[: i + 1] for leaf in leaves for i, sign in enumerate(leaf) if sign == "]"} | {*leaves}
-
-    def of(name: str, prefix: str) -> Iterator[Step]:
-        for field_name, (kind, detail) in types[name][1]:
-            path, count = prefix + field_name, None
+    def along(self, types: Types, type_name: str, prefix: str = "") -> None:
+        """Over the fields of a message of a checked type."""
+        for name, (kind, detail) in types[type_name][1]:
+            path, count = prefix + name, 1
             if kind in ARRAYS:
-                path, count = f"{path}[]", detail[1] if kind == Nodetype.ARRAY else -1
-                kind, detail = detail[0]
-            if kind == Nodetype.NAME and count is None:
-                yield from of(detail, f"{path}.")
-                continue
-            inner = tuple(of(detail, f"{path}.")) if kind == Nodetype.NAME else ()
-            dtype = "" if kind == Nodetype.NAME else "s" if detail[0] == "string" else DTYPES.get(detail[0])
-            if dtype is None:
-                raise Misfit(f"its field {path} is a {detail[0]}")
-            yield Step(dtype, count, path if path in wanted else "", inner)
-
-    return tuple(of(type_name, ""))
-
-
-@dataclass
-class Walk:
-    """A walk along one payload. Its steps raise Misfit where the payload ends before, or has more than `left` fields.
-
-    fixed: what must be the same in payloads like it; texts, numbers, lengths: what was met where something is wanted.
-    """
-
-    payload: bytes
-    cdr: bool
-    left: int = MOST_SENT
-    at: int = 0
-    order: str = "<"
-    fixed: list[tuple[int, bytes]] = field(default_factory=list)
-    texts: dict[str, list[str]] = field(default_factory=dict)
-    numbers: dict[str, list[tuple[int, str, int]]] = field(default_factory=dict)
-    lengths: dict[str, list[int]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.cdr:
-            mark = self.skip(4)[:2]
-            if mark not in CDR_ORDER:
-                raise Misfit(f"not a plain CDR payload (starts with {mark.hex() or 'nothing'})")
-            self.order = CDR_ORDER[mark]
-            self.fixed.append((0, mark))
-
-    def along(self, steps: Sequence[Step]) -> None:
-        """Over the fields of a message."""
-        self.spend(len(steps))
-        for dtype, given, path, inner in steps:
-            count = 1 if given is None else self.length() if given < 0 else given
-            if path and given is not None:
+                path, count = f"{path}[]", self.length() if kind == Nodetype.SEQUENCE else detail[1]
                 self.lengths.setdefault(path, []).append(count)
-            if dtype in ("", "s"):
+                kind, detail = detail[0]
+            if kind == Nodetype.NAME:
                 self.spend(count)
                 for _ in range(count):
-                    if inner:
-                        self.along(inner)
-                    elif dtype and path:
-                        self.texts.setdefault(path, []).append(self.text(wanted=True))
-                    elif dtype:
-                        self.text()
+                    self.along(types, detail, f"{path}.")
+            elif detail[0] == "string":
+                self.spend(count)
+                for _ in range(count):
+                    size, wanted = self.length(), path in self._leaves
+                    self.fixed += [(self.at, self.at + size)] if wanted else []
+                    text = self.text(size)
+                    self.texts.setdefault(path, []).extend([text] if wanted else [])
             else:
-                begin = self.over_numbers(dtype, count)
-                if path:
-                    self.numbers.setdefault(path, []).append((begin, self.order + dtype, count))
-
-    def end(self) -> None:
-        """Raise Misfit unless the payload ends here."""
-        left = len(self.payload) - self.at
-        if left > (CDR_SLACK if self.cdr else 0):
-            raise Misfit(f"{left} bytes are left over")
+                self.spend(1)
+                begin = self.numbers(dtype := self.dtype(detail[0]), count)
+                if path in self._leaves:
+                    self.found.setdefault(path, []).append((begin, self.order + dtype, count))
 
     def spend(self, fields: int) -> None:
-        self.left -= fields
-        if self.left < 0:
-            raise Misfit("it has more fields than such a message")
-
-    def text(self, *, wanted: bool = False) -> str:
-        size = self.length()
-        begin, raw = self.at, self.skip(size)
-        if self.cdr and raw[-1:] != b"\0":
-            raise Misfit("a string does not end with its zero byte")
-        if wanted:
-            self.fixed.append((begin, raw))
-        try:
-            return (raw[:-1] if self.cdr else raw).decode()
-        except UnicodeDecodeError:
-            raise Misfit("a string is not UTF-8") from None
+        """Types within types, and arrays, multiply fields."""
+        self._left -= fields
+        if self._left < 0:
+            raise self.wrong("it has more fields than such a message")
 
     def length(self) -> int:
-        begin = self.over_numbers("u4", 1)
-        raw = self.payload[begin : self.at]
-        self.fixed.append((begin, raw))
-        return int.from_bytes(raw, "little" if self.order == "<" else "big")
+        """The next length of a sequence or a string."""
+        count = self.whole("u4")
+        self.fixed.append((self.at - 4, self.at))
+        return count
 
-    def over_numbers(self, dtype: str, count: int) -> int:
-        """Where numbers begin, having stepped over them."""
-        size = int(dtype[1])
-        if self.cdr and count:  # counts from behind its first four bytes; an empty sequence is not aligned
-            self.skip((4 - self.at) % size)
-        begin = self.at
-        self.skip(count * size)
-        return begin
-
-    def skip(self, size: int) -> bytes:
-        begin, self.at = self.at, self.at + size
-        if self.at > len(self.payload):
-            raise Misfit(f"it ends after {len(self.payload)} bytes, in the middle of a field")
-        return self.payload[begin : self.at]
+    def dtype(self, base: str) -> str:
+        """The dtype of a basic type."""
+        if base not in DTYPES:
+            raise self.wrong(f"it has a {base}, which quadlog does not read")
+        return DTYPES[base]
 
 
 class Grid(NamedTuple):
@@ -261,10 +190,10 @@ class Grid(NamedTuple):
 
     @classmethod
     def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Grid:
-        """found: offset, dtype and count each time that the leaf was met; first: K, 0 for one. Raises Misfit."""
+        """found: as Walk has it; first: K, 0 for one. Raises ValueError for shorter arrays."""
         dtype = np.dtype(found[0][1] if found else "f8")
         if any(count < first for *_, count in found):
-            raise Misfit(f"it has an array of less than {first} numbers")
+            raise ValueError(f"it has an array of less than {first} numbers")
         ranges = [np.arange(first or count) * dtype.itemsize + at for at, _, count in found]
         offsets = np.concatenate([np.empty(0, np.int64), *ranges]).reshape(-1, first or 1)
         steps = [np.unique(np.diff(offsets, axis=axis)) for axis in (0, 1)]
@@ -282,20 +211,20 @@ class Grid(NamedTuple):
 
 
 class Layout:
-    """Payloads of one size that have the same wanted texts and the same lengths. Raises Misfit."""
+    """Payloads of one size with the same lengths and wanted texts. Raises DecodeError, ValueError."""
 
-    def __init__(self, payload: bytes, cdr: bool, steps: Sequence[Step], paths: Mapping[str, Path]) -> None:
-        walk = Walk(payload, cdr)
-        walk.along(steps)
+    def __init__(self, payload: bytes, channel: Channel, types: Types, paths: Mapping[str, Path]) -> None:
+        walk = Walk(payload, channel, {leaf for path in paths.values() for leaf in path.leaves})
+        walk.along(types, channel.type_name)
         walk.end()
-        fixed = [(at + i, byte) for at, raw in walk.fixed for i, byte in enumerate(raw)]
-        self._places, self._same = np.array(fixed, np.intp).reshape(-1, 2).T
+        self._places = np.concatenate([np.arange(*each) for each in [*walk.fixed, (0, 0)]])
+        self._same = np.frombuffer(payload, np.uint8)[self._places]
         arrays = {array for path in paths.values() for array in path.arrays}
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
         self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
         self._grids = [
-            (column, path, [Grid.of(walk.numbers.get(leaf, []), path.first) for leaf in path.leaves])
+            (column, path, [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
             for column, path in paths.items()
             if not path.text
         ]
@@ -330,18 +259,15 @@ class ColumnReader:
     def __init__(
         self, channel: Channel, wanted: Mapping[str, str], tables: Callable[[Channel], Iterator[Types]]
     ) -> None:
-        self._channel, self._cdr = channel, channel.message_encoding != "ros1"
+        self._channel, self._memory = channel, dict[str, Any]()
         self._known: dict[int, list[Layout]] = {}
-        self._memory: dict[str, Any] = {}
-        self._plans: list[tuple[tuple[Step, ...], dict[str, Path]]] = []
+        self._plans: list[tuple[Types, dict[str, Path]]] = []
         why = ""
         try:
             for types in tables(channel):
                 try:
-                    paths = resolve(types, channel.type_name, wanted)
-                    leaves = {leaf for path in paths.values() for leaf in path.leaves}
-                    self._plans.append((flat_steps(types, channel.type_name, leaves), paths))
-                except Misfit as error:
+                    self._plans.append((types, resolve(types, channel.type_name, wanted)))
+                except BadDefinition as error:
                     why = f"not the usual {channel.type_name}: {error}"
         except BadDefinition as error:
             why = str(error)
@@ -382,9 +308,9 @@ class ColumnReader:
         why = f"its payload of {len(payload)} bytes is larger than such a message"
         for plan in self._plans if len(payload) <= LARGEST_BYTES else ():
             try:
-                layout = Layout(payload, self._cdr, *plan)
-            except Misfit as error:
-                why = str(error)
+                layout = Layout(payload, self._channel, *plan)
+            except (DecodeError, ValueError) as error:
+                why = getattr(error, "reason", str(error))
                 continue
             self._plans = [plan]
             if sum(map(len, self._known.values())) == KEPT_LAYOUTS:

@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.fields import ARRAYS, DTYPES, Misfit, Walk
+from quadlog.recordings.decoders.fields import ARRAYS, Walk
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 
@@ -52,11 +52,11 @@ class Definitions:
             why = ""
             for types in tables:
                 try:
-                    walk = Walk(bytes(payload), channel.message_encoding != "ros1", left=MOST_VALUES)
+                    walk = Walk(bytes(payload), channel, left=MOST_VALUES)
                     message = _object(types, channel.type_name, walk)
                     walk.end()
-                except (Misfit, KeyError) as error:  # of kinds of fields that are not read
-                    why = why or str(error)
+                except DecodeError as error:
+                    why = why or error.reason
                 else:
                     return message
             raise DecodeError(channel.topic, f"not a {channel.type_name}: {why}")
@@ -110,7 +110,7 @@ class Definitions:
 
 
 def _object(types: Types, type_name: str, walk: Walk) -> SimpleNamespace:
-    """The message at a walk's place. Raises Misfit."""
+    """The message at a walk's place. Raises DecodeError."""
     values: dict[str, Any] = {}
     for name, (kind, detail) in types[type_name][1]:
         many, count = kind in ARRAYS, 1
@@ -124,8 +124,7 @@ def _object(types: Types, type_name: str, walk: Walk) -> SimpleNamespace:
             values[name] = every if many else every[0]
         else:
             walk.spend(1)
-            dtype = DTYPES[detail[0]]
-            begin = walk.over_numbers(dtype, count)
+            begin = walk.numbers(dtype := walk.dtype(detail[0]), count)
             every = np.frombuffer(walk.payload, walk.order + dtype, count, begin)
             every = every.astype(bool if detail[0] == "bool" else dtype)
             values[name] = every if many else every[0].item()
