@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from quadlog.pipelines.stages.log import Log
 
 
-class Scanner(NamedTuple):
+class PlacedScanner(NamedTuple):
     """The clouds of a topic on their way into base. times: how the times of points are read."""
 
     topic: str
@@ -42,7 +42,7 @@ class Scanners:
     that counts is part of; t_ns: (T,) when these were, as the first scanner in each has it.
     """
 
-    each: Sequence[Scanner]
+    each: Sequence[PlacedScanner]
     kept: np.ndarray
     turn: Int
     t_ns: Int
@@ -64,7 +64,7 @@ class Scanners:
             logged = log.recording.messages(topic, *log.window)
             clouds = (each.message for each in logged if isinstance(each.message, PointCloud))
             times = find_reading(clouds, streams.clouds_ns[streams.clouds_of == number])
-            scanners.append(Scanner(topic, mount, mover, times))
+            scanners.append(PlacedScanner(topic, mount, mover, times))
         return cls(scanners, kept, *turns_of(streams.clouds_of[kept], streams.clouds_ns[kept]))
 
     @property

@@ -200,15 +200,12 @@ class Recording(ClosedOnExit):
     def _unpacked(self, topics: list[str], reading: Pass) -> Iterator[Timed]:
         waiting: list[Batch] = []
         for order, raw in enumerate(self._raws(topics, reading)):
-            for each in reading.take(order, raw):
-                if isinstance(each, Batch):
-                    waiting.append(each)
-                else:
-                    yield from _in_order([*waiting, *reading.rest()])
-                    yield each
-                    waiting = []
-            if reading.waiting >= UNPACKED_AT_ONCE:
+            found = [*reading.take(order, raw)]
+            waiting += [each for each in found if isinstance(each, Batch)]
+            clouds = [each for each in found if isinstance(each, Timed)]
+            if clouds or reading.waiting >= UNPACKED_AT_ONCE:
                 yield from _in_order([*waiting, *reading.rest()])
+                yield from clouds
                 waiting = []
         yield from _in_order([*waiting, *reading.rest()])
 

@@ -10,10 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
+from quadlog.geometry import transform_from_rpy
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
+from quadlog.lidar.point_times import AS_THEY_COME
+from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries, Timed
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
-from quadlog.pipelines.stages.scanners import turns_of
+from quadlog.pipelines.stages.scanners import PlacedScanner, Scanners, turns_of
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.tf_tree import TransformTree
 
@@ -99,3 +101,19 @@ def test_clouds_of_two_scanners_within_half_a_period_are_one(front_ms, rear_ms, 
     assert (t_ns // 1_000_000).tolist() == list(turns_ms)
     assert sorted(set(turn.tolist())) == list(range(len(turns_ms)))
     assert np.bincount(turn).max() <= 2
+
+
+def test_points_of_several_scanners_keep_their_places_in_base_and_their_times():
+    """Scanners in front and behind, of which the one in front times its points."""
+    ms, xyz_m = 1_000_000, np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], np.float32)
+    mounts = [
+        LidarMount(transform_from_rpy(np.array([x_m, 0.0, 0.0]), 0.0, 0.0, yaw_rad)) for x_m, yaw_rad in AHEAD_AND_BACK
+    ]
+    scanners = [PlacedScanner(f"/{n}", mount, None, AS_THEY_COME) for n, mount in enumerate(mounts)]
+    first = PointCloud(T_NS, "front", xyz_m, offset_ns=np.array([0, 5 * ms]))
+    logged = [Timed(T_NS, "/0", first), Timed(T_NS + 40 * ms, "/1", PointCloud(T_NS + 40 * ms, "rear", xyz_m))]
+    turn, t_ns = turns_of(np.array([0, 1]), np.array([each.t_ns for each in logged]))
+    ((at_ns, cloud),) = Scanners(scanners, np.ones(2, bool), turn, t_ns).clouds(logged)
+    assert at_ns == T_NS
+    assert cloud.xyz_m[:, 0] == pytest.approx([1.2, 2.2, -1.3, -2.3])
+    assert cloud.offset_ns.tolist() == [0, 5 * ms, 40 * ms, 40 * ms]
