@@ -106,9 +106,8 @@ def test_clouds_of_two_scanners_within_half_a_period_are_one(front_ms, rear_ms, 
 def test_points_of_several_scanners_keep_their_places_in_base_and_their_times():
     """Scanners in front and behind, of which the one in front times its points."""
     ms, xyz_m = 1_000_000, np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], np.float32)
-    mounts = [
-        LidarMount(transform_from_rpy(np.array([x_m, 0.0, 0.0]), 0.0, 0.0, yaw_rad)) for x_m, yaw_rad in AHEAD_AND_BACK
-    ]
+    places = ((0.2, 0.0), (-0.3, np.pi))
+    mounts = [LidarMount(transform_from_rpy(np.array([x_m, 0.0, 0.0]), 0.0, 0.0, yaw_rad)) for x_m, yaw_rad in places]
     scanners = [PlacedScanner(f"/{n}", mount, None, AS_THEY_COME) for n, mount in enumerate(mounts)]
     first = PointCloud(T_NS, "front", xyz_m, offset_ns=np.array([0, 5 * ms]))
     logged = [Timed(T_NS, "/0", first), Timed(T_NS + 40 * ms, "/1", PointCloud(T_NS + 40 * ms, "rear", xyz_m))]
