@@ -327,13 +327,13 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        glimpsed, wanted = self.glimpsed, {*topics}
+        glimpsed = self.glimpsed
         if glimpsed is None:
-            glimpsed = ((each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics))
+            glimpsed = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]
         parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for topic, stream, *stamps in glimpsed:
-            if topic in wanted:
-                parts[stream if topic in tf else topic].append(stamps)
+        for topic, stream, log_ns, stamp_ns in glimpsed:
+            if topic in topics:
+                parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
