@@ -196,8 +196,8 @@ def _topic_row(topic: TopicSurvey, recording: Recording, roles: Roles) -> dict[s
     channel = next(each for each in recording.channels_of(topic.name) if each.type_name == topic.type)
     do = hint(channel, recording.mapped) if role is None and topic.messages else ""
     if role is None and not why:
-        row = unread(channel, recording.mapped)
-        why = NOT_NEEDED if row is None or row.role else row.words
+        reason = unread(channel, recording.mapped)
+        why = NOT_NEEDED if reason is None or reason.role else reason.words
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
     return row | {"role": role, "why": why, "hint": do or None, "clock_offset_s": topic.clock_offset_s}

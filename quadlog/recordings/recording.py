@@ -327,12 +327,12 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        stamps: Iterable[Stamps] | None = self.glimpsed
-        if stamps is None:
-            stamps = ((each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics))
-        wanted, parts = {*topics}, defaultdict[str, list[tuple[Int, Int]]](list)
-        for topic, stream, log_ns, stamp_ns in stamps:
-            if topic in wanted:
+        glimpsed = self.glimpsed
+        if glimpsed is None:
+            glimpsed = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]
+        parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
+        for topic, stream, log_ns, stamp_ns in glimpsed:
+            if topic in topics:
                 parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")

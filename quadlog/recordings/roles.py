@@ -56,7 +56,7 @@ class Roles:
         """What there is to say of each topic, the most important last."""
         said: dict[str, tuple[str | None, str]] = {topic: (None, why) for topic, why in self.unused.items()}
         said |= {t: (None, f"could be the target: {set_flag('topics.target', [t])}") for t in self.targets}
-        for name, choices in reversed(self.ambiguous.items()):
+        for name, choices in reversed([*self.ambiguous.items()]):
             words = f"one of {len(choices)} that could be the {name}"
             flags = [(topics, set_flag(f"topics.{name}", topics)) for topics in reversed(choices)]
             said |= {topic: (None, f"{words}: {flag}") for topics, flag in flags for topic in topics}

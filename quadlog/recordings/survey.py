@@ -270,13 +270,15 @@ def _surveyed(seen: _Seen, t_ns: Int, found: _Found) -> TopicSurvey:
     """A channel with its log times (N,)."""
     offsets_ns = found.offsets_ns or seen.offsets_ns
     low_ns, high_ns = found.ends_ns or (min(offsets_ns, default=0), max(offsets_ns, default=0))
-    count, longest_s = gaps(t_ns)
+    (slowest_hz, fastest_hz), (count, longest_s) = rates_hz(t_ns), gaps(t_ns)
     return TopicSurvey(
         seen.channel.topic,
         seen.channel.type_name,
         len(t_ns),
-        *((int(t_ns[0]), int(t_ns[-1])) if len(t_ns) else (None, None)),
-        *rates_hz(t_ns),
+        int(t_ns[0]) if len(t_ns) else None,
+        int(t_ns[-1]) if len(t_ns) else None,
+        slowest_hz,
+        fastest_hz,
         count,
         longest_s,
         median(offsets_ns) * 1e-9 if offsets_ns else None,
