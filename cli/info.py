@@ -13,8 +13,8 @@ from quadlog.cli.progress import laid_out, left_out, open_progress, print_json, 
 from quadlog.errors import AmbiguousTopic, ExitCode, printable
 from quadlog.recordings.formatting import instant, listed
 
-MOST_CHAINS, MOST_TAGS = 6, 10
-"""Chains of tf frames, and tags whose biases are explained, that are printed."""
+MOST_CHAINS, MOST_TAGS, MOST_HINTS = 6, 10, 3
+"""Chains of tf frames, tags whose biases are explained, and hints on topics that are not used, that are printed."""
 
 
 @options.command("info", "walk.mcap", "walk.mcap --full -c quadlog.toml", "s3://lab/walk.mcap --json")
@@ -61,6 +61,7 @@ def info_lines(info: dict[str, Any]) -> Iterator[str]:
     if info["sampled"]:
         yield f"sampled: offsets, ranges and damage are of {info['messages_read']} messages; --full reads all"
     yield from _topics(info["topics"])
+    yield from _hints(info["topics"])
     yield from (str(AmbiguousTopic(role, choices)) for role, choices in info["ambiguous"].items())
     yield from map(_chain, info["tf"][:MOST_CHAINS])
     yield from left_out(len(info["tf"]) - MOST_CHAINS)
@@ -94,6 +95,22 @@ def _topics(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
         fits = len(": ".join(parts)) <= 76
         yield from (f"    {part}" for part in ([": ".join(parts)] if fits else parts))
     yield from rest
+
+
+def _hints(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What makes topics usable that are not: keys to paste into quadlog.toml, or a driver."""
+    from quadlog.results.text import wrapped
+
+    names: dict[str, list[str]] = {}
+    for row in topics:
+        if row["hint"] is not None and row["hint"] not in row["why"]:
+            names.setdefault(row["hint"], []).append(row["name"])
+    # Keys are of one topic each; what holds for many comes behind them.
+    for hint in sorted(names, key=lambda hint: "\n" not in hint)[:MOST_HINTS]:
+        keys = "\n" in hint
+        yield from wrapped(f"to use {listed(names[hint], 2)}: {'in quadlog.toml' if keys else hint}", 80, "    ")
+        yield from (f"    {part}" for line in hint.splitlines() if keys for part in wrapped(line, 76, "  "))
+    yield from left_out(len(names) - MOST_HINTS)
 
 
 def _chain(chain: dict[str, Any]) -> str:

@@ -19,13 +19,13 @@ from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
-from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss
+from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, detect_roles, nearest_role, why_not_read
-from quadlog.recordings.survey import Decoded, Survey, TopicSurvey, indexed_pulses, survey
-from quadlog.results.find_runs import refuse_existing
+from quadlog.recordings.roles import Roles, configured_topics, detect_roles
+from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
+from quadlog.recordings.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
 
 FAR_APART_S = FAR_APART_NS * 1e-9
@@ -48,9 +48,11 @@ def describe_recording(
     full, or without an index, all of it is read, with progress. Raises the errors of open_recording and UnknownTopic.
     """
     with open_configured(path, config, msg_path) as recording:
-        roles = detect_roles(recording, config.topics)
+        configured_topics(recording, config.topics)  # refuses what is not there before all is read
         budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
         part, seen, unindexed = _look(recording, budget, open_progress)
+        recording.glimpsed = seen.stamps
+        roles = detect_roles(recording, config.topics)
         uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
         info = _describe(recording, roles, seen, config)
         jumps = _back_warnings(seen, roles.topics("uwb") if uwb else ())
@@ -67,12 +69,13 @@ def _look(
     budget: for large recordings, None to read all.
     """
     part = None if budget is None else recording.excerpt(budget)
+    keep = budget is EXCERPT  # what a glimpse shows, too
     if part is None and budget is not None:
-        return recording, survey(recording), []
+        return recording, survey(recording, keep_stamps=keep), []
     unindexed = []
     if part is not None:
         try:
-            return part, survey(part, indexed_pulses(recording.container)), []
+            return part, survey(part, indexed_times(recording.container), keep_stamps=keep), []
         except NothingReadable:
             unindexed = ["no message of the sample can be read; all of the recording was read"]
         except Damaged as damage:
@@ -81,7 +84,7 @@ def _look(
         return recording, survey(recording, watch=partial(_advance, recording, progress)), unindexed
 
 
-def _advance(recording: Recording, progress: Progress, messages: Iterator[Decoded]) -> Iterator[Decoded]:
+def _advance(recording: Recording, progress: Progress, messages: Iterator[RawMessage]) -> Iterator[RawMessage]:
     """The messages, with a step of progress for each hundredth of the recorded time."""
     start_ns, end_ns = recording.span_ns or (0, 0)
     step_ns = max((end_ns - start_ns) // STEPS, 1)
@@ -89,7 +92,7 @@ def _advance(recording: Recording, progress: Progress, messages: Iterator[Decode
     steps = 0
     for each in messages:
         yield each
-        while steps < min((each[0].log_time_ns - start_ns) // step_ns, STEPS):
+        while steps < min((each.log_time_ns - start_ns) // step_ns, STEPS):
             steps += 1
             progress.advance(steps * step_ns * 1e-9)
 
@@ -122,11 +125,11 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
         "end_ns": seen.end_ns,
         "losses": [asdict(loss) for loss in recording.losses],
         "warnings": [*recording.warnings, *_clock_warnings(seen, roles.played)],
-        "topics": [_topic_row(each, roles) for each in seen.topics],
+        "topics": [_topic_row(each, recording, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
         "target_candidates": list(roles.targets),
-        "tf": _tf_rows(roles, seen, roles.frames.base_frame(config.topics.base_frame)),
+        "tf": _tf_rows(roles, seen, roles.frames.base),
         "replay": look.outlook({link.tag for links in seen.links.values() for link in links}),
         "anchors": [
             dict(zip(("id", "x_m", "y_m", "z_m"), (anchor, *place.position_m), strict=True))
@@ -188,13 +191,16 @@ def _back_warnings(seen: Survey, read: Collection[str]) -> list[str]:
     ]
 
 
-def _topic_row(topic: TopicSurvey, roles: Roles) -> dict[str, Any]:
+def _topic_row(topic: TopicSurvey, recording: Recording, roles: Roles) -> dict[str, Any]:
     role, why = roles.of_topic(topic.name)
+    channel = next(each for each in recording.channels_of(topic.name) if each.type_name == topic.type)
+    do = hint(channel, recording.mapped) if role is None and topic.messages else ""
     if role is None and not why:
-        why = why_not_read(topic.type) if nearest_role(topic.type) is None else NOT_NEEDED
+        reason = unread(channel, recording.mapped)
+        why = NOT_NEEDED if reason is None or reason.role else reason.words
     names = ("name", "type", "messages", "hz_min", "hz_max", "gaps", "longest_gap_s")
     row = {name: getattr(topic, name) for name in names}
-    return row | {"role": role, "why": why, "clock_offset_s": topic.clock_offset_s}
+    return row | {"role": role, "why": why, "hint": do or None, "clock_offset_s": topic.clock_offset_s}
 
 
 ALWAYS = ("topics", "results")
@@ -244,6 +250,8 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
 
 def write_new(path: Path, text: str, *, force: bool) -> None:
     """Write a file whole. Raises AlreadyExists unless forced, CannotWrite."""
+    from quadlog.results.find_runs import refuse_existing  # has tables, which take a tenth of a second to load
+
     refuse_existing(path, force)
     write_whole(path, text.encode())
 

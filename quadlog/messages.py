@@ -182,6 +182,50 @@ TICKS = 1 << 24
 """Float32 holds all numbers below; it divides 2^32, at which devices' ticks wrap."""
 Message = PointCloud | UwbRanges | Pose | Odometry | Imu | Transforms | JointStates
 
+NO_ID = -1
+"""Of a tag or an anchor that neither the message nor its topic names."""
+_XYZ, _POSE = ("f8", 3), (("position_m", "f8", 3), ("quat_xyzw", "f8", 4))
+
+
+def _rows(*fields: tuple[Any, ...]) -> np.dtype[np.void]:
+    return np.dtype([("order", "i8"), ("t_ns", "i8"), *fields])
+
+
+UNPLACED = _rows(("tag", "i8"), ("anchor", "i8"), ("range_m", "f8"), ("first_path_gap_db", "f8"))
+"""Rows of ranges whose messages do not say where anchors are: half the memory."""
+ROWS: dict[type[Message], np.dtype[np.void]] = {
+    UwbRanges: np.dtype([*UNPLACED.descr, ("anchor_position_m", *_XYZ)]),
+    Pose: _rows(*_POSE),
+    Odometry: _rows(*_POSE, ("linear_mps", *_XYZ), ("angular_radps", *_XYZ)),
+    Imu: _rows(("quat_xyzw", "f8", 4), ("angular_radps", *_XYZ), ("linear_mps2", *_XYZ)),
+    Transforms: _rows(*_POSE, ("index", "i8")),
+    JointStates: _rows(
+        *((name, "f4", 12) for name in ("position_rad", "velocity_radps", "torque_nm")),
+        ("foot_force_n", "f4", 4),
+        ("tick", "f4"),
+    ),
+}
+"""Small messages as rows of a structured array, each a range, a transform or a message, with the fields of their
+classes; NaN or NO_ID where there is none. order: grows with log time; t_ns: on the chosen clock; both are set by who
+reads; index: of a transform in its message."""
+
+
+class Batch(NamedTuple):
+    """Rows (N,) of one kind and topic, whose messages name the same frames.
+
+    log_ns: (N,) when they were logged; stamp_ns: (N,) header stamps, None without. unmeasured: why none of the rows,
+    which are ranges, was measured, as their messages say; empty for all others.
+    """
+
+    kind: type[Message]
+    topic: str
+    rows: NDArray[np.void]
+    log_ns: Int
+    stamp_ns: Int | None
+    frame_id: str = ""
+    child_frame_id: str = ""
+    unmeasured: str = ""
+
 
 class Timed(NamedTuple):
     """A decoded message at t_ns on the clock the user chose (`--stamp`)."""

@@ -17,8 +17,11 @@ from fuzzing.oracles import command, expect, replaced
 from quadlog.errors import ExitCode, NothingReadable
 from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.containers.open import open_container
-from quadlog.recordings.decoding import FOXGLOVE_JSON, FOXGLOVE_PROTOBUF, decoder_for
-from quadlog.recordings.survey import indexed_pulses
+from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoding import CloudReader, RowReader, reader_of
+from quadlog.recordings.survey import indexed_times
+from quadlog.recordings.types import FOXGLOVE
 
 READ = (ExitCode.DONE, ExitCode.WITH_LOSS, ExitCode.FAILED)
 _MOST_MESSAGES = 1_000_000
@@ -30,7 +33,7 @@ def containers(folder: Path, data: bytes) -> None:
     path.write_bytes(data)
     with open_container(path) as container:
         with suppress(Damaged):  # no usable index
-            indexed_pulses(container)
+            indexed_times(container)
         part = container.excerpt(Budget(places=2, stored_bytes=500, messages=8))
         with suppress(NothingReadable):  # elsewhere there may be more
             deque(() if part is None else islice(part.messages(), _MOST_MESSAGES), maxlen=0)
@@ -123,9 +126,18 @@ def definitions(folder: Path, data: bytes) -> None:
         return
     encoding, schema = _DEFINED[data[1] % len(_DEFINED)]
     payload, text = data[3 : 3 + data[2]], data[3 + data[2] :]
-    decode = decoder_for(Channel("/t", _TYPES[data[0] % len(_TYPES)], encoding, schema, text))
-    if decode is not None:
-        decode(payload)
+    channel = Channel("/t", _TYPES[data[0] % len(_TYPES)], encoding, schema, text)
+    _read(reader_of(channel, Definitions(), JointOrder()), payload)
+    Definitions().deserialiser(channel)(payload)
+
+
+def _read(reader: RowReader | CloudReader | None, payload: bytes) -> None:
+    """Every payload becomes a cloud, rows, or a reason."""
+    if isinstance(reader, CloudReader):
+        expect(reader.full(payload) is not None, "a decoder gives nothing")
+    elif reader is not None:
+        (found,) = reader.read([payload])
+        expect(found.failed == 0 or bool(found.why), "a payload is refused without a reason")
 
 
 def definition_seeds() -> list[bytes]:
@@ -163,23 +175,21 @@ def _channels() -> tuple[Channel, ...]:
     bare = ("gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange", "livox_ros_driver2/msg/CustomMsg")
     bare += ("nlink_parser/msg/LinktrackNodeframe2", "nlink_parser/msg/LinktrackAnchorframe0", "sensor_msgs/msg/Range")
     found += [Channel("/uwb_3", name, encoding, "", b"") for name in bare for encoding in ("ros1", "cdr")]
-    found += [Channel("/j", name, "json", "jsonschema", b"{}") for name in FOXGLOVE_JSON]
-    for name in FOXGLOVE_PROTOBUF:
+    found += [Channel("/j", name, "json", "jsonschema", b"{}") for name in FOXGLOVE]
+    for name in FOXGLOVE:
         schema = getattr(messages, name.rpartition(".")[2]).get_schema()
         found.append(Channel("/p", name, "protobuf", "protobuf", bytes(schema.data)))
     return tuple(found)
 
 
 @cache
-def _decoders() -> list:  # type: ignore[type-arg]
-    return [decoder_for(channel) for channel in _channels()]
+def _readers() -> list[RowReader | CloudReader | None]:
+    return [reader_of(channel, Definitions(), JointOrder()) for channel in _channels()]
 
 
 def payloads(folder: Path, data: bytes) -> None:
     """Any bytes as a message of the channel that the first one chooses."""
-    decode = _decoders()[(data or b"\0")[0] % len(_decoders())]
-    for message in decode(data[1:]):
-        expect(message is not None, "a decoder gives nothing")
+    _read(_readers()[(data or b"\0")[0] % len(_readers())], data[1:])
 
 
 def payload_seeds() -> list[bytes]:

@@ -34,8 +34,9 @@ def uwb_diagnostics(
         odometry = unless_ambiguous(roles, "odometry") if config.uwb.odometry else None
         streams = gather(recording, uwb=roles.topics("uwb"), odometry=odometry)
         mount = find_mount(recording, roles, config, unless_ambiguous(roles, "lidar"), odometry)
-        base = roles.frames.base_frame(config.topics.base_frame) or config.topics.base_frame
-        streams = poses_in_base(replace(streams, tf=roles.frames), base, mount, {"odometry": odometry})
+        streams = poses_in_base(
+            replace(streams, tf=roles.frames), roles.frames.base or "", mount, {"odometry": odometry}
+        )
         if streams.ranges is None:
             return {}, [*streams.warnings, uwb.NO_RANGES]
         if text := uwb.unit_warning(config, streams.ranges, roles.topics("uwb")):

@@ -21,8 +21,9 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
+from quadlog.pipelines.stages.outlook import Look, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
+from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_configured
 from quadlog.recordings.roles import detect_roles, position_topics
@@ -48,11 +49,6 @@ class Log(Look):
     path: Path
     options: ReplayOptions
 
-    @property
-    def lidar(self) -> str | None:
-        """The topic of the clouds; None without one, or where there is a choice."""
-        return unless_ambiguous(self.roles, "lidar")
-
     def last_stage(self) -> str:
         """The last stage that was asked for, or `position` where it was not by its name and there is no lidar.
 
@@ -76,9 +72,13 @@ class Log(Look):
 
     def _first_ns(self) -> int:
         first = next(iter(self.recording.messages(self.roles.played)), None)
-        if first is None:
+        if first is not None:
+            return first.t_ns
+        heard = [topic for topic in self.roles.played if topic not in self.unheard]
+        raw = next(iter(self.recording.container.messages(heard)), None) if heard else None
+        if raw is None:
             raise NothingToReplay(self.recording.path, self.why_nothing())
-        return first.t_ns
+        return raw.log_time_ns  # of messages that hold nothing, as of tags that hear no anchor
 
     def span_ns(self, streams: Streams) -> tuple[int, int]:
         """First and last instant of what was read, not of a reference alone.
@@ -116,7 +116,7 @@ class LogData:
 
     config: of the stage that uses it. mount: of the lidar; mover: of clouds whose frame moves in base. up: which way is
     up in base, None where it is unknown. first_ns, last_ns: first and last instant. legs, tracker: the body's track by
-    its joints and by its clouds, None where there is none.
+    its joints and by its clouds, None where there is none. scanners: of several, whose clouds are those of one in base.
     """
 
     log: Log
@@ -131,6 +131,7 @@ class LogData:
     legs: LegTrack | None = None
     tracker: LidarTracker | None = None
     point_times: TimeReading = AS_THEY_COME
+    scanners: Scanners | None = None
 
     @property
     def anchors_carried(self) -> bool:
@@ -138,9 +139,13 @@ class LogData:
         return with_carried_anchors(self.log.config, self.streams.anchor_places) is not self.log.config
 
     def clouds(self) -> Iterator[tuple[int, PointCloud]]:
-        """The clouds and their stamps, without those that a clock set back stamps a second time."""
+        """The clouds and their stamps, without those that a clock that was set stamps wrongly."""
+        logged = self.log.recording.messages(self.log.lidars, *self.log.window)
+        if self.scanners is not None:
+            yield from self.scanners.clouds(logged)
+            return
         repeated = iter(self.streams.repeated_clouds.tolist())
-        for t_ns, _, cloud in self.log.recording.messages(self.log.lidar or (), *self.log.window):
+        for t_ns, _, cloud in logged:
             if isinstance(cloud, PointCloud) and not next(repeated, False):
                 yield t_ns, self.point_times.timed(cloud) if self.mover is None else self.mover.moved(t_ns, cloud)
 
@@ -153,39 +158,45 @@ def read_log(log: Log, progress: Progress) -> LogData:
     recording, roles, config = log.recording, log.roles, log.config
     described = describe_input_aside(log.path)
     topics = log.topics_to_read()
-    counts = [channel.count for channel in recording.channels_of(log.lidar or "")]
+    counts = [channel.count for topic in log.lidars for channel in recording.channels_of(topic)]
     progress.begin("ingest", None if None in counts or log.window != (None, None) else sum(filter(None, counts)))
 
     def watch(topic: str) -> None:
-        if topic == log.lidar:
+        if topic in log.lidars:
             progress.advance()
 
     streams = gather(recording, *log.window, watch, **topics)
-    frames, base_frame = roles.frames, config.topics.base_frame
-    mount = mounts.find_mount(recording, roles, config, log.lidar, topics["odometry"])
-    base = frames.base_frame(base_frame) or base_frame
-    streams = mounts.poses_in_base(streams, base, mount, topics)
-    streams.warnings.extend(_sender_warnings(log, streams, base))
+    frames = roles.frames
+    found = [mounts.find_mount(recording, roles, config, topic, topics["odometry"]) for topic in log.lidars]
+    mount = found[0] if found else mounts.find_mount(recording, roles, config, None, None)
+    streams = mounts.poses_in_base(streams, frames.base or "", mount, topics)
+    streams.warnings.extend(_sender_warnings(log, streams))
     imu = streams.imu
     if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
     gap_ns = round(config.lidar.pose_gap_s * 1e9)
-    mover = None if mount.moving is None else mounts.CloudMover(mount, streams, gap_ns)
-    streams.warnings.extend(_of_mounts(log, mount, mover, streams))
+    movers = [None if each.moving is None else mounts.CloudMover(each, streams, gap_ns) for each in found]
+    streams.warnings.extend(_of_mounts(log, found, movers, streams))
+    scanners = Scanners.of(log, found, movers, streams) if len(found) > 1 else None
+    if scanners is not None:
+        streams, mount = scanners.one(streams), mounts.LidarMount(np.eye(4))
+    mover = movers[0] if len(movers) == 1 else None
     first_ns, last_ns = log.span_ns(streams)
     data = LogData(
         log=log,
         config=config,
         input=described.result(),
-        streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames, base_frame)),
+        streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames)),
         mount=mount,
         mover=mover,
         up=mounts.up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
         first_ns=first_ns,
         last_ns=last_ns,
+        point_times=AS_THEY_COME if scanners is None else scanners.times,
+        scanners=scanners,
     )
-    if mover is not None:
+    if mover is not None or scanners is not None:
         return data
     point_times = find_reading((cloud for _, cloud in data.clouds()), streams.clouds_ns)
     mount = mounts.with_tilt(mount, islice(data.clouds(), mounts.LOOKED_AT), data.up)
@@ -236,7 +247,7 @@ def tell_recording(data: LogData, journal: Journal) -> None:
     for role, what in (("reference", "no reference is used"), ("joints", "no joints are read")):
         if choices := roles.choices(role):
             journal.warn(f"{what}: {choices}")
-    base = None if data.config.topics.base_frame else roles.frames.base_frame()
+    base = None if roles.frames.configured else roles.frames.base
     others = [] if base is None else roles.frames.other_robots(base)
     flags = [set_flag("topics.tf", each) for each in roles.other_tf]
     if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
@@ -248,11 +259,12 @@ def tell_recording(data: LogData, journal: Journal) -> None:
         journal.warn(f"{topic}: its joints are not used: it {why}")
 
 
-def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
+def _sender_warnings(log: Log, streams: Streams) -> list[str]:
     """Leaves one of two nodes that send a transform above base in turns, with a warning."""
-    others = [*position_topics(log.recording), *(["lidar"] if log.lidar else [])]
+    others = [*position_topics(log.recording), *(["lidar"] if log.lidars else [])]
     flags = "  or  ".join(set_flag("topics.position", [each]) for each in others[:MAX_LISTED]) or "none"
-    found = [(edge, edge.keep_one_sender(streams.odometry)) for edge in streams.tf.chain(base) if not edge.is_still]
+    chain = streams.tf.chain(log.roles.frames.base or "")
+    found = [(edge, edge.keep_one_sender(streams.odometry)) for edge in chain if not edge.is_still]
     return [
         f"{edge.topic}: two nodes send {edge.parent} to {edge.child} in turns, {one[2]:.2f} m apart: {one[0]} poses of "
         f"one are taken, {one[1]} are left out; other positions:  {flags}"
@@ -261,10 +273,13 @@ def _sender_warnings(log: Log, streams: Streams, base: str) -> list[str]:
     ]
 
 
-def _of_mounts(log: Log, mount: mounts.LidarMount, mover: mounts.CloudMover | None, streams: Streams) -> list[str]:
+def _of_mounts(
+    log: Log, found: Sequence[mounts.LidarMount], movers: Sequence[mounts.CloudMover | None], streams: Streams
+) -> list[str]:
     """What a user should know of the mounts, now that all transforms are read."""
-    frames, base_frame = log.roles.frames, log.config.topics.base_frame
-    fixed, base, imu = [] if mount.from_tf is None else [mount.from_tf], frames.base_frame(base_frame), streams.imu
-    if imu is not None and base is not None and mounts.imu_mount(imu.frame_id, frames, base) is not None:
-        fixed.append((imu.frame_id, base))
-    return mounts.moved_mounts(fixed, streams.tf) + ([] if mover is None else mover.warnings())
+    frames, imu = log.roles.frames, streams.imu
+    fixed = [mount.from_tf for mount in found if mount.from_tf is not None]
+    if imu is not None and frames.base is not None and mounts.imu_mount(imu.frame_id, frames) is not None:
+        fixed.append((imu.frame_id, frames.base))
+    moved = [text for mover in movers if mover is not None for text in mover.warnings()]
+    return [*mounts.moved_mounts(fixed, streams.tf), *moved]

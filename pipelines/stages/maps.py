@@ -23,7 +23,7 @@ from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.recordings.roles import PLANAR_SCANS
+from quadlog.recordings.types import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
@@ -124,9 +124,10 @@ def _filtered(
         journal.warn(doubt)
     if config.lidar.deskew:
         journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
-    topic = str(data.log.lidar)
-    planar = PLANAR_SCANS.issuperset(data.log.recording.types_of(topic))
-    tally.tell(journal, config, f" ({topic}: {data.log.roles.of_topic(topic)[1]})", planar=planar)
+    lidars = data.log.lidars
+    planar = all(PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)} for topic in lidars)
+    where = f" ({', '.join(lidars)}: {data.log.roles.of_topic(lidars[0])[1]})"
+    tally.tell(journal, config, where, planar=planar)
 
 
 UNUSUAL = {

@@ -25,17 +25,16 @@ def frame_of(recording: Recording, topic: str) -> str | None:
     return first.frame_id if isinstance(first, (PointCloud, Imu, Odometry, Pose)) else None
 
 
-def imu_mount(frame_id: str, tree: TransformTree, base_frame: str = "") -> Float | None:
+def imu_mount(frame_id: str, tree: TransformTree) -> Float | None:
     """(3, 3) rotation from an IMU's frame to base by transforms that never change; None if unknown or the identity."""
-    base = tree.base_frame(base_frame)
-    mount = None if base is None else tree.static_transform(frame_id, base)
+    mount = None if tree.base is None else tree.static_transform(frame_id, tree.base)
     return None if mount is None or np.array_equal(mount[:3, :3], np.eye(3)) else mount[:3, :3]
 
 
-def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> ImuSeries:
+def imu_in_base(imu: ImuSeries, tree: TransformTree) -> ImuSeries:
     """The series in base's axes, where tf gives the IMU's mount; else unchanged."""
-    mount, base = imu_mount(imu.frame_id, tree, base_frame), tree.base_frame(base_frame)
-    if mount is None or base is None:
+    mount = imu_mount(imu.frame_id, tree)
+    if mount is None:
         return imu
     from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
 
@@ -46,7 +45,7 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree, base_frame: str = "") -> Im
         turned = Rotation.from_quat(quat_xyzw[real]) * imu_to_base.inv()
         quat_xyzw = np.zeros_like(quat_xyzw)
         quat_xyzw[real] = turned.as_quat()
-    return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, base)
+    return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, tree.base or "")
 
 
 class LidarMount(NamedTuple):
@@ -90,7 +89,7 @@ class CloudMover:
             tree = TransformTree()
             if odometry is not None:
                 poses = np.column_stack([odometry.position_m, odometry.quat_xyzw])
-                tree.add_moving("", *mount.moving, np.arange(len(odometry)), odometry.t_ns, poses)
+                tree.add("", *mount.moving, odometry.t_ns, poses)
         self._t_ns = np.unique(streams.clouds_ns)
         span_ns = tree.span_between_ns(*mount.moving)
         at_ns = self._t_ns if span_ns is None else np.clip(self._t_ns, *span_ns)
@@ -122,8 +121,7 @@ def find_mount(
         return LidarMount(transform_from_rpy(np.array([place.x_m, place.y_m, place.z_m]), *angles_rad), frame=frame)
     if frame is None:
         return LidarMount(np.eye(4), known=False)
-    frames = roles.frames
-    base = frames.base_frame(config.topics.base_frame)
+    frames, base = roles.frames, roles.frames.base
     if base is not None:
         fixed, moves = frames.static_transform(frame, base), bool(frames.moving(frame, base))
         if fixed is not None and not (moves and frames.is_world(frame, base)):
@@ -259,12 +257,11 @@ def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: Imu
     imu: as it is mounted. frames: what a look at the transforms showed.
     """
     if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
-        return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames, topics.base_frame))
+        return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames))
     poses = streams.odometry
     if poses is None:
-        base = frames.base_frame(topics.base_frame)
-        fixed = None if base is None else frames.fixed_frame(base, topics.map_frame)
-        poses = None if base is None or fixed is None else streams.tf.pose_series(base, fixed)
+        fixed = None if frames.base is None else frames.fixed_frame(frames.base, topics.map_frame)
+        poses = None if frames.base is None or fixed is None else streams.tf.pose_series(frames.base, fixed)
     if poses is None or not poses.quat_xyzw[:, :2].any():  # planar
         return None
     return up_in_base(poses.t_ns, poses.quat_xyzw)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from quadlog.config.schema import Config
 from quadlog.errors import MAX_LISTED, MissingInput, QuadlogError, set_flag
-from quadlog.messages import UwbRanges
+from quadlog.messages import Batch, UwbRanges
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
-from quadlog.recordings.decoders.anchor_places import AnchorPlaces
+from quadlog.recordings.decoders.anchor_places import places_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
@@ -35,6 +37,11 @@ class Look:
     config: Config
     by_uwb: bool
 
+    @property
+    def lidars(self) -> tuple[str, ...]:
+        """The topics of the clouds; none without any, or where there is a choice."""
+        return self.roles.found["lidar"].topics if "lidar" in self.roles.found else ()
+
     def outlook(self, tags: Collection[int]) -> dict[str, Any]:
         """How far a replay will go, or that it will refuse, with what, and what is missing; tags: those that ranged."""
         topics, roles = self.config.topics, self.roles
@@ -46,19 +53,20 @@ class Look:
             return nowhere | {"missing": [str(error)]}
         if not self._hears(*roles.played):
             return nowhere | {"missing": [self.why_nothing()]}
-        lidar, odometry = unless_ambiguous(roles, "lidar"), unless_ambiguous(roles, "odometry")
+        lidars, odometry = self.lidars, unless_ambiguous(roles, "odometry")
         target, where, missing = topics.target, roles.base_in_map(topics), [*self._unplaced(), *self._unheard()]
         if target == "auto":
             target = "uwb" if source == "uwb" and len(tags) > 1 else "none" if source == "fixed" else "ahead"
         if source == "fixed":
             ways = self.ways_out(roles.frames, failed={"lidar": ""})
             missing = ["; ".join(filter(None, ["a position; the robot is taken to stand still", ways]))]
-        if lidar is None:
+        if not lidars:
             missing.append(roles.why_none("lidar"))
-        elif not find_mount(self.recording, roles, self.config, lidar, odometry).known:
+        elif not all(find_mount(self.recording, roles, self.config, each, odometry).known for each in lidars):
             missing.append("lidar.mount")
-        until = "position" if lidar is None else "map" if target == "none" else "control"
-        by = {"tf": f"tf {where[1]} → {where[0]}" if where else "tf", "pose": " ".join(["pose", *roles.topics("pose")])}
+        until = "position" if not lidars else "map" if target == "none" else "control"
+        by = {name: " ".join([name, *roles.topics(name)]) for name in ("pose", "gnss")}
+        by["tf"] = f"tf {where[1]} → {where[0]}" if where else "tf"
         return {"until": until, "position": by.get(source, source), "target": target, "missing": missing}
 
     def position(self) -> str:
@@ -71,9 +79,10 @@ class Look:
             "uwb": lambda: self.by_uwb and self._hears(*roles.topics("uwb")),
             "tf": lambda: roles.base_in_map(topics) is not None,
             "odometry": lambda: self._hears(*roles.topics("odometry")),
-            "pose": lambda: len(roles.topics("pose")) == 1 and self._hears(*roles.topics("pose")),
+            "pose": lambda: self._has_one("pose"),
             "legs": lambda: "joints" in roles.found and self._hears(*roles.topics("joints")),
             "lidar": lambda: "lidar" in roles.found,
+            "gnss": lambda: self._has_one("gnss"),
             "fixed": lambda: True,
         }
         if topics.position == "auto":
@@ -96,6 +105,7 @@ class Look:
             "uwb": lambda: ranges if anchors else "no [[uwb.anchors]] are configured",
             "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
             "pose": lambda: f"{len(roles.topics('pose')) or 'no'} topics could be the pose",
+            "gnss": lambda: f"{len(roles.topics('gnss')) or 'no'} topics have satellite fixes",
             "legs": lambda: failed.get(source, "no angles of twelve leg joints are known"),
             "lidar": lambda: failed.get(source, roles.why_none(source)),
             "odometry": lambda: roles.why_none(source),
@@ -152,9 +162,12 @@ class Look:
             "reference": unless_ambiguous(roles, "reference"),
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),
-            "estimates": roles.topics("pose"),
-            "lidar": unless_ambiguous(roles, "lidar"),
+            "estimates": roles.topics("pose") + roles.topics("gnss"),
+            "lidar": self.lidars,
         }
+
+    def _has_one(self, role: str) -> bool:
+        return len(self.roles.topics(role)) == 1 and self._hears(*self.roles.topics(role))
 
     def _hears(self, *topics: str) -> bool:
         return not self.unheard.keys() >= {*topics}
@@ -170,10 +183,10 @@ class Look:
     def _check_clocks(self) -> None:
         """Raises ClocksDiffer where the usual stamps of topics that are read together lie too far apart."""
         read = {each for of in self.topics_to_read().values() for each in ([of] if isinstance(of, str) else of or ())}
-        clock, log_ns = Clock(self.recording.path, self.recording.stamp), 1 << 62
+        clock, log_ns = Clock(self.recording.path, self.recording.stamp), np.array([1 << 62])
         for topic in sorted(read.intersection(self.roles.played).difference(self.unheard)):
             stamp_ns = log_ns + self.recording.usual_offset_ns(topic)
-            clock.time_ns(topic, stamp_ns if topic in self.recording.clock.usual_ns else None, log_ns)
+            clock.times_ns(topic, stamp_ns if topic in self.recording.clock.usual_ns else None, log_ns)
 
 
 SAMPLED_RANGES = 50
@@ -183,12 +196,8 @@ def locates_by_uwb(recording: Recording, roles: Roles, config: Config) -> bool:
     """Whether there are ranges, and anchors of the configuration or of the first messages, to locate anything by."""
     if config.uwb.anchors or "uwb" not in roles.found or not may_use_uwb(config):
         return ("uwb" in roles.found or "uwb" in roles.ambiguous) and wants_uwb(config)
-    places = AnchorPlaces()
-    for topic in roles.topics("uwb"):
-        for message in recording.sample(topic, SAMPLED_RANGES):
-            if isinstance(message, UwbRanges):
-                places.take(message)
-    return bool(places.found())
+    first = [each for topic in roles.topics("uwb") for each in recording.peek(topic, SAMPLED_RANGES)[0]]
+    return bool(places_of(each.rows for each in first if isinstance(each, Batch) and each.kind is UwbRanges))
 
 
 def wants_uwb(config: Config) -> bool:

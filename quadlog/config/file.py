@@ -208,7 +208,7 @@ def _section_lines(name: str, section: BaseModel, notes: Mapping[str, Sequence[s
             lists.append((key, value))
         elif value is None:
             yield f"# {key} ="
-        elif value != [] or not key.endswith(("anchors", "tags", "range_topics")):
+        elif value != [] or not key.endswith(("anchors", "tags", "range_topics", "poses")):
             # On one line, so that one # makes a comment of it; TOML forbids line breaks within strings.
             line = " ".join(part.strip() for part in tomli_w.dumps({key: value}).split("\n")).strip()
             yield line if key in section.model_fields_set else f"# {line}"

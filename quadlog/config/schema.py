@@ -20,8 +20,8 @@ from quadlog.metrics.catalogue import CATALOGUE
 
 
 def _as_list(value: object) -> object:
-    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it."""
-    return [value] if isinstance(value, str) and value else value
+    """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it; "" is none."""
+    return list(filter(None, [value])) if isinstance(value, str) else value
 
 
 def _is_planner(name: str) -> str:
@@ -31,10 +31,32 @@ def _is_planner(name: str) -> str:
     return name
 
 
+Id = Annotated[int, Field(ge=0)]
+FieldPath = Annotated[str, Field(min_length=1)]
+
+
+class PoseTopic(Section):
+    """Where the messages of a topic, of any type, hold a pose."""
+
+    topic: str = Field(description="the topic")
+    fields: list[FieldPath] = Field(
+        description="fields of x, y and z; for an orientation also those of the x, y, z and w of its quaternion"
+    )
+    unit: Literal["m", "cm", "mm"] = Field("m", description="of x, y and z")
+
+    @model_validator(mode="after")
+    def _is_a_pose(self) -> PoseTopic:
+        if len(self.fields) not in (3, 7):
+            raise ValueError(f"{self.topic}: fields are three, or seven with an orientation")
+        return self
+
+
 class Topics(Section):
     """Which topic plays which role. Empty: detected, and explained by `quadlog info`."""
 
-    lidar: str = Field("", description="point clouds")
+    lidar: Annotated[list[str], BeforeValidator(_as_list)] = Field(
+        [], description="point clouds; several scanners with mounts in tf are one lidar, as one in front and one behind"
+    )
     uwb: Annotated[list[str], BeforeValidator(_as_list)] = Field(
         [], description="UWB ranges; several topics where each anchor has its own"
     )
@@ -48,8 +70,8 @@ class Topics(Section):
     position: str = Field(
         "auto",
         description="robot position: uwb, tf, odometry, pose (the only pose topic without a name of truth), legs "
-        "(joints), lidar (matched scans), fixed, a pose topic or TUM file; auto: the first of these that the recording "
-        "has",
+        "(joints), lidar (matched scans), gnss (the only topic of satellite fixes), fixed, a pose topic or TUM file; "
+        "auto: the first of these that the recording has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")
     target_x_m: Metres = Field(0.0, description='where target = "fixed" is, in map')
@@ -62,6 +84,7 @@ class Topics(Section):
         [], description="transforms, static ones too; empty: all, of several robots those beside the other topics"
     )
     base_frame: str = Field("", description="name of the robot's frame in tf; empty: the usual one, as base_link")
+    poses: list[PoseTopic] = Field([], description="topics of messages of any type that hold a pose")
 
 
 class Anchor(Section):
@@ -89,17 +112,37 @@ class Tag(Section):
 
 
 class RangeTopic(Section):
-    """What the messages of a topic with ranges do not say: the two ends of a single range, and the unit."""
+    """What the messages of a topic with ranges do not say, or where messages of any type hold ranges."""
 
     topic: str = Field(description="the topic")
-    tag: int | None = Field(None, ge=0, description="id of the tag that it measures from, where messages have no ids")
-    anchor: int | None = Field(None, ge=0, description="id of the anchor that it measures to; set with tag")
+    tag: Id | FieldPath | None = Field(
+        None,
+        description="id of the tag that it measures from, where messages have no ids; with field or times also a field",
+    )
+    anchor: Id | FieldPath | None = Field(None, description="the same of the anchor; an id is set with that of the tag")
     unit: Literal["m", "cm", "mm"] | None = Field(None, description="of its ranges; unset: metres, mm of gtec_msgs")
+    field: FieldPath | None = Field(
+        None, description='field of the range in a message of any type, as "range", "uwb.distance" or "nodes[].dis"'
+    )
+    times: list[FieldPath] | None = Field(
+        None,
+        description="instead: fields of the six times of double-sided two-way ranging (poll sent and received, "
+        "response sent and received, final sent and received), or of its four intervals (round and reply of A, of B)",
+    )
+    tick_s: float | None = Field(None, gt=0, le=1, description="unit of times; of DW1000 and DW3000: 1.565e-11")
 
     @model_validator(mode="after")
     def _says_something(self) -> RangeTopic:
-        if (self.tag is None) != (self.anchor is None) or (self.tag is None and self.unit is None):
-            raise ValueError(f"{self.topic}: set tag and anchor, or unit, or all three")
+        ends = (self.tag, self.anchor)
+        if (self.times is None) != (self.tick_s is None) or len(self.times or range(4)) not in (4, 6):
+            raise ValueError(f"{self.topic}: times are six or four fields, with tick_s")
+        if self.times and (self.field or self.unit):
+            raise ValueError(f"{self.topic}: set field and its unit, or times")
+        if not self.field and not self.times:
+            if any(isinstance(each, str) for each in ends):
+                raise ValueError(f"{self.topic}: tag and anchor are ids, unless field or times are set")
+            if (self.tag is None) != (self.anchor is None) or (self.tag is None and self.unit is None):
+                raise ValueError(f"{self.topic}: set tag and anchor, or unit, or all three; or field")
         return self
 
 
@@ -159,7 +202,7 @@ class UwbConfig(Section):
     anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
     tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
     range_topics: list[RangeTopic] = Field(
-        [], description="for topics that do not name a range's ends or have another unit"
+        [], description="for topics that do not name a range's ends, have another unit, or messages of any type"
     )
 
     @model_validator(mode="after")

@@ -7,26 +7,23 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.errors import ClocksDiffer
-from quadlog.messages import Int, Message, Timed, Transforms
+from quadlog.messages import Int
 from quadlog.recordings.clock_offsets import BY_LOG, FAR_APART_NS, LATE_NS, OneClock
-from quadlog.recordings.containers.container import Container, Loss, RawMessage
-from quadlog.recordings.formatting import several, stamps_go_back
-
-if TYPE_CHECKING:
-    from quadlog.recordings.decoders.columns import Columns
+from quadlog.recordings.containers.container import Loss
+from quadlog.recordings.formatting import instant, several, stamps_go_back
 
 Stamp = Literal["auto", "header", "log"]
 """auto: header stamps, those of another clock moved to that of the others."""
+Mask = NDArray[np.bool_]
 
 AGREEING_STRAYS = 5  # so many stamps of one other clock are a clock, fewer are slips
 MOST_STRAYS = 100
@@ -39,7 +36,7 @@ class Clock:
 
     usual_ns: the usual offset of each topic's first stamps. low, high: the smallest and
     the largest offset met, and of what. strays: topic -> stamp -> offset, far from the usual one.
-    zero_stamps: per topic the messages with the stamp 0, in the pass that met most. one: of the topics
+    zero_stamps: per topic the messages with the stamp 0, in the reading that met most. one: of the topics
     that were compared.
     """
 
@@ -57,88 +54,39 @@ class Clock:
         if offsets_ns:
             self.usual_ns.setdefault(topic, sorted(offsets_ns)[len(offsets_ns) // 2])
 
-    def count_zero_stamps(self, topic: str, message: Message, zeros: dict[str, int]) -> None:
-        """Count stamps of 0, for which log time is used. zeros: those of each topic in this pass.
+    def times_ns(self, topic: str, stamp_ns: Int | None, log_ns: Int, stream: str = "") -> tuple[Int, Mask]:
+        """When messages (N,) of a topic happened, and which of them are kept: not those of stray stamps.
 
-        Static transforms hold at all times, whatever their stamp.
+        stamp_ns: 0, or None for all, where log time is used. stream: the name of a transform. Raises ClocksDiffer once
+        two distant clocks have met.
         """
-        if self.stamp == "log" or (isinstance(message, Transforms) and message.static):
-            return
-        stamped = message.transforms if isinstance(message, Transforms) else (message,)
-        self._count_zeros(topic, sum(each.stamp_ns == 0 for each in stamped), zeros)
-
-    def _count_zeros(self, topic: str, count: int, zeros: dict[str, int]) -> None:
-        if count:
-            zeros[topic] = zeros.get(topic, 0) + count
-            self.zero_stamps[topic] = max(zeros[topic], self.zero_stamps.get(topic, 0))
-
-    def timed(self, topic: str, log_time_ns: int, message: Message) -> Timed | None:
-        """The message with its time; None when its stamp, or that of all its transforms, is a stray. See time_ns."""
-        if not isinstance(message, Transforms):
-            t_ns = self.time_ns(topic, message.stamp_ns, log_time_ns, message)
-            return None if t_ns is None else Timed(t_ns, topic, message)
-        if message.static or not message.transforms:
-            stamp_ns = None if self.stamp == "log" else message.stamp_ns
-            return Timed(stamp_ns or log_time_ns, topic, message)
-        times = [self.time_ns(topic, each.stamp_ns, log_time_ns, each) for each in message.transforms]
-        kept = [(t_ns, each) for t_ns, each in zip(times, message.transforms, strict=True) if t_ns is not None]
-        if not kept:
-            return None
-        transforms = tuple(replace(each, stamp_ns=each.stamp_ns and t_ns) for t_ns, each in kept)
-        return Timed(kept[0][0], topic, replace(message, stamp_ns=transforms[0].stamp_ns, transforms=transforms))
-
-    def time_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int, of: object = None) -> int | None:
-        """When a message or a transform (of) happened; None for a stray stamp, whose message is to be dropped.
-
-        Raises ClocksDiffer once two distant clocks have met.
-        """
-        if self.stamp == "log":
-            return log_time_ns
-        placed_ns = stamp_ns and int(self.one.placed_ns(topic, of, stamp_ns, log_time_ns))
-        return self._checked_ns(topic, placed_ns, log_time_ns)
-
-    def _checked_ns(self, topic: str, stamp_ns: int | None, log_time_ns: int) -> int | None:
-        if not stamp_ns:
-            self._meet(0, f"the log time that {topic} must use (its messages have no stamp)")
-            return log_time_ns
-        offset_ns = stamp_ns - log_time_ns
-        if self.low is not None and self.high is not None and self.low[0] <= offset_ns <= self.high[0]:
-            return stamp_ns
-        if abs(offset_ns - self.usual_ns.setdefault(topic, offset_ns)) > FAR_APART_NS:
-            self._take_stray(topic, stamp_ns, offset_ns)
-            return None
-        self._meet(offset_ns, f"header stamps of {topic}")
-        return stamp_ns
-
-    def times_ns(
-        self, topic: str, columns: Columns, log_time_ns: Int, zeros: dict[str, int]
-    ) -> tuple[Int, NDArray[np.bool_]]:
-        """The same of many messages (N,) of a topic at once, and which are not to be dropped.
-
-        Stamps of 0 are counted too: see count_zero_stamps. Raises ClocksDiffer.
-        """
-        kept, stamp_ns = np.ones(len(log_time_ns), dtype=np.bool_), columns.stamp_ns
-        if self.stamp == "log" or len(log_time_ns) == 0:
-            return log_time_ns, kept
-        if stamp_ns is None:
-            self.time_ns(topic, None, int(log_time_ns[0]))
-            return log_time_ns, kept
-        stamped, usual = stamp_ns > 0, np.zeros(len(log_time_ns), dtype=np.bool_)
-        t_ns = np.where(stamped, self.one.placed_ns(topic, columns, stamp_ns, log_time_ns), 0)
-        if self.low is not None and self.high is not None:
-            offset_ns = t_ns - log_time_ns
-            usual = stamped & (offset_ns >= self.low[0]) & (offset_ns <= self.high[0])
-        if usual.all():
-            return t_ns, kept
-        self._count_zeros(topic, int(np.count_nonzero(stamp_ns == 0)), zeros)
-        for row in np.flatnonzero(~usual).tolist():
-            own_ns = self._checked_ns(topic, int(t_ns[row]), int(log_time_ns[row]))
-            t_ns[row], kept[row] = own_ns or 0, own_ns is not None
+        kept = np.ones(len(log_ns), np.bool_)
+        if self.stamp == "log" or not len(log_ns):
+            return log_ns, kept
+        if stamp_ns is None or not (stamped := stamp_ns > 0).any():
+            self._meet(0, 0, f"the log time that {topic} must use (its messages have no stamp)")
+            return log_ns, kept
+        t_ns = np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns)
+        offset_ns = t_ns - log_ns
+        if topic not in self.usual_ns:
+            self.learn(topic, offset_ns[stamped][:FIRST_STAMPS].tolist())
+        kept = ~stamped | (np.abs(offset_ns - self.usual_ns[topic]) <= FAR_APART_NS)
+        for row in np.flatnonzero(~kept).tolist():
+            self._take_stray(topic, int(t_ns[row]), int(offset_ns[row]))
+        if len(given_ns := offset_ns[kept]):
+            self._meet(int(given_ns.min()), int(given_ns.max()), f"header stamps of {topic}")
         return t_ns, kept
 
-    def _meet(self, offset_ns: int, of: str) -> None:
-        self.low = min(self.low or (offset_ns, of), (offset_ns, of))
-        self.high = max(self.high or (offset_ns, of), (offset_ns, of))
+    def count_zeros(self, topic: str, count: int) -> None:
+        """So many messages of a reading have the stamp 0; the reading with most is reported."""
+        if count:
+            self.zero_stamps[topic] = max(count, self.zero_stamps.get(topic, 0))
+
+    def _meet(self, low_ns: int, high_ns: int, of: str) -> None:
+        self.low, self.high = (
+            min(self.low or (low_ns, of), (low_ns, of)),
+            max(self.high or (high_ns, of), (high_ns, of)),
+        )
         if self.high[0] - self.low[0] > FAR_APART_NS:
             second = self.high[1] if self.high[1] != self.low[1] else "others of the same topic"
             raise ClocksDiffer(self.path, (self.high[0] - self.low[0]) * 1e-9, self.low[1], second)
@@ -168,174 +116,154 @@ class Clock:
         ]
 
 
-MARGIN_NS = 500_000_000
-FARTHEST_NS = 10_000_000_000
-"""How far beyond an edge a topic is looked for that is silent at the edge itself."""
-_LOOK_NS = 1_000_000_000
-_ROUNDS = 8
+class Sender(NamedTuple):
+    """Stamps t_ns (N,) of one sender of a topic, in the order of the log; log_ns (N,): when they were logged.
 
-
-class EdgeMessage(NamedTuple):
-    """A message at an edge: when it was logged, and its stamp, or the log time where it has none."""
+    things: what is stamped, in the plural.
+    """
 
     topic: str
-    log_time_ns: int
-    t_ns: int
+    things: str
+    log_ns: Int
+    t_ns: Int
+
+    @property
+    def heard(self) -> tuple[int, int]:
+        """In how many seconds of the log, and how often."""
+        return len(np.unique(self.log_ns // LATE_NS)), len(self.log_ns)
 
 
-Look = Callable[[Iterator[RawMessage]], Iterator[EdgeMessage]]
+def goes_back(t_ns: Int) -> bool:
+    """Whether one of the stamps (N,) is farther behind the latest one than messages overtake one another."""
+    return bool((t_ns < np.maximum.accumulate(t_ns) - LATE_NS).any())
 
 
-def log_begin(container: Container, topics: Collection[str], start_ns: int, lag_ns: int, look: Look) -> int:
-    """Log time before which nothing lies that is stamped start_ns or later; lag_ns: the smallest lag known so far."""
-    begin_ns = start_ns + lag_ns - MARGIN_NS
-    seen: list[EdgeMessage] = []
-    for _ in range(_ROUNDS):
-        seen = list(look(container.messages(topics, begin_ns, begin_ns + _LOOK_NS)))
-        farther_ns = start_ns + min((each.log_time_ns - each.t_ns for each in seen), default=lag_ns) - MARGIN_NS
-        if farther_ns >= begin_ns:
-            break
-        begin_ns = farther_ns
-    first_ns = {each.topic: each.t_ns for each in reversed(seen)}
-    late = {topic for topic in topics if first_ns.get(topic, start_ns) >= start_ns}
-    high_ns, step_ns, earliest_ns = begin_ns, _LOOK_NS, begin_ns
-    while late and high_ns > begin_ns - FARTHEST_NS:
-        low_ns = max(high_ns - step_ns, begin_ns - FARTHEST_NS)
-        earlier, within = _until(start_ns, look(container.messages(sorted(late), low_ns, high_ns)), late)
-        late -= earlier
-        earliest_ns = min([earliest_ns, *within])
-        high_ns, step_ns = low_ns, 2 * step_ns
-    return earliest_ns
+class Passage(NamedTuple):
+    """Stamps t_ns (K,) of a wrong clock by log times (K,), and the log times of its nearest neighbours.
 
-
-def log_end(container: Container, topics: Collection[str], end_ns: int, lag_ns: int, look: Look) -> int:
-    """Log time from which on nothing lies that is stamped before end_ns; lag_ns: the largest lag known so far."""
-    until_ns = end_ns + lag_ns + MARGIN_NS
-    seen: list[EdgeMessage] = []
-    for _ in range(_ROUNDS):
-        seen = list(look(container.messages(topics, until_ns - _LOOK_NS, until_ns)))
-        farther_ns = end_ns + max((each.log_time_ns - each.t_ns for each in seen), default=lag_ns) + MARGIN_NS
-        if farther_ns <= until_ns:
-            break
-        until_ns = farther_ns
-    behind = set(topics) - {each.topic for each in seen if each.t_ns >= end_ns}
-    latest_ns = until_ns
-    if behind:
-        for each in look(container.messages(sorted(behind), until_ns, until_ns + FARTHEST_NS)):
-            if each.t_ns >= end_ns:
-                behind.discard(each.topic)
-            elif each.topic in behind:
-                latest_ns = each.log_time_ns + 1
-            if not behind:
-                break
-    return latest_ns
-
-
-def _until(start_ns: int, seen: Iterator[EdgeMessage], topics: Collection[str]) -> tuple[set[str], list[int]]:
-    """Topics that begin before start_ns, and when each topic's first message from then on was logged.
-
-    Nothing is read beyond the last of these.
+    repeats: whether the clock was set back and passes a time again; else it ran ahead until it was set back.
     """
-    waiting, earlier, within = set(topics), set[str](), []
-    while waiting and (each := next(seen, None)) is not None:
-        if each.topic not in waiting:
-            continue
-        if each.t_ns < start_ns:
-            earlier.add(each.topic)
-        else:
-            waiting.discard(each.topic)
-            within.append(each.log_time_ns)
-    return earlier, within
+
+    log_ns: Int
+    t_ns: Int
+    after_ns: int
+    before_ns: int
+    repeats: bool
+
+    def rows(self, sender: Sender) -> Mask:
+        """(N,) which stamps of a sender are of it: none of one whose clock is not set back then, if it is heard."""
+        near = (sender.log_ns > self.after_ns) & (sender.log_ns < self.before_ns)
+        along_ns = np.interp(sender.log_ns - self.log_ns[0], self.log_ns - self.log_ns[0], self.t_ns - self.t_ns[0])
+        near &= np.abs(sender.t_ns - self.t_ns[0] - along_ns) <= LATE_NS
+        within = np.flatnonzero(near)
+        beyond = np.flatnonzero(sender.log_ns <= self.after_ns if self.repeats else sender.log_ns >= self.before_ns)
+        if len(within) and len(beyond):
+            edge = [beyond[-1], within[0]] if self.repeats else [within[-1], beyond[0]]
+            before_ns, behind_ns = (sender.t_ns - sender.log_ns)[edge]
+            near &= before_ns - behind_ns > LATE_NS
+        return near
 
 
-def kept_rows(t_ns: Int) -> Int:
-    """Rows (K,) of stamps (N,), as logged, by time, which increases strictly.
+def left_out(senders: Sequence[Sender]) -> list[Mask]:
+    """Of each sender (N,) which stamps to leave out, so that all are those of one passage of time.
 
-    Late ones are sorted in; all but the first of equal ones are left out, as are repeated_rows.
+    Of one clock `repeated_rows` decides by the sender that is heard longest: all others lose the same stretch.
     """
-    rows = np.flatnonzero(~repeated_rows(t_ns))
+    masks = [np.zeros(len(each.t_ns), np.bool_) for each in senders]
+    passages: list[Passage] = []
+    backward = [row for row, each in enumerate(senders) if goes_back(each.t_ns)]
+    for row in sorted(backward, key=lambda row: senders[row].heard, reverse=True):
+        for passage in passages:
+            masks[row] |= passage.rows(senders[row])
+        masks[row][~masks[row]] = repeated_rows(senders[row].t_ns[~masks[row]])
+        passages += _passages(senders[row], masks[row])
+    for row, sender in enumerate(senders):
+        for passage in passages if row not in backward else ():
+            masks[row] |= passage.rows(sender)
+    return masks
+
+
+def _passages(sender: Sender, mask: Mask) -> list[Passage]:
+    """The stretches that a sender loses, if they are long enough for others to lose them too."""
+    found = []
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    log_ns = np.concatenate([[-(1 << 62)], sender.log_ns, [1 << 62]])
+    for begin, end in edges.reshape(-1, 2).tolist():
+        own_ns, t_ns = sender.log_ns[begin:end], sender.t_ns[begin:end]
+        if len(t_ns) >= AGREEING_STRAYS and np.ptp(own_ns) >= LATE_NS:
+            repeats = begin > 0 and bool(sender.t_ns[begin - 1] > t_ns[0])
+            found.append(Passage(own_ns, t_ns, int(log_ns[begin]), int(log_ns[end + 1]), repeats))
+    return found
+
+
+def kept_rows(t_ns: Int, left: Mask, *, equal: bool = False) -> Int:
+    """Rows (K,) of stamps (N,), as logged, by time, without those that are left out (N,).
+
+    Late ones are sorted in; of equal ones the first is kept, or, with equal, all.
+    """
+    rows = np.flatnonzero(~left)
     rows = rows[np.argsort(t_ns[rows], kind="stable")]
-    return rows[np.concatenate([[True], np.diff(t_ns[rows]) > 0])] if len(rows) else rows
+    return rows if equal else rows[np.diff(t_ns[rows], prepend=t_ns[rows[:1]] - 1) > 0]
 
 
-_BRIDGED_NS = 10_000_000_000
+BRIDGED_NS = 10_000_000_000
+"""A pause counts no longer where it is asked how much time stamps pass."""
 
 
-class _Kept(NamedTuple):
-    """A row that is kept: the latest stamp up to it, and how much time they passed, pauses bridged up to a length."""
-
-    row: int
-    latest_ns: int
-    passed_ns: int
-
-
-def repeated_rows(t_ns: Int) -> NDArray[np.bool_]:
+def repeated_rows(t_ns: Int) -> Mask:
     """(N,) bool: the rows to leave out, so that stamps (N,), as logged, are those of one passage of time.
 
     After a step back, rows are left out until the stamps pass what was
-    covered before: what came first stays, so that all senders on one clock
-    lose the same stretch. But stamps that ran ahead are left out instead where
-    they are fewer than AGREEING_STRAYS, of more that follow, or passed less
-    than half the time of those behind them: a clock that was wrong at first.
+    covered before: what came first stays. But stamps that ran ahead are left
+    out instead where they are fewer than AGREEING_STRAYS, of more that follow,
+    or passed less than half the time of those behind them: a clock that was
+    wrong at first.
     """
-    repeated = np.zeros(len(t_ns), np.bool_)
-    if not (t_ns < np.maximum.accumulate(t_ns) - LATE_NS).any():
-        return repeated
-    times = t_ns.tolist()
-    kept, again, start = list[_Kept](), False, _Kept(-1, min(times), 0)
-    for row, time_ns in enumerate(times):
-        covered_ns = (kept or [start])[-1].latest_ns
-        if not again and time_ns < covered_ns - LATE_NS:
-            first = bisect_right(kept, time_ns, key=lambda each: each.latest_ns)
-            ahead = [each.row for each in kept[-AGREEING_STRAYS:] if times[each.row] > time_ns + LATE_NS]
-            following_ns = np.maximum.accumulate(t_ns[row : row + AGREEING_STRAYS])
-            if not 0 < len(ahead) < int((following_ns < covered_ns - LATE_NS).sum()):
-                passed_ns = kept[-1].passed_ns - kept[first].passed_ns
-                shorter = 2 * passed_ns < _passed_ns(times[row : _row_beyond(t_ns, row, covered_ns)])
-                ahead = [each.row for each in kept[first:] if times[each.row] > time_ns] if shorter else []
+    repeated, row = np.zeros(len(t_ns), np.bool_), 0
+    latest_ns = np.maximum.accumulate(t_ns)
+    fallen = t_ns < latest_ns - LATE_NS
+    while row < len(t_ns) and fallen[row := row + int(fallen[row:].argmax())]:
+        first, end = np.searchsorted(latest_ns, [t_ns[row], latest_ns[row]], side="right").tolist()
+        ahead = first + np.flatnonzero(~repeated[first:row] & (t_ns[first:row] > t_ns[row]))
+        slips = ahead[t_ns[ahead] > t_ns[row] + LATE_NS]
+        following_ns = np.maximum.accumulate(t_ns[row : row + AGREEING_STRAYS])
+        if len(slips) < (following_ns < latest_ns[row] - LATE_NS).sum():
+            repeated[slips] = True
+        elif 2 * _passed_ns(t_ns[ahead]) < _passed_ns(t_ns[row:end]):
             repeated[ahead] = True
-            tail = [each.row for each in kept[first:] if not repeated[each.row]] if ahead else []
-            del kept[first if ahead else len(kept) :]
-            for each in tail:
-                kept.append(_behind((kept or [start])[-1], each, times[each]))
-            covered_ns = (kept or [start])[-1].latest_ns
-            again = time_ns < covered_ns - LATE_NS
-        if again and time_ns <= covered_ns:
-            repeated[row] = True
+        else:
+            repeated[row:end] = True
+            row = end
             continue
-        again = False
-        kept.append(_behind((kept or [start])[-1], row, time_ns))
+        latest_ns = np.maximum.accumulate(np.where(repeated, t_ns.min(), t_ns))
+        fallen = ~repeated & (t_ns < latest_ns - LATE_NS)
     return repeated
 
 
-def _behind(last: _Kept, row: int, time_ns: int) -> _Kept:
-    latest_ns = max(last.latest_ns, time_ns)
-    return _Kept(row, latest_ns, last.passed_ns + min(latest_ns - last.latest_ns, _BRIDGED_NS))
+def _passed_ns(t_ns: Int) -> int:
+    """How much time stamps (N,) pass, late ones apart."""
+    return int(np.minimum(np.diff(np.maximum.accumulate(t_ns)), BRIDGED_NS).sum())
 
 
-def _row_beyond(t_ns: Int, row: int, covered_ns: int) -> int:
-    """The first row from this one on whose stamp is later than what was covered; N where there is none."""
-    beyond = t_ns[row:] > covered_ns
-    return row + int(beyond.argmax()) if beyond.any() else len(t_ns)
+def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]:
+    """One loss for each topic of which stamps are left out: how many, why, and when."""
+    losses = []
+    for topic, things in dict.fromkeys((each.topic, each.things) for each in senders):
+        mine = [(each, mask) for each, mask in zip(senders, masks, strict=True) if each[:2] == (topic, things)]
+        total, dropped = sum(len(mask) for _, mask in mine), sum(int(mask.sum()) for _, mask in mine)
+        if not dropped:
+            continue
+        lost_ns = np.concatenate([each.log_ns[mask] for each, mask in mine])
+        when = f"logged {instant(int(lost_ns.min()))} to {instant(int(lost_ns.max()))}"
+        back_ns, to_ns = max(_farthest_back(each.t_ns) for each, _ in mine)
+        why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else "its header stamps are of a clock that was set"
+        what = f"{dropped} of {total} {things} whose stamps repeat or run ahead of others, {when}, are dropped"
+        losses.append(Loss("clock", f"{why}; {what}; take log times with  --stamp log", topic, dropped))
+    return losses
 
 
-def _passed_ns(times_ns: Sequence[int]) -> int:
-    """The time that stamps pass, as _Kept.passed_ns."""
-    return int(np.minimum(np.diff(np.maximum.accumulate(times_ns)), _BRIDGED_NS).sum())
-
-
-def clock_losses(topic: str, things: str, senders: Iterable[Int]) -> list[Loss]:
-    """No loss or one: what repeated_rows leaves out of a topic; senders: their stamps (N,), as logged."""
-    total = dropped = 0
-    worst = (0, 0)
-    for t_ns in senders:
-        total += len(t_ns)
-        if count := int(repeated_rows(t_ns).sum()):
-            dropped += count
-            back_ns = np.maximum.accumulate(t_ns) - t_ns
-            row = int(back_ns.argmax())
-            worst = max(worst, (int(back_ns[row]), int(t_ns[row])))
-    if not dropped:
-        return []
-    detail = f"{stamps_go_back(*worst)}; {dropped} of {total} {things} whose stamps repeat or run ahead of others"
-    return [Loss("clock", f"{detail} are dropped; take log times with  --stamp log", topic, dropped)]
+def _farthest_back(t_ns: Int) -> tuple[int, int]:
+    """By how much stamps (N,) lie behind the latest one at most, and which one does."""
+    back_ns = np.maximum.accumulate(t_ns) - t_ns
+    row = int(back_ns.argmax())
+    return int(back_ns[row]), int(t_ns[row])

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from quadlog.errors import some_of
-from quadlog.messages import Int, Transforms
+from quadlog.messages import Int
 
 FAR_APART_NS = 3_600_000_000_000
 LATE_NS = 1_000_000_000
@@ -32,11 +32,12 @@ class Offsets(NamedTuple):
     stamped: bool
 
     @classmethod
-    def of(cls, parts: list[Int]) -> Offsets:
-        """Of log times and header stamps (2, N), 0 without."""
-        rows = np.concatenate(parts, axis=1)
-        log_ns, stamp_ns = rows[:, np.argsort(rows[0], kind="stable")]
-        return cls(log_ns, np.where(stamp_ns > 0, stamp_ns - log_ns, 0), bool(stamp_ns.any()))
+    def of(cls, parts: list[tuple[Int, Int]]) -> Offsets:
+        """Of log times and header stamps (N,), 0 without."""
+        log_ns, stamp_ns = (np.concatenate(each) for each in zip(*parts, strict=True))
+        rows = np.argsort(log_ns, kind="stable")
+        offset_ns = np.where(stamp_ns > 0, stamp_ns - log_ns, 0)
+        return cls(log_ns[rows], offset_ns[rows], bool(stamp_ns.any()))
 
     def ahead_ns(self, of: Offsets, begin_ns: int) -> tuple[int, int]:
         """How far stamps lie ahead of others since begin_ns: the median, and the width of the middle three quarters."""
@@ -46,10 +47,9 @@ class Offsets(NamedTuple):
         return round(median), round(high - low)
 
 
-def stream_name(topic: str, of: Any) -> str:
-    """The name of a transform, or the first of several, as a stream; topics have their own."""
-    of = of.transforms[0] if isinstance(of, Transforms) else of
-    return f"{of.frame_id} -> {of.child_frame_id} of {topic}" if hasattr(of, "child_frame_id") else topic
+def stream_name(topic: str, frame_id: str, child_frame_id: str) -> str:
+    """The name of a transform as a stream; topics have their own."""
+    return f"{frame_id} -> {child_frame_id} of {topic}"
 
 
 @dataclass(frozen=True)
@@ -67,20 +67,23 @@ class OneClock:
     warnings: tuple[str, ...] = ()
     outside: dict[str, set[int]] = field(default_factory=dict)
 
-    def placed_ns(self, topic: str, of: Any, stamp_ns: Any, log_ns: Any) -> Any:
-        """Stamps (N,) or one of a message or transform, or their columns; those from outside of the log are log times.
+    def placed_ns(self, topic: str, stream: str, stamp_ns: Int, log_ns: Int) -> Int:
+        """Stamps (N,) of a topic, or of the transform `stream` on it; those from outside of the log are log times.
 
         Those that are an hour away are left to be judged by Clock.
         """
-        name = stream_name(topic, of) if self.shift_ns else topic
-        shift_ns, since_ns = self.shift_ns.get(name, self.shift_ns.get(topic, 0)), self.log_ns - self.log_ns[0]
-        more_ns = np.interp(log_ns - self.log_ns[0], since_ns, self.offset_ns - self.offset_ns[0])
-        logged_ns = log_ns + self.offset_ns[0] + more_ns.astype(np.int64)
-        t_ns = logged_ns if shift_ns is None else stamp_ns - shift_ns
-        away_ns = abs(t_ns - np.clip(t_ns, *self.within_ns))
+        shift_ns, (low_ns, high_ns) = self.shift_ns.get(stream, self.shift_ns.get(topic, 0)), self.within_ns
+        t_ns = None if shift_ns is None else stamp_ns - shift_ns
+        if t_ns is not None and not ((t_ns < low_ns) | (t_ns > high_ns)).any():
+            return t_ns
+        since_ns, offset_ns = self.log_ns - self.log_ns[0], self.offset_ns - self.offset_ns[0]
+        more_ns = np.interp(log_ns - self.log_ns[0], since_ns, offset_ns).astype(np.int64)
+        logged_ns = log_ns + self.offset_ns[0] + more_ns
+        t_ns = logged_ns if t_ns is None else t_ns
+        away_ns = abs(t_ns - np.clip(t_ns, low_ns, high_ns))
         outside = (stamp_ns > 0) & (away_ns > 0) & (away_ns <= FAR_APART_NS)
         if outside.any():
-            self.outside.setdefault(topic, set()).update(np.extract(outside, stamp_ns).tolist())
+            self.outside.setdefault(topic, set()).update(stamp_ns[outside].tolist())
         return np.where(outside, logged_ns, t_ns)
 
 

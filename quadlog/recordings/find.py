@@ -44,29 +44,23 @@ def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
 
 
 def _expand(argument: str) -> list[Path]:
-    if argument.startswith("@") and (is_url(argument) or not Path(argument).exists()):
-        return _read_list(to_path(argument[1:]))
-    return _match(to_path(argument))
+    is_list = argument.startswith("@") and (is_url(argument) or not Path(argument).exists())
+    return _read_list(to_path(argument[1:])) if is_list else _match(to_path(argument))
 
 
 def _match(path: Path) -> list[Path]:
+    """A path that is there, or what a pattern matches: it may match much that is no recording beside one."""
     if isinstance(path, RemotePath):
-        remote = cast(Path, path)
         if not path.has_pattern() or path.exists():
-            return [remote]
-        return _worth_opening(remote, [cast(Path, match) for match in path.matches()])
-    argument = str(path)
-    if path.exists() or not glob.has_magic(argument):
-        return [Path(argument)]
-    # A pattern may match much that is no recording; that is an error only when nothing else is left.
-    matches = [Path(match) for match in sorted(glob.glob(argument, recursive=True))]  # noqa: PTH207 - also absolute ones
-    return _worth_opening(path, matches)
-
-
-def _worth_opening(pattern: Path, matches: list[Path]) -> list[Path]:
-    chosen = [path for path in matches if _is_worth_opening(path)]
+            return [cast(Path, path)]
+        matches = [cast(Path, match) for match in path.matches()]
+    elif path.exists() or not glob.has_magic(str(path)):
+        return [path]
+    else:
+        matches = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207 - also absolute
+    chosen = [match for match in matches if _is_worth_opening(match)]
     if not chosen:
-        raise RecordingNotFound(pattern, "no recording matches the pattern")
+        raise RecordingNotFound(path, "no recording matches the pattern")
     return chosen
 
 

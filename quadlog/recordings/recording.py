@@ -1,10 +1,9 @@
-"""A recording as typed messages on one clock, whatever its container and message types."""
+"""A recording as rows and clouds on one clock, whatever its container and message types."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from itertools import islice
@@ -13,19 +12,27 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import DecodeError, UnknownJoints, UnknownTopic, some_of
-from quadlog.messages import Int, Message, Timed, Transforms, UwbRanges
-from quadlog.recordings.clock import FIRST_STAMPS, Clock, EdgeMessage, Stamp, log_begin, log_end
-from quadlog.recordings.clock_offsets import FAR_APART_NS, Offsets, one_clock, stream_name
+from quadlog.errors import DecodeError, UnknownTopic, some_of
+from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
+from quadlog.recordings.clock import FIRST_STAMPS, Clock, Mask, Stamp
+from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.pose import is_static
 from quadlog.recordings.decoders.pose_fields import PoseField
+from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoders.uwb import Ends, ends_of_topic, in_metres, names_anchors, with_ends
-from quadlog.recordings.decoding import Decoder, decoder_for, found_pose, is_cloud, is_decodable, ways_in_columns
-from quadlog.recordings.gathering import Gathered, Many, One, Pass, Waiting, timed_columns
+from quadlog.recordings.decoders.rows import Type
+from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
+from quadlog.recordings.plugged import messages_of
+from quadlog.recordings.reading import Pass, picked, stamps_of
+from quadlog.recordings.types import is_static, own_types
 from quadlog.storage.remote_path import to_path
+
+UNPACKED_AT_ONCE = 64
+Stamps = tuple[str, str, Int, Int]
+"""A topic, a stream and what stamps_of gives of it."""
+MARGIN_NS = 10_000_000_000
+"""Messages may be logged so much earlier or later than others with their stamps."""
 
 
 def open_recording(
@@ -57,23 +64,25 @@ def open_recording(
 
 def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "auto") -> Recording:
     """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
-    rows = config.uwb.range_topics
+    rows = [row for row in config.uwb.range_topics if not (row.field or row.times)]
     recording = open_recording(
         path,
         stamp=stamp,
         msg_path=msg_path,
-        range_topics={r.topic: (r.tag, r.anchor) for r in rows if r.tag is not None and r.anchor is not None},
+        range_topics={r.topic: (r.tag, r.anchor) for r in rows if isinstance(r.tag, int) and isinstance(r.anchor, int)},
         anchor_ids=[anchor.id for anchor in config.uwb.anchors],
         joints=JointOrder(config.robot.joints, config.robot.feet),
     )
     recording.range_units = {r.topic: r.unit for r in rows if r.unit is not None}
+    recording.mapped = own_types(config)
     return recording
 
 
 class Recording(ClosedOnExit):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
-    range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type.
+    range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
+    is read by configuration. glimpsed: the stamps of all that a glimpse shows, where somebody has read it already.
     """
 
     def __init__(
@@ -90,11 +99,13 @@ class Recording(ClosedOnExit):
         self._definitions = definitions or Definitions()
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
         self.range_units: dict[str, str] = {}
+        self.mapped: dict[str, Type] = {}
+        self.glimpsed: list[Stamps] | None = None
         self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
-        self._learned: set[str] = set()
-        self._first_lags: dict[str, list[int]] = {}
-        self._decoders: dict[tuple[int, bool], tuple[Channel, Decoder | None]] = {}
+        self._first_lags_ns: dict[str, list[int]] = {}
+        self._readers: dict[int, tuple[Channel, RowReader | CloudReader | None]] = {}
+        self._peeked: dict[str, tuple[int, list[Batch | Timed], str | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
@@ -131,7 +142,8 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *tagless, *self._mended]))
+        own = [*tagless, *plugin_notes(self.channels), *self._mended]
+        return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -157,85 +169,58 @@ class Recording(ClosedOnExit):
         found = {channel.type_name: found_pose(channel) for channel in self.channels}
         return {name: field for name, field in found.items() if field}
 
+    def batches(
+        self, topics: Collection[str], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Batch | Timed]:
+        """Rows with start_ns <= t_ns < end_ns, many of a topic at once, and clouds without points, one by one.
+
+        Rows come later than clouds that were logged after them. Types that quadlog does not use yield nothing. What
+        cannot be decoded is counted as a loss and skipped, as is a topic with two types; a stamp far from its topic's
+        others, with a warning. Raises UnknownTopic for one that the recording does not have, at once; and ClocksDiffer
+        where the times of these topics and those read before cannot be compared.
+        """
+        return self.read(self._known(topics), Pass(self, start_ns, end_ns))
+
+    def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
+        """What a reading makes of topics; see `batches`."""
+        takers = reading.takers
+        for order, raw in enumerate(self._raws(topics, reading)):
+            take = takers.get(id(raw.channel)) or reading.taker(raw.channel)
+            if found := take(order, raw):
+                yield from found
+        yield from reading.rest()
+
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[Timed]:
-        """Decoded messages with start_ns <= t_ns < end_ns, in the order they were logged, one at a time.
+        """The same as single messages in the order they were logged, clouds with their points. Raises as `batches`."""
+        known = self._known([topics] if isinstance(topics, str) else topics)
+        return self._unpacked(known, Pass(self, start_ns, end_ns, points=True))
 
-        Of one topic or several; those of types that quadlog does not use yield
-        nothing. What cannot be decoded is counted as a loss and skipped, as is
-        a topic with two types; a stamp far from its topic's others, with a
-        warning. Raises UnknownTopic for one that the recording does not have,
-        at once; and ClocksDiffer where the times of these topics and those read
-        before cannot be compared.
-        """
-        topics = [topics] if isinstance(topics, str) else list(topics)
-        self._check_known(topics)
-        return self._within(topics, start_ns, end_ns)
+    def _unpacked(self, topics: list[str], reading: Pass) -> Iterator[Timed]:
+        waiting: list[Batch] = []
+        for order, raw in enumerate(self._raws(topics, reading)):
+            found = [*reading.take(order, raw)]
+            waiting += [each for each in found if isinstance(each, Batch)]
+            clouds = [each for each in found if isinstance(each, Timed)]
+            if clouds or reading.waiting >= UNPACKED_AT_ONCE:
+                yield from _in_order([*waiting, *reading.rest()])
+                yield from clouds
+                waiting = []
+        yield from _in_order([*waiting, *reading.rest()])
 
-    def gathered(
-        self,
-        topics: Collection[str],
-        start_ns: int | None = None,
-        end_ns: int | None = None,
-    ) -> Iterator[Gathered]:
-        """The same messages, but small ones of a topic many at a time, as columns, which come late; clouds lack points.
+    def _raws(self, topics: Sequence[str], reading: Pass) -> Iterator[RawMessage]:
+        sound = self._sound_topics(topics)
+        for topic in sound:
+            self._learn(topic)
+        return self.container.messages(sound, *self.log_window(topics, reading.start_ns, reading.end_ns))
 
-        Faster where all are wanted. Raises as `messages`.
-        """
-        self._check_known(topics)
-        return self._gathered(topics, start_ns, end_ns)
-
-    def _gathered(self, topics: Collection[str], start_ns: int | None, end_ns: int | None) -> Iterator[Gathered]:
-        wanted = self._sound_topics(topics)
-        self._learn_clocks(wanted)
-        reading = Pass(start_ns, end_ns)
-        waiting: dict[int, Waiting | None] = {}
-        for order, raw in enumerate(self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns))):
-            try:
-                own = waiting[id(raw.channel)]
-            except KeyError:
-                ways = () if raw.channel.topic in self.range_units else ways_in_columns(raw.channel, self.joints)
-                own = waiting[id(raw.channel)] = Waiting(raw.channel, ways) if ways else None
-            if own is None or not own.take(order, raw):
-                yield from self._singly(order, raw, reading, points=False)
-            elif own.is_full:
-                yield from self._columns(own, reading)
-        for left in waiting.values():
-            if left is not None:
-                yield from self._columns(left, reading)
-
-    def _columns(self, waiting: Waiting, reading: Pass) -> Iterator[Gathered]:
-        """All that waits on a channel; what does not fit into columns comes message by message, behind them."""
-        channel, orders, log_times_ns, payloads = waiting.channel, *waiting.drain()
-        if not payloads:
-            return
-        left = np.ones(len(payloads), dtype=np.bool_)
-        decoder = waiting.decoder(payloads[0], self._definitions)
-        for rows, columns in () if decoder is None else decoder.decode(payloads):
-            left[rows] = False
-            yield from timed_columns(self.clock, channel.topic, columns, orders[rows], log_times_ns[rows], reading)
-        for row in np.flatnonzero(left).tolist():
-            raw = RawMessage(channel, int(log_times_ns[row]), payloads[row])
-            yield from self._singly(int(orders[row]), raw, reading)
-
-    def _singly(self, order: int, raw: RawMessage, reading: Pass, *, points: bool = True) -> Iterator[One]:
-        for message in self._decode_or_count(raw, reading, points=points):
-            timed = self.clock.timed(raw.channel.topic, raw.log_time_ns, message)
-            if timed is not None and reading.holds(timed.t_ns):
-                yield One(order, timed.t_ns, timed.topic, timed.message)
-
-    def _check_known(self, topics: Collection[str]) -> None:
-        for topic in topics:
+    def _known(self, topics: Collection[str]) -> list[str]:
+        known = list(topics)
+        for topic in known:
             if not self.channels_of(topic):
                 raise UnknownTopic(None, topic, sorted(self._channels_of))
-
-    def _within(self, topics: list[str], start_ns: int | None, end_ns: int | None) -> Iterator[Timed]:
-        wanted, reading = self._sound_topics(topics), Pass(start_ns, end_ns)
-        self._learn_clocks(wanted)
-        for raw in self.container.messages(wanted, *self.log_window(topics, start_ns, end_ns)):
-            for one in self._singly(0, raw, reading):
-                yield Timed(one.t_ns, one.topic, one.message)
+        return known
 
     def log_window(
         self, topics: Collection[str], start_ns: int | None, end_ns: int | None
@@ -245,22 +230,52 @@ class Recording(ClosedOnExit):
             return start_ns, end_ns
         if self.span_ns is None:
             return None, None
-        sound = self._sound_topics(topics)
-        self._learn_clocks(sound)
-        lags = [lag for topic in sound for lag in self._first_lags.get(topic, ())] or [0]
+        sound = [topic for topic in self._sound_topics(topics) if not is_static(topic)]
         return (
-            None if start_ns is None else log_begin(self.container, sound, start_ns, min(lags), self._look),
-            None if end_ns is None else log_end(self.container, sound, end_ns, max(lags), self._look),
+            None if start_ns is None else self._edge_ns(sound, start_ns, -1) - MARGIN_NS,
+            None if end_ns is None else self._edge_ns(sound, end_ns, 1) + MARGIN_NS,
         )
 
-    def everything(self) -> Iterator[tuple[RawMessage, tuple[Message, ...]]]:
-        """Every message of the recording, and what it decodes to: nothing for types quadlog does not use.
+    def _edge_ns(self, topics: list[str], t_ns: int, side: int) -> int:
+        """A log time before which nothing is stamped t_ns or later (side -1), or from which on nothing earlier (1).
 
-        Clouds are checked as for use, but come without points.
+        Log times and stamps may run at different rates, as those of simulated time: the edge is searched for, first
+        where equal rates would have it, then in the middle of where it must be.
         """
-        reading = Pass()
-        for raw in self.container.messages():
-            yield raw, self._decode_or_count(raw, reading, points=False) if is_decodable(raw.channel) else ()
+        low_ns, high_ns = self.span_ns or (0, 0)
+        latest = max if side < 0 else min
+        lag_ns = {topic: -latest(-each for each in self._learn(topic)) for topic in topics} or {"": 0}
+        at_ns, tries = t_ns + 2 * side * LATE_NS - latest(-each for each in lag_ns.values()), 0
+        while high_ns - low_ns > LATE_NS:
+            tries += 1
+            if tries > 2 or not low_ns < at_ns < high_ns:
+                at_ns = (low_ns + high_ns) // 2
+            seen = self._seen_from(topics, at_ns)
+            drift_ns = -latest((t - log_ns + lag_ns[topic] for topic, (log_ns, t) in seen.items()), default=0)
+            times = [seen[topic][1] if topic in seen else at_ns - lag_ns[topic] - drift_ns for topic in lag_ns]
+            off_ns = latest(times) - t_ns if seen else 1
+            if 0 <= side * off_ns <= MARGIN_NS:
+                return at_ns
+            low_ns, high_ns = (at_ns, high_ns) if off_ns < 0 else (low_ns, at_ns)
+            at_ns += 2 * side * LATE_NS - off_ns
+        return low_ns if side < 0 else high_ns
+
+    def _seen_from(self, topics: list[str], log_ns: int) -> dict[str, tuple[int, int]]:
+        """Log time and time of each topic's first message, of those within a second of the first from log_ns on."""
+        raws = self.container.messages(topics, log_ns)
+        until_ns, reading, found = 1 << 62, Pass(self, timed=False, counted=False), list[Batch | Timed]()
+        for order, raw in enumerate(raws):
+            until_ns = min(until_ns, raw.log_time_ns + LATE_NS)
+            if raw.log_time_ns >= until_ns:
+                break
+            found += reading.take(order, raw)
+        seen: dict[str, tuple[int, int]] = {}
+        for each in [*found, *reading.rest()]:
+            logged_ns, t_ns, stamped = self._times_of(each)
+            usual = ~stamped | (np.abs(t_ns - logged_ns - self.clock.usual_ns.get(each.topic, 0)) <= FAR_APART_NS)
+            for first in sorted(zip(logged_ns[usual].tolist(), t_ns[usual].tolist(), strict=True))[:1]:
+                seen[each.topic] = min(seen.get(each.topic, first), first)
+        return seen
 
     def excerpt(self, budget: Budget) -> Recording | None:
         """The same with a bounded number of its messages, from places spread evenly; None where it is small.
@@ -281,13 +296,30 @@ class Recording(ClosedOnExit):
         part.stamp, part.clock = "log", Clock(self.path, "log")
         return part
 
+    def peek(self, topic: str, count: int) -> tuple[list[Batch | Timed], str | None]:
+        """What a topic's first few messages hold, at log times, and why none can be decoded, None where some can."""
+        known = self._peeked.get(topic)
+        if known is None or known[0] < count:
+            reading, found = Pass(self, points=True, timed=False, counted=False), list[Batch | Timed]()
+            for order, raw in enumerate(islice(self.container.messages([topic]), count)):
+                found += reading.take(order, raw)
+            found += reading.rest()
+            known = count, found, None if reading.decoded else reading.why
+            if count <= FIRST_STAMPS or not any(isinstance(each, Timed) for each in found):  # clouds are large
+                self._peeked[topic] = known
+        clouds = [each for each in known[1] if isinstance(each, Timed)][:count]
+        rows = [picked(each, each.rows["order"] < count) for each in known[1] if isinstance(each, Batch)]
+        return [*(each for each in rows if len(each.rows)), *clouds], known[2]
+
     def sample(self, topic: str, count: int) -> list[Message]:
         """The first few messages of a topic that can be decoded, for a look at their content."""
-        found: list[Message] = []
-        for raw in islice(self.container.messages([topic]), count):
-            with suppress(DecodeError):
-                found += self._decode(raw)
-        return found
+        found, _ = self.peek(topic, count)
+        small = messages_of(each for each in found if isinstance(each, Batch))
+        return [message for *_, message in small] + [each.message for each in found if isinstance(each, Timed)]
+
+    def why_unsampled(self, topic: str, count: int) -> str | None:
+        """Why none of the first few messages of a topic can be decoded, or None where some can."""
+        return self.peek(topic, count)[1]
 
     def compare_clocks(
         self, topics: Collection[str], tf: Collection[str], compared: Collection[str], reported: Collection[str]
@@ -295,49 +327,62 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        parts: dict[str, list[Int]] = {}
-        for each in self.glimpse().gathered(topics):
-            message = each.columns if isinstance(each, Many) else each.message
-            for one in message.transforms if isinstance(message, Transforms) else (message,):
-                name = stream_name(each.topic, one) if each.topic in tf else each.topic
-                stamp_ns = np.zeros_like(each.t_ns) if one.stamp_ns is None else one.stamp_ns
-                parts.setdefault(name, []).append(np.array([each.t_ns, stamp_ns]).reshape(2, -1))
+        glimpsed = self.glimpsed
+        if glimpsed is None:
+            glimpsed = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]
+        parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
+        for topic, stream, log_ns, stamp_ns in glimpsed:
+            if topic in topics:
+                parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
         self.clock.usual_ns.clear()
-        self._learned.clear()
+        self._first_lags_ns.clear()
 
     def usual_offset_ns(self, topic: str) -> int:
         """Header stamp minus log time of a topic's first messages; 0 without stamps, or where log times are taken."""
-        self._learn_clocks([topic])
+        self._learn(topic)
         return self.clock.usual_ns.get(topic, 0)
 
-    def why_unsampled(self, topic: str, count: int) -> str | None:
-        """Why none of the first few messages of a topic can be decoded, or None where some can."""
-        reason = None
-        for raw in islice(self.container.messages([topic]), count):
-            try:
-                self._decode(raw)
-            except DecodeError as error:
-                reason = reason or error.reason
-            else:
-                return None
-        return reason
+    def _learn(self, topic: str) -> list[int]:
+        """Log time minus stamp of the first few messages of a topic, [0] without; the clock learns what is usual."""
+        if self.stamp == "log" or is_static(topic):
+            return [0]
+        if topic not in self._first_lags_ns:
+            offsets_ns: list[int] = []
+            for each in self.peek(topic, FIRST_STAMPS)[0]:
+                log_ns, t_ns, stamped = self._times_of(each)
+                offsets_ns += (t_ns - log_ns)[stamped].tolist()
+            self.clock.learn(topic, offsets_ns)
+            usual_ns = self.clock.usual_ns.get(topic, 0)
+            self._first_lags_ns[topic] = [-e for e in offsets_ns if abs(e - usual_ns) <= FAR_APART_NS] or [0]
+        return self._first_lags_ns[topic]
+
+    def _times_of(self, each: Batch | Timed) -> tuple[Int, Int, Mask]:
+        """(N,) log times, times on the clock, and whether they are those of stamps; strays are not left out."""
+        stream, log_ns, stamp_ns = stamps_of(each)
+        stamped = stamp_ns > 0
+        placed_ns = self.clock.one.placed_ns(each.topic, stream, stamp_ns, log_ns)
+        return log_ns, np.where(stamped, placed_ns, log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
         for channel in self.channels_of(topic):
             # Compiling a definition takes a millisecond, and thousands of topics may share one.
             kind = channel.identity[1:]
-            if not is_decodable(channel):
+            if not self.is_decodable(channel):
                 continue
             if kind not in self._why_undecodable:
-                self._decoder(channel)
+                self.reader(channel)
                 self._why_undecodable[kind] = self._undecodable.get(topic)
             elif (why := self._why_undecodable[kind]) is not None:
                 self._undecodable[topic] = why
         return self._undecodable.get(topic)
+
+    def is_decodable(self, channel: Channel) -> bool:
+        """Whether there is a decoder for the channel's type; its payloads may still be broken."""
+        return bool(kinds_of(channel, self.mapped))
 
     def ends_of(self, topic: str) -> Ends | None:
         """Tag and anchor of a topic of single ranges."""
@@ -352,90 +397,52 @@ class Recording(ClosedOnExit):
         return [
             topic
             for topic in dict.fromkeys(topics)
-            if any(is_decodable(channel) for channel in self.channels_of(topic)) and len(self.types_of(topic)) == 1
+            if any(self.is_decodable(channel) for channel in self.channels_of(topic)) and len(self.types_of(topic)) == 1
         ]
 
     def _mixed(self) -> dict[str, str]:
         """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
         kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
-        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and is_decodable(each)}
+        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and self.is_decodable(each)}
         types = {topic: self.types_of(topic) for topic in sorted(useful)}
         several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
 
-    def _look(self, raws: Iterator[RawMessage]) -> Iterator[EdgeMessage]:
-        """Messages that can be decoded, by topic and times alone; stamps of another clock are left out."""
-        for raw in raws:
-            for lag in self._lags_ns(raw):
-                usual = -self.clock.usual_ns.get(raw.channel.topic, 0)
-                if lag is None or abs(lag - usual) <= FAR_APART_NS:
-                    yield EdgeMessage(raw.channel.topic, raw.log_time_ns, raw.log_time_ns - (lag or 0))
-
-    def _lags_ns(self, raw: RawMessage) -> Iterator[int | None]:
-        """Log time minus stamp of what a message holds, None for what has no stamp; nothing if it cannot be decoded."""
-        topic, log_ns, placed_ns = raw.channel.topic, raw.log_time_ns, self.clock.one.placed_ns
-        with suppress(DecodeError):
-            for each in self._decode(raw):
-                yield log_ns - int(placed_ns(topic, each, each.stamp_ns, log_ns)) if each.stamp_ns else None
-
-    def _learn_clocks(self, topics: Collection[str]) -> None:
-        """The usual offset of each topic's stamps from log time, from its first few stamps; computed once."""
-        for topic in topics if self.stamp != "log" else ():
-            if topic not in self._learned and not is_static(topic):
-                self._learned.add(topic)
-                raws = islice(self.container.messages([topic]), FIRST_STAMPS)
-                lags = [lag for raw in raws for lag in self._lags_ns(raw) if lag is not None]
-                self.clock.learn(topic, [-lag for lag in lags])
-                usual = -self.clock.usual_ns.get(topic, 0)
-                self._first_lags[topic] = [lag for lag in lags if abs(lag - usual) <= FAR_APART_NS] or [0]
-
-    def _decode_or_count(self, raw: RawMessage, reading: Pass, *, points: bool = True) -> tuple[Message, ...]:
-        """What a message decodes to; of failures, the reading with most is reported."""
-        topic = raw.channel.topic
-        try:
-            decoded = self._decode(raw, points=points)
-        except UnknownJoints:  # of another machine; `detect_roles` reports a topic of nothing else
-            return ()
-        except DecodeError as error:
-            reading.failed[topic] = reading.failed.get(topic, 0) + 1
-            most, why = self._failures.get(topic, (0, error.reason))
-            self._failures[topic] = max(most, reading.failed[topic]), why
-            return ()
-        for message in decoded:
-            self.clock.count_zero_stamps(topic, message, reading.zeros)
-        return decoded
-
-    def _decode(self, raw: RawMessage, *, points: bool = True) -> tuple[Message, ...]:
-        decoder = self._decoder(raw.channel, points=points)
-        if decoder is None:
-            reason = self._undecodable.get(raw.channel.topic, f"no decoder for {raw.channel.type_name}")
-            raise DecodeError(raw.channel.topic, reason)
-        decoded = decoder(raw.payload)
-        if decoded and isinstance(decoded[0], UwbRanges):
-            return tuple(self._named(raw.channel, each) for each in decoded if isinstance(each, UwbRanges))
-        return decoded
-
-    def _decoder(self, channel: Channel, *, points: bool = True) -> Decoder | None:
-        points = points or not is_cloud(channel.type_name)
-        known = self._decoders.get((id(channel), points))
-        if known is None:
-            decoder = None
+    def reader(self, channel: Channel) -> RowReader | CloudReader | None:
+        """What reads the channel's payloads; None where there is none, which is a loss if its type is known."""
+        if id(channel) not in self._readers:
+            reader = None
             try:
-                warn = self._mended.setdefault
-                decoder = decoder_for(channel, self._definitions, self.joints, points=points, warn=warn)
+                reader = reader_of(channel, self._definitions, self.joints, self.mapped, self._mended.setdefault)
             except DecodeError as error:
                 self._undecodable[channel.topic] = error.reason
             # The channel is kept, so its id stays its own.
-            known = self._decoders[id(channel), points] = (channel, decoder)
-        return known[1]
+            self._readers[id(channel)] = channel, reader
+        return self._readers[id(channel)][1]
 
-    def _named(self, channel: Channel, ranges: UwbRanges) -> UwbRanges:
-        """Ranges in metres with the ids of their ends, where only the topic gives these."""
+    def count_failures(self, topic: str, count: int, why: str) -> None:
+        """So many messages of a topic could not be decoded in a reading; the reading with most is reported."""
+        most, first = self._failures.get(topic, (0, why))
+        self._failures[topic] = max(most, count), first
+
+    def name_ranges(self, channel: Channel, rows: np.ndarray) -> None:
+        """Bring rows of ranges into metres, and name their ends where only the topic does."""
         topic = channel.topic
         if topic in self.range_units:
-            ranges = in_metres(ranges, self.range_units[topic], channel.type_name)
-        if ranges.tag is not None:
-            return ranges
-        if names_anchors(ranges):
-            self._tagless.add(topic)
-        return with_ends(ranges, self.ends_of(topic))
+            own = "mm" if channel.type_name == "gtec_msgs/msg/Ranging" else "m"
+            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[own]
+        nameless = rows["tag"] == NO_ID
+        if nameless.any():
+            named = rows["anchor"] != NO_ID
+            if (nameless & named).any():
+                self._tagless.add(topic)
+            rows["tag"][nameless & named] = 0
+            if (ends := self.ends_of(topic)) is not None:
+                rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named] = ends
+
+
+def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:
+    """Single messages; transforms have their times for stamps."""
+    timed = [each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms else each for each in batches]
+    for _, t_ns, topic, message in messages_of(timed):
+        yield Timed(t_ns, topic, message)

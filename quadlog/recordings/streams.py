@@ -1,40 +1,46 @@
-"""The small topics of a recording, gathered in one pass into columns, and the stamps of its clouds."""
+"""The small topics of a recording, read in one pass as series, and the stamps of its clouds."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.messages import (
+    NO_ID,
+    UNPLACED,
+    Batch,
     Float,
     Imu,
     ImuSeries,
     Int,
     JointSeries,
     JointStates,
+    Message,
     Odometry,
-    PointCloud,
     Pose,
     PoseSeries,
     RangeSeries,
+    Timed,
     Transforms,
     UwbRanges,
 )
 from quadlog.recordings.bursts import spread
-from quadlog.recordings.clock import clock_losses, kept_rows, repeated_rows
+from quadlog.recordings.clock import Mask, Sender, clock_losses, goes_back, kept_rows, left_out
 from quadlog.recordings.containers.container import Loss
-from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
-from quadlog.recordings.decoders.columns import Columns
-from quadlog.recordings.decoders.pose import is_static
-from quadlog.recordings.gathering import Gathered, Many
+from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
+from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.types import is_static
+
+MOST_OF_A_JOINT = 1e5
+"""Larger angles, rates, torques and forces are no measurements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +51,7 @@ class Streams:
     odometry_linear_mps, odometry_angular_radps: (N, 3) beside odometry.
     anchor_places: anchor id -> where the range messages say that it is. estimates: pose topic -> its poses.
     losses: of topics whose clock was set back. clouds_ns: (C,) stamps of the clouds in the order in which they came;
-    repeated_clouds: (C,) those that a clock that was set back stamps a second time.
+    clouds_of: (C,) by the number of their topic; repeated_clouds: (C,) those that a clock that was set stamps wrongly.
     """
 
     ranges: RangeSeries | None
@@ -61,9 +67,36 @@ class Streams:
     losses: list[Loss]
     anchor_places: dict[int, AnchorPlace]
     clouds_ns: Int
-    repeated_clouds: NDArray[np.bool_]
+    clouds_of: Int
+    repeated_clouds: Mask
     joints: JointSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
+
+
+class Wanted(NamedTuple):
+    """Topics by role."""
+
+    uwb: Sequence[str] = ()
+    odometry: str | None = None
+    imu: str | None = None
+    reference: str | None = None
+    target: str | None = None
+    tf: Sequence[str] = ()
+    joints: str | None = None
+    estimates: Sequence[str] = ()
+    lidar: Sequence[str] = ()
+
+    def topics(self, *, static: bool) -> list[str]:
+        """Those of static transforms, which hold before any window too, or all others, each once."""
+        single = (self.odometry, self.imu, self.joints, self.reference, self.target)
+        topics = dict.fromkeys([*self.uwb, *filter(None, single), *self.estimates, *self.lidar, *self.tf])
+        return [topic for topic in topics if (topic in self.tf and is_static(topic)) == static]
+
+    def kinds(self) -> dict[type[Message], set[str | None]]:
+        """The topics of each kind of rows."""
+        poses = {self.odometry, self.reference, self.target, *self.estimates}
+        kinds: dict[type[Message], set[str | None]] = {Pose: poses, Odometry: poses, Imu: {self.imu}}
+        return kinds | {JointStates: {self.joints}, UwbRanges: {*self.uwb}, Transforms: {*self.tf}}
 
 
 def gather(
@@ -73,7 +106,7 @@ def gather(
     watch: Callable[[str], object] = lambda _: None,
     **topics: Any,
 ) -> Streams:
-    """Read topics by role, as Gatherer takes them, once (static transforms apart: they count from before start_ns too).
+    """Read topics by role, those of Wanted, once (static transforms apart: they count from before start_ns too).
 
     watch: called with the topic of all that is read.
     Messages that have overtaken one another are sorted. Where a clock was set
@@ -82,337 +115,238 @@ def gather(
     message with the stamp of another is dropped and counted in warnings.
     Raises ClocksDiffer.
     """
-    wanted = Gatherer(**topics)
-    wanted.take_all(wanted.static, recording)
-    wanted.take_all(wanted.moving, recording, start_ns, end_ns, watch)
-    return wanted.streams()
+    logged = _Logged(Wanted(**topics))
+    logged.read(recording, static=True)
+    logged.read(recording, start_ns, end_ns, watch)
+    return logged.streams(spread_bursts=recording.stamp == "auto")
 
 
 def look_at_frames(recording: Recording, tf: Sequence[str]) -> TransformTree:
     """The frames that all static transforms and an excerpt of the others show, on log times."""
-    wanted = Gatherer(tf=tf)
-    wanted.take_all(wanted.static, recording)
-    if wanted.moving:
-        wanted.take_all(wanted.moving, recording.glimpse())
-    return wanted.tree
+    logged = _Logged(Wanted(tf=tf))
+    logged.read(recording, static=True)
+    if not all(map(is_static, tf)):
+        logged.read(recording.glimpse())
+    return logged.streams().tf
 
 
-_NO_QUATERNION = [nan] * 4
-_NO_TWIST = [0.0] * 6
-_JOINT_VALUES = 41
-MOST_OF_A_JOINT = 1e5
-"""Larger angles, rates, torques and forces are no measurements."""
+class _Track(NamedTuple):
+    """Rows (N,) of a kind, of a topic or of a transform, as logged; log times (N,), and the frames of the last row."""
 
-
-@dataclass
-class _Columns:
-    """Rows of numbers: a time and `width` values each, and which of them came first. The last frames count.
-
-    code: of the array that holds the values, "d" or "f".
-    """
-
-    width: int
-    code: str = "d"
-    order: array[int] = field(default_factory=lambda: array("q"))
-    t_ns: array[int] = field(default_factory=lambda: array("q"))
-    values: array[float] = field(init=False)
+    topic: str
+    rows: NDArray[np.void]
+    log_ns: Int
     frame_id: str = ""
     child_frame_id: str = ""
-    _frames_of: int = -1
 
-    def __post_init__(self) -> None:
-        self.values = array(self.code)
+    @classmethod
+    def of(cls, batches: Sequence[Batch]) -> _Track:
+        """The rows of all batches; of ranges without the places of anchors, which some messages may have alone."""
+        ranges = batches[0].kind is UwbRanges
+        rows = np.concatenate([each.rows[list(UNPLACED.names or ())] if ranges else each.rows for each in batches])
+        log_ns = np.concatenate([each.log_ns for each in batches])
+        if (np.diff(rows["order"]) < 0).any():
+            by_order = np.argsort(rows["order"], kind="stable")
+            rows, log_ns = rows[by_order], log_ns[by_order]
+        last = max(batches, key=lambda each: int(each.rows["order"][-1]))
+        return cls(last.topic, rows, log_ns, last.frame_id, last.child_frame_id)
 
-    def add(self, order: int, t_ns: int, values: Iterable[float]) -> None:
-        """One row."""
-        self.order.append(order)
-        self.t_ns.append(t_ns)
-        self.values.extend(values)
+    @property
+    def t_ns(self) -> Int:
+        """Their times (N,), a view."""
+        times: Int = self.rows["t_ns"]
+        return times
 
-    def extend(self, order: Int, t_ns: Int, values: Float) -> None:
-        """Rows (N,), (N,) and (N, width)."""
-        self.order.frombytes(order.tobytes())
-        self.t_ns.frombytes(t_ns.tobytes())
-        self.values.frombytes(np.ascontiguousarray(values, self.code).tobytes())
-
-    def name(self, order: int, frame_id: str, child_frame_id: str = "") -> None:
-        """The frames of a row."""
-        if order > self._frames_of:
-            self._frames_of, self.frame_id, self.child_frame_id = order, frame_id, child_frame_id
-
-    def arrays(self) -> tuple[Int, Float]:
-        """Times (N,) and values (N, width) in the order in which they came."""
-        order, t_ns = np.array(self.order, np.int64), np.array(self.t_ns, np.int64)
-        values = np.array(self.values, self.code).reshape(-1, self.width)
-        if (np.diff(order) < 0).any():
-            rows = np.argsort(order, kind="stable")
-            t_ns, values = t_ns[rows], values[rows]
-        return t_ns, values
-
-    def set_times(self, t_ns: Int) -> None:
-        """Other times (N,), in the order in which rows came."""
-        rank = np.argsort(np.argsort(np.array(self.order), kind="stable"))
-        self.t_ns = array("q", t_ns[rank].tobytes())
-
-    def increasing(self, topic: str, warnings: list[str], losses: list[Loss]) -> tuple[Int, Float]:
-        """Both columns by time, which increases strictly; what is left out is added to warnings and losses."""
-        t_ns, values = self.arrays()
-        kept = kept_rows(t_ns)
-        lost = clock_losses(topic, "messages", [t_ns])
-        losses += lost
-        if equal := len(t_ns) - len(kept) - sum(each.count or 0 for each in lost):
-            warnings.append(f"{topic}: {equal} of {len(t_ns)} messages have the stamp of another; they are dropped")
-        return t_ns[kept], values[kept]
+    def parts(self, kind: type[Message]) -> list[NDArray[np.intp]]:
+        """The rows of each sender: of ranges of each link, since tags of a topic may be late by different amounts."""
+        if kind is not UwbRanges or not goes_back(self.t_ns):
+            return [np.arange(len(self.rows))]
+        order = np.lexsort((self.rows["anchor"], self.rows["tag"]))
+        link = np.column_stack([self.rows["tag"], self.rows["anchor"]])[order]
+        return np.split(order, np.flatnonzero((link[1:] != link[:-1]).any(axis=1)) + 1)
 
 
-class Gatherer:
-    """Files messages, and columns of them, under every role that their topics have.
+_Key = tuple[type[Message], str, str]
+_THINGS: dict[type[Message], str] = {UwbRanges: "ranges", Transforms: "transforms"}
 
-    moving: the topics to read, static transforms apart; moving_tf: those of transforms among them.
-    """
 
-    def __init__(
-        self,
-        uwb: Sequence[str] = (),
-        odometry: str | None = None,
-        imu: str | None = None,
-        reference: str | None = None,
-        target: str | None = None,
-        tf: Sequence[str] = (),
-        joints: str | None = None,
-        estimates: Sequence[str] = (),
-        lidar: str | None = None,
-    ) -> None:
-        single = (odometry, imu, joints, reference, target, lidar)
-        topics = dict.fromkeys([*uwb, *(topic for topic in single if topic), *estimates, *tf])
-        self.static = [topic for topic in tf if is_static(topic)]
-        self.moving = [topic for topic in topics if topic not in self.static]
-        self.moving_tf = [topic for topic in tf if topic not in self.static]
-        self.tree = TransformTree()
-        self._uwb, self._imu_topic, self._joints_topic = set(uwb), imu, joints
-        self._estimates = {f"estimate {topic}": topic for topic in estimates}
-        self._pose_topics = {"odometry": odometry, "reference": reference, "target": target, **self._estimates}
-        self._ranges = _Columns(5)  # tag, anchor, range, gap, and the topic by its number in _range_topics
-        self._range_topics: dict[str, int] = {}
-        self._nameless: dict[str, int] = {}
-        self._unmeasured: dict[str, int] = {}  # why -> how many ranges
-        self._poses = {role: _Columns(13) for role in self._pose_topics}
-        self._columns_of_topic: dict[str, list[_Columns]] = {}
-        for role, topic in self._pose_topics.items():
-            self._columns_of_topic.setdefault(topic or "", []).append(self._poses[role])
-        self._imu = _Columns(7)
-        self._joints = _Columns(_JOINT_VALUES, "f")
-        self._stamp = ""
-        self._places = AnchorPlaces()
-        self._lidar, self._clouds_ns = lidar, array("q")
+class _Logged:
+    """What was read of the wanted topics, and the series that it makes."""
+
+    def __init__(self, wanted: Wanted) -> None:
+        self._wanted, self._kinds = wanted, wanted.kinds()
+        self._static: dict[_Key, list[Batch]] = defaultdict(list)
+        self._batches: dict[_Key, list[Batch]] = defaultdict(list)
+        self._clouds = array("q")  # number of the topic, log time and time of each
+        self._unmeasured = Counter[str]()
         self._warnings: list[str] = []
-        self._losses: list[Loss] = []
 
-    def take_all(
+    def read(
         self,
-        topics: Sequence[str],
         recording: Recording,
         start_ns: int | None = None,
         end_ns: int | None = None,
         watch: Callable[[str], object] = lambda _: None,
+        *,
+        static: bool = False,
     ) -> None:
-        """File all that topics hold in a window; see gather."""
-        for gathered in recording.gathered(topics, start_ns, end_ns) if topics else ():
-            self.take(gathered, recording.stamp)
-            watch(gathered.topic)
+        """Keep what the wanted topics hold in a window: static transforms, or all else."""
+        topics, reading = self._wanted.topics(static=static), Pass(recording, start_ns, end_ns)
+        for each in recording.read(topics, reading) if topics else ():
+            watch(each.topic)
+            if isinstance(each, Timed):
+                if each.topic in self._wanted.lidar:
+                    self._clouds.extend((self._wanted.lidar.index(each.topic), reading.log_ns, each.t_ns))
+            elif each.unmeasured:
+                self._unmeasured[each.unmeasured] += len(each.rows)
+            elif each.topic in self._kinds[each.kind]:
+                names = (each.frame_id, each.child_frame_id) if each.kind is Transforms else (each.topic, "")
+                (self._static if static else self._batches)[each.kind, *names].append(each)
 
-    def take(self, gathered: Gathered, stamp: str) -> None:
-        """File what was read."""
-        self._stamp = stamp
-        if isinstance(gathered, Many):
-            self._take_columns(*gathered)
-            return
-        order, t_ns, topic, content = gathered
-        if isinstance(content, Imu):
-            if topic != self._imu_topic:
-                return
-            self._imu.name(order, content.frame_id)
-            quaternion = _NO_QUATERNION if content.quat_xyzw is None else content.quat_xyzw.tolist()
-            self._imu.add(order, t_ns, [*content.angular_radps.tolist(), *quaternion])
-        elif isinstance(content, (Pose, Odometry)):
-            for column in self._columns_of_topic.get(topic, ()):
-                _take_pose(order, t_ns, content, column)
-        elif isinstance(content, JointStates):
-            if topic == self._joints_topic:
-                fields = (content.position_rad, content.velocity_radps, content.torque_nm, content.foot_force_n)
-                self._joints.add(order, t_ns, [*np.concatenate(fields).tolist(), content.tick])
-        elif isinstance(content, PointCloud):
-            if topic == self._lidar:
-                self._clouds_ns.append(t_ns)
-        elif isinstance(content, UwbRanges):
-            if topic in self._uwb:
-                self._take_ranges(order, t_ns, topic, content)
-        elif isinstance(content, Transforms):
-            for pose in content.transforms:
-                own_ns = t_ns if stamp == "log" or not pose.stamp_ns else pose.stamp_ns
-                self.tree.add(own_ns, pose, static=content.static, order=order, topic=topic)
-
-    def _take_columns(self, order: Int, t_ns: Int, topic: str, columns: Columns) -> None:
-        last = int(order[-1])
-        if columns.kind is Imu:
-            if topic == self._imu_topic:
-                self._imu.name(last, columns.frame_id)
-                self._imu.extend(order, t_ns, columns.values)
-        elif columns.kind is JointStates:
-            if topic == self._joints_topic:
-                self._joints.extend(order, t_ns, columns.values)
-        elif columns.kind is UwbRanges:
-            if topic in self._uwb:
-                self._take_range_columns(order, t_ns, topic, columns.values)
-        elif topic in self._columns_of_topic:
-            twist = np.zeros((len(order), 13 - columns.values.shape[1]))
-            values = np.concatenate([columns.values, twist], axis=1)
-            for column in self._columns_of_topic[topic]:
-                column.name(last, columns.frame_id, columns.child_frame_id)
-                column.extend(order, t_ns, values)
-        elif columns.kind is Pose:
-            self.tree.add_moving(topic, columns.frame_id, columns.child_frame_id, order, t_ns, columns.values)
-
-    def _take_range_columns(self, order: Int, t_ns: Int, topic: str, values: Float) -> None:
-        row, anchor = np.nonzero(values[:, 1:])
-        number = self._range_topics.setdefault(topic, len(self._range_topics))
-        measured = [values[row, 0], anchor, values[row, 1 + anchor], np.full(len(row), nan), np.full(len(row), number)]
-        self._ranges.extend(order[row], t_ns[row], np.column_stack(measured))
-
-    def _take_ranges(self, order: int, t_ns: int, topic: str, message: UwbRanges) -> None:
-        self._places.take(message)
-        if message.unmeasured:
-            self._unmeasured[message.unmeasured] = self._unmeasured.get(message.unmeasured, 0) + 1
-        if message.tag is None:
-            self._nameless[topic] = self._nameless.get(topic, 0) + len(message.range_m)
-            return
-        anchors, given = message.anchor.tolist(), message.first_path_gap_db
-        gaps = [nan] * len(anchors) if given is None else given.tolist()
-        number = self._range_topics.setdefault(topic, len(self._range_topics))
-        for anchor, range_m, gap in zip(anchors, message.range_m.tolist(), gaps, strict=True):
-            self._ranges.add(order, t_ns, (message.tag, anchor, range_m, gap, number))
-
-    def streams(self) -> Streams:
-        """Everything taken so far, as series."""
-        for topic, count in sorted(self._nameless.items()):
-            self._warnings.append(
-                f"{topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
-            )
-        odometry, twist = self._pose_series("odometry")
-        reference, _ = self._pose_series("reference")
-        target, _ = self._pose_series("target")
-        estimates = {topic: self._pose_series(role)[0] for role, topic in self._estimates.items()}
-        ranges, gap_db = self._range_series()
-        if self._stamp == "auto":
-            self._spread_joints()
-        imu, joints = self._imu_series(), self._joint_series()
-        for topic in self.moving_tf:
-            self._losses += clock_losses(topic, "transforms", self.tree.stamps(topic))
-        clouds_ns = np.array(self._clouds_ns, np.int64)
-        self._losses += clock_losses(str(self._lidar), "clouds", [clouds_ns])
+    def streams(self, *, spread_bursts: bool = False) -> Streams:
+        """All series. spread_bursts: joints that come in bursts get the times at which they were sent."""
+        wanted, warnings = self._wanted, self._warnings
+        ranged = [batch for key, batches in self._batches.items() if key[0] is UwbRanges for batch in batches]
+        tracks = {key: _Track.of(batches) for key, batches in self._batches.items()}
+        if spread_bursts:
+            self._spread_joints(tracks)
+        clouds = np.array(self._clouds, np.int64).reshape(-1, 3).T
+        losses, repeated_clouds = self._put_right(tracks, clouds)
+        ranges, gap_db = self._ranges(tracks)
+        poses = {topic: _poses(tracks, topic) for topic in self._kinds[Pose]}
+        odometry, twist = poses[wanted.odometry], tracks.get((Odometry, str(wanted.odometry), ""))
+        still_mps = None if odometry is None else np.zeros((len(odometry), 3))
         return Streams(
             ranges=ranges,
             range_gap_db=gap_db,
             odometry=odometry,
-            odometry_linear_mps=None if odometry is None else twist[:, :3],
-            odometry_angular_radps=None if odometry is None else twist[:, 3:],
-            imu=imu,
-            reference=reference,
-            target=target,
-            tf=self.tree,
-            warnings=self._warnings,
-            losses=self._losses,
-            anchor_places=self._places.found(),
-            clouds_ns=clouds_ns,
-            repeated_clouds=repeated_rows(clouds_ns),
-            joints=joints,
-            estimates={topic: series for topic, series in estimates.items() if series is not None},
+            odometry_linear_mps=still_mps if twist is None else twist.rows["linear_mps"].copy(),
+            odometry_angular_radps=still_mps if twist is None else twist.rows["angular_radps"].copy(),
+            imu=self._imu(tracks),
+            reference=poses[wanted.reference],
+            target=poses[wanted.target],
+            tf=self._tree(tracks),
+            warnings=warnings,
+            losses=losses,
+            anchor_places=places_of(each.rows for each in ranged),
+            clouds_ns=clouds[2],
+            clouds_of=clouds[0],
+            repeated_clouds=repeated_clouds,
+            joints=self._joints(tracks),
+            estimates={topic: series for topic in wanted.estimates if (series := poses[topic]) is not None},
         )
 
-    def _range_series(self) -> tuple[RangeSeries | None, Float | None]:
-        t_ns, values = self._ranges.arrays()
-        total = len(t_ns) + sum(self._unmeasured.values())
+    def _put_right(self, tracks: dict[_Key, _Track], clouds: Int) -> tuple[list[Loss], Mask]:
+        """Bring tracks in the order of time, without what a clock that was set stamps wrongly; which clouds these are.
+
+        Equal stamps, of which the first is kept, are counted in warnings. clouds: (3, C) as in _clouds.
+        """
+        parts = [(key, rows) for key, track in tracks.items() for rows in track.parts(key[0])]
+        senders = [
+            Sender(tracks[key].topic, _THINGS.get(key[0], "messages"), tracks[key].log_ns[rows], tracks[key].t_ns[rows])
+            for key, rows in parts
+        ]
+        scanners = [clouds[0] == number for number in range(len(self._wanted.lidar))]
+        for topic, mine in zip(self._wanted.lidar, scanners, strict=True):
+            senders.append(Sender(topic, "clouds", *clouds[1:, mine]))
+        masks, repeated = left_out(senders), np.zeros(clouds.shape[1], np.bool_)
+        for mine, mask in zip(scanners, masks[len(parts) :], strict=True):
+            repeated[mine] = mask
+        whole = {key: np.zeros(len(track.rows), np.bool_) for key, track in tracks.items()}
+        for (key, rows), mask in zip(parts, masks[: len(parts)], strict=True):
+            whole[key][rows] = mask
+        for key, track in tracks.items():
+            kept = kept_rows(track.t_ns, whole[key], equal=key[0] is UwbRanges)
+            equal = len(track.rows) - len(kept) - int(whole[key].sum())
+            if equal and key[0] is not Transforms:
+                text = (
+                    f"{track.topic}: {equal} of {len(track.rows)} messages have the stamp of another; they are dropped"
+                )
+                self._warnings.append(text)
+            tracks[key] = track._replace(rows=track.rows[kept])
+        return clock_losses(senders, masks), repeated
+
+    def _tree(self, tracks: Mapping[_Key, _Track]) -> TransformTree:
+        tree = TransformTree()
+        static = {key: _Track.of(batches) for key, batches in self._static.items()}
+        for key, track in [*static.items(), *tracks.items()]:
+            if key[0] is Transforms:
+                pose = np.column_stack([track.rows["position_m"], track.rows["quat_xyzw"]])
+                tree.add(track.topic, *key[1:], track.t_ns.copy(), pose, static=key in static)
+        return tree
+
+    def _ranges(self, tracks: Mapping[_Key, _Track]) -> tuple[RangeSeries | None, Float | None]:
+        """Ranges of all topics by time, without those that have no ids."""
+        found = []
+        for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
+            known = track.rows["tag"] != NO_ID
+            if count := int((~known).sum()):
+                self._warnings.append(
+                    f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                )
+            found.append(track.rows[known])
+        total = sum(map(len, found)) + self._unmeasured.total()
         for why, count in sorted(self._unmeasured.items()):
             self._warnings.append(f"{count} of {total} ranges were not measured and are left out: {why}")
-        if len(t_ns) == 0:
+        if not any(map(len, found)):
             return None, None
-        t_ns, values = self._on_one_clock(t_ns, values)
-        order = np.argsort(t_ns, kind="stable")
-        t_ns, values = t_ns[order], values[order]
-        tag, anchor = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
-        return RangeSeries(t_ns, tag, anchor, values[:, 2].copy()), values[:, 3].copy()
+        names = ("order", "t_ns", "tag", "anchor", "range_m", "first_path_gap_db")
+        order, *columns = (np.concatenate([rows[name] for rows in found]) for name in names)
+        by_time = np.lexsort((order, columns[0])) if len(found) > 1 else slice(None)
+        *series, gap_db = (column[by_time] for column in columns)
+        return RangeSeries(*series), gap_db
 
-    def _on_one_clock(self, t_ns: Int, values: Float) -> tuple[Int, Float]:
-        """Both columns without what a clock that was set back stamps a second time.
-
-        Link by link: tags that share a topic may be late by different amounts.
-        """
-        topic = values[:, 4].astype(np.int64)
-        order = np.lexsort((values[:, 1], values[:, 0], topic))
-        link = np.column_stack([topic, values[:, :2]])[order]
-        links = np.split(order, np.flatnonzero((link[1:] != link[:-1]).any(axis=1)) + 1)
-        repeated = np.zeros(len(t_ns), dtype=bool)
-        for rows in links:
-            repeated[rows] = repeated_rows(t_ns[rows])
-        for name, index in self._range_topics.items():
-            mine = [t_ns[rows] for rows in links if topic[rows[0]] == index]
-            self._losses += clock_losses(name, "ranges", mine)
-        return t_ns[~repeated], values[~repeated]
-
-    def _pose_series(self, role: str) -> tuple[PoseSeries | None, Float]:
-        column = self._poses[role]
-        t_ns, values = column.increasing(str(self._pose_topics[role]), self._warnings, self._losses)
-        if len(t_ns) == 0:
-            return None, values[:, 7:]
-        series = PoseSeries(t_ns, values[:, :3].copy(), values[:, 3:7].copy(), column.frame_id, column.child_frame_id)
-        return series, values[:, 7:].copy()
-
-    def _spread_joints(self) -> None:
+    def _spread_joints(self, tracks: Mapping[_Key, _Track]) -> None:
         """Joints that come in bursts, and the IMU beside them, get the times at which they were sent."""
-        logged_ns, values = self._joints.arrays()
-        t_ns, how = spread(logged_ns, values[:, -1].astype(np.float64))
-        if how:
-            self._warnings.append(
-                f"{self._joints_topic}: joints come in bursts ({how}; as they are stamped:  --stamp header"
-            )
-            self._joints.set_times(t_ns)
-            imu_ns, _ = self._imu.arrays()
-            same = np.array_equal(imu_ns, logged_ns)
-            self._imu.set_times(t_ns if same else spread(imu_ns, np.full(len(imu_ns), nan))[0])
+        topic = self._wanted.joints
+        joints, imu = tracks.get((JointStates, str(topic), "")), tracks.get((Imu, str(self._wanted.imu), ""))
+        if joints is None:
+            return
+        logged_ns = joints.t_ns.copy()
+        t_ns, how = spread(logged_ns, joints.rows["tick"].astype(np.float64))
+        if not how:
+            return
+        self._warnings.append(f"{topic}: joints come in bursts ({how}; as they are stamped:  --stamp header")
+        joints.t_ns[:] = t_ns
+        if imu is not None:
+            same = np.array_equal(imu.t_ns, logged_ns)
+            imu.t_ns[:] = t_ns if same else spread(imu.t_ns.copy(), np.full(len(imu.rows), np.nan))[0]
 
-    def _imu_series(self) -> ImuSeries | None:
-        t_ns, values = self._imu.increasing(str(self._imu_topic), self._warnings, self._losses)
-        if len(t_ns) == 0:
+    def _imu(self, tracks: Mapping[_Key, _Track]) -> ImuSeries | None:
+        track = tracks.get((Imu, str(self._wanted.imu), ""))
+        if track is None:
             return None
-        quaternions = values[:, 3:].copy()
-        oriented = bool(np.isfinite(quaternions).all())
-        if not oriented and np.isfinite(quaternions).any():
-            self._warnings.append(f"{self._imu_topic}: not every message has an orientation; none is used")
-        return ImuSeries(t_ns, values[:, :3].copy(), quaternions if oriented else None, self._imu.frame_id)
+        quat_xyzw = track.rows["quat_xyzw"].copy()
+        finite = np.isfinite(quat_xyzw)
+        if finite.any() and not finite.all():
+            self._warnings.append(f"{track.topic}: not every message has an orientation; none is used")
+        rates = track.rows["angular_radps"].copy()
+        return ImuSeries(track.t_ns.copy(), rates, quat_xyzw if finite.all() else None, track.frame_id)
 
-    def _joint_series(self) -> JointSeries | None:
-        topic = str(self._joints_topic)
-        t_ns, values = self._joints.increasing(topic, self._warnings, self._losses)
-        if len(t_ns) == 0:
+    def _joints(self, tracks: Mapping[_Key, _Track]) -> JointSeries | None:
+        track = tracks.get((JointStates, str(self._wanted.joints), ""))
+        if track is None:
             return None
-        parts = {"angles": values[:, :12], "speeds": values[:, 12:24], "torques": values[:, 24:36]}
-        parts["foot forces"] = values[:, 36:40]
+        names = {"angles": "position_rad", "speeds": "velocity_radps", "torques": "torque_nm"}
+        parts = {what: track.rows[name].copy() for what, name in (names | {"foot forces": "foot_force_n"}).items()}
         for what, part in parts.items():
             unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
             # A message that gives none of them has NaN everywhere.
             if unfit.any() and not np.isnan(part).all():
-                self._warnings.append(f"{topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out")
+                self._warnings.append(
+                    f"{track.topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out"
+                )
             part[unfit] = np.nan
         for what in ("torques", "foot forces"):
             # Drivers that measure none write zeros.
             if not np.nan_to_num(parts[what]).any():
                 parts[what][:] = np.nan
-        return JointSeries(t_ns, *parts.values())
+        return JointSeries(track.t_ns.copy(), *parts.values())
 
 
-def _take_pose(order: int, t_ns: int, message: Pose | Odometry, column: _Columns) -> None:
-    twist = _NO_TWIST
-    if isinstance(message, Odometry):
-        twist = [*message.linear_mps.tolist(), *message.angular_radps.tolist()]
-    column.name(order, message.frame_id, message.child_frame_id)
-    column.add(order, t_ns, [*message.position_m.tolist(), *message.quat_xyzw.tolist(), *twist])
+def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | None:
+    track = tracks.get((Odometry, str(topic), "")) or tracks.get((Pose, str(topic), ""))
+    if track is None:
+        return None
+    t_ns, position_m, quat_xyzw = (track.rows[name].copy() for name in ("t_ns", "position_m", "quat_xyzw"))
+    return PoseSeries(t_ns, position_m, quat_xyzw, track.frame_id, track.child_frame_id)

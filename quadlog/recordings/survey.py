@@ -2,137 +2,47 @@
 
 from __future__ import annotations
 
-import math
 import re
 from array import array
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import groupby
 from statistics import median
 
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import Int, Message, Transforms, UwbRanges
+from quadlog.messages import NO_ID, Batch, Int, JointStates, Timed, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel, Container, RawMessage
-from quadlog.recordings.decoders.anchor_places import AnchorPlace, AnchorPlaces
+from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types
-from quadlog.recordings.recording import Recording
+from quadlog.recordings.decoding import kinds_of
+from quadlog.recordings.reading import Pass, stamps_of
+from quadlog.recordings.recording import Recording, Stamps
+from quadlog.recordings.types import is_static
 
 HEADER_TYPE = "std_msgs/msg/Header"
-HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+\s*(#.*)?")
+HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+")
 IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")
+IDL_HEADER = re.compile(r"\s*+(?:@\w+\s*+(?:\([^()]*\))?+\s*+)*+std_msgs::msg::Header")
 FRONT_BYTES = 1 << 16  # of a definition; its first field stands near the top
-
-
-def stamp_reader(channel: Channel) -> Callable[[Payload], int | None] | None:
-    """A function from payload to header.stamp in nanoseconds (None for a broken payload); None without header."""
-    if channel.message_encoding not in ("ros1", "cdr") or not starts_with_header(channel):
-        return None
-
-    def read(payload: Payload) -> int | None:
-        try:
-            return PayloadReader(payload, channel.message_encoding, channel.topic).header().stamp_ns
-        except DecodeError:
-            return None
-
-    return read
-
-
-def starts_with_header(channel: Channel) -> bool:
-    """Whether the message's first field is a std_msgs/Header, by the embedded definition or the standard one."""
-    return _starts_with_header(
-        channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema[:FRONT_BYTES]
-    )
-
-
-@lru_cache(maxsize=64)
-def _starts_with_header(type_name: str, message_encoding: str, schema_encoding: str, front: bytes) -> bool:
-    text = front.decode("utf-8", "replace")
-    if not text.strip("\0 \n"):
-        fields = standard_types(message_encoding, type_name).get(type_name, ([], []))[1]
-        return bool(fields) and fields[0][1][1] == HEADER_TYPE
-    if schema_encoding == "ros2idl":
-        name = type_name.rpartition("/")[2]
-        bodies = [body for struct, body in IDL_STRUCT.findall(text) if struct == name]
-        return bool(bodies) and re.sub(r"@\w+\s*(\([^()]*\))?", "", bodies[0]).strip().startswith(
-            "std_msgs::msg::Header"
-        )
-    for line in text.splitlines():
-        bare = line.split("#")[0].strip()
-        if bare and "=" not in bare:
-            return HEADER_LINE.fullmatch(bare) is not None
-    return False
-
-
 RATE_INTERVALS = 10
 GAP_MEDIANS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Pulse:
-    """The log times t_ns (N,) of a channel in order, 8 bytes each, and what follows from them."""
-
-    t_ns: Int
-
-    @classmethod
-    def of(cls, t_ns: Int) -> Pulse:
-        """Of log times in any order."""
-        return cls(np.sort(t_ns))
-
-    @property
-    def ends_ns(self) -> tuple[int, int] | tuple[None, None]:
-        """The earliest and the latest log time."""
-        return (int(self.t_ns[0]), int(self.t_ns[-1])) if len(self.t_ns) else (None, None)
-
-    def rates_hz(self) -> tuple[float, float] | tuple[None, None]:
-        """The slowest and the fastest of all runs of ten successive intervals; the mean rate twice where there are
-        fewer, None where there is none.
-        """
-        for intervals in (RATE_INTERVALS, len(self.t_ns) - 1):
-            runs_ns = self.t_ns[intervals:] - self.t_ns[:-intervals] if intervals > 0 else self.t_ns[:0]
-            if runs_ns.max(initial=0) > 0:
-                runs_ns = runs_ns[runs_ns > 0]
-                return intervals * 1e9 / int(runs_ns.max()), intervals * 1e9 / int(runs_ns.min())
-        return None, None
-
-    def gaps(self) -> tuple[int, int]:
-        """How many intervals are longer than three medians of those above zero, and the longest (ns)."""
-        intervals_ns = np.diff(self.t_ns)
-        intervals_ns = intervals_ns[intervals_ns > 0]
-        if not len(intervals_ns):
-            return 0, 0
-        return int((intervals_ns > GAP_MEDIANS * np.median(intervals_ns)).sum()), int(intervals_ns.max())
-
-
-def indexed_pulses(container: Container) -> dict[Channel, Pulse]:
-    """Every channel's pulse from the indexes alone. Raises Damaged where they are not enough."""
-    times: dict[int, list[Int]] = {id(channel): [] for channel in container.channels}
-    for channel, t_ns in container.log_times():
-        times[id(channel)].append(t_ns)
-    return {
-        channel: Pulse.of(np.concatenate([np.empty(0, np.int64), *times[id(channel)]]))
-        for channel in container.channels
-    }
-
-
 OFFSETS_KEPT = 1000
-
-Decoded = tuple[RawMessage, tuple[Message, ...]]
-Watch = Callable[[Iterator[Decoded]], Iterator[Decoded]]
 
 
 @dataclass(frozen=True, slots=True)
 class TopicSurvey:
     """One topic with one type.
 
-    first_ns, last_ns, hz_min, hz_max, gaps: of Pulse. clock_offset_s: median of header stamp minus log time over the
-    first OFFSETS_KEPT messages read, None without header. clock_jump_s: how far apart the largest and the smallest of
-    these differences lie, over all messages read of types that quadlog reads; static transforms may be of any age.
-    clock_back_ns, clock_back_to_ns: the farthest that header stamps of one sender's ranges go back from message to
-    message, and to when; zero where they never do.
+    first_ns, last_ns: log times. hz_min, hz_max, gaps, longest_gap_s: see rates_hz and gaps. clock_offset_s: median of
+    header stamp minus log time over the first OFFSETS_KEPT messages read, None without header. clock_jump_s: how far
+    apart the largest and the smallest of these differences lie, over all messages read of types that quadlog reads;
+    static transforms may be of any age. clock_back_ns, clock_back_to_ns: the farthest that header stamps of one
+    sender's ranges go back from message to message, and to when; zero where they never do.
     """
 
     name: str
@@ -167,6 +77,7 @@ class Survey:
 
     messages_read: how many were decoded; clocks, links and places are known from these alone. anchor_places: anchor
     id -> where the range messages say that it is. transforms: how many of each topic, parent and child were read.
+    stamps: of all messages read, if they are to be kept.
     """
 
     topics: tuple[TopicSurvey, ...]
@@ -177,138 +88,225 @@ class Survey:
     end_ns: int | None
     anchor_places: dict[int, AnchorPlace]
     transforms: Counter[tuple[str, str, str]]
+    stamps: list[Stamps] | None
 
 
-def survey(recording: Recording, pulses: Mapping[Channel, Pulse] | None = None, watch: Watch | None = None) -> Survey:
+def indexed_times(container: Container) -> dict[Channel, Int]:
+    """Every channel's log times (N,), sorted, from the indexes alone. Raises Damaged where they are not enough."""
+    times: dict[int, list[Int]] = {id(channel): [np.empty(0, np.int64)] for channel in container.channels}
+    for channel, t_ns in container.log_times():
+        times[id(channel)].append(t_ns)
+    return {channel: np.sort(np.concatenate(times[id(channel)])) for channel in container.channels}
+
+
+def rates_hz(t_ns: Int) -> tuple[float, float] | tuple[None, None]:
+    """The slowest and the fastest of all runs of ten successive intervals of sorted times; the mean rate twice where
+    there are fewer, None where there is none.
+    """
+    for intervals in (RATE_INTERVALS, len(t_ns) - 1):
+        runs_ns = t_ns[intervals:] - t_ns[:-intervals] if intervals > 0 else t_ns[:0]
+        if runs_ns.max(initial=0) > 0:
+            runs_ns = runs_ns[runs_ns > 0]
+            return intervals * 1e9 / int(runs_ns.max()), intervals * 1e9 / int(runs_ns.min())
+    return None, None
+
+
+def gaps(t_ns: Int) -> tuple[int, float | None]:
+    """How many intervals of sorted times are longer than three medians of those above zero, and the longest (s)."""
+    intervals_ns = np.diff(t_ns)
+    intervals_ns = intervals_ns[intervals_ns > 0]
+    if not len(intervals_ns):
+        return 0, None
+    return int((intervals_ns > GAP_MEDIANS * np.median(intervals_ns)).sum()), int(intervals_ns.max()) * 1e-9
+
+
+def survey(
+    recording: Recording,
+    times: Mapping[Channel, Int] | None = None,
+    watch: Callable[[Iterator[RawMessage]], Iterator[RawMessage]] = lambda raws: raws,
+    *,
+    keep_stamps: bool = False,
+) -> Survey:
     """Read everything once, except the coordinates of clouds; memory grows by 8 bytes a message.
 
-    pulses: the log times of all messages (`indexed_pulses`), where the recording
+    times: the log times of all messages (`indexed_times`), where the recording
     is an excerpt. watch: passes the messages on, to show how far they are.
     Decoding failures become losses of the recording.
     """
-    seen = {id(channel): _Seen(channel) for channel in recording.channels}
-    links: dict[str, dict[tuple[int, int], _Reach]] = {}
-    transforms: Counter[tuple[str, str, str]] = Counter()
-    places = AnchorPlaces()
-    passing = recording.everything()
-    for raw, decoded in passing if watch is None else watch(passing):
-        channel = seen.get(id(raw.channel))
-        if channel is None:
-            channel = seen[id(raw.channel)] = _Seen(raw.channel)
-        channel.take(raw, decoded)
-        for message in decoded:
-            if isinstance(message, UwbRanges):
-                _take_ranges(links.setdefault(raw.channel.topic, {}), message)
-                places.take(message)
-            elif isinstance(message, Transforms):
-                topic = raw.channel.topic
-                transforms.update((topic, each.frame_id, each.child_frame_id) for each in message.transforms)
-    read = {each.channel: Pulse.of(np.frombuffer(each.t_ns, np.int64)) for each in seen.values()}
-    whole = read if pulses is None else pulses
-    topics = sorted(
-        (each.stamps.survey(each.channel, whole[each.channel]) for each in seen.values()),
-        key=lambda each: (each.name, each.type),
-    )
+    seen = {id(channel): _Seen(channel, recording) for channel in recording.channels}
+    found: dict[str, _Found] = defaultdict(_Found)
+    reading, stamps = Pass(recording, timed=False), list[Stamps]()
+
+    def take(topic: str, some: list[Batch | Timed]) -> None:
+        found[topic].take(some)
+        if keep_stamps:
+            stamps.extend((topic, *stamps_of(each)) for each in some)
+
+    for order, raw in enumerate(watch(recording.container.messages())):
+        key = id(raw.channel)
+        if key not in seen:
+            seen[key] = _Seen(raw.channel, recording)
+        seen[key].take(raw)
+        if some := [*reading.take(order, raw)]:
+            take(raw.channel.topic, some)
+    for topic, rest in groupby(reading.rest(), key=lambda each: each.topic):
+        take(topic, [*rest])
+    read = {each.channel: np.sort(np.frombuffer(each.log_ns, np.int64)) for each in seen.values()}
+    whole = read if times is None else times
+    topics = [_surveyed(each, whole[each.channel], found.get(each.channel.topic, _Found())) for each in seen.values()]
     return Survey(
-        tuple(topics),
-        {topic: tuple(_link(*pair, reach) for pair, reach in sorted(links[topic].items())) for topic in sorted(links)},
+        tuple(sorted(topics, key=lambda each: (each.name, each.type))),
+        {topic: tuple(found[topic].range_links()) for topic in sorted(found) if found[topic].reaches},
         sum(each.messages for each in topics),
-        sum(len(each.t_ns) for each in read.values()),
+        sum(map(len, read.values())),
         min((each.first_ns for each in topics if each.first_ns is not None), default=None),
         max((each.last_ns for each in topics if each.last_ns is not None), default=None),
-        places.found(),
-        transforms,
+        places_of(rows for each in found.values() for rows in each.placed),
+        Counter({(topic, *frames): n for topic in found for frames, n in found[topic].transforms.items()}),
+        stamps if keep_stamps else None,
     )
 
 
 class _Seen:
-    """One channel's messages as they pass."""
+    """One channel's messages as they pass: log times, and offsets by the first headers of types that are not read."""
 
-    def __init__(self, channel: Channel) -> None:
-        self.channel, self.stamps, self.t_ns = channel, _Stamps(channel), array("q")
+    def __init__(self, channel: Channel, recording: Recording) -> None:
+        self.channel, self.log_ns, self.offsets_ns = channel, array("q"), list[int]()
+        # JointState may be of another machine, whose joints are not read.
+        kinds = {*kinds_of(channel, recording.mapped)} - {JointStates}
+        read = kinds and recording.why_undecodable(channel.topic) is None
+        encodings = channel.message_encoding, channel.schema_encoding
+        self._has_header = not read and starts_with_header(channel.type_name, *encodings, channel.schema[:FRONT_BYTES])
 
-    def take(self, raw: RawMessage, decoded: tuple[Message, ...]) -> None:
+    def take(self, raw: RawMessage) -> None:
         """One message more."""
-        self.t_ns.append(raw.log_time_ns)
-        self.stamps.take(raw.log_time_ns, raw.payload, decoded)
+        self.log_ns.append(raw.log_time_ns)
+        if self._has_header and len(self.offsets_ns) < OFFSETS_KEPT:
+            stamp_ns = header_stamp_ns(raw.payload, self.channel)
+            self.offsets_ns += [stamp_ns - raw.log_time_ns] if stamp_ns else []
 
 
 @dataclass
-class _Reach:
-    messages: int = 0
-    low_m: float = math.inf
-    high_m: float = -math.inf
+class _Found:
+    """What messages of a topic become, as they are read.
+
+    offsets_ns: the first OFFSETS_KEPT; ends_ns: the smallest and the largest of all. back_ns: the farthest step back of
+    a sender's stamps, and to when. reaches: (tag, anchor) -> how many ranges, the shortest and the longest. placed:
+    rows of ranges with places of anchors. transforms: how many of each parent and child.
+    """
+
+    offsets_ns: list[int] = field(default_factory=list)
+    ends_ns: tuple[int, int] | None = None
+    back_ns: tuple[int, int] = (0, 0)
+    reaches: dict[tuple[int, int], tuple[int, float, float]] = field(default_factory=dict)
+    placed: list[np.ndarray] = field(default_factory=list)
+    transforms: Counter[tuple[str, str]] = field(default_factory=Counter)
+    _last_ns: dict[int, int] = field(default_factory=dict)
+
+    def take(self, some: Sequence[Batch | Timed]) -> None:
+        """What was read at once, in any order."""
+        batches = [each for each in some if isinstance(each, Batch)]
+        self._take_stamps(np.concatenate([_first_stamps(each) for each in some], axis=1))
+        for each in batches:
+            if each.kind is Transforms:
+                self.transforms[each.frame_id, each.child_frame_id] += len(each.rows)
+        if ranges := [each for each in batches if each.kind is UwbRanges]:
+            self._take_senders([each for each in ranges if each.stamp_ns is not None])
+            for each in ranges:
+                if not each.unmeasured:
+                    self._take_ranges(each.rows)
+
+    def _take_stamps(self, stamps: Int) -> None:
+        order, log_ns, stamp_ns = stamps
+        first = np.unique(order, return_index=True)[1]  # a message may hold several
+        first = first[stamp_ns[first] != 0]
+        offsets_ns = stamp_ns[first] - log_ns[first]
+        if len(offsets_ns):
+            self.offsets_ns += offsets_ns[: OFFSETS_KEPT - len(self.offsets_ns)].tolist()
+            ends_ns = int(offsets_ns.min()), int(offsets_ns.max())
+            low_ns, high_ns = self.ends_ns or ends_ns
+            self.ends_ns = min(low_ns, ends_ns[0]), max(high_ns, ends_ns[1])
+
+    def _take_senders(self, ranges: Sequence[Batch]) -> None:
+        """Stamps of each tag's ranges: those that share a topic may be late by different amounts."""
+        stamps = [np.array([each.rows["order"], each.rows["tag"], each.stamp_ns]) for each in ranges]
+        order, tag, stamp_ns = np.concatenate([np.empty((3, 0), np.int64), *stamps], axis=1)
+        rows = np.argsort(order, kind="stable")
+        tag, stamp_ns = tag[rows], stamp_ns[rows]
+        for each in np.unique(tag[stamp_ns != 0]).tolist():
+            mine_ns = stamp_ns[(tag == each) & (stamp_ns != 0)]
+            fall_ns = np.array([self._last_ns.get(each, mine_ns[0]), *mine_ns[:-1]]) - mine_ns
+            self._last_ns[each] = int(mine_ns[-1])
+            if fall_ns.max() > self.back_ns[0]:
+                self.back_ns = int(fall_ns.max()), int(mine_ns[fall_ns.argmax()])
+
+    def _take_ranges(self, rows: np.ndarray) -> None:
+        if "anchor_position_m" in (rows.dtype.names or ()):
+            self.placed.append(rows[["anchor", "anchor_position_m"]].copy())
+        ends = np.stack([rows["tag"], rows["anchor"]], axis=1)
+        for tag, anchor in np.unique(ends[rows["tag"] != NO_ID], axis=0).tolist():
+            range_m = rows["range_m"][(ends == (tag, anchor)).all(axis=1)]
+            finite_m = range_m[np.isfinite(range_m)]
+            n, low_m, high_m = self.reaches.get((tag, anchor), (0, np.inf, -np.inf))
+            low_m, high_m = float(finite_m.min(initial=low_m)), float(finite_m.max(initial=high_m))
+            self.reaches[tag, anchor] = n + len(range_m), low_m, high_m
+
+    def range_links(self) -> Iterator[RangeLink]:
+        """By tag and anchor."""
+        for (tag, anchor), (n, low_m, high_m) in sorted(self.reaches.items()):
+            yield RangeLink(tag, anchor, n, *((low_m, high_m) if low_m <= high_m else (None, None)))
 
 
-def _take_ranges(reaches: dict[tuple[int, int], _Reach], message: UwbRanges) -> None:
-    for anchor, range_m in zip(message.anchor.tolist(), message.range_m.tolist(), strict=True):
-        if message.tag is not None:
-            reach = reaches.setdefault((message.tag, anchor), _Reach())
-            reach.messages += 1
-            if math.isfinite(range_m):
-                reach.low_m, reach.high_m = min(reach.low_m, range_m), max(reach.high_m, range_m)
+def _first_stamps(each: Batch | Timed) -> Int:
+    """(3, N) orders, log times and header stamps, 0 without, of messages; of several transforms those of the first."""
+    _, log_ns, stamp_ns = stamps_of(each)
+    if isinstance(each, Timed):
+        return np.array([[0], log_ns, stamp_ns])
+    stamps = np.array([each.rows["order"], log_ns, stamp_ns])
+    return stamps[:, each.rows["index"] == 0] if each.kind is Transforms else stamps
 
 
-def _link(tag: int, anchor: int, reach: _Reach) -> RangeLink:
-    known = reach.low_m <= reach.high_m
-    return RangeLink(tag, anchor, reach.messages, reach.low_m if known else None, reach.high_m if known else None)
+def _surveyed(seen: _Seen, t_ns: Int, found: _Found) -> TopicSurvey:
+    """A channel with its log times (N,)."""
+    offsets_ns = found.offsets_ns or seen.offsets_ns
+    low_ns, high_ns = found.ends_ns or (min(offsets_ns, default=0), max(offsets_ns, default=0))
+    (slowest_hz, fastest_hz), (count, longest_s) = rates_hz(t_ns), gaps(t_ns)
+    return TopicSurvey(
+        seen.channel.topic,
+        seen.channel.type_name,
+        len(t_ns),
+        int(t_ns[0]) if len(t_ns) else None,
+        int(t_ns[-1]) if len(t_ns) else None,
+        slowest_hz,
+        fastest_hz,
+        count,
+        longest_s,
+        median(offsets_ns) * 1e-9 if offsets_ns else None,
+        (high_ns - low_ns) * 1e-9 if offsets_ns and not is_static(seen.channel.topic) else None,
+        *found.back_ns,
+    )
 
 
-class _Stamps:
-    """Header stamps of one channel against log times, as messages pass."""
+def header_stamp_ns(payload: Payload, channel: Channel) -> int | None:
+    """The stamp of a header at a payload's front, None for a broken payload."""
+    try:
+        return PayloadReader(payload, channel.message_encoding, channel.topic).header().stamp_ns
+    except DecodeError:
+        return None
 
-    def __init__(self, channel: Channel) -> None:
-        self.offsets_ns: array[int] = array("q")
-        self.back_ns = self.back_to_ns = 0
-        self._ends_ns: tuple[int, int] | None = None
-        self._sender_ns: dict[int | None, int] = {}
-        self._read_stamp = stamp_reader(channel)
 
-    def take(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
-        """One message more."""
-        self._take_offset(t_ns, payload, decoded)
-        for message in decoded:
-            if isinstance(message, UwbRanges) and message.stamp_ns:
-                self._take_sender(message.tag, message.stamp_ns)
-
-    def _take_sender(self, tag: int | None, stamp_ns: int) -> None:
-        # Tag by tag: those that share a topic may be late by different amounts.
-        back_ns = self._sender_ns.get(tag, stamp_ns) - stamp_ns
-        if back_ns > self.back_ns:
-            self.back_ns, self.back_to_ns = back_ns, stamp_ns
-        self._sender_ns[tag] = stamp_ns
-
-    def _take_offset(self, t_ns: int, payload: Payload, decoded: tuple[Message, ...]) -> None:
-        full = len(self.offsets_ns) >= OFFSETS_KEPT
-        stamp_ns = None
-        if decoded:
-            stamp_ns = decoded[0].stamp_ns
-        elif self._read_stamp and not full:
-            stamp_ns = self._read_stamp(payload)
-        if not stamp_ns:
-            return
-        offset_ns = stamp_ns - t_ns
-        if not full:
-            self.offsets_ns.append(offset_ns)
-        if not (decoded and isinstance(decoded[0], Transforms) and decoded[0].static):
-            low_ns, high_ns = self._ends_ns or (offset_ns, offset_ns)
-            self._ends_ns = min(low_ns, offset_ns), max(high_ns, offset_ns)
-
-    def survey(self, channel: Channel, pulse: Pulse) -> TopicSurvey:
-        """The channel with its log times."""
-        (first_ns, last_ns), (hz_min, hz_max), (gaps, longest_ns) = pulse.ends_ns, pulse.rates_hz(), pulse.gaps()
-        return TopicSurvey(
-            channel.topic,
-            channel.type_name,
-            len(pulse.t_ns),
-            first_ns,
-            last_ns,
-            hz_min,
-            hz_max,
-            gaps,
-            longest_ns * 1e-9 if longest_ns else None,
-            median(self.offsets_ns) * 1e-9 if self.offsets_ns else None,
-            None if self._ends_ns is None else (self._ends_ns[1] - self._ends_ns[0]) * 1e-9,
-            self.back_ns,
-            self.back_to_ns,
-        )
+@lru_cache(maxsize=64)
+def starts_with_header(type_name: str, message_encoding: str, schema_encoding: str, front: bytes) -> bool:
+    """Whether messages begin with a std_msgs/Header, by the front of the embedded definition or the standard one."""
+    if message_encoding not in ("ros1", "cdr"):
+        return False
+    text = front.decode("utf-8", "replace")
+    if not text.strip("\0 \n"):
+        fields = standard_types(message_encoding, type_name).get(type_name, ([], []))[1]
+        return bool(fields) and fields[0][1][1] == HEADER_TYPE
+    if schema_encoding == "ros2idl":
+        bodies = dict(reversed(IDL_STRUCT.findall(text)))
+        return IDL_HEADER.match(bodies.get(type_name.rpartition("/")[2], "")) is not None
+    bare = (line.split("#")[0].strip() for line in text.splitlines())
+    first = next((line for line in bare if line and "=" not in line), "")
+    return HEADER_LINE.fullmatch(first) is not None

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.geometry import invert_transform, rotation_from_quat, seconds_since, transform_from_quat
-from quadlog.messages import Float, Int, Pose, PoseSeries
-from quadlog.recordings.clock import kept_rows
+from quadlog.messages import Float, Int, PoseSeries
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -37,30 +35,20 @@ def is_named(frame: str, names: Sequence[str]) -> bool:
 class Edge:
     """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds.
 
-    order: which of the poses came first. topic: of the last one.
+    t_ns: (N,) increasing. pose: (N, 7) position and quaternion. topic: of the last one.
     """
 
     parent: str
     child: str
     static: bool
-    t_ns: array[int] = field(default_factory=lambda: array("q"))
-    pose: array[float] = field(default_factory=lambda: array("d"))
-    order: array[int] = field(default_factory=lambda: array("q"))
+    t_ns: Int
+    pose: Float
     topic: str = ""
-
-    def add(self, t_ns: int, pose: Pose, order: int) -> None:
-        """One more pose; a static one replaces what was there."""
-        if self.static:
-            del self.t_ns[:], self.pose[:], self.order[:]
-        self.order.append(order)
-        self.t_ns.append(t_ns)
-        self.pose.extend((*pose.position_m.tolist(), *pose.quat_xyzw.tolist()))
 
     @property
     def is_still(self) -> bool:
         """Whether the pose never changes, whichever topic it is on."""
-        poses = np.array(self.pose, np.float64).reshape(-1, 7)
-        shift_m, turn_cos = np.ptp(poses[:, :3], axis=0), np.abs(poses[:, 3:] @ poses[0, 3:])
+        shift_m, turn_cos = np.ptp(self.pose[:, :3], axis=0), np.abs(self.pose[:, 3:] @ self.pose[0, 3:])
         return self.static or bool((shift_m < STILL_M).all() and (turn_cos > STILL_COS).all())
 
     def keep_one_sender(self, like: PoseSeries | None) -> tuple[int, int, float] | None:
@@ -68,7 +56,7 @@ class Edge:
 
         Returns how many are kept and left out, and how far apart (m) they are; None where there is one sender.
         """
-        t_ns, pose = self.series()
+        t_ns, pose = self.t_ns, self.pose
         t_s, place_m = seconds_since(t_ns, t_ns[0]), pose[:, :3] + rotation_from_quat(pose[:, 3:])[..., 0]
         step_m = np.diff(place_m, axis=0)
         far_m = np.linalg.norm(step_m, axis=1)
@@ -87,63 +75,41 @@ class Edge:
         if like is not None and like.frame_id == self.parent:
             away_m = np.linalg.norm(pose[:, :3] - _between(t_ns, like.t_ns, like.position_m), axis=1)
             kept = second if np.median(away_m[second]) < np.median(away_m[~second]) else ~second
-        self.t_ns, self.order = array("q", t_ns[kept].tolist()), array("q", np.flatnonzero(kept).tolist())
-        self.pose = array("d", pose[kept].ravel().tolist())
+        self.t_ns, self.pose = t_ns[kept], pose[kept]
         return int(kept.sum()), int((~kept).sum()), apart_m
 
     def poses(self) -> set[tuple[float, ...]]:
         """All different poses, rounded."""
-        return set(map(tuple, np.reshape(self.pose, (-1, 7)).round(4).tolist()))
-
-    def logged(self) -> tuple[Int, Int]:
-        """Rows (N,) in the order in which they came, and their times."""
-        rows = np.argsort(np.array(self.order, np.int64), kind="stable")
-        return rows, np.array(self.t_ns, np.int64)[rows]
-
-    def series(self) -> tuple[Int, Float]:
-        """t_ns (N,) strictly increasing and the poses (N, 7) as position, quaternion; see clock.kept_rows."""
-        rows, t_ns = self.logged()
-        kept = kept_rows(t_ns)
-        return t_ns[kept], np.array(self.pose, np.float64).reshape(-1, 7)[rows[kept]]
+        return set(map(tuple, self.pose.round(4).tolist()))
 
 
 class TransformTree:
-    """All frames of a recording. seen: those that clouds and odometry are of; bodies: those of odometry alone."""
+    """All frames of a recording.
 
-    def __init__(self) -> None:
+    configured: the robot's frame by configuration, empty: detected. seen: the frames that clouds and odometry are of;
+    bodies: those of odometry alone.
+    """
+
+    def __init__(self, configured: str = "") -> None:
         self._edges: dict[tuple[str, str], Edge] = {}
+        self.configured = configured
         self.seen: set[str] = set()
         self.bodies: set[str] = set()
 
-    def add(self, t_ns: int, pose: Pose, *, static: bool, order: int = 0, topic: str = "") -> None:
-        """The pose of pose.child_frame_id in pose.frame_id. order: its place in the log."""
-        key = (pose.frame_id, pose.child_frame_id)
-        edge = self._edges.get(key)
-        if edge is None or (edge.static and not static):
-            edge = self._edges[key] = Edge(*key, static)
-        if edge.static or not static:
-            edge.topic = topic
-            edge.add(t_ns, pose, order)
+    def add(self, topic: str, frame_id: str, child: str, t_ns: Int, pose: Float, *, static: bool = False) -> None:
+        """Poses (N, 7) of child in frame_id, position and quaternion, at t_ns (N,), increasing.
 
-    def add_moving(self, topic: str, frame_id: str, child_frame_id: str, order: Int, t_ns: Int, pose: Float) -> None:
-        """Poses (N, 7), position and quaternion, at t_ns (N,); what is static stays as it is."""
-        if len(t_ns) == 0:
-            return
-        edge = self._edges.setdefault((frame_id, child_frame_id), Edge(frame_id, child_frame_id, static=False))
-        if not edge.static:
-            edge.topic = topic
-            edge.order.frombytes(order.tobytes())
-            edge.t_ns.frombytes(t_ns.tobytes())
-            edge.pose.frombytes(np.ascontiguousarray(pose, np.float64).tobytes())
+        Of static ones the last holds, and they go before moving ones.
+        """
+        edge = self._edges.get((frame_id, child))
+        if len(t_ns) and (edge is None or static or not edge.static):
+            last = slice(-1, None) if static else slice(None)
+            self._edges[frame_id, child] = Edge(frame_id, child, static, t_ns[last], pose[last], topic)
 
     def contradicts(self, other: TransformTree) -> bool:
         """Whether the other one has poses of its own for a transform of this one: it is of a robot with equal names."""
         pairs = [(edge.poses(), other._edges[key].poses()) for key, edge in self._edges.items() if key in other._edges]
         return any(2 * len(mine & others) < min(len(mine), len(others)) for mine, others in pairs)
-
-    def stamps(self, topic: str) -> list[Int]:
-        """Times (N,) of each moving transform of a topic, in the order in which they came."""
-        return [edge.logged()[1] for edge in self._edges.values() if edge.topic == topic and not edge.static]
 
     def __len__(self) -> int:
         return len(self._edges)
@@ -153,15 +119,16 @@ class TransformTree:
         """Every frame, sorted."""
         return sorted({frame for key in self._edges for frame in key})
 
-    def base_frame(self, configured: str = "") -> str | None:
+    @property
+    def base(self) -> str | None:
         """The robot's frame: the configured one; else the first of BASE_FRAMES that moves, or that occurs.
 
         One that moves in its parent goes before those that are fixed to it: base_footprint, if odom has base_link only
         through it. Of several robots the one that what is seen is fixed to. Without these names the only frame that
         moves in one of WORLD_FRAMES, or that odometry is of.
         """
-        if configured:
-            return configured if configured in self.frames else None
+        if self.configured:
+            return self.configured
         frames = sorted(self.frames, key=lambda frame: frame.count("/"))
         named = [frame for name in BASE_FRAMES for frame in frames if is_named(frame, (name,))]
         if named:
@@ -234,11 +201,11 @@ class TransformTree:
         """The first and the last instant that all transforms between two frames cover; None where none moves."""
         moving = self.moving(child, frame)
         changing = [edge for edge in moving if not edge.is_still] or moving
-        return (max(min(each.t_ns) for each in changing), min(max(each.t_ns) for each in changing)) if moving else None
+        return (int(max(e.t_ns[0] for e in changing)), int(min(e.t_ns[-1] for e in changing))) if moving else None
 
     def span_ns(self) -> tuple[int, int] | None:
         """The first and the last instant of all transforms but the static ones; None without one."""
-        ends = [end for edge in self._edges.values() if not edge.static for end in (min(edge.t_ns), max(edge.t_ns))]
+        ends = [end for edge in self._edges.values() if not edge.static for end in edge.t_ns[[0, -1]].tolist()]
         return (min(ends), max(ends)) if ends else None
 
     def static_transform(self, source: str, target: str) -> Float | None:
@@ -248,7 +215,7 @@ class TransformTree:
             return None
         transform = np.eye(4)
         for edge, upwards in path:
-            step = transform_from_quat(np.array(edge.pose[:3]), np.array(edge.pose[3:7]))
+            step = transform_from_quat(edge.pose[0, :3], edge.pose[0, 3:])
             transform = (step if upwards else invert_transform(step)) @ transform
         return transform
 
@@ -265,18 +232,17 @@ class TransformTree:
         if path is None or not moving:
             return None
         changing = [edge for edge in moving if not edge.is_still] or moving
-        series = {id(edge): edge.series() for edge in changing}
-        t_ns = max((known_ns for known_ns, _ in series.values()), key=len) if at_ns is None else at_ns
-        for known_ns, _ in series.values():
-            t_ns = t_ns[(t_ns >= known_ns[0]) & (t_ns <= known_ns[-1])]
+        t_ns = max((edge.t_ns for edge in changing), key=len) if at_ns is None else at_ns
+        for edge in changing:
+            t_ns = t_ns[(t_ns >= edge.t_ns[0]) & (t_ns <= edge.t_ns[-1])]
         if len(t_ns) == 0:
             return None
         rotation, position = Rotation.identity(len(t_ns)), np.zeros((len(t_ns), 3))
         for edge, upwards in path:
-            if id(edge) in series:
-                turn, shift = _interpolated(*series[id(edge)], t_ns)
+            if edge in changing:
+                turn, shift = _interpolated(edge.t_ns, edge.pose, t_ns)
             else:
-                turn, shift = Rotation.from_quat(np.array(edge.pose[3:7])), np.array(edge.pose[:3])
+                turn, shift = Rotation.from_quat(edge.pose[0, 3:]), edge.pose[0, :3]
             if not upwards:
                 turn = turn.inv()
                 shift = -turn.apply(shift)

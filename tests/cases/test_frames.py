@@ -136,7 +136,7 @@ FORETOLD: dict[str, tuple[Callable[[Log], None], str, str, str]] = {
         each(odometry(), joints(*LEGS)),
         "",
         "legs",
-        "not a nav_msgs/msg/Odometry: Invalid",
+        "not a nav_msgs/msg/Odometry: not a plain CDR",
     ),
     "two-clocks": (each(odometry(), imu_of_another_clock), "", "nothing", "cannot be compared; use  --stamp log"),
     "a-source-that-is-not-there": (

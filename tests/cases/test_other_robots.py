@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from quadlog.cli.main import run as run_cli
 from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import read_rosmap
-from tests.lab.strangers import Log, Room, add_scans, instants_s, ns, rms_after_alignment_m
+from tests.lab.strangers import Log, Room, add_scans, header, instants_s, message, ns, rms_after_alignment_m
 
 
 class Case(NamedTuple):
@@ -40,6 +40,21 @@ def tf(parent: str, child: str, duration_s: float = 8.0) -> Callable[[Log, Room]
     def add(log: Log, room: Room) -> None:
         for t_s in instants_s(duration_s, 20):
             log.tf(ns(t_s), parent, child, room.at(t_s))
+
+    return add
+
+
+def fixes(*topics: str) -> Callable[[Log, Room], None]:
+    """Satellite fixes at 45 degrees north, of metres east and north by the radii of the ellipsoid there."""
+
+    def add(log: Log, room: Room) -> None:
+        for t_s in instants_s(8.0, 20):
+            x_m, y_m, _ = room.at(t_s)
+            north_deg, east_deg = 45.0 + np.degrees(y_m / 6_367_381.8), 9.0 + np.degrees(x_m / 4_517_590.9)
+            status = message("sensor_msgs/msg/NavSatStatus", 0, 1)
+            fix = (header(ns(t_s), "gps"), status, north_deg, east_deg, 100.0, np.zeros(9), 0)
+            for topic in topics:
+                log.add(topic, ns(t_s), message("sensor_msgs/msg/NavSatFix", *fix))
 
     return add
 
@@ -126,6 +141,19 @@ def two_scanners(log: Log, room: Room) -> None:
     odometry(log, room)
     add_scans(log, room, 8.0, topic="/front/scan", frame="front_laser")
     add_scans(log, room, 8.0, mount=(0.0, 0.0, np.pi), topic="/rear/scan", frame="rear_laser")
+
+
+def halves(log: Log, room: Room) -> None:
+    """A scanner in front and one behind, which turns 40 ms later; each sees half of what is around."""
+    odometry(log, room)
+    for topic, late_s, mount in (("/front/scan", 0.0, (0.2, 0.0, 0.0)), ("/rear/scan", 0.04, (-0.3, 0.1, np.pi))):
+        log.tf(ns(0.0), "base_link", topic, mount, 0.2, "/tf_static")
+        for t_s in instants_s(7.9, 10):
+            ranges_m = room.ranges_m(t_s + late_s, 180, mount, np.pi)
+            log.scan(ns(t_s + late_s), ranges_m, np.pi, topic=topic, frame=topic)
+
+
+BOTH = """topics.lidar=["/front/scan", "/rear/scan"]"""
 
 
 def filtered_copy(log: Log, room: Room) -> None:
@@ -340,7 +368,13 @@ CASES = {
         ),
         settings=("topics.position=legs",),
     ),
-    "two-scanners": Case(two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan")),
+    "two-scanners": Case(
+        two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan", BOTH)
+    ),
+    "two-scanners-as-one": Case(halves, 0, "odometry", says=("79 scans",), walls=True, settings=(BOTH,)),
+    "two-scanners-without-mounts": Case(
+        two_scanners, 1, says=("no transform places the frame of /front/scan, /rear/scan",), settings=(BOTH,)
+    ),
     "filtered-copy": Case(filtered_copy, 0, "tf", walls=True),
     "cloud-in-the-world": Case(
         together(tf("odom", "base_link"), lambda log, room: rings_of_points(log, room, "odom", fixed=True)),
@@ -356,6 +390,11 @@ CASES = {
         0,
         "odometry",
         says=("/points is in the frame map", "--set topics.lidar=/points"),
+    ),
+    "satellites-alone": Case(fixes("/fix"), 0, "gnss", 0.03, says=("no orientation",)),
+    "satellites-beside-odometry": Case(together(fixes("/fix"), odometry), 0, "odometry", says=("differs from /fix",)),
+    "two-receivers": Case(
+        fixes("/fix", "/gps/filtered"), 0, "fixed", np.inf, says=("--set topics.position=/gps/filtered",)
     ),
     "poses-without-orientation": Case(unoriented, 0, "pose", says=("heading is the direction of travel",), walls=0.8),
     "scans-and-truth-in-another-frame": Case(

@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
 from quadlog.cli.main import run as run_cli
 from quadlog.messages import UwbRanges
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import write_recording
-from tests.lab.strangers import START_NS, Log, header, message
+from tests.lab.strangers import START_NS, STORE, Log, header, message
 
 HOUR_NS, TICK_NS = 3600 * 10**9, 50_000_000
 SQUARE_M = np.array([(0.0, 0.0, 1.2), (8.0, 0.0, 1.2), (8.0, 7.0, 1.2), (0.0, 7.0, 1.2)])
@@ -158,6 +159,51 @@ def site(ids: Sequence[int] = (0, 1, 2, 3), position_m: Array = SQUARE_M) -> str
     return f"[uwb]\nanchors = [{', '.join(rows)}]\n"
 
 
+TIMES = ("poll_tx", "poll_rx", "resp_tx", "resp_rx", "final_tx", "final_rx")
+OWN_TEXT = {
+    "Node": "uint8 id\nfloat32 dis\n",
+    "Frame": "std_msgs/Header header\nuint8 id\nNode[] nodes\n",
+    "Single": "std_msgs/Header header\nuint16 peer\nint32 distance_mm\n",
+    "Times": "std_msgs/Header header\nuint16 peer\n" + "".join(f"uint64 {name}\n" for name in TIMES),
+    "Place": "builtin_interfaces/Time stamp\nfloat64 x\nfloat64 y\nfloat64 z\n",
+}
+for _name, _text in OWN_TEXT.items():
+    STORE.register(get_types_from_msg(_text, f"own/msg/{_name}"))
+
+
+def own(kind: str) -> Write:
+    """Ranges in messages of a type that nobody knows, and the walk as another one."""
+
+    def write(path: Path) -> Path:
+        log = Log()
+        for t, row in zip(*measure(), strict=True):
+            named, (x_m, y_m) = header(int(t), ""), walk_m(np.array([t]))[0]
+            log.add("/place", t, message("own/msg/Place", named.stamp, 1000 * x_m, 1000 * y_m, 0.0))
+            if kind == "Frame":
+                nodes = [message("own/msg/Node", i, value) for i, value in enumerate(row)]
+                log.add("/own", t, message("own/msg/Frame", named, 0, nodes))
+            for i, value in enumerate(row if kind != "Frame" else ()):
+                late = header(int(t) + i * 10**6, "")
+                if kind == "Single":
+                    log.add("/own", t + i * 10**6, message("own/msg/Single", late, i, round(1000 * value)))
+                else:
+                    flight = value / 299_792_458.0 / 1.565e-11
+                    times = np.cumsum([2**40 - 10**7, flight, 2e7, flight, 3e7, flight])
+                    log.add(
+                        "/own", t + i * 10**6, message("own/msg/Times", late, i, *(int(each) % 2**40 for each in times))
+                    )
+        return log.write(path)
+
+    return write
+
+
+OWN_KEYS = {
+    "Frame": 'field="nodes[].dis", tag="id", anchor="nodes[].id"',
+    "Single": 'field="distance_mm", unit="mm", tag=0, anchor="peer"',
+    "Times": f'times={[*TIMES]}, tick_s=1.565e-11, tag=0, anchor="peer"',
+}
+
+
 class Case(NamedTuple):
     """A log, and what comes of it.
 
@@ -288,6 +334,25 @@ CASES = {
     ),
     "topics that are mapped": Case(
         on_topics("/uwb/range/{}", "abcd"), config=f"{site()}range_topics = [{MAPPED}]\n", rms_m=0.06
+    ),
+    **{
+        f"{kind} of any type": Case(
+            own(kind), config=f'{site()}range_topics = [{{topic="/own", {keys}}}]\n', source="uwb", rms_m=0.06, links=4,
+            never=("cannot", "left out"),
+        )
+        for kind, keys in OWN_KEYS.items()
+    },
+    "a field that is not there": Case(
+        own("Single"), ("its definition has no number distance (header, peer, distance_mm)",), code=1,
+        config=f'{site()}range_topics = [{{topic="/own", field="distance"}}]\n',
+    ),
+    "times without ticks": Case(
+        SOUND, ("/own: times are six or four fields, with tick_s",), code=1,
+        config=f'{site()}range_topics = [{{topic="/own", times={[*TIMES]}}}]\n',
+    ),
+    "poses of any type": Case(
+        own("Single"), flags=("--set", "topics.position=/place"), source="pose", worst_m=1e-6,
+        config='[[topics.poses]]\ntopic = "/place"\nfields = ["x", "y", "z"]\nunit = "mm"\n',
     ),
     "slow rounds": Case(
         on_topics("/uwb/anchor_{}/range", slow=True), ("within 0.20 s make one fix",), never=("fewer than three",),

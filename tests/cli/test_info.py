@@ -21,6 +21,8 @@ from tests.cli.conftest import FOLLOW
 
 STRING = b"\0\1\0\0\1\0\0\0\0"
 SCHEMAS = {"std_msgs/msg/String": b"string data", "nav_msgs/msg/Odometry": b"", "gtec_msgs/msg/Ranging": b""}
+SCHEMAS |= {"vicon_receiver/msg/Position": b"string name\nfloat32 x_trans\nfloat32 y_trans\nfloat32 z_trans"}
+SCHEMAS |= {"velodyne_msgs/msg/VelodyneScan": b""}
 RANGE = b"\0\1\0\0" + b"".join(n.to_bytes(4, "little") for n in (4, 1, 2500, 0)) + bytes(16)
 
 
@@ -72,6 +74,21 @@ def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path, quadlog):
     for flag, topic in zip(flags, topics, strict=True):
         info = json.loads(quadlog("info", "--json", path, *shlex.split(flag)).out)
         assert (info["roles"]["odometry"]["topics"], info["ambiguous"]) == ([topic], {})
+
+
+def test_hints_make_topics_usable_that_are_not_read(tmp_path, quadlog):
+    """Keys can be pasted, three topics' at most; JSON has all of them."""
+    messages = [(f"/vicon/{k}", "vicon_receiver/msg/Position", 10**9, bytes(32)) for k in range(4)]
+    path = write(tmp_path / "walk.mcap", [*messages, ("/packets", "velodyne_msgs/msg/VelodyneScan", 10**9, b"")])
+    out = quadlog("info", path).out
+    hints = out[out.index("to use") : out.index("a replay will")]
+    assert max(map(len, hints.splitlines())) <= 80
+    keys = [line.strip() for line in hints.splitlines() if line.startswith(("    [[", "    topic ="))]
+    assert keys == [line for k in range(3) for line in ("[[topics.poses]]", f'topic = "/vicon/{k}"')]
+    assert "and 1 more, all of them in --json" in hints
+    rows = {row["name"]: row["hint"] for row in json.loads(quadlog("info", "--json", path).out)["topics"]}
+    assert tomllib.loads(rows["/vicon/3"])["topics"]["poses"][0]["fields"] == ["x_trans", "y_trans", "z_trans"]
+    assert "velodyne_pointcloud" in rows["/packets"]
 
 
 def test_a_sample_is_said_and_full_reads_all(tmp_path, quadlog):

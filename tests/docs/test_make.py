@@ -73,7 +73,7 @@ def test_every_key_has_a_row_with_the_default_that_is_used():
     page, told = (DOCS / "configuration.md").read_text(), {}
     for title, text in re.findall(r"^## `(\[+[\w.]+\]+)`\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE):
         told |= {f"{title}.{row[0]}".translate({ord(sign): None for sign in "[]`"}): row for row in rows(text)}
-    inside = ("uwb.anchors.", "uwb.tags.", "uwb.range_topics.")
+    inside = ("topics.poses.", "uwb.anchors.", "uwb.tags.", "uwb.range_topics.")
     assert {key for key in told if not key.startswith(inside)} == set(dotted(Config(), ""))
     for key, row in told.items():
         if row[1].startswith("`") and not key.startswith(inside):

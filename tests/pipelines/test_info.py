@@ -171,7 +171,7 @@ def test_damage_is_found_in_the_sample_or_by_full_and_makes_info_read_on_where_n
     assert [loss["cause"] for loss in describe_recording(path, Config(), full=True)["losses"]] == ["crc"]
     with open_recording(many) as recording:
         part = recording.excerpt(EXCERPT)
-        offsets = [many.read_bytes().index(bytes(raw.payload)) for raw, _ in part.everything()]
+        offsets = [many.read_bytes().index(bytes(raw.payload)) for raw in part.container.messages()]
     info = damaged(7000, offsets[-1])
     assert (info["sampled"], [each["cause"] for each in info["losses"]]) == (True, ["crc"])
     info = damaged(*offsets[:-1])

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
-from quadlog.messages import ImuSeries, Pose
+from quadlog.messages import ImuSeries
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayOutcome, ReplayRequest
@@ -24,11 +24,11 @@ from tests.pipelines.conftest import fixture_request
 T_NS = np.arange(5, dtype=np.int64)
 
 
-def tree_with(mount: Rotation, *, static: bool = True) -> TransformTree:
+def tree_with(mount: Rotation, *, static: bool = True, heights_m: tuple[float, ...] = (0.2, 0.2, 0.2)) -> TransformTree:
     """The mount once, or again and again on a topic of moving transforms, with a quaternion of either sign."""
     tree = TransformTree()
-    for t_ns, sign in enumerate([1] if static else [1, -1, 1]):
-        tree.add(t_ns, Pose(t_ns, "base_link", "imu", np.array([0.1, 0.0, 0.2]), sign * mount.as_quat()), static=static)
+    rows = [[0.1, 0.0, z_m, *(-1) ** i * mount.as_quat()] for i, z_m in enumerate(heights_m)]
+    tree.add("/tf", "base_link", "imu", np.arange(len(rows)), np.array(rows), static=static)
     return tree
 
 
@@ -48,10 +48,9 @@ def test_orientation_and_rates_become_those_of_base(seed: int, static: bool) -> 
 
 
 def test_a_mount_that_changes_after_all_is_told() -> None:
-    tree = tree_with(Rotation.identity(), static=False)
-    assert moved_mounts([("imu", "base_link")], tree) == []
-    tree.add(9, Pose(9, "base_link", "imu", np.array([0.1, 0.0, 0.3]), np.array([0, 0, 0, 1.0])), static=False)
-    (warning,) = moved_mounts([("imu", "base_link")], tree)
+    assert moved_mounts([("imu", "base_link")], tree_with(Rotation.identity(), static=False)) == []
+    moved = tree_with(Rotation.identity(), static=False, heights_m=(0.2, 0.2, 0.3))
+    (warning,) = moved_mounts([("imu", "base_link")], moved)
     assert warning.startswith("the transform from base_link to imu changes")
 
 

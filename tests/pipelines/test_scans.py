@@ -10,9 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.config.file import load_config
+from quadlog.geometry import transform_from_rpy
 from quadlog.lidar.levelling import NotLevelled
-from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries
+from quadlog.lidar.point_times import AS_THEY_COME
+from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries, Timed
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
+from quadlog.pipelines.stages.scanners import PlacedScanner, Scanners, turns_of
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.tf_tree import TransformTree
 
@@ -26,7 +29,7 @@ def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, mo
     mount[2, 3] = MOUNT_M
     if moving is not None:
         values = np.concatenate([np.zeros((len(moving), 3)), moving], axis=1)
-        tree.add_moving("/tf", "map", "base_link", np.arange(len(moving)), at(len(moving)), values)
+        tree.add("/tf", "map", "base_link", at(len(moving)), values)
     of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
     poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
     streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
@@ -80,3 +83,36 @@ def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, known, late_ns,
     scan = scanner(*settings, **known).classified(T_NS + late_ns, cloud(roll_deg=8.0))
     assert np.degrees(np.arccos(scan.row["ground_nz"])) == pytest.approx(expected_deg, abs=0.3)
     assert scan.not_levelled is (NotLevelled.STALE if late_ns else None)
+
+
+@pytest.mark.parametrize(
+    ("front_ms", "rear_ms", "turns_ms"),
+    [
+        ((0, 100, 200), (40, 140, 240), (0, 100, 200)),
+        ((0, 100, 200), (60, 160, 260), (0, 100, 200, 260)),  # each rear one is nearer to the next front one
+        ((0, 100, 300), (30, 130, 230), (0, 100, 230, 300)),  # one in front is missing
+        ((0, 100, 200), (-10, 90, 205), (0, 100, 200)),
+        ((0, 100, 200), (), (0, 100, 200)),
+    ],
+)
+def test_clouds_of_two_scanners_within_half_a_period_are_one(front_ms, rear_ms, turns_ms):
+    scanner = np.array([0] * len(front_ms) + [1] * len(rear_ms))
+    turn, t_ns = turns_of(scanner, np.array([*front_ms, *rear_ms], np.int64) * 1_000_000)
+    assert (t_ns // 1_000_000).tolist() == list(turns_ms)
+    assert sorted(set(turn.tolist())) == list(range(len(turns_ms)))
+    assert np.bincount(turn).max() <= 2
+
+
+def test_points_of_several_scanners_keep_their_places_in_base_and_their_times():
+    """Scanners in front and behind, of which the one in front times its points."""
+    ms, xyz_m = 1_000_000, np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], np.float32)
+    places = ((0.2, 0.0), (-0.3, np.pi))
+    mounts = [LidarMount(transform_from_rpy(np.array([x_m, 0.0, 0.0]), 0.0, 0.0, yaw_rad)) for x_m, yaw_rad in places]
+    scanners = [PlacedScanner(f"/{n}", mount, None, AS_THEY_COME) for n, mount in enumerate(mounts)]
+    first = PointCloud(T_NS, "front", xyz_m, offset_ns=np.array([0, 5 * ms]))
+    logged = [Timed(T_NS, "/0", first), Timed(T_NS + 40 * ms, "/1", PointCloud(T_NS + 40 * ms, "rear", xyz_m))]
+    turn, t_ns = turns_of(np.array([0, 1]), np.array([each.t_ns for each in logged]))
+    ((at_ns, cloud),) = Scanners(scanners, np.ones(2, bool), turn, t_ns).clouds(logged)
+    assert at_ns == T_NS
+    assert cloud.xyz_m[:, 0] == pytest.approx([1.2, 2.2, -1.3, -2.3])
+    assert cloud.offset_ns.tolist() == [0, 5 * ms, 40 * ms, 40 * ms]

@@ -29,8 +29,10 @@ from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
 from quadlog.recordings.containers.container import Loss
-from quadlog.recordings.roles import kinds_of, names_estimator, names_truth, position_topics
+from quadlog.recordings.decoding import kinds_of
+from quadlog.recordings.roles import position_topics
 from quadlog.recordings.streams import Streams
+from quadlog.recordings.topic_names import names_estimator, names_truth
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 
@@ -121,6 +123,7 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         "pose": lambda: _from_lone_pose(data, journal),
         "legs": lambda: _from_legs(data, journal),
         "lidar": lambda: _from_lidar(data, journal),
+        "gnss": lambda: _from_lone_pose(data, journal, "gnss"),
         "fixed": lambda: RobotTrack(ends_ns, np.zeros((len(ends_ns), 2)), np.zeros(len(ends_ns)), "fixed"),
     }
     if wanted == "auto":
@@ -134,7 +137,8 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         chosen = sources[wanted]()
     elif data.log.recording.channels_of(wanted):
         journal.use("position", wanted)
-        kinds = kinds_of(data.log.recording.types_of(wanted)[0])
+        channels, mapped = data.log.recording.channels_of(wanted), data.log.recording.mapped
+        kinds = {kind for channel in channels for kind in kinds_of(channel, mapped)}
         chosen = _from_poses(data.streams.odometry, "odometry" if Odometry in kinds else "pose", journal)
     else:
         warnings = list[str]()
@@ -192,7 +196,7 @@ def _tilt(streams: Streams, t_ns: Int) -> Float | None:
 
 def _from_tf(data: LogData, journal: Journal) -> RobotTrack | None:
     topics, tree = data.config.topics, data.streams.tf
-    base = data.log.roles.frames.base_frame(topics.base_frame)
+    base = data.log.roles.frames.base
     frame = None if base is None else tree.fixed_frame(base, topics.map_frame)
     series = None if base is None or frame is None else tree.pose_series(base, frame)
     if series is not None:
@@ -209,12 +213,12 @@ def _from_odometry(data: LogData, journal: Journal) -> RobotTrack | None:
     return _from_poses(data.streams.odometry, "odometry", journal)
 
 
-def _from_lone_pose(data: LogData, journal: Journal) -> RobotTrack | None:
-    topics = data.log.roles.topics("pose")
+def _from_lone_pose(data: LogData, journal: Journal, source: str = "pose") -> RobotTrack | None:
+    topics = data.log.roles.topics(source)
     if len(topics) != 1:
         return None
-    journal.use("pose")
-    return _from_poses(data.streams.estimates.get(topics[0]), "pose", journal)
+    journal.use(source)
+    return _from_poses(data.streams.estimates.get(topics[0]), source, journal)
 
 
 def _from_legs(data: LogData, journal: Journal) -> RobotTrack | None:
@@ -282,7 +286,7 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
     own_frame = (
         robot.source in ("odometry", "legs", "lidar")
-        or (robot.source, topics.position) == ("pose", "auto")
+        or (robot.source in ("pose", "gnss") and topics.position == "auto")
         or (robot.source == "tf" and robot.frame_id != topics.map_frame)
     )
     in_one_frame = topics.target == "uwb" or not own_frame
@@ -328,7 +332,7 @@ def settled_reference(data: LogData, journal: Journal, robot: RobotTrack) -> Pos
             )
             reference = None
     for topic, poses in data.streams.estimates.items():
-        if robot.source == "fixed" or ("pose" in journal.topics and topic in data.log.roles.topics("pose")):
+        if robot.source == "fixed" or topic in data.log.roles.topics(robot.source):
             continue
         if _is_source(robot, topic, poses):
             journal.note(f"{topic} is not compared: the robot's {robot.source} is made of it")

@@ -1,20 +1,19 @@
-"""Where anchors are, as range messages carry it: collected while the messages are read, checked against one another."""
+"""Where anchors are, as range messages carry it, checked against one another."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.messages import Float, UwbRanges
+from quadlog.messages import Float
 
 MOST_ANCHORS = 256
 """Anchors whose positions are collected; the ids of a damaged log are no end of anchors."""
 MOVED_M = 0.3
 """Positions of an anchor that stands scatter by less: self-surveys are repeated to a few centimetres."""
 FEWEST_ANCHORS = 3
-_MOST_KEPT = 2048
 _FARTHEST_M = 1e6
 _AGREEING = 0.95
 
@@ -28,53 +27,28 @@ class AnchorPlace:
     n: int
 
 
-class AnchorPlaces:
-    """Collects the positions that messages carry; memory is bounded, whatever the recording's length.
+def places_of(ranges: Iterable[np.ndarray]) -> dict[int, AnchorPlace]:
+    """Anchor id -> place, by rising id, of the positions that rows of ranges carry, those of MOST_ANCHORS at most.
 
-    Of each anchor every message counts until there are 2048, then every second one, and so on.
+    NaN and (0, 0, 0), which drivers write for none, are no position.
     """
-
-    def __init__(self) -> None:
-        self._seen: dict[int, _Kept] = {}
-
-    def take(self, ranges: UwbRanges) -> None:
-        """The positions of one message; NaN and (0, 0, 0), which drivers write for none, are no position."""
-        if ranges.anchor_position_m is None:
-            return
-        for anchor, position_m in zip(ranges.anchor.tolist(), ranges.anchor_position_m.tolist(), strict=True):
-            if anchor < 0 or not any(position_m) or not all(abs(each) < _FARTHEST_M for each in position_m):
-                continue
-            kept = self._seen.get(anchor)
-            if kept is None:
-                if len(self._seen) == MOST_ANCHORS:
-                    continue
-                kept = self._seen[anchor] = _Kept()
-            kept.take(position_m)
-
-    def found(self) -> dict[int, AnchorPlace]:
-        """Anchor id -> place, by rising id."""
-        return {anchor: self._seen[anchor].place() for anchor in sorted(self._seen)}
-
-
-@dataclass
-class _Kept:
-    n: int = 0
-    every: int = 1
-    positions_m: list[list[float]] = field(default_factory=list)
-
-    def take(self, position_m: list[float]) -> None:
-        if self.n % self.every == 0:
-            if len(self.positions_m) == _MOST_KEPT:
-                self.positions_m, self.every = self.positions_m[::2], 2 * self.every
-            self.positions_m.append(position_m)
-        self.n += 1
-
-    def place(self) -> AnchorPlace:
-        positions_m = np.array(self.positions_m)
-        median_m = np.median(positions_m, axis=0)
-        moved_m = float(np.quantile(np.linalg.norm(positions_m - median_m, axis=1), _AGREEING))
-        x_m, y_m, z_m = (float(each) for each in median_m)
-        return AnchorPlace((x_m, y_m, z_m), moved_m, self.n)
+    placed = [
+        each[["anchor", "anchor_position_m"]] for each in ranges if "anchor_position_m" in (each.dtype.names or ())
+    ]
+    if not placed:
+        return {}
+    rows = np.concatenate(placed)
+    position_m = rows["anchor_position_m"]
+    given = (rows["anchor"] >= 0) & position_m.any(axis=1) & (np.abs(position_m) < _FARTHEST_M).all(axis=1)
+    anchor, position_m = rows["anchor"][given], position_m[given]
+    places = {}
+    for each in np.unique(anchor)[:MOST_ANCHORS].tolist():
+        mine_m = position_m[anchor == each]
+        median_m = np.median(mine_m, axis=0)
+        moved_m = float(np.quantile(np.linalg.norm(mine_m - median_m, axis=1), _AGREEING))
+        x_m, y_m, z_m = median_m.tolist()
+        places[each] = AnchorPlace((x_m, y_m, z_m), moved_m, len(mine_m))
+    return places
 
 
 def place_warnings(places: Mapping[int, AnchorPlace], configured_m: Mapping[int, Float]) -> list[str]:

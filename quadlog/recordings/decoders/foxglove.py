@@ -4,141 +4,110 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.geometry import apply_transform, transform_from_quat
+from quadlog.geometry import FARTHEST_M, apply_transform, transform_from_quat
 from quadlog.messages import Float, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.payload import Payload, frame_name, nanoseconds
 from quadlog.recordings.decoders.point_cloud import Block, Column, MakeCloud, check_block, cloud_from_block
-from quadlog.recordings.decoders.pose import normalised, place, unit_quaternion, within_reach
+from quadlog.recordings.decoders.rows import unit_rows
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
 
 # foxglove.PackedElementField numeric types, in their order from 1.
 NUMERIC_TYPES = ("u1", "i1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8")
 NUMERIC_NAMES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
 
-PoseParts = tuple[Float, Float]  # position (3,), quaternion xyzw (4,)
+
+def cloud_decoder(channel: Channel, make_cloud: MakeCloud = cloud_from_block) -> Callable[[Payload], PointCloud]:
+    """Decodes foxglove.PointCloud as protobuf or JSON; its pose, the origin in frame_id, is applied to the points."""
+
+    def cloud(message: Any) -> PointCloud:
+        layout = {}
+        for each in message.fields:
+            kind = NUMERIC_NAMES.index(each.type) + 1 if isinstance(each.type, str) else int(each.type)
+            if 1 <= kind <= len(NUMERIC_TYPES) and each.offset >= 0:
+                layout[each.name] = Column(int(each.offset), np.dtype(NUMERIC_TYPES[kind - 1]))
+        data, stride, frame = message.data, int(message.point_stride), frame_name(message.frame_id)
+        data = base64.b64decode(data, validate=True) if isinstance(data, str) else data
+        if not data:
+            return PointCloud(_stamp_ns(message), frame, np.empty((0, 3), np.float32))
+        if stride <= 0 or len(data) % stride:
+            raise DecodeError(channel.topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
+        block = Block(data, 0, 1, len(data) // stride, len(data), stride)
+        check_block(channel.topic, block, len(data), layout)
+        made = make_cloud(channel.topic, block, layout, _stamp_ns(message), frame)
+        if not getattr(message, "pose", None):
+            return made
+        position_m, quat_xyzw = _pose(message.pose, channel.topic)
+        if not position_m.any() and abs(quat_xyzw[3]) == 1:
+            return made
+        xyz_m = apply_transform(transform_from_quat(position_m, quat_xyzw), made.xyz_m).astype(np.float32)
+        return replace(made, xyz_m=xyz_m)
+
+    return _decoder(channel, cloud)
 
 
-def decode_point_cloud(message: Any, topic: str, make_cloud: MakeCloud = cloud_from_block) -> PointCloud:
-    """A protobuf foxglove.PointCloud; its pose, the cloud's origin in frame_id, is applied to the points."""
-    fields = {each.name: (each.offset, each.type) for each in message.fields}
-    pose = _proto_pose(message.pose, topic) if message.HasField("pose") else None
-    stamp = _proto_stamp(message.timestamp)
-    return _cloud(
-        topic, stamp, frame_name(message.frame_id), message.point_stride, fields, message.data, pose, make_cloud
-    )
+def pose_decoder(channel: Channel) -> Callable[[Payload], Pose]:
+    """Decodes foxglove.PoseInFrame as protobuf or JSON."""
+
+    def pose(message: Any) -> Pose:
+        return Pose(_stamp_ns(message), frame_name(message.frame_id), "", *_pose(message.pose, channel.topic))
+
+    return _decoder(channel, pose)
 
 
-def decode_pose_in_frame(message: Any, topic: str) -> Pose:
-    """A protobuf foxglove.PoseInFrame."""
-    position, quaternion = _proto_pose(message.pose, topic)
-    return Pose(_proto_stamp(message.timestamp), frame_name(message.frame_id), "", position, quaternion)
+def _decoder(channel: Channel, interpret: Callable[[Any], Any]) -> Callable[[Payload], Any]:
+    """From payloads to what becomes of objects with a message's fields. Raises DecodeError, here or per payload."""
+    if channel.message_encoding == "protobuf":
+        deserialise = protobuf_deserialiser(channel)
+    else:
+        deserialise = partial(json_object, topic=channel.topic, object_of=lambda fields: SimpleNamespace(**fields))
 
-
-def json_point_cloud_decoder(topic: str, make_cloud: MakeCloud = cloud_from_block) -> Callable[[Payload], PointCloud]:
-    """A decoder of JSON foxglove.PointCloud payloads (data in base64)."""
-
-    def decode(payload: Payload) -> PointCloud:
-        """One payload as a cloud, points in metres. Raises DecodeError."""
-        message = json_object(payload, topic)
+    def decode(payload: Payload) -> Any:
+        message = deserialise(payload)
         try:
-            fields = {str(each["name"]): (int(each["offset"]), _numeric(each["type"])) for each in message["fields"]}
-            data = base64.b64decode(message["data"], validate=True)
-            stride = int(message["point_stride"])
-            pose = _json_pose(message["pose"], topic) if message.get("pose") else None
-            stamp, frame = _json_stamp(message), frame_name(message["frame_id"])
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise DecodeError(topic, f"not a foxglove.PointCloud: {error!r}") from error
-        return _cloud(topic, stamp, frame, stride, fields, data, pose, make_cloud)
+            return interpret(message)
+        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
+            raise DecodeError(channel.topic, f"not a {channel.type_name}: {error!r}") from error
 
     return decode
 
 
-def json_pose_decoder(topic: str) -> Callable[[Payload], Pose]:
-    """A decoder of JSON foxglove.PoseInFrame payloads."""
-
-    def decode(payload: Payload) -> Pose:
-        message = json_object(payload, topic)
-        try:
-            position, quaternion = _json_pose(message["pose"], topic)
-            return Pose(_json_stamp(message), frame_name(message["frame_id"]), "", position, quaternion)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise DecodeError(topic, f"not a foxglove.PoseInFrame: {error!r}") from error
-
-    return decode
-
-
-def _cloud(
-    topic: str,
-    stamp: int | None,
-    frame: str,
-    stride: int,
-    fields: Mapping[str, tuple[int, int]],
-    data: bytes,
-    pose: PoseParts | None,
-    make_cloud: MakeCloud,
-) -> PointCloud:
-    layout = {
-        name: Column(offset, np.dtype(NUMERIC_TYPES[kind - 1]))
-        for name, (offset, kind) in fields.items()
-        if 1 <= kind <= len(NUMERIC_TYPES) and offset >= 0
-    }
-    if not data:
-        return PointCloud(stamp, frame_name(frame), np.empty((0, 3), np.float32))
-    if stride <= 0 or len(data) % stride:
-        raise DecodeError(topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
-    block = Block(data, 0, 1, len(data) // stride, len(data), stride)
-    check_block(topic, block, len(data), layout)
-    cloud = make_cloud(topic, block, layout, stamp, frame_name(frame))
-    if pose is None or (not pose[0].any() and abs(pose[1][3]) == 1):
-        return cloud
-    xyz_m = apply_transform(transform_from_quat(*pose), cloud.xyz_m).astype(np.float32)
-    return replace(cloud, xyz_m=xyz_m)
-
-
-def _proto_stamp(timestamp: Any) -> int:
-    return nanoseconds(int(timestamp.seconds), int(timestamp.nanos))
-
-
-def _proto_pose(pose: Any, topic: str) -> PoseParts:
-    at, turn = pose.position, pose.orientation
-    return place(at, topic), unit_quaternion(turn, topic)
-
-
-def json_object(payload: Payload, topic: str) -> dict[str, Any]:
+def json_object(payload: Payload, topic: str, object_of: Callable[[dict[str, Any]], Any] = dict) -> Any:
     """The object that a payload is as JSON. Raises DecodeError."""
     try:
-        message = json.loads(bytes(payload))
+        message = json.loads(bytes(payload), object_hook=object_of)
     except (ValueError, RecursionError) as error:
         raise DecodeError(topic, f"not JSON: {error}") from error
-    if not isinstance(message, dict):
+    if not isinstance(message, (dict, SimpleNamespace)):
         raise DecodeError(topic, "its JSON is not an object")
     return message
 
 
-def _json_stamp(message: dict[str, Any]) -> int | None:
-    stamp = message.get("timestamp")
+def _stamp_ns(message: Any) -> int | None:
+    stamp = getattr(message, "timestamp", None)
     if stamp is None:
         return None
-    nanos = stamp["nsec"] if "nsec" in stamp else stamp["nanosec"]
-    return nanoseconds(int(stamp["sec"]), int(nanos))
+    names = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
+    seconds, nanos = next(each for each in names if hasattr(stamp, each[1]))
+    return nanoseconds(int(getattr(stamp, seconds)), int(getattr(stamp, nanos)))
 
 
-def _json_pose(pose: dict[str, Any], topic: str) -> PoseParts:
-    at, turn = pose["position"], pose["orientation"]
-    x, y, z = (float(at[axis]) for axis in "xyz")
-    return np.array(within_reach(x, y, z, topic), np.float64), normalised([float(turn[axis]) for axis in "xyzw"], topic)
-
-
-def _numeric(kind: int | str) -> int:
-    return NUMERIC_NAMES.index(kind) + 1 if isinstance(kind, str) else int(kind)
+def _pose(pose: Any, topic: str) -> tuple[Float, Float]:
+    """Position (3,) and unit quaternion (4,). Raises DecodeError for what is not finite or out of reach."""
+    position_m = np.array([float(getattr(pose.position, axis)) for axis in "xyz"])
+    quat_xyzw, finite = unit_rows(np.array([[float(getattr(pose.orientation, axis)) for axis in "xyzw"]]))
+    if not finite.all() or not (np.abs(position_m) <= FARTHEST_M).all():
+        raise DecodeError(topic, f"its pose is not finite, or beyond {FARTHEST_M:.0e} m")
+    return position_m, quat_xyzw[0]
 
 
 def protobuf_deserialiser(channel: Channel) -> Callable[[Payload], Any]:

@@ -1,17 +1,15 @@
-"""Joints and feet of quadrupeds: which value of a message is which joint's; sensor_msgs/JointState."""
+"""Which value of a message is which joint's or foot's of a quadruped: by name, by type, or as configured."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from quadlog.errors import DecodeError, UnknownJoints, set_flag
-from quadlog.messages import TICKS, Float, Int, JointStates
-from quadlog.recordings.decoders.columns import EVERY, Columns, InColumns, Ways, header_of, stamps_ns
-from quadlog.recordings.decoders.payload import stamp_ns
+from quadlog.messages import Float, Int
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 JOINT_NAMES = ("hip", "thigh", "calf")
@@ -200,64 +198,3 @@ def _feet_of(names: tuple[str, ...]) -> Int | None:
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - 16} more" if len(names) > 16 else ""
     return ", ".join(name[:40] for name in names[:16]) + more
-
-
-def decode_joint_state(message: Any, topic: str, order: JointOrder) -> tuple[JointStates]:
-    """sensor_msgs/JointState. Raises DecodeError for lists of different lengths, UnknownJoints without legs."""
-    names = tuple(map(str, message.name))
-    lists = [np.asarray(each, np.float64)[None] for each in (message.position, message.velocity, message.effort)]
-    return (joint_states(stamp_ns(message), _named_values(names, lists, topic, order)[0]),)
-
-
-JOINT_STATE = header_of("header") | dict.fromkeys(("name", "position", "velocity", "effort"), EVERY)
-
-
-def joint_state_in_columns(topic: str, order: JointOrder) -> InColumns:
-    """The same of the texts and numbers of JOINT_STATE."""
-
-    def in_columns(texts: tuple[str, ...], numbers: Float) -> tuple[list[Columns], np.ndarray]:
-        lists, at = [], 2
-        for _ in range(3):
-            count = int(numbers[0, at])
-            lists.append(numbers[:, at + 1 : at + 1 + count])
-            at += 1 + count
-        try:
-            values = _named_values(texts[1:], lists, topic, order)
-        except DecodeError:  # raised again by the way through single messages
-            return [], np.zeros(len(numbers), dtype=bool)
-        return [Columns(JointStates, stamps_ns(numbers[:, :2]), values)], np.ones(len(numbers), dtype=bool)
-
-    return in_columns
-
-
-def joint_state_ways(topic: str, order: JointOrder) -> Ways:
-    """JointState by columns."""
-    return [(JOINT_STATE, joint_state_in_columns(topic, order))]
-
-
-def _named_values(names: tuple[str, ...], lists: Sequence[Float], topic: str, order: JointOrder) -> Float:
-    """(N, 41) the fields of JointStates, of positions, velocities and efforts, each (N, names) or (N, 0)."""
-    for what, values in zip(("positions", "velocities", "efforts"), lists, strict=True):
-        if values.shape[1] not in (0, len(names)):
-            raise DecodeError(topic, f"names {len(names)} joints, but has {values.shape[1]} {what}")
-    found = order.of_names(names, topic)
-    rows = np.full((len(lists[0]), 41), np.nan)
-    for k, values in enumerate(lists):
-        if values.shape[1]:
-            rows[:, 12 * k : 12 * k + 12] = values[:, found.place] * found.sign
-    if found.feet is not None and lists[2].shape[1]:
-        rows[:, 36:40] = lists[2][:, found.feet]
-    return rows
-
-
-def joint_states(stamp_ns: int | None, row: Float) -> JointStates:
-    """The message of its fields one after the other (41,)."""
-    return JointStates(stamp_ns, row[:12], row[12:24], row[24:36], row[36:40], float(row[40]))
-
-
-def motor_values(q_dq_tau: Float, feet: Float, tick: Float, topic: str, order: JointOrder) -> Float:
-    """(N, 41) the fields of JointStates, of motors' q, dq and tau (N, M, 3), foot forces (N, F) and ticks (N, 1)."""
-    found = order.of_motors(q_dq_tau.shape[1], feet.shape[1], topic)
-    driven = q_dq_tau[:, found.place] * found.sign[:, None]
-    assert found.feet is not None
-    return np.concatenate([driven[..., 0], driven[..., 1], driven[..., 2], feet[:, found.feet], tick % TICKS], axis=1)

@@ -2,47 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import Float, PointCloud
-from quadlog.recordings.decoders.payload import frame_id, stamp_ns
+from quadlog.messages import PointCloud
+from quadlog.recordings.decoders.fields import Columns
+
+LIMITS = {"low": "range_min", "high": "range_max", "first": "angle_min", "step": "angle_increment"}
+LIMITS |= {"pause": "time_increment"}
+LASER_SCAN, MULTI_ECHO = LIMITS | {"range": "ranges[]"}, LIMITS | {"range": "ranges[].echoes[]"}
 
 
-def decode_laser_scan(message: Any, topic: str) -> PointCloud:
-    """A point for each ray, NaN where nothing came back. Raises DecodeError where the rays have no angles."""
-    return _cloud(message, topic, np.asarray(message.ranges, dtype=np.float64))
+def laser_scan(columns: Columns) -> PointCloud:
+    """A point for each ray, its nearest echo within the scanner's limits, NaN where nothing came back.
 
-
-def decode_multi_echo_laser_scan(message: Any, topic: str) -> PointCloud:
-    """The same of the nearest echo of each ray that lies within the scanner's limits."""
-    nearest_m = [_nearest(np.asarray(each.echoes, dtype=np.float64), message) for each in message.ranges]
-    return _cloud(message, topic, np.array(nearest_m, dtype=np.float64))
-
-
-def _nearest(echoes_m: Float, message: Any) -> float:
-    valid_m = echoes_m[_returned(echoes_m, message)]
-    return float(valid_m.min()) if len(valid_m) else np.nan
-
-
-def _returned(range_m: Float, message: Any) -> np.ndarray:
-    """Which ranges are of something: what lies outside the limits means "nothing", by the message's definition."""
-    farthest_m = message.range_max if message.range_max > 0 else np.inf
-    return (range_m > 0) & (range_m >= message.range_min) & (range_m <= farthest_m) & np.isfinite(range_m)
-
-
-def _cloud(message: Any, topic: str, range_m: Float) -> PointCloud:
-    count, step_rad = len(range_m), float(message.angle_increment)
-    if not np.isfinite([message.angle_min, step_rad]).all() or (step_rad == 0 and count > 1):
-        raise DecodeError(topic, f"its {count} ranges have no angles: angle_increment is {step_rad:g}")
-    angle_rad = message.angle_min + step_rad * np.arange(count)
-    there_m = np.where(_returned(range_m, message), range_m, np.nan)
+    columns: of one message. Raises DecodeError where the rays have no angles.
+    """
+    low_m, high_m, first_rad, step_rad, pause_s = (float(columns[name][0]) for name in LIMITS)
+    range_m = columns["range"][0]
+    # What lies outside the limits means "nothing", by the message's definition.
+    valid = (range_m > 0) & (range_m >= low_m) & (range_m <= (high_m if high_m > 0 else np.inf)) & np.isfinite(range_m)
+    there_m = np.where(valid, range_m, np.nan)
+    arrays = columns.arrays["range"]
+    if len(arrays) > 1:
+        lengths = columns.lengths[arrays[-1]]
+        ray, there_m = np.repeat(np.arange(len(lengths)), lengths), np.full(len(lengths), np.nan)
+        np.fmin.at(there_m, ray[valid], range_m[valid])
+    count = len(there_m)
+    if not np.isfinite([first_rad, step_rad]).all() or (step_rad == 0 and count > 1):
+        raise DecodeError(columns.topic, f"its {count} ranges have no angles: angle_increment is {step_rad:g}")
+    angle_rad = first_rad + step_rad * np.arange(count)
     xyz_m = np.zeros((count, 3), np.float32)
     xyz_m[:, 0], xyz_m[:, 1] = there_m * np.cos(angle_rad), there_m * np.sin(angle_rad)
     xyz_m[np.isnan(there_m), 2] = np.nan
-    ring = np.zeros(count, np.uint16)
-    step = float(message.time_increment)  # 0 where the scanner does not tell; the stamp is the first ray's
-    times = {"time_increment": np.arange(count) * step} if step != 0 and np.isfinite(step) else {}
-    return PointCloud(stamp_ns(message), frame_id(message), xyz_m, ring, time_fields=times)
+    # 0 where the scanner does not say; the stamp is the first ray's.
+    times = {"time_increment": np.arange(count) * pause_s} if pause_s != 0 and np.isfinite(pause_s) else {}
+    stamps = columns.stamp_ns()
+    stamp_ns = None if stamps is None else int(stamps[0])
+    return PointCloud(stamp_ns, columns.frames()[0], xyz_m, np.zeros(count, np.uint16), time_fields=times)

@@ -1,20 +1,14 @@
-"""A deserialised ROS message's stamp and frame, and a payload read field by field."""
+"""A payload read field by field."""
 
 from __future__ import annotations
 
-import struct
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from quadlog.errors import DecodeError
 from quadlog.messages import NS_PER_S
 
-
-def stamp_ns(message: Any) -> int | None:
-    """header.stamp in nanoseconds, or None for a message without header."""
-    header = getattr(message, "header", None)
-    if header is None:
-        return None
-    return nanoseconds(int(header.stamp.sec), int(header.stamp.nanosec))
+Payload = bytes | memoryview
+CDR_ORDER, CDR_SLACK = {b"\0\0": ">", b"\0\1": "<"}, 3  # writers may fill a payload up to four bytes
 
 
 def nanoseconds(seconds: int, nanos: int) -> int:
@@ -22,20 +16,9 @@ def nanoseconds(seconds: int, nanos: int) -> int:
     return seconds * NS_PER_S + nanos
 
 
-def frame_id(message: Any) -> str:
-    """header.frame_id, or an empty name; ROS 1 names may begin with a slash that ROS 2 forbids."""
-    header = getattr(message, "header", None)
-    return "" if header is None else frame_name(header.frame_id)
-
-
 def frame_name(name: str) -> str:
     """A frame's name without the leading slash of old ROS 1."""
     return str(name).removeprefix("/")
-
-
-Payload = bytes | memoryview
-
-LARGEST_NAME = 4096
 
 
 class Header(NamedTuple):
@@ -46,58 +29,60 @@ class Header(NamedTuple):
 
 
 class PayloadReader:
-    """A cursor over one payload. encoding is ``ros1`` or ``cdr``; raises DecodeError past the end."""
+    """A cursor over one payload, encoded as ``ros1`` or ``cdr``. All raises DecodeError, as where the payload ends."""
 
     def __init__(self, payload: Payload, encoding: str, topic: str) -> None:
-        self.payload, self.topic = payload, topic
-        self.ros1 = encoding == "ros1"
-        self.order, self.start = "<", 0
+        self.payload, self.topic, self.ros1, self.order, self.at = payload, topic, encoding == "ros1", "<", 0
         if not self.ros1:
-            kind = bytes(payload[:2])
-            if len(payload) < 4 or kind not in (b"\x00\x00", b"\x00\x01"):
-                raise DecodeError(topic, f"not a plain CDR payload (starts with {kind.hex() or 'nothing'})")
-            self.order, self.start = ("<" if kind[1] else ">"), 4
-        self.at = self.start
+            mark = bytes(payload[:2])
+            if mark not in CDR_ORDER:
+                raise self.wrong(f"not a plain CDR payload (starts with {mark.hex() or 'nothing'})")
+            self.order = CDR_ORDER[mark]
+            self.skip(4)
 
-    def number(self, code: str, size: int) -> int:
-        """The next integer of a struct format code and its size in bytes."""
-        if not self.ros1:
-            self.at = self.start + (self.at - self.start + size - 1) // size * size
-        try:
-            (value,) = struct.unpack_from(self.order + code, self.payload, self.at)
-        except struct.error:
-            raise DecodeError(self.topic, f"ends after {len(self.payload)} bytes, in the middle of a field") from None
-        self.at += size
-        return int(value)
-
-    def uint8(self) -> int:
-        return self.number("B", 1)
-
-    def uint32(self) -> int:
-        return self.number("I", 4)
-
-    def uint64(self) -> int:
-        return self.number("Q", 8)
+    def wrong(self, why: str) -> DecodeError:
+        return DecodeError(self.topic, why)
 
     def skip(self, size: int) -> int:
         """Where the next size bytes begin, having checked that they are there."""
-        begin = self.at
-        if size > len(self.payload) - begin:
-            raise DecodeError(self.topic, f"holds {len(self.payload) - begin} of the {size} bytes it announces")
-        self.at = begin + size
+        begin, self.at = self.at, self.at + size
+        if self.at > len(self.payload):
+            raise self.wrong(f"it ends after {len(self.payload)} bytes, in the middle of a field")
         return begin
 
-    def name(self) -> str:
-        """A short string; CDR counts its closing zero byte, ROS 1 has none."""
-        size = self.uint32()
-        if size > LARGEST_NAME:
-            raise DecodeError(self.topic, f"a name of {size} bytes")
-        begin = self.skip(size)
-        return bytes(self.payload[begin : begin + size]).rstrip(b"\0").decode("utf-8", "replace")
+    def numbers(self, dtype: str, count: int = 1) -> int:
+        """Where numbers of a dtype, as "u4", begin; the cursor is behind them."""
+        size = int(dtype[1])
+        if not self.ros1 and count:  # counts from behind its first four bytes; an empty sequence is not aligned
+            self.skip((4 - self.at) % size)
+        return self.skip(count * size)
+
+    def whole(self, dtype: str) -> int:
+        """The next whole number without sign."""
+        begin = self.numbers(dtype)
+        return int.from_bytes(self.payload[begin : self.at], "little" if self.order == "<" else "big")
+
+    def text(self, size: int | None = None) -> str:
+        """The next string, behind its size where that is given; CDR counts its closing zero byte, ROS 1 has none."""
+        begin = self.skip(self.whole("u4") if size is None else size)
+        raw = bytes(self.payload[begin : self.at])
+        if not self.ros1 and raw[-1:] != b"\0":
+            raise self.wrong("a string does not end with its zero byte")
+        try:
+            return (raw if self.ros1 else raw[:-1]).decode()
+        except UnicodeDecodeError:
+            raise self.wrong("a string is not UTF-8") from None
 
     def header(self) -> Header:
         """The std_msgs/Header at the cursor (ROS 1 has a sequence number before the stamp)."""
         if self.ros1:
-            self.uint32()
-        seconds = self.number("I" if self.ros1 else "i", 4)
-        return Header(nanoseconds(seconds, self.uint32()), frame_name(self.name()))
+            self.skip(4)
+        seconds = self.whole("u4")
+        signed = seconds if self.ros1 or seconds < 1 << 31 else seconds - (1 << 32)
+        return Header(nanoseconds(signed, self.whole("u4")), frame_name(self.text()))
+
+    def end(self) -> None:
+        """Raise unless the payload ends here."""
+        left = len(self.payload) - self.at
+        if left > (0 if self.ros1 else CDR_SLACK):
+            raise self.wrong(f"{left} bytes are left over")

@@ -143,10 +143,10 @@ def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Pay
     """One CustomMsg; the number of points is checked against the payload before anything is allocated."""
     reader = PayloadReader(payload, encoding, topic)
     header = reader.header()
-    timebase_ns = reader.uint64()
-    reader.uint32()  # point_num, which the sequence's own length repeats
+    timebase_ns = reader.whole("u8")
+    reader.whole("u4")  # point_num, which the sequence's own length repeats
     reader.skip(1 + 3)  # lidar_id, rsvd
-    count = reader.uint32()
+    count = reader.whole("u4")
     stride = POINT_BYTES if reader.ros1 else CDR_STRIDE
     size = max(0, count * stride - (stride - POINT_BYTES))
     begin = reader.skip(size)
@@ -199,11 +199,11 @@ class PointCloud2Decoder:
         """One PointCloud2; sizes are checked against the payload before anything is allocated."""
         reader = PayloadReader(payload, self.encoding, self.topic)
         header = reader.header()
-        rows, columns = reader.uint32(), reader.uint32()
+        rows, columns = reader.whole("u4"), reader.whole("u4")
         fields = self._fields(reader)
-        order, other = "><" if reader.uint8() else "<>"
-        point_step, row_step = reader.uint32(), reader.uint32()
-        size = reader.uint32()
+        order, other = "><" if reader.whole("u1") else "<>"
+        point_step, row_step = reader.whole("u4"), reader.whole("u4")
+        size = reader.whole("u4")
         begin = reader.skip(size)
         if rows <= 1 and row_step < columns * point_step:
             row_step = columns * point_step  # a single row needs none, and some drivers leave it at zero
@@ -249,13 +249,13 @@ def _absurd_share(xyz_m: NDArray) -> float:
 
 def _read_fields(reader: PayloadReader) -> Layout:
     """The field list at the cursor. The first element of an array field stands for it."""
-    count = reader.uint32()
+    count = reader.whole("u4")
     if count > MOST_FIELDS:
         raise DecodeError(reader.topic, f"announces {count} point fields")
     fields: Layout = {}
     for _ in range(count):
-        name, offset, datatype = reader.name(), reader.uint32(), reader.uint8()
-        elements = reader.uint32()
+        name, offset, datatype = reader.text(), reader.whole("u4"), reader.whole("u1")
+        elements = reader.whole("u4")
         if not 1 <= datatype <= len(DATATYPES):
             raise DecodeError(reader.topic, f"field {name} has the unknown datatype {datatype}")
         if elements >= 1:

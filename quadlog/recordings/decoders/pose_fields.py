@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from operator import attrgetter
-from typing import Any
+from functools import lru_cache, partial
 
 from rosbags.interfaces import Nodetype
 
-from quadlog.errors import DecodeError
 from quadlog.messages import Pose
-from quadlog.recordings.decoders.columns import Wanted, each_of, header_of
-from quadlog.recordings.decoders.payload import frame_name, nanoseconds
-from quadlog.recordings.decoders.pose import place, unit_quaternion
+from quadlog.recordings.decoders.poses import pose, pose_at
 from quadlog.recordings.decoders.ros_messages import standard_types
+from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 
 HEADER = "std_msgs/msg/Header"
@@ -49,22 +45,13 @@ class PoseField:
     name: str
     flag: str = ""
 
-    def __call__(self, message: Any, topic: str) -> Pose:
-        """The pose of a deserialised message.
-
-        Raises DecodeError for one that is not finite or out of reach, and for one that its flag says was not measured.
-        """
-        if self.flag and attrgetter(self.flag)(message) == LOST_IF[self.flag.rpartition(".")[2]]:
-            raise DecodeError(topic, f"the body is not tracked ({self.flag})")
-        header, position, orientation = attrgetter(self.header, self.position, self.orientation)(message)
-        stamp_ns = nanoseconds(int(header.stamp.sec), int(header.stamp.nanosec))
-        position_m, quat_xyzw = place(position, topic), unit_quaternion(orientation, topic)
-        return Pose(stamp_ns, frame_name(header.frame_id), "", position_m, quat_xyzw)
-
-    @property
-    def wanted(self) -> Wanted:
-        """The same numbers for decoding by columns, where the definition has them in this order."""
-        return header_of(self.header) | each_of(self.position, "xyz") | each_of(self.orientation, "xyzw")
+    def type(self) -> Type:
+        """How messages are read; one that its flag says was not measured is refused."""
+        wanted = pose_at("", self.header) | {"position": f"{self.position}:xyz", "quat": f"{self.orientation}:xyzw"}
+        if not self.flag:
+            return Type((Pose,), wanted, pose)
+        lost_if = LOST_IF[self.flag.rpartition(".")[2]]
+        return Type((Pose,), wanted | {"lost": self.flag}, partial(pose, flag=self.flag, lost_if=lost_if))
 
 
 @lru_cache(maxsize=1024)

@@ -1,4 +1,4 @@
-"""From ROS payloads to quadlog's messages, by whatever definition there is.
+"""Which definition a message has, and messages as objects, for plug-ins.
 
 Order: the definition embedded in the recording; then folders given with
 ``--msg-path``; then the standard messages; then quadlog's bundled ones.
@@ -9,36 +9,27 @@ first that fits a payload to its last byte is the one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from functools import cache, lru_cache, partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.columns import ColumnDecoder, Misfit, Ways, flat_fields
+from quadlog.recordings.decoders.fields import ARRAYS, Walk
 from quadlog.recordings.decoders.payload import Payload
-from quadlog.recordings.decoders.type_definitions import (
-    MOST_VALUES,
-    BadDefinition,
-    Types,
-    largest_payload_bytes,
-    needed_types,
-    parse_definition,
-)
+from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 
+MOST_VALUES = 1 << 20  # of a message for a plug-in, each an object in memory
 BUNDLED = Path(__file__).parent / "definitions"
 PORTS = {"unitree_legged_msgs": "ros2_unitree_legged_msgs"}
 """Packages whose messages have the layout of another one's."""
 HEADER_FIELD = "std_msgs/Header header\n"
-
-Deserialise = Callable[[Payload], Any]
-Interpret = Callable[[Any, str], Any]
-# How to read payloads, and the size beyond which they are refused.
-Way = tuple[Deserialise, float]
 
 
 class Definitions:
@@ -46,81 +37,42 @@ class Definitions:
 
     def __init__(self, msg_path: Sequence[Path] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
-        self._ways: dict[tuple[Any, ...], list[Way]] = {}
-        self._stores: list[Typestore] = []
 
-    def decoder(self, channel: Channel, interpret: Interpret) -> Callable[[Payload], Any]:
-        """A function from payload to what interpret makes of (message object, topic).
+    def deserialiser(self, channel: Channel) -> Callable[[Payload], SimpleNamespace]:
+        """A function from payload to an object with the fields of its message, by the first definition that fits.
 
-        Raises DecodeError, here or per payload, with the reason.
+        Arrays of numbers are numpy's. Raises DecodeError, here or per payload, with the reason.
         """
-        if channel.message_encoding not in ("ros1", "cdr"):
-            raise DecodeError(channel.topic, f"its message encoding {channel.message_encoding!r} is not known")
-        # Topics often share a definition, and to compile one takes 10 ms.
-        alike = (channel.type_name, channel.message_encoding, channel.schema_encoding, channel.schema, interpret)
         try:
-            found = self._ways.get(alike) or [self._way(types, channel) for types in self._candidates(channel)]
+            tables = list(self.candidates(channel))
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
-        if not found:
-            raise DecodeError(
-                channel.topic, f"{channel.type_name}: the recording embeds no definition; give its .msg with --msg-path"
-            )
-        self._ways[alike] = found
-        return _FirstFitting(channel, found, interpret)
 
-    def column_decoder(self, channel: Channel, payload: bytes, ways: Ways) -> ColumnDecoder | None:
-        """What decodes the channel's messages many at a time, by the first definition that fits a payload.
+        def deserialise(payload: Payload) -> SimpleNamespace:
+            why = ""
+            for types in tables:
+                try:
+                    walk = Walk(bytes(payload), channel, left=MOST_VALUES)
+                    message = _object(types, channel.type_name, walk)
+                    walk.end()
+                except DecodeError as error:
+                    why = why or error.reason
+                else:
+                    return message
+            raise DecodeError(channel.topic, f"not a {channel.type_name}: {why}")
 
-        ways: what may be wanted of it. None where that definition has none of it, or none fits.
-        """
-        try:
-            for types in self._candidates(channel):
-                flat = ((flat_fields(types, channel.type_name, wanted), in_columns) for wanted, in_columns in ways)
-                fields, in_columns = next((each for each in flat if each[0] is not None), (None, None))
-                if fields is None or in_columns is None:
-                    return None
-                decoder = ColumnDecoder(fields, channel.message_encoding, in_columns)
-                with suppress(Misfit):
-                    decoder.learn(payload)
-                    return decoder
-        except BadDefinition:
-            pass
-        return None
+        return deserialise
 
-    def _way(self, types: Types, channel: Channel) -> Way:
-        """How rosbags reads payloads of a definition. Raises BadDefinition."""
-        store = self._typestore(types)
-        try:
-            store.get_msgdef(channel.type_name)
-        except Exception as error:  # rosbags compiles the definition; what it cannot is refused
-            raise _not_compiled(error) from error
-        deserialise = store.deserialize_ros1 if channel.message_encoding == "ros1" else store.deserialize_cdr
-        return partial(deserialise, typename=channel.type_name), largest_payload_bytes(types)
-
-    def _typestore(self, types: Types) -> Typestore:
-        """One that knows the types, shared where those of the same name are the same: each is compiled once."""
-        for store in self._stores:
-            known = {name: fields for name, (_, fields) in store.fielddefs.items()}
-            if all(known.get(name, fields) == fields for name, (_, fields) in types.items()):
-                break
-        else:
-            store = get_typestore(Stores.EMPTY)
-        try:
-            store.register({name: each for name, each in types.items() if name not in store.fielddefs})
-        except Exception as error:
-            raise _not_compiled(error) from error
-        if store not in self._stores:
-            self._stores.append(store)
-        return store
-
-    def _candidates(self, channel: Channel) -> Iterator[Types]:
+    def candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
         if channel.schema.strip(b"\0 \n"):
             types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
             yield needed_types(types, channel.type_name, self._standard(channel))
             return
-        for types, lookup in self._unembedded(channel):
+        unembedded = list(self._unembedded(channel))
+        if not unembedded:
+            raise BadDefinition("the recording embeds no definition; give its .msg with --msg-path")
+        for types, lookup in unembedded:
             yield needed_types(types, channel.type_name, lookup)
 
     def _unembedded(self, channel: Channel) -> Iterator[tuple[Types, Callable[[str], Types]]]:
@@ -157,38 +109,26 @@ class Definitions:
         return lambda name: standard_types(channel.message_encoding, name)
 
 
-def _not_compiled(error: Exception) -> BadDefinition:
-    return BadDefinition(f"its definition cannot be compiled ({error})")
-
-
-class _FirstFitting:
-    """Tries each way to read on the first payload and keeps the one that fits it exactly."""
-
-    def __init__(self, channel: Channel, ways: list[Way], interpret: Interpret) -> None:
-        self.channel, self.ways, self.interpret = channel, ways, interpret
-
-    def __call__(self, payload: Payload) -> Any:
-        reason: Exception | None = None
-        for way in self.ways:
-            deserialise, most_bytes = way
-            try:
-                if len(payload) > most_bytes:
-                    raise ValueError(f"its payload of {len(payload)} bytes may hold more than {MOST_VALUES} values")
-                message = deserialise(payload)
-            except Exception as error:  # generated code on untrusted bytes: any failure is this message's
-                reason = reason or error
-                continue
-            if len(self.ways) > 1:
-                self.ways = [way]
-            return self._interpreted(message)
-        raise DecodeError(self.channel.topic, f"not a {self.channel.type_name}: {reason}") from reason
-
-    def _interpreted(self, message: Any) -> Any:
-        try:
-            return self.interpret(message, self.channel.topic)
-        except (AttributeError, TypeError, ValueError, OverflowError) as error:  # a definition of another shape
-            reason = f"not the usual {self.channel.type_name}: {error}"
-            raise DecodeError(self.channel.topic, reason) from error
+def _object(types: Types, type_name: str, walk: Walk) -> SimpleNamespace:
+    """The message at a walk's place. Raises DecodeError."""
+    values: dict[str, Any] = {}
+    for name, (kind, detail) in types[type_name][1]:
+        many, count = kind in ARRAYS, 1
+        if many:
+            count = walk.length() if kind == Nodetype.SEQUENCE else detail[1]
+            kind, detail = detail[0]
+        every: Any
+        if kind == Nodetype.NAME or detail[0] == "string":
+            walk.spend(count)
+            every = [_object(types, detail, walk) if kind == Nodetype.NAME else walk.text() for _ in range(count)]
+            values[name] = every if many else every[0]
+        else:
+            walk.spend(1)
+            begin = walk.numbers(dtype := walk.dtype(detail[0]), count)
+            every = np.frombuffer(walk.payload, walk.order + dtype, count, begin)
+            every = every.astype(bool if detail[0] == "bool" else dtype)
+            values[name] = every if many else every[0].item()
+    return SimpleNamespace(**values)
 
 
 @cache

@@ -1,16 +1,12 @@
 """Message definitions as text become checked type tables.
 
-Definitions are untrusted, and rosbags turns them into Python code. What
-reaches it here has been parsed, bounded and stripped first: names are plain
-identifiers, constants are dropped, only types the message needs are kept,
-and references neither dangle nor loop. Parsing takes rosbags about 1 ms a
-line (5 ms in IDL) and compiling 2 to 5 ms a field, so these are counted
-before; comments and annotations, of which there may be many, are taken out.
+Definitions are untrusted. Parsing takes rosbags about 1 ms a line (5 ms in IDL), so lines are counted before; comments
+and annotations, of which there may be many, are taken out. Types that come out of here neither dangle nor loop, and
+their names are plain.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from functools import lru_cache
@@ -22,24 +18,16 @@ LARGEST_DEFINITION_BYTES = 1 << 20
 LARGEST_STRIPPED_CHARS = 1 << 15
 MOST_LINES = 1000
 MOST_IDL_SIGNS = 320  # of those that end, open or divide a declaration
-MOST_COMPILED = 800  # fields, elements of fixed arrays of strings or messages, and TYPE_COST for each type
-TYPE_COST = 4
 MOST_FIXED_VALUES = 10_000  # of a message whose sequences are empty
-MOST_VALUES = 1 << 20  # of a message, each an object in memory
 DEEPEST_NESTING = 32
 
 TYPE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*){1,3}")
-FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 SEPARATOR = re.compile(r"^={3,}[ \t]*$", re.MULTILINE)
 # What is not closed ends with the text, so that no part is searched again for its end.
 IDL_LITERAL = r'"(?:\\.|[^"\\])*+\\?(?:"|\Z)'
 IDL_COMMENT = r"//[^\n]*|/\*(?:.*?\*/|.*)"
 IDL_ANNOTATION = rf"@[\w:]+\s*+(?:\((?:{IDL_LITERAL}|[^()\"])*+\))?"
 IDL_ASIDE = re.compile(f"(?P<literal>{IDL_LITERAL})|{IDL_COMMENT}|{IDL_ANNOTATION}", re.DOTALL)
-
-# Bytes of a value in a payload; of a string or a sequence those of its length. All others have one.
-BASE_BYTES = {"string": 4, "wstring": 4, "int16": 2, "uint16": 2} | dict.fromkeys(("int32", "uint32", "float32"), 4)
-BASE_BYTES |= dict.fromkeys(("int64", "uint64", "float64"), 8)
 
 # As rosbags describes types: name -> (constants, [(field, descriptor)]).
 Types = dict[str, tuple[list, list]]
@@ -50,7 +38,7 @@ class BadDefinition(ValueError):
     """A definition that cannot be used; says why."""
 
 
-@lru_cache(maxsize=64)  # used by both kinds of decoders, and by all topics of one type
+@lru_cache(maxsize=64)  # by all topics of one type
 def parse_definition(text: bytes | str, type_name: str, encoding: str) -> Types:
     """Every type in one definition text, not to be changed. encoding: ``ros1msg``, ``ros2msg`` or ``ros2idl``."""
     if len(text) > LARGEST_DEFINITION_BYTES:
@@ -78,90 +66,31 @@ def needed_types(types: Types, type_name: str, elsewhere: Lookup) -> Types:
     """
     needed: Types = {}
     flat: dict[str, int] = {}
-    compiled = 0
 
     def visit(name: str, depth: int) -> None:
         """Take all that a type contains into `needed`, and then the type. Raises BadDefinition."""
-        nonlocal compiled
         if depth > DEEPEST_NESTING:
             raise BadDefinition(f"{name[:80]} contains itself, or is nested too deeply")
         if name in needed:
             return
         found = types.get(name) or elsewhere(name).get(name)
-        if found is None:
+        if found is None or not TYPE_NAME.fullmatch(name):
             raise BadDefinition(f"the definition of {name[:80]} is missing")
-        fields = found[1]
-        compiled += _check_fields(name, fields)
-        if compiled > MOST_COMPILED:
-            raise BadDefinition("its definition has too many types, fields and elements of fixed arrays")
-        inner = [_inner(descriptor) for _, descriptor in fields]
-        for kind, detail in inner:
+        flat[name] = 0
+        for field, (kind, detail) in found[1]:
+            if kind == Nodetype.ARRAY and detail[1] <= 0:
+                raise BadDefinition(f"{name}.{field} is an array of {str(detail[1])[:20]}")
+            kind, detail = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
             if kind == Nodetype.NAME:
                 visit(detail, depth + 1)
+            flat[name] += 1 + (flat[detail] if kind == Nodetype.NAME else 0)
         # Types within types can make 2^32 fields of a few lines.
-        flat[name] = sum(1 + flat.get(detail, 0) if kind == Nodetype.NAME else 1 for kind, detail in inner)
         if flat[name] > MOST_FIXED_VALUES:
             raise BadDefinition(f"each {name} has more than {MOST_FIXED_VALUES} values")
-        needed[name] = ([], fields)
+        needed[name] = ([], found[1])
 
     visit(type_name, 0)
     return needed
-
-
-def largest_payload_bytes(types: Types) -> float:
-    """Bytes beyond which a payload could be of more than MOST_VALUES values. types: as `needed_types` gives them.
-
-    Raises BadDefinition where a message has too many whatever its payload, or no byte for each element of a sequence.
-    """
-    extents: dict[str, tuple[int, int]] = {}
-    bytes_per_value = math.inf
-
-    def extent(inner: tuple) -> tuple[int, int]:
-        """Fewest values and fewest bytes of a type."""
-        return extents[inner[1]] if inner[0] == Nodetype.NAME else (1, BASE_BYTES.get(inner[1][0], 1))
-
-    for name, (_, fields) in types.items():  # those that a type is made of stand before it
-        values, size = 1, 0
-        for field, (kind, detail) in fields:
-            more, of_bytes = extent(_inner((kind, detail)))
-            if kind == Nodetype.SEQUENCE:
-                if of_bytes == 0:
-                    raise BadDefinition(f"{name}.{field} is a sequence of messages that have no bytes")
-                if not _is_number(detail[0]):
-                    bytes_per_value = min(bytes_per_value, of_bytes / more)
-                more, of_bytes = 1, 4
-            elif kind == Nodetype.ARRAY:
-                more, of_bytes = 1 if _is_number(detail[0]) else more * detail[1], of_bytes * detail[1]
-            values, size = values + more, size + of_bytes
-        if values > MOST_FIXED_VALUES:
-            raise BadDefinition(f"each {name} has more than {MOST_FIXED_VALUES} values")
-        extents[name] = values, size
-    return MOST_VALUES * bytes_per_value
-
-
-def _check_fields(name: str, fields: list) -> int:
-    """What compiling a type costs, in units of MOST_COMPILED. Raises BadDefinition."""
-    cost = TYPE_COST
-    if not TYPE_NAME.fullmatch(name):
-        raise BadDefinition(f"{name[:80]!r} is no type name")
-    for field, descriptor in fields:
-        if not FIELD_NAME.fullmatch(field):
-            raise BadDefinition(f"{field[:80]!r} is no field name")
-        cost += 1
-        if descriptor[0] == Nodetype.ARRAY:
-            length = descriptor[1][1]
-            if length <= 0:
-                raise BadDefinition(f"{name}.{field} is an array of {str(length)[:20]}")
-            cost += 0 if _is_number(_inner(descriptor)) else length
-    return cost
-
-
-def _inner(descriptor: tuple) -> tuple:
-    return descriptor[1][0] if descriptor[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else descriptor
-
-
-def _is_number(inner: tuple) -> bool:
-    return bool(inner[0] == Nodetype.BASE and inner[1][0] not in ("string", "wstring"))
 
 
 def _parse_msg(text: str, type_name: str) -> Types:

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config.schema import Topics
-from quadlog.recordings.clock import kept_rows, repeated_rows
+from quadlog.messages import Batch
+from quadlog.recordings.clock import Sender, clock_losses, kept_rows, left_out, repeated_rows
 from quadlog.recordings.clock_offsets import LATE_NS
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.gathering import Many
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import detect_roles
 
@@ -54,6 +54,31 @@ def test_repeated_rows(t_ns, left_out):
     assert np.flatnonzero(repeated_rows(t_ns)).tolist() == left_out
 
 
+SENDERS = {"/imu": (0, 103, 50), "/odom": (0, 103, 10), "/seldom": (0, 103, 0.2), "/other": (0, 103, 10)}
+
+
+@pytest.mark.parametrize(
+    ("ahead_s", "until_s", "alone", "lost"),
+    [
+        (1000, 3, (0.0, 2.5), {"/imu": 150, "/odom": 30, "/seldom": 1, "/alone": 25}),  # it ran ahead for a short time
+        (1000, 3, (4.0, 103.0), {"/imu": 150, "/odom": 30, "/seldom": 1}),
+        (60, 70, (0.0, 69.0), {"/imu": 1650, "/odom": 330, "/seldom": 7}),  # it is set back for the rest
+        (60, 70, (71.0, 103.0), {"/imu": 1650, "/odom": 330, "/seldom": 7, "/alone": 320}),
+        (6, 40, (42.0, 103.0), {"/imu": 300, "/odom": 60, "/seldom": 2, "/alone": 40}),
+    ],
+)
+def test_all_senders_on_one_clock_lose_the_same_stretch(ahead_s, until_s, alone, lost):
+    """Whatever their rates, and one (alone) that is not heard when the clock is set; another clock loses nothing."""
+    senders = []
+    for topic, (begin_s, end_s, hz) in (SENDERS | {"/alone": (*alone, 10)}).items():
+        t_ns = stamps(*(1000 * np.arange(begin_s * hz, end_s * hz) / hz))
+        ahead_ns = (t_ns < until_s * S) * (topic != "/other") * ahead_s * S
+        senders.append(Sender(topic, "messages", T0 + t_ns, T0 + t_ns + ahead_ns))
+    masks = left_out(senders)
+    assert {each.topic: int(mask.sum()) for each, mask in zip(senders, masks, strict=True) if mask.any()} == lost
+    assert {each.topic: each.count for each in clock_losses(senders, masks)} == lost
+
+
 def test_of_a_clock_set_back_twice_the_first_passage_stays():
     t_ns = np.concatenate([np.arange(0, 50), np.arange(30, 60), np.arange(10, 80)]) * 100 * MS
     assert t_ns[~repeated_rows(t_ns)].tolist() == (np.arange(0, 80) * 100 * MS).tolist()
@@ -70,7 +95,7 @@ def test_kept_stamps_go_back_by_no_more_than_messages_may_overtake(tenths):
 @given(st.lists(st.integers(0, 10), max_size=20))
 def test_late_stamps_are_sorted_in_and_the_first_of_equal_ones_is_kept(tenths):
     t_ns = stamps(*(100 * each for each in tenths))
-    rows = kept_rows(t_ns)
+    rows = kept_rows(t_ns, repeated_rows(t_ns))
     assert rows.tolist() == [tenths.index(each) for each in sorted(set(tenths))]
 
 
@@ -175,10 +200,10 @@ def test_clocks_of_streams_that_are_compared(log, name):
     roles = detect_roles(recording, Topics())
     warnings = recording.warnings
     times: dict[Stream, list[int]] = {}
-    for each in recording.gathered(roles.played):
-        if isinstance(each, Many):
-            frames = (each.columns.frame_id, each.columns.child_frame_id)
-            times.setdefault(frames if each.topic == "/tf" else each.topic, []).extend(each.t_ns.tolist())
+    for each in recording.batches(roles.played):
+        if isinstance(each, Batch):
+            frames = (each.frame_id, each.child_frame_id)
+            times.setdefault(frames if each.topic == "/tf" else each.topic, []).extend(each.rows["t_ns"].tolist())
         else:
             times.setdefault(each.topic, []).append(each.t_ns)
     # One by one they have the same times.

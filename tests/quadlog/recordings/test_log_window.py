@@ -2,47 +2,47 @@
 
 from __future__ import annotations
 
+import struct
+from types import SimpleNamespace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.recordings.clock import MARGIN_NS, EdgeMessage, log_begin, log_end
-from quadlog.recordings.containers.container import Channel, RawMessage
+from quadlog.recordings.recording import MARGIN_NS, Recording
+from tests.quadlog.conftest import FakeContainer
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
 LENGTH_S = 60
+Rows = list[tuple[int, int]]
 
 
-class Logged:
-    """A container whose messages are their stamps, by topic; it keeps what it was asked for."""
+class Logged(FakeContainer):
+    """Ranges whose log times and stamps are given, by topic."""
 
-    span_ns = (T0, T0 + LENGTH_S * S)
+    def __init__(self, ros: SimpleNamespace, topics: dict[str, Rows]) -> None:
+        super().__init__()
+        self.topics = topics
+        channel, payload = ros.channel("", "sensor_msgs/msg/Range"), ros.serialise(ros.range(0, 1.0))
+        for name, rows in topics.items():
+            for log_ns, t_ns in rows:
+                own = type(channel)(name, *channel.identity[1:])
+                self.add(own, log_ns, payload[:4] + struct.pack("<iI", *divmod(t_ns, S)) + payload[12:])
 
-    def __init__(self, topics: dict[str, list[tuple[int, int]]]) -> None:
-        channels = {name: Channel(name, "", "", "", b"") for name in topics}
-        rows = [(log_ns, name, t_ns) for name, rows in topics.items() for log_ns, t_ns in rows]
-        self.raws = [RawMessage(channels[name], log_ns, b"%d" % t_ns) for log_ns, name, t_ns in sorted(rows)]
-        self.asked: list[tuple[tuple[str, ...], int, int]] = []
+    def window(self, start_ns: int, end_ns: int) -> list[tuple[str, int]]:
+        """What a recording finds, sorted; the last pair of log times that was asked for is that of the window."""
+        recording = Recording(self)  # type: ignore[arg-type]
+        return sorted((each.topic, each.t_ns) for each in recording.messages(list(self.topics), start_ns, end_ns))
 
-    def messages(self, topics, start_ns, end_ns):
-        self.asked.append((tuple(topics), start_ns, end_ns))
-        return (raw for raw in self.raws if raw.channel.topic in topics and start_ns <= raw.log_time_ns < end_ns)
-
-    def window(self, topics, start_ns, end_ns, lag_ns=0):
-        look = lambda raws: (EdgeMessage(raw.channel.topic, raw.log_time_ns, int(raw.payload)) for raw in raws)  # noqa: E731
-        return log_begin(self, topics, start_ns, lag_ns, look), log_end(self, topics, end_ns, lag_ns, look)
-
-    def stamped(self, topics, start_ns, end_ns):
-        return {
-            (raw.channel.topic, raw.log_time_ns)
-            for raw in self.raws
-            if raw.channel.topic in topics and start_ns <= int(raw.payload) < end_ns
-        }
+    def stamped(self, start_ns: int, end_ns: int) -> list[tuple[str, int]]:
+        return sorted(
+            (name, t_ns) for name, rows in self.topics.items() for _, t_ns in rows if start_ns <= t_ns < end_ns
+        )
 
 
 @st.composite
-def topic(draw: st.DrawFn) -> list[tuple[int, int]]:
+def topic(draw: st.DrawFn) -> Rows:
     """(log time, stamp) of a topic in turn: a clock that drifts, jitter, and a stall that logs many at once."""
     hz = draw(st.sampled_from([0.2, 1.0, 10.0]))
     lag_s, drift, jitter_s = draw(st.floats(-2, 2)), draw(st.floats(-0.1, 0.1)), draw(st.floats(0, 0.05))
@@ -63,34 +63,40 @@ def topic(draw: st.DrawFn) -> list[tuple[int, int]]:
 
 @given(st.lists(topic(), min_size=1, max_size=3), st.floats(-5, 65), st.floats(0.5, 40))
 def test_a_window_has_all_that_is_stamped_within_it(
-    topics: list[list[tuple[int, int]]], start_s: float, duration_s: float
+    both_ros: SimpleNamespace, topics: list[Rows], start_s: float, duration_s: float
 ) -> None:
-    logged = Logged({f"/{number}": rows for number, rows in enumerate(topics)})
-    names = [f"/{number}" for number in range(len(topics))]
+    logged = Logged(both_ros.cdr, {f"/{number}": rows for number, rows in enumerate(topics)})
     start_ns = T0 + round(start_s * 1e9)
     end_ns = start_ns + round(duration_s * 1e9)
-    begin_ns, until_ns = logged.window(names, start_ns, end_ns)
-    wanted = logged.stamped(names, start_ns, end_ns)
-    assert all(begin_ns <= log_ns < until_ns for _, log_ns in wanted)
+    assert logged.window(start_ns, end_ns) == logged.stamped(start_ns, end_ns)
 
 
-def steady(hz: float, lag_s: float = 0.0, from_s: float = 0.0, to_s: float = LENGTH_S) -> list[tuple[int, int]]:
+def steady(hz: float, lag_s: float = 0.0, from_s: float = 0.0, to_s: float = LENGTH_S) -> Rows:
     count = int((to_s - from_s) * hz)
     log_ns = [T0 + round((from_s + index / hz) * 1e9) for index in range(count)]
     return [(each, each - round(lag_s * 1e9)) for each in log_ns]
 
 
-@pytest.mark.parametrize("silent", [(), (0.0, 10.0), (0.0, 19.9), (26.5, 60.0)])
-def test_a_topic_that_is_silent_at_an_edge_is_looked_for_alone(silent: tuple[float, ...]) -> None:
-    """Chunks without it stay untouched, so a window does not grow for it."""
-    logged = Logged({"/odom": steady(50), "/target": steady(1, 0, *silent)[::40] if silent else []})
-    begin_ns, until_ns = logged.window(["/odom", "/target"], T0 + 20 * S, T0 + 26 * S)
-    assert (begin_ns, until_ns) == (T0 + 20 * S - MARGIN_NS, T0 + 26 * S + MARGIN_NS)
-    assert all(topics == ("/target",) for topics, start, end in logged.asked if end - start > S)
+@pytest.mark.parametrize("seldom", [[], steady(0.2), steady(0.2, 4.0), steady(1, 0, 20, 30)])
+def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: Rows) -> None:
+    """Also with a topic that is silent at the edges, or 4 s late."""
+    logged = Logged(both_ros.cdr, {"/odom": steady(5)} | ({"/seldom": seldom} if seldom else {}))
+    assert logged.window(T0 + 25 * S, T0 + 31 * S) == logged.stamped(T0 + 25 * S, T0 + 31 * S)
+    begin_ns, end_ns = logged.asked[-1]
+    assert begin_ns >= T0 + 23 * S - MARGIN_NS
+    assert end_ns <= T0 + 37 * S + MARGIN_NS
 
 
-def test_the_last_late_message_is_in_the_window() -> None:
-    """A seldom topic that is 4 s late, which the look at the edge does not see."""
-    logged, end_ns = Logged({"/odom": steady(50), "/late": steady(0.2, lag_s=4.0)}), T0 + 26_500_000_000
-    _, until_ns = logged.window(["/odom", "/late"], T0, end_ns)
-    assert max(log_ns for _, log_ns in logged.stamped(["/late"], T0, end_ns)) == T0 + 30 * S == until_ns - 1
+@pytest.mark.parametrize("rate", [0.05, 0.5, 3.0, 5.0])
+@pytest.mark.parametrize("begin", [0.0, 0.1, 0.5, 0.9])
+def test_stamps_of_simulated_time_run_at_a_rate_of_their_own(
+    both_ros: SimpleNamespace, rate: float, begin: float
+) -> None:
+    """Ten minutes of the log, of which a tenth is wanted; one topic is 0.2 s late."""
+    log_ns = [T0 + index * S for index in range(600)]
+    stamps = {"/odom": 0, "/late": S // 5}
+    topics = {name: [(each, T0 + round(rate * (each - T0)) - late) for each in log_ns] for name, late in stamps.items()}
+    logged = Logged(both_ros.cdr, topics)
+    start_ns = T0 + round(rate * begin * 600 * S)
+    end_ns = start_ns + round(rate * 60 * S)
+    assert logged.window(start_ns, end_ns) == logged.stamped(start_ns, end_ns)

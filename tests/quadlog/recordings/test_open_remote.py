@@ -12,7 +12,7 @@ from aiohttp import web as http
 from quadlog.errors import StorageChanged, StorageFailed
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.recording import open_recording
-from quadlog.recordings.survey import indexed_pulses
+from quadlog.recordings.survey import indexed_times, rates_hz
 from quadlog.storage import remote_object
 from quadlog.storage.remote_object import BLOCK_BYTES
 from quadlog.storage.remote_path import to_path
@@ -98,7 +98,7 @@ def test_log_times_cost_no_more_than_the_index(web: Any, name: str) -> None:
     path = build_large(web.folder / name)
     with open_container(path) as local, open_container(to_path(f"{web.url}/{name}")) as remote:
         here, there = (
-            {channel.topic: (len(pulse.t_ns), pulse.rates_hz()) for channel, pulse in indexed_pulses(each).items()}
+            {channel.topic: (len(t_ns), rates_hz(t_ns)) for channel, t_ns in indexed_times(each).items()}
             for each in (local, remote)
         )
     assert here == there

@@ -85,12 +85,18 @@ def test_driver_packets_that_a_plugin_decodes_are_a_lidar(install, log):
     assert timed.message.xyz_m.dtype == np.float32
 
 
-@pytest.mark.parametrize("taken", ["nav_msgs/msg/Odometry", "any/msg/LinktrackTagframe0", "foxglove.PointCloud"])
-def test_a_type_of_quadlogs_own_is_refused(install, log, taken):
-    plug_in(install, taken)
-    add_json(log, "/own", taken)
-    with pytest.raises(QuadlogError, match=r"quadlog-beacons 1\.0"):
-        list(Recording(log.container).everything())
+@pytest.mark.parametrize("own", ["nav_msgs/msg/Odometry", "foxglove.PointCloud"])
+def test_a_type_of_quadlogs_own_is_the_plugins_with_a_note(install, log, own):
+    """Types become quadlog's own from one version to the next; who wrote a decoder means it."""
+    plug_in(install, own, "Imu", "yield Imu(None, 'imu', None, [0, 0, 1], [0, 0, 9])")
+    if own.startswith("foxglove"):
+        add_json(log, "/own", own)
+    else:
+        log.add("/own", T0, log.ros.odometry(T0, 0.0))
+    recording = Recording(log.container)
+    (timed,) = recording.messages(["/own"])
+    assert (type(timed.message), timed.message.angular_radps.tolist()) == (Imu, [0, 0, 1])
+    assert f"{own}: decoded by the plug-in of quadlog-beacons 1.0, not by quadlog" in recording.warnings
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ import pytest
 from quadlog.config.schema import Topics
 from quadlog.errors import AmbiguousTopic, UnknownTopic
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders import ros_messages
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.roles import detect_roles
 
@@ -24,6 +24,8 @@ RAW = {
     "packets": "velodyne_msgs/msg/VelodyneScan",
     "bytes": "nlink_parser/msg/LinktrackNodeframe0",
     "imu": "sensor_msgs/msg/Imu",
+    "fix": "sensor_msgs/msg/NavSatFix",
+    "point": "geometry_msgs/msg/PointStamped",
 }
 
 
@@ -80,6 +82,12 @@ TWO = "/amcl_pose pose, /mocap/robot pose"
         ("/goal_pose pose", {"target": "/goal_pose"}, "target", "/goal_pose"),
         ("/packets packets", {}, "lidar", None),
         ("/odom odometry, /odom range", {}, "odometry", None),
+        ("/fix fix", {}, "gnss", "/fix"),
+        ("/fix fix, /slam/pose pose", {}, "pose", "/slam/pose"),
+        # What somebody clicked is no estimate of the robot's pose.
+        ("/clicked_point point", {}, "pose", None),
+        ("/clicked_point point", {"position": "/clicked_point"}, "position", "/clicked_point"),
+        ("/leica/point point", {}, "reference", "/leica/point"),
         *((f"{name} pose", {}, "reference", name) for name in TRUTHS),
         *((f"{name} pose", {}, "reference", None) for name in NO_TRUTHS),
         ("/slam/pose pose", {"reference": "/slam/pose"}, "reference", "/slam/pose"),
@@ -157,6 +165,7 @@ def test_a_topic_that_cannot_play_its_role_is_refused(log, topics, settings, wor
         ("/few", "few", "20 points"),
         ("/packets", "packets", "driver packets"),
         ("/node0", "bytes", "raw bytes"),
+        ("/clicked_point", "point", "--set topics.position=/clicked_point"),
     ],
 )
 def test_why_a_topic_is_not_used(log, topic, kind, words):
@@ -180,11 +189,14 @@ def test_real_recordings(file, role, topic):
         assert detect_roles(recording, Topics()).topic(role) == topic
 
 
-def test_many_topics_are_looked_through_once_and_few_are_listed(log, monkeypatch):
-    compiled, largest = [], ros_messages.largest_payload_bytes
-    monkeypatch.setattr(ros_messages, "largest_payload_bytes", lambda *each: compiled.append(1) or largest(*each))
-    roles = roles_of(log, ", ".join(f"/odom_{number:03} odometry" for number in range(300)))
-    assert len(compiled) < 3
+def test_many_topics_are_looked_at_once_and_few_are_listed(log, monkeypatch):
+    looks, messages, recording = Counter(), log.container.messages, Recording(log.container)
+    monkeypatch.setattr(log.container, "messages", lambda topics, *window: looks.update(topics) or messages(topics))
+    for number in range(300):
+        add(log, f"/odom_{number:03}", "odometry")
+    roles = detect_roles(recording, Topics())
+    assert all(recording.sample(topic, 1) for topic in [*looks])
+    assert set(looks.values()) == {1}
     with pytest.raises(AmbiguousTopic, match="280 more") as raised:
         roles.topic("odometry")
     assert len(raised.value.choices) == 300

@@ -5,39 +5,42 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.geometry import invert_transform, transform_from_quat
-from quadlog.messages import Float, Pose
+from quadlog.messages import Float
 from quadlog.recordings.tf_tree import TransformTree
 
 
-def pose(parent: str, child: str, xyz: tuple[float, ...], yaw_rad: float = 0.0) -> Pose:
-    quaternion = np.array([0, 0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
-    return Pose(0, parent, child, np.array(xyz, float), quaternion)
+def pose(xyz: tuple[float, ...], yaw_rad: float = 0.0) -> Float:
+    """(7,) position and quaternion."""
+    return np.array([*xyz, 0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)])
 
 
-def matrix(each: Pose) -> Float:
-    return transform_from_quat(each.position_m, each.quat_xyzw)
+def add(tree: TransformTree, parent: str, child: str, *poses: Float, step_ns: int = 1, static: bool = False) -> None:
+    t_ns = np.arange(len(poses), dtype=np.int64) * step_ns
+    tree.add("/tf", parent, child, t_ns, np.array(poses), static=static)
+
+
+def matrix(each: Float) -> Float:
+    return transform_from_quat(each[:3], each[3:])
 
 
 def test_static_chains_compose_both_ways() -> None:
-    mast = pose("base_link", "mast", (0.2, 0.0, 0.5), 0.3)
-    lidar = pose("mast", "lidar", (0.0, 0.1, 0.2), -1.0)
+    mast, lidar = pose((0.2, 0.0, 0.5), 0.3), pose((0.0, 0.1, 0.2), -1.0)
     tree = TransformTree()
-    tree.add(0, mast, static=True)
-    tree.add(0, lidar, static=True)
+    add(tree, "base_link", "mast", mast, static=True)
+    add(tree, "mast", "lidar", lidar, static=True)
     expected = matrix(mast) @ matrix(lidar)
     np.testing.assert_allclose(tree.static_transform("lidar", "base_link"), expected, atol=1e-12)  # type: ignore[arg-type]
     np.testing.assert_allclose(tree.static_transform("base_link", "lidar"), invert_transform(expected), atol=1e-12)  # type: ignore[arg-type]
-    assert tree.base_frame() == "base_link"
-    assert tree.base_frame("lidar") == "lidar"
-    assert tree.base_frame("nothing") is None
+    assert tree.base == "base_link"
+    tree.configured = "lidar"
+    assert tree.base == "lidar"
 
 
 def test_frames_that_do_not_connect_have_no_transform() -> None:
     tree = TransformTree()
-    tree.add(0, pose("base_link", "imu", (0, 0, 0)), static=True)
-    tree.add(0, pose("other", "lidar", (0, 0, 0)), static=True)
-    tree.add(5, pose("base_link", "other", (0, 0, 0)), static=False)
-    tree.add(6, pose("base_link", "other", (0, 0, 0), 0.1), static=False)
+    add(tree, "base_link", "imu", pose((0, 0, 0)), static=True)
+    add(tree, "other", "lidar", pose((0, 0, 0)), static=True)
+    add(tree, "base_link", "other", pose((0, 0, 0)), pose((0, 0, 0), 0.1))
     assert tree.static_transform("lidar", "base_link") is None
     assert tree.static_transform("lidar", "unknown") is None
     assert tree.pose_series("imu", "map") is None
@@ -46,19 +49,17 @@ def test_frames_that_do_not_connect_have_no_transform() -> None:
 def test_moving_chain_at_the_times_of_its_busiest_part() -> None:
     """map->odom at 1 Hz, odom->base at 10 Hz, base->body static: compared with matrices, interpolated by hand."""
     tree = TransformTree()
-    for i in range(4):
-        tree.add(i * 10**9, pose("map", "odom", (float(i), 0.0, 0.0), 0.1 * i), static=False)
-    for i in range(25):
-        tree.add(i * 10**8, pose("odom", "base", (0.0, 0.1 * i, 0.0), 0.02 * i), static=False)
-    mount = pose("base", "body", (0.0, 0.0, 0.3), 0.5)
-    tree.add(0, mount, static=True)
+    add(tree, "map", "odom", *(pose((float(i), 0.0, 0.0), 0.1 * i) for i in range(4)), step_ns=10**9)
+    add(tree, "odom", "base", *(pose((0.0, 0.1 * i, 0.0), 0.02 * i) for i in range(25)), step_ns=10**8)
+    mount = pose((0.0, 0.0, 0.3), 0.5)
+    add(tree, "base", "body", mount, static=True)
     series = tree.pose_series("body", "map")
     assert series is not None
     assert series.t_ns.tolist() == [i * 10**8 for i in range(25)]
     assert (series.frame_id, series.child_frame_id) == ("map", "body")
     for i in range(25):
-        to_map = matrix(pose("map", "odom", (0.1 * i, 0.0, 0.0), 0.01 * i))
-        expected = to_map @ matrix(pose("odom", "base", (0.0, 0.1 * i, 0.0), 0.02 * i)) @ matrix(mount)
+        to_map = matrix(pose((0.1 * i, 0.0, 0.0), 0.01 * i))
+        expected = to_map @ matrix(pose((0.0, 0.1 * i, 0.0), 0.02 * i)) @ matrix(mount)
         np.testing.assert_allclose(series.position_m[i], expected[:3, 3], atol=1e-9)
         turn = Rotation.from_quat(series.quat_xyzw[i]).as_matrix()
         np.testing.assert_allclose(turn, expected[:3, :3], atol=1e-9)
@@ -89,9 +90,9 @@ def test_which_frames_are_the_robot_and_the_map(name: str) -> None:
     tree = TransformTree()
     for edge in edges:
         parent, child = edge.replace("=", ">").split(">")
-        for t_ns in range(1, 1 + (3 if ">" in edge else 1)):
-            tree.add(t_ns, pose(parent, child, (0.1 * t_ns, 0.0, 0.0)), static="=" in edge)
-    assert tree.base_frame() == base
+        poses = [pose((0.1 * i, 0.0, 0.0)) for i in range(3 if ">" in edge else 1)]
+        add(tree, parent, child, *poses, static="=" in edge)
+    assert tree.base == base
     if base is not None:
         assert tree.fixed_frame(base) == fixed
         series = None if fixed is None else tree.pose_series(base, fixed)
@@ -114,6 +115,6 @@ def test_one_sender_is_never_taken_for_two() -> None:
     for name, (at_s, place_m) in senders.items():
         tree = TransformTree()
         poses = np.column_stack([place_m, np.tile([0.0, 0.0, 0.0, 1.0], (len(at_s), 1))])
-        tree.add_moving("/tf", "odom", "base_link", np.arange(len(at_s)), (at_s * 1e9).astype(np.int64), poses)
+        tree.add("/tf", "odom", "base_link", (at_s * 1e9).astype(np.int64), poses)
         (edge,) = tree.chain("base_link")
         assert edge.keep_one_sender(None) is None, name

@@ -87,10 +87,15 @@ def test_transforms_under_both_names_of_ros_1_are_one_topic(tmp_path):
     path, names = tmp_path / "a.bag", ["tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"]
     for name in names:
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", name))
+    types = store.types
+    header = types["std_msgs/msg/Header"](0, types["builtin_interfaces/msg/Time"](1, 0), "odom")
+    turn, shift = types["geometry_msgs/msg/Quaternion"](0, 0, 0, 1), types["geometry_msgs/msg/Vector3"](1, 0, 0)
+    pose = types["geometry_msgs/msg/Transform"](shift, turn)
+    transform = types["geometry_msgs/msg/TransformStamped"](header, "base", pose)
     with BagWriter(path) as bag:
         for number, name in enumerate(names):
             connection = bag.add_connection("/tf", name, typestore=store)
-            bag.write(connection, 10**9 + number, store.serialize_ros1(store.types[name]([]), name))
+            bag.write(connection, 10**9 + number, store.serialize_ros1(types[name]([transform]), name))
     with open_recording(path) as recording:
         assert recording.types_of("/tf") == ["tf2_msgs/msg/TFMessage"]
         assert len(list(recording.messages("/tf"))) == 2

@@ -24,7 +24,7 @@ from mcap.reader import make_reader
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoding import decoder_for
+from tests.lab import decoded as lab
 
 T_NS = 1_700_000_000_000_000_005
 POINTS = np.array([(1, 2, 3, 7), (4, 5, 6, 8)], [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2")])
@@ -66,7 +66,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Channe
 
 
 def decoded(channel: Channel, payload: bytes) -> Any:
-    (message,) = decoder_for(channel)(payload)  # type: ignore[misc]
+    (message,) = lab.decoded(channel, payload)
     return message
 
 
@@ -88,7 +88,7 @@ def test_broken_protobuf_is_one_decode_error(recorded: dict[str, tuple[Channel, 
     with pytest.raises(DecodeError, match="/points"):
         decoded(channel, payload[: len(payload) // 2])
     with pytest.raises(DecodeError, match="descriptors"):
-        decoder_for(Channel("/points", "foxglove.PointCloud", "protobuf", "protobuf", b"\xff\xff"))
+        decoded(Channel("/points", "foxglove.PointCloud", "protobuf", "protobuf", b"\xff\xff"), b"")
 
 
 CLOUDS, POSES = (

@@ -10,15 +10,15 @@ import pytest
 from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoding import decoder_for
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005
 
 
 def decode(ros: Any, message: Any) -> PointCloud:
-    (decoded,) = decoder_for(ros.channel("/scan", message.__msgtype__))(ros.serialise(message))  # type: ignore[misc]
-    assert isinstance(decoded, PointCloud)
-    return decoded
+    (cloud,) = decoded(ros.channel("/scan", message.__msgtype__), ros.serialise(message))
+    assert isinstance(cloud, PointCloud)
+    return cloud
 
 
 def scan(ros: Any, ranges_m: list[float], *, step_rad: float = np.pi / 2, step_s: float = 0.01) -> Any:

@@ -17,9 +17,11 @@ from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading, usual_step_ns
+from quadlog.messages import PointCloud
 from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, livox_decoder
 from quadlog.recordings.decoders.ros_messages import BUNDLED
-from quadlog.recordings.decoding import decoder_for
+from quadlog.recordings.decoding import kinds_of
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -334,10 +336,10 @@ def test_livox_messages_of_any_package(ros: Any, package: str, as_bundled: bool,
     """Where the recording's definition is the same; Livox's own packages need none."""
     message = custom_message(ros, 4, package=package, as_bundled=as_bundled)
     channel = ros.channel("/livox/lidar", message.__msgtype__)
-    decode = decoder_for(channel if schema else replace(channel, schema=b"", schema_encoding=""))
-    assert (decode is not None) == is_read
-    if decode is not None:
-        (cloud,) = decode(ros.serialise(message))
+    channel = channel if schema else replace(channel, schema=b"", schema_encoding="")
+    assert kinds_of(channel) == (PointCloud,) * is_read
+    if is_read:
+        (cloud,) = decoded(channel, ros.serialise(message))
         assert len(cloud.xyz_m) == 4
 
 

@@ -11,11 +11,11 @@ from rosbags.typesys import get_types_from_msg
 from quadlog.config.schema import Topics
 from quadlog.errors import DecodeError
 from quadlog.messages import Pose
-from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoding import decoder_for, is_decodable, ways_in_columns
+from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.roles import detect_roles
 from quadlog.recordings.streams import gather
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005
 XYZ, TURN = (1.0, -2.0, 0.5), (0.0, 0.6, 0.0, 0.8)
@@ -59,27 +59,20 @@ def messages_of(ros: Any, occluded: bool = False) -> dict[str, Any]:
 def test_the_pose_of_an_unknown_type(lab: Any) -> None:
     for name, message in messages_of(lab).items():
         channel, payload = lab.channel("/topic", name), lab.serialise(message)
-        (pose,) = decoder_for(channel)(payload)  # type: ignore[misc]
+        (pose,) = decoded(channel, payload)
         assert isinstance(pose, Pose)
         assert (pose.stamp_ns, pose.frame_id, pose.position_m.tolist()) == (T_NS, "world", list(XYZ))
         np.testing.assert_allclose(pose.quat_xyzw, TURN)
-        columns = Definitions().column_decoder(channel, payload, ways_in_columns(channel))
-        assert (columns is None) == (name == SUBJECT), "what is flagged is decoded one by one"
-        if columns is not None:
-            ((_, (found,)),) = columns.decode([payload])
-            assert (int(found.stamp_ns[0]), found.frame_id) == (T_NS, "world")
-            np.testing.assert_allclose(found.values, [[*XYZ, *TURN]])
 
 
 def test_what_a_tracker_does_not_see_is_no_pose(lab: Any) -> None:
-    decode: Any = decoder_for(lab.channel("/topic", SUBJECT))
     with pytest.raises(DecodeError, match=r"not tracked \(occluded\)"):
-        decode(lab.serialise(messages_of(lab, occluded=True)[SUBJECT]))
+        decoded(lab.channel("/topic", SUBJECT), lab.serialise(messages_of(lab, occluded=True)[SUBJECT]))
 
 
 def test_types_without_one_pose_and_a_header_are_not_taken(lab: Any) -> None:
     others = ("lab/msg/Bodies", "lab/msg/Two", "lab/msg/Timeless", "visualization_msgs/msg/Marker")
-    assert not any(is_decodable(lab.channel("/topic", name)) for name in others)
+    assert not any(kinds_of(lab.channel("/topic", name)) for name in others)
 
 
 def recording(log: Any, ros: Any, topics: dict[str, str]) -> Recording:

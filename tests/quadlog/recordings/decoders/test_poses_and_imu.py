@@ -6,19 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
 from quadlog.messages import Imu, Odometry, Pose, Transforms
-from quadlog.recordings.decoding import decoder_for
+from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.poses import own_pose
+from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoding import reader_of
+from tests.lab.decoded import decoded, together
 
 T_NS = 1_700_000_000_000_000_005
 TURN = (0.0, 0.0, 0.6, 0.8)
 
 
 def decode(ros: Any, message: Any, topic: str = "/topic") -> Any:
-    (decoded,) = decoder_for(ros.channel(topic, message.__msgtype__))(ros.serialise(message))  # type: ignore[misc]
-    return decoded
+    (found,) = decoded(ros.channel(topic, message.__msgtype__), ros.serialise(message))
+    return found
 
 
 def messages_at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
@@ -38,8 +43,8 @@ def messages_at(ros: Any, xyz: tuple[float, ...]) -> list[Any]:
 
 
 def test_poses_and_the_twist_of_odometry(ros: Any) -> None:
-    decoded = [decode(ros, each) for each in messages_at(ros, (1.0, 2.0, 3.0))]
-    poses = [each.transforms[-1] if isinstance(each, Transforms) else each for each in decoded]
+    found = [decode(ros, each) for each in messages_at(ros, (1.0, 2.0, 3.0))]
+    poses = [each.transforms[-1] if isinstance(each, Transforms) else each for each in found]
     assert [type(each) for each in poses[:4]] == [Pose, Pose, Odometry, Pose]
     assert [each.child_frame_id for each in poses] == ["", "", "base", "base", "base"][: len(poses)]
     for pose in poses:
@@ -63,12 +68,11 @@ def test_tf(both_ros: Any, topic: str, static: bool) -> None:
     ros = both_ros.cdr
     ends = (("map", "odom", 5), ("odom", "base", 7))
     message = ros.tf(*(ros.transform(t_ns, parent, child, (1.0, 2.0, 3.0), TURN) for parent, child, t_ns in ends))
-    decoded = decode(ros, message, topic)
-    assert isinstance(decoded, Transforms)
-    assert decoded.static is static
-    assert decoded.stamp_ns == 5
-    assert [each.child_frame_id for each in decoded.transforms] == ["odom", "base"]
-    assert decode(ros, ros.tf(), topic).stamp_ns is None
+    found = decode(ros, message, topic)
+    assert isinstance(found, Transforms)
+    assert (found.static, found.stamp_ns) == (static, 5)
+    assert [each.child_frame_id for each in found.transforms] == ["odom", "base"]
+    assert decoded(ros.channel(topic, "tf2_msgs/msg/TFMessage"), ros.serialise(ros.tf())) == ()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.01 * FARTHEST_M])
@@ -102,3 +106,67 @@ def test_imu(ros: Any, quaternion: tuple[float, ...], first_covariance: float, o
     assert (imu.quat_xyzw is not None) is oriented
     assert imu.angular_radps.tolist() == [0.1, 0.2, 0.3]
     assert imu.linear_mps2.tolist() == [0, 0, 9.81]
+
+
+def test_points_and_flat_poses(ros: Any) -> None:
+    point = ros.type("geometry_msgs/msg/PointStamped")(
+        ros.header(T_NS, "/site"), ros.type("geometry_msgs/msg/Point")(1.0, 2.0, 3.0)
+    )
+    found = decode(ros, point)
+    assert (found.stamp_ns, found.frame_id, found.position_m.tolist()) == (T_NS, "site", [1, 2, 3])
+    assert found.quat_xyzw.tolist() == [0, 0, 0, 1]
+    flat = decode(ros, ros.type("geometry_msgs/msg/Pose2D")(1.0, 2.0, np.pi / 2))
+    assert (flat.stamp_ns, flat.position_m.tolist()) == (None, [1, 2, 0])
+    np.testing.assert_allclose(flat.quat_xyzw, [0, 0, 0.5**0.5, 0.5**0.5])
+    with pytest.raises(DecodeError, match="quaternion is not finite"):
+        decode(ros, ros.type("geometry_msgs/msg/Pose2D")(1.0, 2.0, np.inf))
+
+
+@pytest.mark.parametrize("latitude_deg", [-89.0, -33.5, 0.0, 48.25, 71.0])
+def test_satellite_fixes_are_metres_from_the_first(ros: Any, latitude_deg: float) -> None:
+    """Against the ellipsoid's radii of curvature; what comes later counts from the same place."""
+    kind = ros.type("sensor_msgs/msg/NavSatFix")
+
+    def payload(north_deg: float, east_deg: float, height_m: float, status: int = 0) -> bytes:
+        place = latitude_deg + north_deg, 179.9999 + east_deg, height_m
+        fix = ros.type("sensor_msgs/msg/NavSatStatus")(status, 1)
+        return ros.serialise(kind(ros.header(T_NS, "antenna"), fix, *place, np.zeros(9), 0))
+
+    step_deg, topic = 1e-4, "/fix"  # over the antimeridian
+    reader: Any = reader_of(ros.channel(topic, kind.__msgtype__), Definitions(), JointOrder())
+    without = DecodeError(topic, "it has no fix")
+    first = together(topic, reader, [payload(9, 9, 9, -1), payload(np.nan, 0, 9), payload(0, 0, 100.0)])
+    assert repr(first[:2]) == repr([without, without])
+    later = together(
+        topic,
+        reader,
+        [payload(*step) for step in ((step_deg, 0, 100), (0, 2 * step_deg, 100), (0, 0, 103), (0, 0, np.nan))],
+    )
+    found = np.array([each[0].position_m for each in (first[2], *later)])  # type: ignore[index, union-attr]
+    axis_m, e2, sin = 6378137.0, 0.00669437999014, np.sin(np.radians(latitude_deg))
+    normal_m = axis_m / np.sqrt(1 - e2 * sin**2)
+    north_m = (normal_m**3 * (1 - e2) / axis_m**2 + 100) * np.radians(step_deg)
+    east_m = (normal_m + 100) * np.sqrt(1 - sin**2) * np.radians(2 * step_deg)
+    np.testing.assert_allclose(found, [[0, 0, 0], [0, north_m, 0], [east_m, 0, 0], [0, 0, 3], [0, 0, -100]], atol=1e-3)
+    pose = first[2][0]  # type: ignore[index]
+    assert (pose.frame_id, pose.child_frame_id, pose.stamp_ns) == ("east_north_up", "", T_NS)  # type: ignore[union-attr]
+
+
+VICON = "string name\nfloat32 x_trans\nfloat64 y_trans\nfloat64 z_trans\nTurn turn\nbuiltin_interfaces/Time stamp\n"
+
+
+def test_poses_of_any_message(ros: Any) -> None:
+    """By the names of their fields, in mm, with or without an orientation; the stamp may lie at the top."""
+    name, turn = "vicon/msg/Position", "vicon/msg/Turn"
+    if name not in ros.store.fielddefs:
+        ros.store.register(get_types_from_msg("float64 w\nfloat64 x\nfloat64 y\nfloat64 z\n", turn))
+        ros.store.register(get_types_from_msg(VICON, name))
+    message = ros.type(name)("dog", 1000.0, 2000.0, -500.0, ros.type(turn)(0.8, 0.0, 0.0, 0.6), ros.stamp(T_NS))
+    channel, payload = ros.channel("/vicon", name), ros.serialise(message)
+    place, rest = ["x_trans", "y_trans", "z_trans"], [f"turn.{axis}" for axis in "xyzw"]
+    for fields, xyzw in ((place, [0, 0, 0, 1]), (place + rest, [0, 0, 0.6, 0.8])):
+        (pose,) = decoded(channel, payload, mapped={"/vicon": own_pose(fields, "mm")})
+        assert isinstance(pose, Pose)
+        assert (pose.stamp_ns, pose.position_m.tolist(), pose.quat_xyzw.tolist()) == (T_NS, [1, 2, -0.5], xyzw)
+    with pytest.raises(DecodeError, match="no number z_tran "):
+        decoded(channel, payload, mapped={"/vicon": own_pose([*place[:2], "z_tran"])})

@@ -8,17 +8,13 @@ import pytest
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoding import decoder_for
-
-
-def as_it_is(message: Any, _: str) -> Any:
-    return message
+from tests.lab.decoded import decoded
 
 
 def test_embedded_definition_beats_the_standard_one(both_ros: Any) -> None:
     """A Range of another shape is read by the definition it brings, not by the one quadlog knows."""
     channel = Channel("/r", "sensor_msgs/msg/Range", "cdr", "ros2msg", b"uint32 other\nfloat32 range\n")
-    message = Definitions().decoder(channel, as_it_is)(b"\0\1\0\0" + (7).to_bytes(4, "little") + b"\0\0\x80\x3f")
+    message = Definitions().deserialiser(channel)(b"\0\1\0\0" + (7).to_bytes(4, "little") + b"\0\0\x80\x3f")
     assert (message.other, message.range) == (7, 1.0)
 
 
@@ -29,20 +25,20 @@ def test_msg_path_serves_types_that_the_recording_leaves_out(tmp_path: Path) -> 
     (folder / "End.msg").write_text("uint8 id\n")
     channel = Channel("/pair", "custom_uwb/msg/Pair", "ros1", "", b"")
     with pytest.raises(DecodeError, match="--msg-path"):
-        Definitions().decoder(channel, as_it_is)
-    message = Definitions([tmp_path]).decoder(channel, as_it_is)(b"\3\4")
+        Definitions().deserialiser(channel)
+    message = Definitions([tmp_path]).deserialiser(channel)(b"\3\4")
     assert (message.first.id, message.second.id) == (3, 4)
 
 
 @pytest.mark.parametrize("payload", [b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(3), b"\0\3\0\0" + bytes(60), bytes(4000)])
 def test_payloads_that_do_not_fit_are_decode_errors(both_ros: Any, payload: bytes) -> None:
-    decode = decoder_for(both_ros.cdr.channel("/odom", "nav_msgs/msg/Odometry"))
-    assert decode is not None
-    with pytest.raises(DecodeError, match="/odom"):
-        decode(payload)
+    channel = both_ros.cdr.channel("/odom", "nav_msgs/msg/Odometry")
+    for decode in (lambda payload: decoded(channel, payload), Definitions().deserialiser(channel)):
+        with pytest.raises(DecodeError, match="/odom"):
+            decode(payload)
 
 
 def test_broken_embedded_definition_is_refused(both_ros: Any) -> None:
     channel = Channel("/odom", "nav_msgs/msg/Odometry", "cdr", "ros2msg", b"Nonsense !!")
     with pytest.raises(DecodeError, match="cannot be parsed"):
-        decoder_for(channel)
+        decoded(channel, b"")

@@ -1,20 +1,20 @@
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 import pytest
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.ranges import own_ranges
+from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.type_definitions import (
     LARGEST_DEFINITION_BYTES,
-    MOST_VALUES,
     BadDefinition,
-    largest_payload_bytes,
     needed_types,
     parse_definition,
 )
-from quadlog.recordings.decoding import decoder_for
+from tests.lab.decoded import decoded
 
 
 def fields_of(text: str, name: str = "pkg/msg/A", encoding: str = "ros2msg") -> list[str]:
@@ -58,7 +58,6 @@ def parts(*texts: str) -> str:
     [
         ("B b\n", "ros2msg", "missing"),
         ("A a\nA b\n", "ros2msg", "contains itself"),
-        ("string[1000000000] s\n", "ros2msg", "elements of fixed arrays"),
         ("bool[0] s\n", "ros2msg", "array of 0"),
         (parts(*(f"A{i} a\nA{i} b\n" for i in range(28)), "bool a\n"), "ros1msg", "values"),
         (parts(*(f"A{i}[] a\nA{i}[] b\n" for i in range(28)), "bool a\n"), "ros1msg", "values"),
@@ -80,18 +79,13 @@ def test_unusable_definitions_are_refused(text: str, encoding: str, why: str) ->
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        (parts("A0[] a\n", ""), "no bytes"),
-        (parts("A0[] a\n", "A1 a\nA1[7] b\n", "uint8 X=1\n"), "no bytes"),
-        (parts("A0[99] a\n", "A1[99] a\n", "A2[99] a\n", "bool a\n"), "values"),
-        (parts("A0[4096] a\n", "bool a\n"), "too many types, fields and elements"),
-        ("".join(f"bool x{i}\n" for i in range(900)), "too many types, fields and elements"),
         ("".join(f"bool x{i}\n" for i in range(50_000)), "longer than any message"),
         ("string x " + "a" * 100_000 + "\n", "longer than any message"),
     ],
 )
 def test_a_definition_that_costs_more_than_any_message_is_refused(text: str, why: str) -> None:
     with pytest.raises(BadDefinition, match=why):
-        largest_payload_bytes(needed_types(parse_definition(text, "pkg/msg/A", "ros1msg"), "pkg/msg/A", lambda _: {}))
+        fields_of(text, encoding="ros1msg")
 
 
 @pytest.mark.parametrize("opened", ["/*", '"\\', "@a(", '@a("', "struct a{", "@"])
@@ -100,34 +94,31 @@ def test_repeated_openings_are_parsed_in_linear_time(opened: str) -> None:
         fields_of(opened * (900_000 // len(opened)), encoding="ros2idl")
 
 
-@pytest.mark.parametrize(
-    ("text", "bytes_per_value"),
-    [
-        ("bool x\n", math.inf),
-        ("uint8[] x\n", math.inf),
-        ("string[] x\n", 4),
-        (parts("A0[] a\n", "bool x\n"), 1 / 2),
-        (parts("A0[] a\n", "A1[] a\n", "float64 x\n"), 2),  # an inner one of 4 bytes is A0 and its list
-        (parts("A0[] a\n", "A1[3] a\nfloat64[36] b\n", ""), 288 / 5),
-    ],
-)
-def test_payloads_are_bounded_by_the_values_they_may_hold(text: str, bytes_per_value: float) -> None:
-    types = needed_types(parse_definition(text, "pkg/msg/A", "ros1msg"), "pkg/msg/A", lambda _: {})
-    assert largest_payload_bytes(types) == MOST_VALUES * bytes_per_value
-
-
 def test_names_that_are_no_identifiers_are_refused() -> None:
     for name in ("pkg/msg/A'); import os #", "A", "../../etc/passwd", "pkg/msg/A\n"):
         with pytest.raises(BadDefinition):
             fields_of("int8 x\n", name)
-    with pytest.raises(BadDefinition, match="no field name"):
-        needed_types({"pkg/msg/A": ([], [("x\nimport os", (1, ("int8", 0)))])}, "pkg/msg/A", lambda _: {})
 
 
-def test_a_payload_of_more_values_than_memory_should_hold_is_not_read() -> None:
-    channel = Channel("/tf", "tf2_msgs/msg/TFMessage", "ros1", "ros1msg", parts("pkg/A0[] a\n", "bool x\n").encode())
-    decode = decoder_for(channel)
-    assert decode is not None
-    count = MOST_VALUES // 2 + 1
-    with pytest.raises(DecodeError, match="may hold more than"):
-        decode(count.to_bytes(4, "little") + bytes(count))
+MILLION = (1 + (1 << 20)).to_bytes(4, "little")
+
+
+@pytest.mark.parametrize(
+    ("text", "payload"),
+    [
+        (parts("pkg/A0[] a\n", ""), MILLION),
+        (parts("pkg/A0[] a\n", "A1 a\nA1[7] b\n", "uint8 X=1\n"), MILLION),
+        (parts("pkg/A0[] a\n", "bool x\n"), MILLION + bytes(1 << 20)),
+        (parts("string[] a\n"), MILLION + bytes(5 << 20)),
+        ("string[1000000000] s\n", bytes(100)),
+        ("uint8[1000000000] s\n", bytes(100)),
+    ],
+)
+def test_a_payload_of_more_values_than_memory_should_hold_is_not_read(text: str, payload: bytes) -> None:
+    """As an object, for plug-ins, and by columns, beside a field that is wanted."""
+    channel = Channel("/p", "pkg/msg/A", "ros1", "ros1msg", text.encode())
+    with pytest.raises(DecodeError, match=r"more fields|middle of a field"):
+        Definitions().deserialiser(channel)(payload)
+    channel = replace(channel, schema=b"float64 range\n" + channel.schema)
+    with pytest.raises(DecodeError, match=r"more fields|middle of a field|larger"):
+        decoded(channel, bytes(8) + payload, mapped={"/p": own_ranges(field="range")})

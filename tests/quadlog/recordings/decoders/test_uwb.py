@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.range_ends import ends_of_topic
+from quadlog.recordings.decoders.ranges import own_ranges
 from quadlog.recordings.decoders.ros_messages import BUNDLED
-from quadlog.recordings.decoders.uwb import ends_of_topic
-from quadlog.recordings.decoding import decoder_for
+from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005
 
@@ -42,7 +44,7 @@ class Linktrack:
         serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
         text = self.store.generate_msgdef(self.frame, ros_version=1 if ros1 else 2)[0].encode() if schema else b""
         kind = ("ros1msg" if ros1 else "ros2msg") if schema else ""
-        return decoder_for(Channel("/uwb", self.frame, self.encoding, kind, text))(serialize(message, self.frame))
+        return decoded(Channel("/uwb", self.frame, self.encoding, kind, text), bytes(serialize(message, self.frame)))
 
 
 def zeros(count):
@@ -75,7 +77,7 @@ def test_anchors_hold_the_ranges_of_every_tag():
     assert as_rows(frame.decoded(1, 0, 1, 2, 5.0, tags)) == [(3, [1, 7], [3.0, 6.0]), (5, [1, 7], [5.0, 10.0])]
     frame = Linktrack("ros1", "Nodeframe3", "Node2")
     nodes = [frame.part("Node2", 2, 7, 3.5, -80.0, -79.0), frame.part("Node2", 2, 8, 0.0, -80.0, -79.0)]
-    assert as_rows(frame.decoded(1, 2, 1, 2, 5.0, nodes)) == [(7, [2], [3.5]), (8, [], [])]
+    assert as_rows(frame.decoded(1, 2, 1, 2, 5.0, nodes)) == [(7, [2], [3.5])]
     frame = Linktrack("ros1", "Nodeframe4", "Node4Tag", "Node4Anchor")
     anchors = [frame.part("Node4Anchor", 0, 1.0), frame.part("Node4Anchor", 6, 2.0)]
     assert as_rows(frame.decoded(3, 0, 1, 2, 5.0, [frame.part("Node4Tag", 3, 4.0, anchors)])) == [(3, [0, 6], [1, 2])]
@@ -117,7 +119,7 @@ def test_single_ranges(ros, kind, embedded, range_m):
     channel = ros.channel("/uwb/n_3", kind)
     if not embedded:
         channel = Channel(channel.topic, kind, ros.encoding, "", b"")
-    (ranges,) = decoder_for(channel)(ros.serialise(message))
+    (ranges,) = decoded(channel, ros.serialise(message))
     measured = not math.isinf(range_m) or not kind.endswith("/Range")
     assert bool(ranges.unmeasured) != measured
     assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (stamp_ns, ends[0], ends[1] * measured)
@@ -135,7 +137,7 @@ def test_single_ranges(ros, kind, embedded, range_m):
 def test_limits_of_a_range_count_where_it_has_some(ros, range_m, limits_m, measured):
     kind = "sensor_msgs/msg/Range"
     message = ros.type(kind)(ros.header(T_NS), 0, 0.0, *limits_m, range_m)
-    (ranges,) = decoder_for(ros.channel("/uwb/n_3", kind))(ros.serialise(message))
+    (ranges,) = decoded(ros.channel("/uwb/n_3", kind), ros.serialise(message))
     assert (len(ranges.range_m), len(ranges.anchor), "min_range" in ranges.unmeasured) == (
         measured,
         measured,
@@ -150,10 +152,100 @@ def test_a_ranging_that_failed_measured_nothing(ros, status):
     point = ros.type("geometry_msgs/msg/Point")(1.0, 2.0, 3.0)
     numbers = (1, 200, 100, 0, 1, status, 0, 5, 3.5, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
     message = bundled(ros, kind)(ros.header(T_NS), *numbers, *[point] * 4)
-    (ranges,) = decoder_for(ros.channel("/uwb", kind))(ros.serialise(message))
+    (ranges,) = decoded(ros.channel("/uwb", kind), ros.serialise(message))
     failed = status in (1, 3) or (status % 2 == 0 and any(status & bit for bit in (2, 4, 32)))
     assert (len(ranges.range_m) == 0, "range_status" in ranges.unmeasured) == (failed, failed)
     assert (ranges.anchor_position_m is None) == failed
+
+
+@pytest.mark.parametrize(
+    ("error", "measured"), [(0.004, True), (0.0, True), (-1.0, False), (math.nan, False), (math.inf, False)]
+)
+def test_a_range_without_a_standard_deviation_was_not_measured(ros, error, measured):
+    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, 3000, 7, -80.0, error)
+    (ranges,) = decoded(ros.channel("/uwb", message.__msgtype__), ros.serialise(message))
+    assert (ranges.range_m.tolist(), "errorEstimation" in ranges.unmeasured) == ([3.0] * measured, not measured)
+
+
+OWN = {  # fields of a message -> the text of its definition, and its values
+    "one": ("std_msgs/Header header\nuint16 peer\nint32 distance_mm\n", lambda ros: (ros.header(T_NS), 7, 2500)),
+    "nodes": (
+        "string note\nuint8 id\nNode[] nodes\n",
+        lambda ros: ("", 4, [ros.type("own/msg/Node")(*each) for each in ((7, 2.5), (9, 3.5))]),
+    ),
+    "lists": (
+        "uint8 id\nuint8[] ids\nfloat32[2] range\nbuiltin_interfaces/Time stamp\n",
+        lambda ros: (4, np.array([7, 9], np.uint8), np.array([2.5, 3.5], np.float32), ros.stamp(T_NS)),
+    ),
+    "short": (
+        "uint8 id\nuint8[1] ids\nfloat32[2] range\n",
+        lambda ros: (4, np.array([7], np.uint8), np.array([2.5, 3.5], np.float32)),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "expected"),
+    [
+        ("one", {"field": "distance_mm", "unit": "mm", "tag": 3, "anchor": "peer"}, (T_NS, 3, [7], [2.5])),
+        ("one", {"field": "distance_mm", "unit": "cm", "tag": "peer", "anchor": 9}, (T_NS, 7, [9], [25.0])),
+        ("one", {"field": "distance_mm"}, (T_NS, None, [-1], [2500.0])),
+        ("nodes", {"field": "nodes[].dis", "tag": "id", "anchor": "nodes[].id"}, (None, 4, [7, 9], [2.5, 3.5])),
+        ("nodes", {"field": "nodes[].dis", "tag": 1}, (None, 1, [0, 1], [2.5, 3.5])),
+        ("lists", {"field": "range[]", "tag": "id", "anchor": "ids[]"}, (T_NS, 4, [7, 9], [2.5, 3.5])),
+        ("lists", {"field": "range", "tag": "id"}, r"has no number range \(id, ids, range, stamp\)"),
+        ("lists", {"field": "stamp", "tag": "id"}, "has no number stamp "),
+        ("nodes", {"field": "note"}, "has no number note "),
+        ("nodes", {"field": "nodes.dis"}, r"has no number nodes\.dis "),
+        ("short", {"field": "range[]", "anchor": "ids[]"}, "anchor and range differ in length"),
+    ],
+)
+def test_ranges_of_any_message_by_their_fields(ros, name, keys, expected):
+    text, values = OWN[name]
+    if f"own/msg/{name.title()}" not in ros.store.fielddefs:
+        ros.store.register(get_types_from_msg("uint8 id\nfloat32 dis\n", "own/msg/Node"))
+        ros.store.register(get_types_from_msg(text, f"own/msg/{name.title()}"))
+    message = ros.type(f"own/msg/{name.title()}")(*values(ros))
+    given = ros.channel("/own", message.__msgtype__), ros.serialise(message)
+    mapped = {"/own": own_ranges(**keys)}
+    if isinstance(expected, str):
+        with pytest.raises(DecodeError, match=expected):
+            decoded(*given, mapped=mapped)
+    else:
+        (ranges,) = decoded(*given, mapped=mapped)
+        assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist(), ranges.range_m.tolist()) == expected
+
+
+@pytest.mark.parametrize("bits", [32, 40])
+@pytest.mark.parametrize("six", [True, False])
+def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
+    """Six times on two counters that run at different rates and begin again, or their four intervals."""
+    tick_s, away_m, a_begins, b_begins = 1.565e-11, 12.345, 2**bits - 10**7, 2**bits - 3 * 10**7
+    flight_s, fast_a, fast_b = away_m / 299_792_458.0, 1 + 2e-5, 1 - 1e-5
+    at_s = np.cumsum([0, flight_s, 3e-4, flight_s, 5e-4, flight_s])  # poll, response, final: sent and received
+    counted = [
+        (begin + round(t_s * fast / tick_s)) % 2**bits
+        for t_s, begin, fast in zip(
+            at_s,
+            [a_begins, b_begins, b_begins, a_begins, a_begins, b_begins],
+            [fast_a, fast_b, fast_b, fast_a, fast_a, fast_b],
+            strict=True,
+        )
+    ]
+    names = ["poll_tx", "poll_rx", "resp_tx", "resp_rx", "final_tx", "final_rx"]
+    values, kind = counted, f"uint{32 if bits == 32 else 64}"
+    if not six:
+        names, kind = ["round_a", "reply_a", "round_b", "reply_b"], "float64"
+        values = [
+            (at_s[b] - at_s[a]) * fast / tick_s
+            for a, b, fast in ((0, 3, fast_a), (3, 4, fast_a), (2, 5, fast_b), (1, 2, fast_b))
+        ]
+    name = f"own/msg/Times{bits}{six}"
+    if name not in ros.store.fielddefs:
+        ros.store.register(get_types_from_msg("".join(f"{kind} {each}\n" for each in names), name))
+    mapped = {"/own": own_ranges(times=names, tick_s=tick_s, tag=1, anchor=2)}
+    (ranges,) = decoded(ros.channel("/own", name), ros.serialise(ros.type(name)(*values)), mapped=mapped)
+    np.testing.assert_allclose(ranges.range_m, away_m, atol=0.01)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,191 @@
+"""Fields of messages as columns, against rosbags' objects: the same values of sound payloads, none of unsound ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from quadlog.errors import DecodeError
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.fields import ColumnReader
+from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.ros_messages import BUNDLED, Definitions
+from quadlog.recordings.decoding import ByColumns, reader_of
+from quadlog.recordings.types import PLANAR_SCANS, TYPES
+from tests.lab.decoded import decoded, together
+
+KINDS = ["ros1", "little", "big"]
+STAMPED_TAGFRAME = "ros2_port/msg/LinktrackTagframe0"
+
+
+def store_of(kind: str) -> Any:
+    store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    for path in BUNDLED.glob("*/msg/*.msg"):
+        store.register(get_types_from_msg(path.read_text(), f"{path.parent.parent.name}/msg/{path.stem}"))
+    text = (BUNDLED / "nlink_parser" / "msg" / "LinktrackTagframe0.msg").read_text()
+    store.register(get_types_from_msg("std_msgs/Header header\n" + text, STAMPED_TAGFRAME))
+    if "tf2_msgs/msg/TFMessage" not in store.fielddefs:
+        tf2 = "geometry_msgs/TransformStamped[] transforms\n"
+        store.register(get_types_from_msg(tf2, "tf2_msgs/msg/TFMessage"))
+    return store
+
+
+STORES = {kind: store_of(kind) for kind in KINDS}
+WANTED = {name: each.wanted for name, each in TYPES.items()} | {name: each[0] for name, each in PLANAR_SCANS.items()}
+NAMES = {STAMPED_TAGFRAME: WANTED["LinktrackTagframe0"]}
+NAMES |= {
+    each: wanted
+    for name, wanted in WANTED.items()
+    for each in (name, f"nlink_parser/msg/{name}")
+    if each in STORES["little"].fielddefs
+}
+SEEDS = 2
+
+
+def value_of(draw: Random, store: Any, kind: Any, detail: Any) -> Any:
+    """A random value of a field, by the definition rosbags has of it."""
+    if kind.name == "NAME":
+        return message_of(draw, store, detail)
+    if kind.name in ("SEQUENCE", "ARRAY"):
+        inner, length = detail
+        several = [value_of(draw, store, *inner) for _ in range(length if kind.name == "ARRAY" else draw.randrange(4))]
+        return several if inner[0].name == "NAME" or inner[1][0] == "string" else np.array(several, inner[1][0])
+    base = detail[0]
+    if base == "string":
+        return draw.choice(["map", "/odom", "base_link", "", "äß", "FL_hip_joint"])
+    if base.startswith("float"):
+        odd = draw.choice([0.0, -1.0, 0.5, math.nan, math.inf, draw.uniform(-1e3, 1e3), draw.uniform(-1, 1)])
+        return float(np.float32(odd)) if base == "float32" else odd
+    if base == "bool":
+        return draw.random() < 0.5
+    limits = np.iinfo(base)
+    return draw.choice([0, 1, 2, int(limits.min), min(int(limits.max), 2**62), draw.randrange(100)])
+
+
+def message_of(draw: Random, store: Any, name: str) -> Any:
+    values = [value_of(draw, store, *descriptor) for _, descriptor in store.fielddefs[name][1]]
+    return store.types[name](*values)
+
+
+def serialised(store: Any, kind: str, message: Any) -> bytes:
+    name = message.__msgtype__
+    if kind == "ros1":
+        return bytes(store.serialize_ros1(message, name))
+    return bytes(store.serialize_cdr(message, name, little_endian=kind == "little"))
+
+
+def channel_of(store: Any, kind: str, name: str) -> Channel:
+    encoding, version = ("ros1", 1) if kind == "ros1" else ("cdr", 2)
+    text, _ = store.generate_msgdef(name, ros_version=version)
+    return Channel("/uwb/n_3", name, encoding, f"ros{version}msg", text.encode())
+
+
+def at(message: Any, path: str) -> list[Any]:
+    """All values at a path, by attributes."""
+    path, _, parts = path.partition(":")
+    head, _, rest = path.partition(".")
+    name, _, count = head.partition("[")
+    value = getattr(message, name)
+    if count:
+        several = list(value)[: int(count[:-1]) if count != "]" else None]
+        return [each for one in several for each in at(one, f"{rest}:{parts}")] if rest else several
+    return at(value, f"{rest}:{parts}") if rest else [getattr(value, part) for part in parts] or [value]
+
+
+def expected(message: Any, choices: str) -> list[Any] | None:
+    for path in choices.removesuffix("?").split("|"):
+        try:
+            return at(message, path.strip())
+        except AttributeError:
+            continue
+    return None
+
+
+def assert_columns_as(store: Any, channel: Channel, payloads: list[bytes], wanted: Mapping[str, str]) -> set[int]:
+    """What columns hold is what rosbags' objects hold; which payloads these are."""
+    read = set()
+    for which, columns in ColumnReader(channel, wanted, Definitions().candidates).read(payloads):
+        for i, number in enumerate(which.tolist()):
+            if isinstance(columns, DecodeError):
+                continue
+            read.add(number)
+            ros1 = channel.message_encoding == "ros1"
+            deserialise = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+            message = deserialise(payloads[number], channel.type_name)
+            for column, path in wanted.items():
+                values = expected(message, path)
+                assert (values is None) == (column not in columns), column
+                if values is not None:
+                    found = columns[column] if isinstance(columns[column], tuple) else columns[column][i].reshape(-1)
+                    np.testing.assert_array_equal(found, values, column)
+    return read
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_random_messages_are_read_as_by_rosbags(name: str, kind: str) -> None:
+    """Sound, padded, with bytes flipped and cut, all at once; and what they become is what each becomes alone."""
+    store = STORES[kind]
+    channel = channel_of(store, kind, name)
+    for seed in range(SEEDS):
+        draw = Random(seed)
+        sound, other = (serialised(store, kind, message_of(draw, store, name)) for _ in range(2))
+        flipped = bytearray(other)
+        for _ in range(draw.randrange(3)):
+            flipped[draw.randrange(min(len(other), 64))] = draw.choice([0, 1, 5, 0x7F, 0x80, 0xFF, draw.randrange(256)])
+        cut = bytes(flipped[: draw.randrange(len(flipped))])
+        payloads = [sound, other, other + bytes(draw.randrange(6)), bytes(flipped), cut, sound]
+        assert {0, 1, 5} <= assert_columns_as(store, channel, payloads, NAMES[name])
+        reader = reader_of(channel, Definitions(), JointOrder())
+        if isinstance(reader, ByColumns):
+            several = together(channel.topic, reader, payloads)
+            for payload, found in zip(payloads, several, strict=True):
+                (alone,) = together(channel.topic, reader, [payload])
+                assert isinstance(found, DecodeError) == isinstance(alone, DecodeError)
+                assert repr(found) == repr(alone) or isinstance(found, DecodeError)
+
+
+VERSIONS = [
+    b"std_msgs/Header header\nuint8[3] more\nfloat32 x\nfloat32 y\nfloat64 z\n",
+    b"string note\nstd_msgs/Header header\nfloat64 z\nfloat64 y\nfloat64 x\n",
+    b"float64 x\nfloat64 y\nfloat64 z\n",
+    b"std_msgs/Header header\nint64 x\nint16 y\nuint8 z\nstring[] notes\n",
+    b"string x\nfloat64 y\nfloat64 z\n",
+    b"float64 x\nfloat64[3] yy\nfloat64 z\n",
+]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("text", VERSIONS)
+def test_other_definitions_of_a_standard_type_are_kept_to(text: bytes, kind: str) -> None:
+    """A Point of other fields or another order inside a PoseStamped: read by its own definition, or refused."""
+    name, standard, own = "geometry_msgs/msg/PoseStamped", STORES[kind].fielddefs, get_typestore(Stores.EMPTY)
+    known = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", "geometry_msgs/msg/Quaternion")
+    own.register({each: standard[each] for each in known})
+    own.register(get_types_from_msg(text.decode(), "geometry_msgs/msg/Point"))
+    own.register(get_types_from_msg("Point position\nQuaternion orientation\n", "geometry_msgs/msg/Pose"))
+    own.register(get_types_from_msg("std_msgs/Header header\ngeometry_msgs/Pose pose\n", name))
+    channel = channel_of(own, kind, name)
+    payload = serialised(own, kind, message_of(Random(0), own, name))
+    if b"string x" in text or b" y\n" not in text:
+        with pytest.raises(DecodeError, match=r"has no number pose\.position:xyz"):
+            decoded(channel, payload)
+    else:
+        assert assert_columns_as(own, channel, [payload], TYPES[name].wanted) == {0}
+
+
+def test_ids_are_those_of_the_arrays_around_a_range() -> None:
+    """A list of tags with anchors each: every range has the tag above it and the anchor beside it."""
+    kind, name = "little", "nlink_parser/msg/LinktrackNodeframe4"
+    store = STORES[kind]
+    anchor, tag = (store.types[f"nlink_parser/msg/LinktrackNode4{each}"] for each in ("Anchor", "Tag"))
+    tags = [tag(i, 4.0, [anchor(10 * i + j, float(i + j)) for j in range(i)]) for i in (3, 0, 2)]
+    found = decoded(channel_of(store, kind, name), serialised(store, kind, store.types[name](3, 0, 1, 2, 5.0, tags)))
+    rows = [(each.tag, each.anchor.tolist(), each.range_m.tolist()) for each in found]  # type: ignore[union-attr]
+    assert rows == [(3, [30, 31, 32], [3.0, 4.0, 5.0]), (2, [20, 21], [2.0, 3.0])]
