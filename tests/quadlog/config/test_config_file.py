@@ -34,7 +34,7 @@ def test_nested_tables_are_reached_and_topic_names_need_no_quotes():
     settings = ["lidar.mount.z_m=0.4", "topics.lidar=/points", 'topics.uwb=["/a", "/b"]']
     config = load_config(None, settings)
     assert config.lidar.mount.z_m == 0.4
-    assert (config.topics.lidar, config.topics.uwb) == ("/points", ["/a", "/b"])
+    assert (config.topics.lidar, config.topics.uwb) == (["/points"], ["/a", "/b"])
 
 
 @pytest.mark.parametrize(
