@@ -101,7 +101,7 @@ CASES = {
     "clearance": ([lambda run: remove(run, "contacts"), measured(clearance_min_m=0.02)], "Simulated walk", "warn",
                   "nearest obstacle 0.02 m away"),
     "falls behind": ([lambda run: change(run, "clearances", target_distance_m=np.linspace(2, 4, 200))],
-                     "Simulated walk", "bad", "2.1 m from its target at first, 3.9 m in the end; that one 2 m."),
+                     "Simulated walk", "bad", "2.1 m from its target at first, 3.9 m in the end, where the recorded robot is 2 m from it."),
     "keeps its distance": ([], "Simulated walk", "bad", "first at 1.8 s."),
     "outside of the maps": ([outside], "Simulated walk", "warn", "outside of the recorded maps for 50 % of the time"),
     "fall": ([fallen], "Simulated walk", "bad", "along line and fell at 3.0 s."),
