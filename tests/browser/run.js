@@ -92,6 +92,10 @@ answer(async () => {
   await wait(50);
   say.whole = height() / whole;
 
+  const still = pixels("robot");
+  redraws.forEach((redraw) => redraw()); // as for print, or in the dark
+  say.redrawn = pixels("robot") - still;
+
   // Everything that stands beside a legend, at instants between samples.
   say.read = [];
   const until = Number(one(".timeline input").max);

@@ -59,6 +59,7 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert say["whole"] == pytest.approx(1)
     assert say["wheel"] == pytest.approx(np.e, rel=0.01)
     assert say["pressed"] == ["false", "true"]
+    assert say["redrawn"] == 0
     panels = [each for of in drawings_of(Run(tiny_run)).values() if not isinstance(of, Scene) for each in of]
     known = {(each.what, one.label): (each, one) for each in panels for one in each.series}
     wrong = [row for row in say["read"] if not is_of_its_instant(row[0], row[3], *known[row[1], row[2]])]
@@ -93,6 +94,13 @@ def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kin
     assert (say["curves"] == 0) == (len(say["only"]) > 5) == (kind == "one scan")
 
 
+def test_runs_are_named_once_above_their_curves(tiny_run: Path, probe: Probe) -> None:
+    say = probe(PAGES["side by side"](tiny_run), "names")
+    assert len(say["runs"]) == len(set(say["runs"])) == 2
+    assert not any(": " in name for name in say["names"])
+    assert say["shown"] == sorted(set(say["shown"]))  # of the first panel
+
+
 def test_a_list_of_runs_is_sorted_and_unfolded(tmp_path: Path, probe: Probe) -> None:
     folder = tmp_path / "season"
     folder.mkdir()
@@ -116,11 +124,11 @@ def test_a_list_of_runs_is_sorted_and_unfolded(tmp_path: Path, probe: Probe) -> 
 @pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
 @pytest.mark.parametrize("kind", ["whole", "ingest", "folder", "side by side", "sweep", "planners", "papers"])
 def test_axe_finds_nothing_serious(tiny_run: Path, probe: Probe, kind: str, size: tuple[int, int]) -> None:
-    """Needs axe.min.js of axe-core, by QUADLOG_AXE or in axe-playwright-python, which is not imported."""
-    package = find_spec("axe_playwright_python")
+    """Needs axe.min.js of axe-core, by QUADLOG_AXE or in axe-core-python, which is not imported."""
+    package = find_spec("axe_core_python")
     found = Path(package.origin).with_name("axe.min.js") if package and package.origin else None
     if not (library := os.environ.get("QUADLOG_AXE") or found):
-        pytest.skip("no axe.min.js: install axe-playwright-python, or name it by QUADLOG_AXE")
+        pytest.skip("no axe.min.js: install axe-core-python, or name it by QUADLOG_AXE")
     library = Path(library).read_text()
     assert probe(PAGES[kind](tiny_run), "axe", size, library=library)["bad"] == []
 

@@ -113,7 +113,12 @@ def runs_table(rows: Sequence[Listed]) -> Table:
         cells += [_value_cell(row, metric, bounds.get(metric), tops[metric]) for metric in metrics]
         found.append((STATES.index(state), STATES.index(worst.state), cells))
     found.sort(key=lambda of: of[:2])
-    columns = [Column("run"), *[Column("ended")] * ends, Column("track", wide=True, sorts=False), Column("worst sentence")]
+    columns = [
+        Column("run"),
+        *[Column("ended")] * ends,
+        Column("track", wide=True, sorts=False),
+        Column("worst sentence"),
+    ]
     note = "Bars reach from 0 to the largest of the list; the dark line is the 95 % interval."
     command = "quadlog report --side-by-side" if len(rows) > 1 else ""
     rows_found = [cells for *_, cells in found]

@@ -69,7 +69,9 @@ def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Mom
 
 
 def short_names(names: Sequence[str]) -> Sequence[str]:
-    """Names of runs in legends: of a sweep the values alone."""
+    """Names of runs in legends: of a sweep the values alone, and without a last part that all have."""
+    if len(names) > 1 and all("/" in name for name in names) and len({name.rpartition("/")[2] for name in names}) == 1:
+        names = [name.rpartition("/")[0] for name in names]
     short = [re.sub(r"[^,/=]+=", "", name) for name in names]
     return short if len(set(short)) == len(short) else names
 
@@ -105,7 +107,9 @@ def compared_metrics(runs: Mapping[str, Mapping[str, SavedMetric]], paired: Pair
     return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
 
 
-def _less(values: Mapping[str, float], first: str, name: str, paired: PairedDifference | None) -> PairedDifference | None:
+def _less(
+    values: Mapping[str, float], first: str, name: str, paired: PairedDifference | None
+) -> PairedDifference | None:
     """The paired difference, or without one that of the values, which has no interval."""
     if paired is not None or not {first, name} <= values.keys():
         return paired

@@ -234,7 +234,8 @@ def _positions(run: Run) -> Iterator[Sentence]:
         text += "; there is no reference to compare with"
     doubts, warning = _implausible(run), _first(_of_positions(run))
     state: State = "bad" if wrong or doubts else "warn" if warning else "good"
-    yield Sentence("Positions", f"{'; '.join(filter(None, [text, *doubts, warning]))}.", state)
+    first = f"{warning[0].upper()}{warning[1:]}. " if warning else ""
+    yield Sentence("Positions", f"{first}{'; '.join([text, *doubts])}.", state)
 
 
 _POSITIONS = ("heading std", "of fixes", "epochs", "surfaces that face one way", "no pose is given", "jump")

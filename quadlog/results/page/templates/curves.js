@@ -4,7 +4,7 @@
 const HEIGHTS = { panel: 150, lane: 40, beside: 76, row: 17, axis: 24 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
-const PRINTED = 340;
+const PRINTED = 440;
 const TIME = "time (s)";
 const inPrint = matchMedia("print");
 
