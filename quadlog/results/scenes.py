@@ -204,7 +204,7 @@ def _errors(run: Run) -> Iterator[view.Layer]:
         yield view.Lines("distance to the path", "bad", first, x, y, seconds, shown=0, measured=True)
     if contacts is not None:
         hits = contacts["collision"].to_numpy()
-        for label, color, rows in (("contact", "bad", hits), ("cell inside the body", "note", ~hits)):
+        for label, color, rows in (("contact", "bad", hits), ("cell inside the body", "olive", ~hits)):
             if rows.any():
                 yield view.Marks(label, color, *columns_of(contacts[rows], "x_m y_m"), "cross")
 

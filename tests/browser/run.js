@@ -92,9 +92,8 @@ answer(async () => {
   await wait(50);
   say.whole = height() / whole;
 
-  const still = pixels("robot");
   redraws.forEach((redraw) => redraw()); // as for print, or in the dark
-  say.redrawn = pixels("robot") - still;
+  say.redrawn = pixels("robot");
 
   // Everything that stands beside a legend, at instants between samples.
   say.read = [];

@@ -59,7 +59,7 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert say["whole"] == pytest.approx(1)
     assert say["wheel"] == pytest.approx(np.e, rel=0.01)
     assert say["pressed"] == ["false", "true"]
-    assert say["redrawn"] == 0
+    assert say["redrawn"] > 0
     panels = [each for of in drawings_of(Run(tiny_run)).values() if not isinstance(of, Scene) for each in of]
     known = {(each.what, one.label): (each, one) for each in panels for one in each.series}
     wrong = [row for row in say["read"] if not is_of_its_instant(row[0], row[3], *known[row[1], row[2]])]

@@ -65,8 +65,8 @@ class Column(NamedTuple):
 class Cell(NamedTuple):
     """A cell. value: what its column is sorted by, if not the text. below: a smaller second line.
 
-    best: of its row. bar: where a bar begins and ends, and its interval, in percent of the column. track: left, top, width and height of
-    a picture, and its polylines (colour, points), a point given twice being a mark.
+    bar: where a bar begins and ends, and its interval, in percent of the column. track: left, top, width and height of
+    a picture, and its polylines (colour, points), a point given twice being a mark. best: the best value of its row.
     """
 
     text: str

@@ -77,9 +77,9 @@ def short_names(names: Sequence[str]) -> Sequence[str]:
 
 
 def compared_metrics(runs: Mapping[str, Mapping[str, SavedMetric]], paired: Paired) -> Table:
-    """A row for each metric that a run has, with differences to the first run: of one a column, of several below values.
+    """A row for each metric that a run has, with differences to the first run, coloured where they are beyond chance.
 
-    Differences are coloured only where they are beyond chance.
+    Of two runs they are a column, of more they stand below the values.
     """
     first, *others = runs
     rows, same = list[list[Cell]](), list[list[Cell]]()

@@ -54,13 +54,9 @@ const openCurves = (places, { columns }) => {
       near.observe(plot);
     }
   }
-  // On paper charts are made as wide as they stand there, so that their numbers are as large as other text.
-  const resize = (widthOf) => Object.values(stretches).forEach(({ charts }) => charts.forEach((chart) => chart.setSize({ width: widthOf(chart), height: chart.height })));
-  addEventListener("beforeprint", () => {
-    document.querySelectorAll(".plot").forEach((plot) => plot.open());
-    resize(() => PRINTED);
-  });
-  addEventListener("afterprint", () => resize(({ root }) => root.parentNode.clientWidth));
+  addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
+  // On paper charts are not so wide, so that their numbers are as large as other text.
+  for (const kind of ["beforeprint", "afterprint"]) addEventListener(kind, () => resizeAll(kind === "beforeprint"));
 };
 
 // A curve of several runs is called "run: curve": the runs stand once above all charts, in their colours.
@@ -69,6 +65,9 @@ const nameRuns = (column) => {
   const series = charts.flatMap(({ dataset }) => pageData.charts[dataset.chart].panels.flatMap(({ series }) => series));
   const runs = new Map(series.flatMap(({ label, color }) => (label.includes(": ") ? [[runOf(label), color]] : [])));
   if (runs.size) column.prepend(element("p", { class: "runs" }, ...[...runs].map(([run, color]) => element("span", {}, swatchOf("━", color), run))));
+};
+const resizeAll = (print) => {
+  for (const chart of Object.values(stretches).flatMap(({ charts }) => charts)) chart.setSize({ width: print ? PRINTED : chart.root.parentNode.clientWidth, height: chart.height });
 };
 const runOf = (label) => label.slice(0, Math.max(label.lastIndexOf(": "), 0));
 
