@@ -93,7 +93,7 @@ answer(async () => {
   say.whole = height() / whole;
 
   redraws.forEach((redraw) => redraw()); // as for print, or in the dark
-  say.redrawn = pixels("robot");
+  say.redrawn = redraws.length;
 
   // Everything that stands beside a legend, at instants between samples.
   say.read = [];

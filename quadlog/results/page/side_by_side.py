@@ -95,7 +95,7 @@ def compared_metrics(runs: Mapping[str, Mapping[str, SavedMetric]], paired: Pair
                 lines = [value.below, f"{less.text} ({less.below})" if less.below else less.text]
                 value = value._replace(below="\n".join(filter(None, lines)), state=less.state or value.state)
             cells.append(value)
-        cells += apart if len(others) == 1 else []
+        cells += apart[: len(others) == 1]
         alike = len(found) == len(runs) and len({of.value for of in found.values()}) == 1
         if found:
             (same if alike else rows).append(cells)

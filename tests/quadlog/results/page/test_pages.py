@@ -126,13 +126,17 @@ def test_a_page_shows_what_a_reader_looks_for(tiny_run: Path) -> None:
 
 def test_runs_are_compared_in_every_value_that_both_have() -> None:
     """The best value is bold; of two runs a column has the difference, of several a second line of the cell."""
-    values = {"cost_of_transport": (0.5, 0.4, 0.7), "ratio_to_astar": (3.0, 5.0, 4.0), "torque_max_nm": (9, 9, 9.5)}
+    values = {"cost_of_transport": (0.5, 0.4, 0.7), "ratio_to_astar": (3.0, 5.0, 4.0)}
+    values["torque_max_nm"] = (9.0, 9.0, 9.5)
     runs = [{name: SavedMetric(of[at], 9, CATALOGUE[name].unit) for name, of in values.items()} for at in range(3)]
     two, three = (compared_metrics(dict(zip("abc", some, strict=False)), {}) for some in (runs[:2], runs))
     found = {row[0].below: row[1:] for row in two.rows}
     assert [found[name][-1].text for name in values] == ["\u22120.1", "+2 ×", "the same"]
-    assert {name: [cell.best for cell in of[:2]] for name, of in found.items()} == {
-        "cost_of_transport": [False, True], "ratio_to_astar": [False, True], "torque_max_nm": [False, False]}  # fmt: skip
+    assert [[cell.best for cell in found[name][:2]] for name in values] == [
+        [False, True],
+        [False, True],
+        [False, False],
+    ]
     assert [column.name for column in three.columns] == ["metric", "a", "b", "c"]
     assert [cell.below for cell in three.rows[0][1:]] == ["", "+2 ×", "+1 ×"]
     assert short_names(["runs/walk", "wide/walk"]) == ["runs", "wide"]
