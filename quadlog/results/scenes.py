@@ -206,7 +206,8 @@ def _errors(run: Run) -> Iterator[view.Layer]:
         hits = contacts["collision"].to_numpy()
         for label, color, rows in (("contact", "bad", hits), ("cell inside the body", "olive", ~hits)):
             if rows.any():
-                yield view.Marks(label, color, *columns_of(contacts[rows], "x_m y_m"), shape="cross")
+                x_m, y_m = columns_of(contacts[rows], "x_m y_m")
+                yield view.Marks(label, color, x_m, y_m, "cross")
 
 
 def _moments(run: Run) -> list[view.Moment]:
