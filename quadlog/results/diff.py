@@ -16,7 +16,7 @@ from quadlog.results import STAGE_FILES
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import read_table
-from quadlog.results.text import print_table, terminal_width
+from quadlog.results.text import ASCII, print_table, table_rows, terminal_width
 from quadlog.results.view import Moment
 
 if TYPE_CHECKING:
@@ -101,9 +101,13 @@ def diff_text(differences: DataFrame, start_ns: int) -> str:
         rows = made[["column", "a", "b"]].to_numpy().tolist()
         blocks.append(print_table(("made with", "A", "B"), rows, width=terminal_width()))
     if len(found):
-        rows = found[["stage", "result", "column", "rows", "at_s", "a", "b", "largest"]].to_numpy().tolist()
-        header = ("stage", "result", "column", "rows", "first s", "A", "B", "largest")
-        blocks.append(print_table(header, rows, width=terminal_width()))
+        names = [", ".join(filter(None, name)) for name in zip(found["result"], found["column"], strict=True)]
+        rows = found.assign(name=names)[["name", "rows", "a", "b", "at_s", "largest"]].to_numpy().tolist()
+        head, *laid = table_rows(("result", "rows", "A", "B", "first s", "largest"), rows, terminal_width())
+        stages = ["", *found["stage"], ""]
+        for stage, before, lines in zip(stages[1:], stages, laid, strict=False):
+            head += [f"{stage}:"] * (stage not in (before, "")) + lines
+        blocks.append("".join(f"{line}\n" for line in head).translate(ASCII))
     return "\n".join(blocks)
 
 

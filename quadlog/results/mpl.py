@@ -181,10 +181,10 @@ def _write_legend(picture: Picture, words: Words, text: float) -> float:
     for glyph, color, word in words:
         sign, name = (picture.text(0, 1, of, va="center") for of in (glyph, word))
         sign.set_color(view.COLORS[color])
-        long_in = 0.2 * text + name.get_window_extent().width / picture.dpi
+        long_in = 0.13 * text + name.get_window_extent().width / picture.dpi
         if x_in > EDGE_IN and x_in + long_in > picture.get_figwidth() - EDGE_IN:
             x_in, y_in = EDGE_IN, y_in + ROW_IN * text
-        for artist, at_in in ((sign, x_in), (name, x_in + 0.2 * text)):
+        for artist, at_in in ((sign, x_in), (name, x_in + 0.13 * text)):
             artist.set_transform(offset_copy(picture.transFigure, picture, at_in, -y_in))
         x_in += long_in + 0.12 * text
     return y_in + 0.1 * text if words else 0.0

@@ -46,17 +46,20 @@ def walk_scene(run: Run) -> view.Scene | None:
 
 
 def _tracks(run: Run) -> Iterator[view.Track]:
-    target = run.table("target")
-    if target is not None and set(target["source"].unique()) == {"ahead"}:
-        target = None  # the robot's own future lies on its own track
     poses = None if run.simulated else run.table("poses")
-    shown: Any = [(target, "target", "target", "person"), (poses, "robot", "robot", "body"),
+    shown: Any = [(_target(run), "target", "target", "person"), (poses, "robot", "robot", "body"),
                   (run.table("control"), "simulated robot", "resim", "body")]  # fmt: skip
     for table, label, color, shape in shown:
         if (rows := _located(table)) is not None:
             names = "seconds x_m y_m" + " yaw_rad" * ("yaw_rad" in rows)
             seconds, x_m, y_m, *yaw = view.break_gaps(*columns_of(rows, names))
             yield view.Track(label, color, seconds, x_m, y_m, yaw[0] if yaw else None, shape)
+
+
+def _target(run: Run) -> DataFrame | None:
+    """None also where it is the robot's own future, which lies on the robot's track."""
+    target = run.table("target")
+    return None if target is None or set(target["source"].unique()) == {"ahead"} else target
 
 
 def columns_of(table: DataFrame, names: str) -> Iterator[Any]:
@@ -200,8 +203,11 @@ def _errors(run: Run) -> Iterator[view.Layer]:
         first = np.arange(0, len(x) + 1, 2)
         yield view.Lines("distance to the path", "bad", first, x, y, seconds, shown=0, measured=True)
     if contacts is not None:
-        x_m, y_m = columns_of(contacts, "x_m y_m")
-        yield view.Marks("contact", "bad", x_m, y_m, "cross")
+        hits = contacts["collision"].to_numpy()
+        for label, color, rows in (("contact", "bad", hits), ("cell inside the body", "olive", ~hits)):
+            if rows.any():
+                x_m, y_m = columns_of(contacts[rows], "x_m y_m")
+                yield view.Marks(label, color, x_m, y_m, "cross")
 
 
 def _moments(run: Run) -> list[view.Moment]:
@@ -346,7 +352,7 @@ _ROLES = {"lidar": "scans", "UWB": "ranges", "positions": "poses", "target": "ta
 def _activity(run: Run) -> Iterator[tuple[str, Sequence[tuple[float, float]]]]:
     """When there was data of each role."""
     for label, name in _ROLES.items():
-        table = run.table(name)
+        table = _target(run) if name == "target" else run.table(name)
         if table is not None and not run.simulated:
             seconds = np.sort(table["seconds"].to_numpy())
             cut = np.flatnonzero(np.diff(seconds) > view.GAP_S)

@@ -331,10 +331,12 @@ def _over_each_other(
             shown.append(replace(of[runs[0]], color="soft", variant=len(shown)))
         else:
             differing.append(label)
-    for number, name in enumerate(runs):
-        for place, label in enumerate(label for label in differing if name in of_label[label]):
+    for place, label in enumerate(differing):
+        for name in (name for name in runs if name in of_label[label]):
             text = name if brief and len(differing) == 1 else f"{name}: {label}"
-            shown.append(replace(of_label[label][name], label=text, color=look(number)["color"], variant=place))
+            shown.append(
+                replace(of_label[label][name], label=text, color=look(runs.index(name))["color"], variant=place)
+            )
     return shown
 
 

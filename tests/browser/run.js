@@ -92,6 +92,9 @@ answer(async () => {
   await wait(50);
   say.whole = height() / whole;
 
+  redraws.forEach((redraw) => redraw()); // as for print, or in the dark
+  say.redrawn = redraws.length;
+
   // Everything that stands beside a legend, at instants between samples.
   say.read = [];
   const until = Number(one(".timeline input").max);

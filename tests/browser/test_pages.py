@@ -59,6 +59,7 @@ def test_map_and_curves_are_one_instrument(tiny_run: Path, probe: Probe) -> None
     assert say["whole"] == pytest.approx(1)
     assert say["wheel"] == pytest.approx(np.e, rel=0.01)
     assert say["pressed"] == ["false", "true"]
+    assert say["redrawn"] > 0
     panels = [each for of in drawings_of(Run(tiny_run)).values() if not isinstance(of, Scene) for each in of]
     known = {(each.what, one.label): (each, one) for each in panels for one in each.series}
     wrong = [row for row in say["read"] if not is_of_its_instant(row[0], row[3], *known[row[1], row[2]])]
@@ -91,6 +92,13 @@ def test_a_page_on_a_phone_shows_what_there_is(tiny_run: Path, probe: Probe, kin
     assert max(say["sideways"], say["wide"]) <= 0
     assert (say["stays"], say["known"]) == ("sticky", KNOWN[kind])
     assert (say["curves"] == 0) == (len(say["only"]) > 5) == (kind == "one scan")
+
+
+def test_runs_are_named_once_above_their_curves(tiny_run: Path, probe: Probe) -> None:
+    say = probe(PAGES["side by side"](tiny_run), "names")
+    assert len(say["runs"]) == len(set(say["runs"])) == 2
+    assert not any(": " in name for name in say["names"])
+    assert say["shown"] == sorted(set(say["shown"]))  # of the first panel
 
 
 def test_a_list_of_runs_is_sorted_and_unfolded(tmp_path: Path, probe: Probe) -> None:

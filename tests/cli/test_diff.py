@@ -47,7 +47,12 @@ def test_one_column_of_one_row(follow, copy, quadlog):
     first = quadlog("diff", follow, copy).out.splitlines()[2]
     assert first.startswith("results: differ, first in stage position: poses, x_m at ")
     assert first.endswith(" (by 0.25)")
-    assert max(map(len, quadlog("diff", follow, copy).out.splitlines()[3:])) <= 80
+    change(copy, "poses", y_m=lambda y_m: y_m + 0.25, yaw_rad=lambda yaw_rad: yaw_rad + 0.25)
+    change(copy, "fixes", x_m=lambda x_m: x_m + 1)
+    _, _, head, *rows = quadlog("diff", follow, copy).out.splitlines()[2:]
+    assert max(map(len, rows)) <= 80
+    assert [row.split("  ")[0] for row in (head, *rows)][-5:] == [
+        "position:", "fixes, x_m", *(f"poses, {name}" for name in ("y_m", "yaw_rad", "x_m"))]  # fmt: skip
 
 
 def test_a_result_that_only_one_run_has_comes_first_and_a_damaged_one_is_an_error(follow, copy, quadlog, refused):

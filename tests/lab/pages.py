@@ -18,7 +18,7 @@ from quadlog.results.run import Run
 from quadlog.results.studies.papers import PaperRow, PaperTable, RowGroup, Verdict, papers_page
 from quadlog.results.studies.sweep import SweepRow, write_sweep_table
 from quadlog.results.tables import TABLES, write_table
-from tests.lab.runs import KINDS
+from tests.lab.runs import KINDS, change
 
 
 def _folder(run: Path) -> Path:
@@ -31,6 +31,7 @@ def _folder(run: Path) -> Path:
 
 def _side_by_side(run: Path) -> Path:
     other = shutil.copytree(run, run.with_name("other"), dirs_exist_ok=True)
+    change(other, "control", x_m=lambda x_m: x_m + 0.1, error_m=lambda error_m: error_m + 0.1)
     return write_side_by_side([run, other], run.with_name("two.html"), force=True)
 
 

@@ -53,19 +53,20 @@ class Notes(NamedTuple):
 
 
 class Column(NamedTuple):
-    """A column of a table. number: aligned to the right. wide: left out on a phone."""
+    """A column of a table. number: aligned to the right. wide: left out on a phone. sorts: a sortable table by it."""
 
     name: str
     number: bool = False
     wide: bool = False
     help: str = ""
+    sorts: bool = True
 
 
 class Cell(NamedTuple):
     """A cell. value: what its column is sorted by, if not the text. below: a smaller second line.
 
     bar: where a bar begins and ends, and its interval, in percent of the column. track: left, top, width and height of
-    a picture, and its polylines (colour, points), a point given twice being a mark.
+    a picture, and its polylines (colour, points), a point given twice being a mark. best: the best value of its row.
     """
 
     text: str
@@ -77,6 +78,7 @@ class Cell(NamedTuple):
     seconds: float | None = None
     bar: tuple[float, float, float, float] | None = None
     track: tuple[str, Sequence[tuple[str, str]]] | None = None
+    best: bool = False
 
 
 class Cards(NamedTuple):
@@ -137,11 +139,12 @@ class Details(NamedTuple):
 
 
 class Section(NamedTuple):
-    """Blocks under a heading; without a title they come first and are not in the contents."""
+    """Blocks under a heading; without a title they come first and are not in the contents. hint: not printed."""
 
     title: str
     blocks: Sequence[Any]
     text: str = ""
+    hint: str = ""
 
     @property
     def name(self) -> str:

@@ -59,10 +59,10 @@ def run_page(run: Run, drawings: Mapping[str, Drawing]) -> blocks.Page:
         timed = [name for name in views if name in pack.charts and pack.charts[name]["panels"][0]["x"] == TIME]
         curves = [views.pop(name) for name in timed]
         first.append(blocks.Drawn("trajectory", moments=scene.moments, start=start, charts=curves))
-    help_text = f"Drag in a chart, or turn the wheel with Ctrl, to zoom; double-click to see all. {pack.thinned}"
+    hint = "Drag in a chart, or turn the wheel with Ctrl, to zoom; double-click to see all."
     sections = [
         blocks.Section("", [*first, *_lost(run)]),
-        blocks.Section("Sensors", [*_tables(run, "links"), *views.values()], help_text.strip()),
+        blocks.Section("Sensors", [*_tables(run, "links"), *views.values()], pack.thinned, hint),
         blocks.Section("Metrics", [metric_table(run)] if run.metrics else []),
         blocks.Section("Contacts and gait", [*_tables(run, "contacts", "gait"), *_torques(run), *torques]),
         blocks.Section("Topics", list(_topics(run))),
@@ -114,6 +114,8 @@ def metric_table(run: Run) -> Table:
         rows.append([first, Cell(name, code=True), cell._replace(below=""), Cell(cell.below), samples])
     columns = [Column("metric"), Column("name", wide=True), Column("value", True),
                Column("95 % interval", True, help=COVERAGE), Column("samples", True, True)]  # fmt: skip
+    shown = [at for at, _ in enumerate(columns) if any(row[at].text for row in rows)]  # a short log has no interval
+    columns, rows = [columns[at] for at in shown], [[row[at] for at in shown] for row in rows]
     note = (f"{interval_note(run.record.recorded_s)}. "
             "quadlog metrics RUN --explain NAME prints formula, source and worst instants.")  # fmt: skip
     return Table(columns, rows, "all-metrics", note, sortable=True)

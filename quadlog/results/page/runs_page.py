@@ -113,7 +113,12 @@ def runs_table(rows: Sequence[Listed]) -> Table:
         cells += [_value_cell(row, metric, bounds.get(metric), tops[metric]) for metric in metrics]
         found.append((STATES.index(state), STATES.index(worst.state), cells))
     found.sort(key=lambda of: of[:2])
-    columns = [Column("run"), *[Column("ended")] * ends, Column("track", wide=True), Column("worst sentence")]
+    columns = [
+        Column("run"),
+        *[Column("ended")] * ends,
+        Column("track", wide=True, sorts=False),
+        Column("worst sentence"),
+    ]
     note = "Bars reach from 0 to the largest of the list; the dark line is the 95 % interval."
     command = "quadlog report --side-by-side" if len(rows) > 1 else ""
     rows_found = [cells for *_, cells in found]
@@ -136,6 +141,8 @@ def _track(run: Run | None) -> tuple[str, Sequence[tuple[str, str]]]:
     """The tracks of the robot, recorded and simulated, and contacts, in metres, as `Cell.track` has them."""
     names = {} if run is None else {"poses": "robot", "control": "resim", "contacts": "bad"}
     tables = {color: run.table(name) for name, color in names.items() if run is not None}
+    if (contacts := tables.get("bad")) is not None:
+        tables["bad"] = contacts[contacts["collision"]]
     places = {color: of[["x_m", "y_m"]].dropna().to_numpy() * (1, -1) for color, of in tables.items() if of is not None}
     lines = []
     for color, xy_m in places.items():

@@ -69,30 +69,51 @@ def tracks_and_curves(runs: Mapping[str, Run], pack: Pack, moments: Sequence[Mom
 
 
 def short_names(names: Sequence[str]) -> Sequence[str]:
-    """Names of runs in legends: of a sweep the values alone."""
+    """Names of runs in legends: of a sweep the values alone, and without a last part that all have."""
+    if len(names) > 1 and all("/" in name for name in names) and len({name.rpartition("/")[2] for name in names}) == 1:
+        names = [name.rpartition("/")[0] for name in names]
     short = [re.sub(r"[^,/=]+=", "", name) for name in names]
     return short if len(set(short)) == len(short) else names
 
 
 def compared_metrics(runs: Mapping[str, Mapping[str, SavedMetric]], paired: Paired) -> Table:
-    """A row for each metric that a run has; after each run but the first its difference to that, with a bar about 0.
+    """A row for each metric that a run has, with differences to the first run, coloured where they are beyond chance.
 
-    Differences are coloured only where they are beyond chance.
+    Of two runs they are a column, of more they stand below the values.
     """
     first, *others = runs
     rows, same = list[list[Cell]](), list[list[Cell]]()
     for metric in (metric for labels in THEMES.values() for metric in labels):
         found = {name: of[metric] for name, of in runs.items() if metric in of}
-        cells = [Cell(label_of(metric), below=metric), *(metric_cell(metric, found.get(name)) for name in runs)]
-        cells += [_difference(metric, paired.get(name, {}).get(metric)) for name in others]
+        values, cells = {name: of.value for name, of in found.items()}, [Cell(label_of(metric), below=metric)]
+        ends = {"lower": min, "higher": max} if len({*values.values()}) > 1 else {}
+        best = ends[better](values.values()) if (better := CATALOGUE[metric].better) in ends else None
+        apart = [_difference(metric, _less(values, first, name, paired.get(name, {}).get(metric))) for name in others]
+        for name, less in zip(runs, [Cell(""), *apart], strict=True):
+            value = metric_cell(metric, found.get(name))._replace(best=best is not None and values.get(name) == best)
+            if len(others) > 1 and less.value:
+                lines = [value.below, f"{less.text} ({less.below})" if less.below else less.text]
+                value = value._replace(below="\n".join(filter(None, lines)), state=less.state or value.state)
+            cells.append(value)
+        cells += apart[: len(others) == 1]
         alike = len(found) == len(runs) and len({of.value for of in found.values()}) == 1
         if found:
             (same if alike else rows).append(cells)
-    note = f"Below a value: its 95 % interval. Differences to {first} are of what both have, "
+    where = "Below a value: its 95 % interval" + (f", its difference to {first}" if len(others) > 1 else "")
+    note = f"{where}. Bold: the best value, be it by chance. Differences to {first} are of what both have, "
     note += "coloured where they are beyond chance (all differences together, Bonferroni)."
     columns = [Column("metric"), *(Column(name, True) for name in runs)]
-    columns += [Column(f"{name} less {first}" if len(others) > 1 else "difference", True) for name in others]
+    columns += [Column("difference", True)] if len(others) == 1 else []
     return Table(columns, [*rows, *same], "metrics-of-runs", note, folded=len(rows) if same and rows else None)
+
+
+def _less(
+    values: Mapping[str, float], first: str, name: str, paired: PairedDifference | None
+) -> PairedDifference | None:
+    """The paired difference, or without one that of the values, which has no interval."""
+    if paired is not None or not {first, name} <= values.keys():
+        return paired
+    return PairedDifference(difference := values[name] - values[first], None, False, difference == 0)
 
 
 def _difference(name: str, paired: PairedDifference | None) -> Cell:

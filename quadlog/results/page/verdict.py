@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
@@ -41,8 +41,8 @@ def status(run: Run) -> tuple[str, State]:
     """The run in a word: the worst of its sentences, and how many need a look."""
     found = verdict(run)
     bad = sum(sentence.state == "bad" for sentence in found)
-    warn = sum(sentence.state == "warn" and sentence.subject != "Recording" for sentence in found)
-    warn += len(matters(run))  # of which that sentence has the first
+    warn = sum(sentence.state == "warn" and sentence.subject not in ("Recording", "Positions") for sentence in found)
+    warn += len(matters(run))  # of which those sentences have the first
     warnings = f", {warn} warning{'s' * (warn > 1)}" if warn else ""
     if bad:
         return f"{bad} thing{'s' * (bad > 1)} to look at{warnings}", "bad"
@@ -201,7 +201,7 @@ def _meaning(run: Run, control: DataFrame, clearances: DataFrame | None) -> str:
     ours, theirs = (sig(walked_m(of) / max(_lasted_s(of), 1e-9), 2) for of in (control, poses))
     apart = f"{sig(first_m, 2)} m from its target at first, {sig(last_m, 2)} m in the end"
     behind = f" It falls behind the recorded robot ({ours} and {theirs} m/s)"
-    return f"{behind}: {apart}; that one {sig(theirs_last_m, 2)} m."
+    return f"{behind}: {apart}, where the recorded robot is {sig(theirs_last_m, 2)} m from it."
 
 
 def _positions(run: Run) -> Iterator[Sentence]:
@@ -232,8 +232,27 @@ def _positions(run: Run) -> Iterator[Sentence]:
         text += f" ({few}: too little to judge the bound)"
     if error_m is aligned_m is coverage is run.metric("uwb_rmse_m") is None:
         text += "; there is no reference to compare with"
-    doubts = _implausible(run)
-    yield Sentence("Positions", f"{'; '.join([text, *doubts])}.", "bad" if wrong or doubts else "good")
+    doubts, warning = _implausible(run), _first(_of_positions(run))
+    state: State = "bad" if wrong or doubts else "warn" if warning else "good"
+    first = f"{warning[0].upper()}{warning[1:]}. " if warning else ""
+    yield Sentence("Positions", f"{first}{'; '.join([text, *doubts])}.", state)
+
+
+_POSITIONS = ("heading std", "of fixes", "epochs", "surfaces that face one way", "no pose is given", "jump")
+"""What a warning of positions says."""
+
+
+def _of_positions(run: Run) -> list[str]:
+    """The warnings that matter for positions, where there is a sentence of positions."""
+    poses = run.table("poses")
+    said = not run.simulated and poses is not None and set(poses["source"].unique()) != {"fixed"}
+    return [of for of in matters(run) if said and any(words in of for words in _POSITIONS)]
+
+
+def _first(warnings: Sequence[str]) -> str:
+    """The first warning, and of how many."""
+    of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
+    return f"{warnings[0].rstrip('.')}{of}" if warnings else ""
 
 
 def _alarms(run: Run, name: str) -> bool:
@@ -265,9 +284,9 @@ def _bounds(run: Run) -> Iterator[Sentence]:
 
 
 def _losses(run: Run) -> Iterator[Sentence]:
-    causes, warnings = list(dict.fromkeys(loss.cause for loss in run.record.losses)), matters(run)
+    causes, placed = list(dict.fromkeys(loss.cause for loss in run.record.losses)), _of_positions(run)
+    warnings = [of for of in matters(run) if of not in placed]
     lost = f"Part was lost ({', '.join(causes[:3])})." if causes else "" if run.simulated else "Nothing was lost."
-    of = f" (1 of {count(len(warnings))})" if len(warnings) > 1 else ""
-    warning = f"Warning: {warnings[0].rstrip('.')}{of}." if warnings else ""
+    warning = f"Warning: {_first(warnings)}." if warnings else ""
     if words := f"{lost} {warning}".strip():
         yield Sentence("Recording", words, "bad" if causes else "warn" if warnings else "good")

@@ -115,7 +115,9 @@ class SweepSummary(NamedTuple):
         """How far intervals and marks can be trusted, in sentences."""
         if self.seeds == 1:
             paired = "Intervals in the page are those of differences to the first value, sample by sample of one log"
-            return [f"One seed: nothing is marked as best. {paired}; --seeds N gives those of other draws."]
+            return [
+                f"One seed: nothing is marked as best beyond chance. {paired}; --seeds N gives those of other draws."
+            ]
         if not self.seeded:
             why = "no stage that ran draws random numbers that reach a metric"
             return [f"The {self.seeds} seeds change nothing here: {why}. Nothing has an interval or a mark."]

@@ -119,6 +119,15 @@ def test_moments_draw_what_they_are_about(tiny_run: Path) -> None:
     assert (moments["max_error_m"].seconds, moments["max_error_m"].shows) == (1.0, ())
 
 
+def test_marks_are_as_many_as_the_numbers_beside_them_and_no_lane_is_the_robots_own_future(tiny_run: Path) -> None:
+    scene, contacts = walk_scene(Run(tiny_run)), read_table(tiny_run, "contacts")
+    marks = {of.label: len(of.x) for of in scene.layers if isinstance(of, Marks)}
+    assert (marks["contact"], marks["cell inside the body"]) == (contacts["collision"].sum(), 1)
+    assert "target" in scene.activity
+    change(tiny_run, "target", source="ahead")
+    assert "target" not in walk_scene(Run(tiny_run)).activity
+
+
 def test_a_moment_draws_what_it_claims(tiny_run: Path) -> None:
     """The line is as long as the value says, whatever is thinned; a body inside an obstacle is not away from it."""
     control, poses, fixes = (read_table(tiny_run, name) for name in ("control", "poses", "fixes"))

@@ -11,7 +11,7 @@ const openScene = (place, scene, block) => {
   const canvas = element("canvas", { role: "img", "aria-label": place.dataset.name });
   const stage = element("div", { class: "stage" }, canvas);
   const view = openView(scene, canvas, block);
-  for (const layer of view.layers) layer.first = layer.hidden ??= false;
+  for (const layer of view.layers) layer.off = layer.hidden ??= false;
   const claim = element("output", { class: "tip claim", hidden: true });
   let opened = null;
   let [fitted, own] = [true, false]; // whether the view is the first one, and whether the reader chose it
@@ -82,12 +82,12 @@ const openScene = (place, scene, block) => {
   clock.listeners.push(draw);
   // What the address of the page says beside the instant.
   const state = () => {
-    const toggled = view.layers.filter(({ hidden, first }) => hidden !== first).map(({ label }) => label);
+    const toggled = view.layers.filter(({ hidden, off }) => hidden !== off).map(({ label }) => label);
     return { ...(own ? { view: view.place().map((value) => value.toFixed(2)).join() } : {}), ...(toggled.length ? { layers: toggled.join("~") } : {}) };
   };
   const restore = (instant, { view: wanted, layers }, closely = true) => {
     const moment = scene.moments.find(({ seconds }) => Math.abs(seconds - instant) < 0.01);
-    if (layers) for (const layer of view.layers) layer.hidden = layer.first !== layers.split("~").includes(layer.label);
+    if (layers) for (const layer of view.layers) layer.hidden = layer.off !== layers.split("~").includes(layer.label);
     legend.mark();
     if (moment && !wanted) openMoment(moment, closely);
     else clock.set(instant);
@@ -115,11 +115,16 @@ const groupsOf = (moments) => {
 
 const GLYPHS = { raster: "■", windows: "■", dot: "●", triangle: "▲", cross: "✕", ring: "○" };
 
+const swatchOf = (glyph, color) => {
+  const swatch = element("i", { "aria-hidden": "true" }, glyph);
+  swatch.style.color = `var(--${color})`;
+  return swatch;
+};
+
 const legendOf = (layers, draw) => {
   const entries = layers.map((layer) => {
     const { kind, shape, variant, color, label } = layer;
-    const swatch = element("i", { "aria-hidden": "true" }, GLYPHS[kind] ?? GLYPHS[shape] ?? (variant ? "╍" : "━"));
-    swatch.style.color = `var(--${color})`;
+    const swatch = swatchOf(GLYPHS[kind] ?? GLYPHS[shape] ?? (variant ? "╍" : "━"), color);
     return element("button", { type: "button", onclick: () => ((layer.hidden = !layer.hidden), legend.mark(), draw()) }, swatch, label);
   });
   const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);

@@ -4,6 +4,7 @@
 const HEIGHTS = { panel: 150, lane: 40, beside: 76, row: 17, axis: 24 };
 const stretches = {};
 const stretchOf = (group, x) => (stretches[`${group} ${x}`] ??= { whole: [Infinity, -Infinity], shown: null, charts: [] });
+const PRINTED = 440;
 const TIME = "time (s)";
 const inPrint = matchMedia("print");
 
@@ -22,6 +23,7 @@ const openCurves = (places, { columns }) => {
   }
   for (const stretch of Object.values(stretches)) stretch.shown = [...stretch.whole];
   for (const column of document.querySelectorAll(".beside .curves")) if (isBeside(column)) openAxis(column);
+  for (const column of new Set(places.map((place) => place.closest(".curves") ?? place))) nameRuns(column);
   // A chart is made when it comes near the screen, so that a page of thirty opens at once.
   const near = new IntersectionObserver((seen) => {
     for (const { isIntersecting, target } of seen) if (isIntersecting) target.open();
@@ -53,7 +55,21 @@ const openCurves = (places, { columns }) => {
     }
   }
   addEventListener("beforeprint", () => document.querySelectorAll(".plot").forEach((plot) => plot.open()));
+  // On paper charts are not so wide, so that their numbers are as large as other text.
+  for (const kind of ["beforeprint", "afterprint"]) addEventListener(kind, () => resizeAll(kind === "beforeprint"));
 };
+
+// A curve of several runs is called "run: curve": the runs stand once above all charts, in their colours.
+const nameRuns = (column) => {
+  const charts = column.dataset.chart ? [column] : [...column.querySelectorAll("[data-chart]")];
+  const series = charts.flatMap(({ dataset }) => pageData.charts[dataset.chart].panels.flatMap(({ series }) => series));
+  const runs = new Map(series.flatMap(({ label, color }) => (label.includes(": ") ? [[runOf(label), color]] : [])));
+  if (runs.size) column.prepend(element("p", { class: "runs" }, ...[...runs].map(([run, color]) => element("span", {}, swatchOf("━", color), run))));
+};
+const resizeAll = (print) => {
+  for (const chart of Object.values(stretches).flatMap(({ charts }) => charts)) chart.setSize({ width: print ? PRINTED : chart.root.parentNode.clientWidth, height: chart.height });
+};
+const runOf = (label) => label.slice(0, Math.max(label.lastIndexOf(": "), 0));
 
 // The time axis of a column of curves, which stays in sight.
 const openAxis = (column) => {
@@ -184,8 +200,16 @@ const decades = {
   filter: (_, ticks) => ticks,
 };
 
-// The names of a legend are buttons that show and hide their curves.
-const nameSeries = (head) => head.querySelectorAll(".u-label").forEach((name) => name.replaceChildren(element("button", { type: "button", "aria-pressed": "true" }, name.textContent)));
+// The names of a legend are buttons that show and hide their curves; the same curve of several runs is named once.
+const nameSeries = (head) => {
+  const known = new Set();
+  for (const name of head.querySelectorAll(".u-label")) {
+    const [run, curve] = [runOf(name.textContent), name.textContent.split(": ").at(-1)];
+    const words = element("span", run && known.has(curve) ? { class: "unseen" } : {}, curve);
+    name.replaceChildren(element("button", { type: "button", "aria-pressed": "true", title: name.textContent }, words));
+    known.add(curve);
+  }
+};
 
 // Each series is read off at its own nearest sample: others may have samples in between. Where it has none near there is
 // no value: in and beside gaps, at single points farther than a gap, and of events at the instant of another sample.

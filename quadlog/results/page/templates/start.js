@@ -1,6 +1,8 @@
 "use strict";
 // Opens the scenes and curves of the page. Keys work anywhere; #t=18.08 opens an instant, and the address follows it.
 (async () => {
+  // Words are painted before drawings are made; a page that is not in sight has no frames.
+  await new Promise((done) => (requestAnimationFrame(() => setTimeout(done)), setTimeout(done, 100)));
   const block = await unpack();
   const places = [...document.querySelectorAll("[data-scene]")];
   const open = (place) => openScene(place, pageData.scenes[place.dataset.scene], block);

@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.results import view
 from quadlog.results.page.blocks import Drawn, Page, Section, render
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.run_page import write_run_page
+from quadlog.results.page.side_by_side import compared_metrics, short_names
+from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.view import Panel, Series
 from tests.lab.pages import PAGES
@@ -119,6 +122,25 @@ def test_a_page_shows_what_a_reader_looks_for(tiny_run: Path) -> None:
         assert words in page.text, words
     moments = {link["href"] for link in page.all("a") if link["href"].startswith("#t=")}
     assert {"#t=0.800", "#t=1.800"} <= moments
+
+
+def test_runs_are_compared_in_every_value_that_both_have() -> None:
+    """The best value is bold; of two runs a column has the difference, of several a second line of the cell."""
+    values = {"cost_of_transport": (0.5, 0.4, 0.7), "ratio_to_astar": (3.0, 5.0, 4.0)}
+    values["torque_max_nm"] = (9.0, 9.0, 9.5)
+    runs = [{name: SavedMetric(of[at], 9, CATALOGUE[name].unit) for name, of in values.items()} for at in range(3)]
+    two, three = (compared_metrics(dict(zip("abc", some, strict=False)), {}) for some in (runs[:2], runs))
+    found = {row[0].below: row[1:] for row in two.rows}
+    assert [found[name][-1].text for name in values] == ["\u22120.1", "+2 ×", "the same"]
+    assert [[cell.best for cell in found[name][:2]] for name in values] == [
+        [False, True],
+        [False, True],
+        [False, False],
+    ]
+    assert [column.name for column in three.columns] == ["metric", "a", "b", "c"]
+    assert [cell.below for cell in three.rows[0][1:]] == ["", "+2 ×", "+1 ×"]
+    assert short_names(["runs/walk", "wide/walk"]) == ["runs", "wide"]
+    assert short_names(names := ["a/walk", "a/run"]) == names
 
 
 def test_a_minute_of_all_curves_weighs_little() -> None:
