@@ -145,7 +145,6 @@ class Stride(Record):
         aside_m: float = 0.0,
     ) -> None:
         super().__init__(_LAYOUT)
-        self._gait = gait
         self.stands[:] = self.planned[:] = self.was_planned[:] = True
         self.contacts_m[:] = self.landings_m[:] = self.lift_offs_m[:] = feet_m
         self.standing_feet_m[:], self.offsets[:] = robot.standing_feet_m, gait.offsets
@@ -153,13 +152,6 @@ class Stride(Record):
         record["period_s"], record["duty"], record["clearance_m"] = gait.period_s, gait.duty, clearance_m
         record["curved"], self.asides_m[:] = swing_name == "foot_curve", aside_m * ASIDE_SIGNS
         fit_plane(self.contacts_m, self.plane)
-
-    def contacts_ahead(self, t_s: float, step_s: float, contacts: Bool) -> None:
-        """Writes which feet stand during each of the next steps (N, 4): now as they do, later as planned."""
-        gait = self._gait
-        # A step counts as what holds in its middle.
-        contact_schedule(t_s + 0.5 * step_s, step_s, gait.period_s, gait.duty, self.offsets, contacts)
-        contacts[0] = self.stands
 
 
 @inlined
