@@ -37,7 +37,9 @@ class Fuzzy(Section):
     l_max_m: float = Field(
         5.0, ge=0.01, le=100, description="the look-ahead is no longer; ours, beyond what rules give"
     )
-    tables: Literal["printed", "corrected"] = Field("printed", description="the rules as in Tables 1 and 2, or mended")
+    tables: Literal["printed", "corrected"] = Field(
+        "corrected", description="the rules as in Tables 1 and 2, or with their errata mended"
+    )
     centroid: Literal["points", "continuous"] = Field(
         "points", description="over the seven points as printed, or over the whole area"
     )

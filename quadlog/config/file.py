@@ -37,7 +37,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "lidar": {"method": "paper", "deskew": False, "level": False},
         "grid": {"memory": "scan", "dilation": "square", "min_points": 1},
         "planner": {"name": "ia_star"},
-        "pursuit": {"clear_chord": False},
+        "pursuit": {"clear_chord": False, "fuzzy": {"tables": "printed"}},
     }
 }
 """What the papers did, where quadlog's own default may differ."""

@@ -239,13 +239,29 @@ def _contacts(run: Run) -> Iterator[view.Layer]:
         yield view.Marks("contact", "bad", x_m, y_m, "cross")
 
 
+CAUSES = {
+    "appeared": "appeared inside the body",
+    "fell": "the robot fell",
+    "no_plan": "there was no plan",
+    "old_plan": "no newer plan was found",
+    "beyond_plan": "beyond the plan's end",
+    "planned": "the plan leads there",
+    "cut_corner": "the robot cut a corner of its plan",
+    "unseen": "the map did not show it at that instant",
+    "turning": "the body turned beside its plan",
+}
+"""Of contacts, by their code; runs of earlier versions have the words."""
+
+
 def _moments(run: Run) -> list[view.Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag, bound and gap after the first of them."""
     contacts, table = [], run.table("contacts")
     if table is not None:
         words, shows = (("no collision", ""), ("collision", "collisions")), (OBSTACLES,)
         for at, cause, hit, x_m, y_m in zip(*columns_of(table, "seconds cause collision x_m y_m"), strict=True):
-            contacts.append(view.Moment(float(at), cause, *words[bool(hit)], shows, (), (x_m, y_m, x_m, y_m)))
+            contacts.append(
+                view.Moment(float(at), CAUSES.get(cause, cause), *words[bool(hit)], shows, (), (x_m, y_m, x_m, y_m))
+            )
         contacts.sort(key=lambda moment: moment.value != "collision")
     known = {moment.seconds: moment for moment in contacts}
     before = len(known)

@@ -17,6 +17,7 @@ from quadlog.results.page.blocks import Cell, Column, Table
 from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import matters, status, verdict
 from quadlog.results.run import Run
+from quadlog.results.scenes import CAUSES
 from quadlog.results.text import (
     Bound,
     bounds_of,
@@ -181,7 +182,7 @@ def _tables(run: Run, *names: str) -> Iterator[Table]:
     for name in names:
         frame = run.table(name)
         if frame is not None:
-            yield frame_table(frame, _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
+            yield frame_table(frame.replace({"cause": CAUSES}), _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
 
 
 def _torques(run: Run) -> Iterator[Table]:

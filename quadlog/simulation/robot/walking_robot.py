@@ -45,11 +45,12 @@ class WalkingRobot:
     def start_at(self, pose: Float) -> None:
         """Stand at a pose (3,), upright and without a step begun; the clock, the effort and the counts go on."""
         self.fallen, self._began = False, self.ticks
-        self._quadruped = Quadruped(self.model, *pose.tolist(), self.disturbances.velocity_bias_mps)
+        x_m, y_m, yaw_rad = pose.tolist()
+        self._quadruped = Quadruped(self.model, x_m, y_m, yaw_rad, self.disturbances.velocity_bias_mps)
         self._state = self._quadruped.read()
         if self._walked:
             self._counted.update(self.walker.counts)
-        self.walker = Walker(self.model.robot, self._settings, self._state)
+        self.walker: Walker = Walker(self.model.robot, self._settings, self._state)
         self.disturbances.poses.clear()
         # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet.
         self.torques_nm: Float = self.walker.wbc.torques_nm
