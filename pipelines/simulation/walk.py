@@ -48,8 +48,6 @@ def walker_settings(config: Config) -> WalkerSettings:
     return WalkerSettings(
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
-        swing=simulation.swing,
-        aside_m=simulation.swing_aside_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
         turning_share=config.mpc.turning_share,

@@ -239,15 +239,6 @@ class Simulation(Section):
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
     )
     clearance_m: float = Field(0.09, gt=0, le=1, description="how high a foot is lifted; ours")
-    swing: Literal["quintic", "foot_curve"] = Field(
-        "quintic", description="a foot's way through the air; foot_curve: the cycloid of [Foot, eqs 9-10] with a bulge"
-    )
-    swing_aside_m: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="peak of foot_curve's bulge, to the left with left fore and right hind foot, else to the right",
-    )
     terrain: Literal["course", "flat", "3cm", "6cm"] = Field(
         "course",
         description="of quadlog simulate: flat; 3cm, 6cm: 95 % band of noise with a correlation length of 0.25 m "

@@ -46,6 +46,8 @@ PRESETS: dict[str, dict[str, Any]] = {
 RETIRED = {
     "results.frames": "the pictures of the simulated robot are gone; the player shows the walk",
     "grid.decay_s": "a memory that decays is gone; log_odds clears what is seen through, after grid.clear_s",
+    "simulation.swing": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
+    "simulation.swing_aside_m": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
     "wbc": "whole-body control has fixed gains, and the friction and forces of [mpc]",
 }
 """Keys and sections of earlier versions, which are ignored with a note, and why they went."""

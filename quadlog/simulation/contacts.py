@@ -26,8 +26,8 @@ PLANNED, CUT, UNSEEN, TURNING = "planned", "cut_corner", "unseen", "turning"
 class Contact(NamedTuple):
     """The body touched an obstacle from t_ns on, for duration_s.
 
-    x_m, y_m: the cell's centre, the nearest one when the contact began, in map. clearance_m: the least, <= 0. cause: one
-    of the above. collision: whether it counts; cells that first appear inside the body do not.
+    x_m, y_m: the cell's centre, the nearest one when the contact began, in map. clearance_m: the least, <= 0. cause:
+    one of the above. collision: whether it counts; cells that first appear inside the body do not.
     """
 
     t_ns: int

@@ -21,7 +21,7 @@ ACCELERATION_MPS2, YAW_ACCELERATION_RADPS2 = 1.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class WalkerSettings:
-    """gait: of GAITS. swing and aside_m: as Stride has them. whole_body: False pushes by the MPC's forces alone.
+    """gait: of GAITS. clearance_m: how high feet are lifted. whole_body: False pushes by the MPC's forces alone.
 
     mass_error: share by which the MPC is wrong.
     turning_share: of the standing robot's inertia, what the MPC takes to turn with the trunk: shanks and feet stay
@@ -32,8 +32,6 @@ class WalkerSettings:
 
     gait: str = "trot"
     clearance_m: float = 0.09
-    swing: str = "quintic"
-    aside_m: float = 0.0
     whole_body: bool = True
     mpc_every_s: float = 0.03
     mass_error: float = 0.0
@@ -46,8 +44,7 @@ class Walker:
 
     def __init__(self, robot: Robot, settings: WalkerSettings, state: WholeBodyState) -> None:
         self.settings, mpc = settings, settings.mpc
-        curve = settings.swing, settings.aside_m
-        self.stride = Stride(robot, GAITS[settings.gait], settings.clearance_m, state.feet_m, *curve)
+        self.stride = Stride(robot, GAITS[settings.gait], settings.clearance_m, state.feet_m)
         # The plane lies under the feet's centres.
         height_m = robot.standing_height_m - robot.foot_radius_m
         self.reference = BodyReference(state.position_m, float(state.rpy[2]), height_m)
