@@ -2,7 +2,7 @@
 
 The tasks by Table 3 are: feet in stance do not move, the body turns, the body moves, feet in swing follow their curves.
 A free body and four feet have 18 independent rows for 18 coordinates, so that the recursion over null spaces (eqs
-33-40; errata: 36 as printed disturbs the first task, 37 has q_i for x_i, 40 has J for J^+) has a closed form: the body
+33-40; errata: 36 as printed disturbs the first task, 37 has q_i for x_i, 40 has J for J') has a closed form: the body
 moves as its tasks want, and each leg's own three joints give its foot what the body's motion leaves to do.
 
 Tasks and the MPC's forces seldom agree on what the base does. A QP over the stance forces shares the difference out

@@ -167,7 +167,7 @@ def recursion(tasks):
     """[Tracking, eqs 33-40], corrected: q_i = q_{i-1} + (J_i N_{i-1})^+ (x_i - J_i q_{i-1}), (3, 18).
 
     Eq. 34: N_i = I - J_A^+ J_A of the tasks so far. Errata: eq. 36 adds N q_delta to q_{i-1}; eq. 37 has x_i; eq. 40
-    has J_1^+.
+    has the Jacobian's rate, which stands in what feet in stance want.
     """
     out, above = np.zeros((18, 3)), np.zeros((0, 18))
     for jacobian, wanted in tasks:
