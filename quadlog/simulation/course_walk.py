@@ -151,7 +151,7 @@ class Driver:
         The robot is steered by its measured pose along the path; None to stand still. How far it looks ahead depends on
         its error beside the reference, which is what is judged. What is written of it is true.
         """
-        robot, pose, command = self.robot, self.robot.pose, None
+        robot, pose, velocity, command = self.robot, self.robot.pose, self.robot.velocity, None
         measured = robot.disturbances.measured(robot.t_s, pose)
         x_m, y_m, yaw_rad = measured.tolist()
         row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
@@ -160,16 +160,16 @@ class Driver:
         if path is not None and reference is not None:
             on_path, known = path.places(pose, measured)
             on_reference, beside = (on_path, known) if reference is path else reference.places(pose, measured)
-            ahead = self.lookahead.step(beside.near.distance_m, self.every * robot.tick_s, robot.velocity[0])
+            ahead = self.lookahead.step(beside.near.distance_m, self.every * robot.tick_s, velocity[0])
             command = path.known.pursue(x_m, y_m, yaw_rad, known, ahead.l_m, *self._limits)
             row[LOOKAHEAD:COMMAND] = ahead
             row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
         has_body = not math.isnan(robot.mass_kg)
         # A robot without a body has the commanded speed at once.
-        row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
+        row[VELOCITY:REFERENCE] = velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
         row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
-        if robot.effort is not None:
-            row[ENERGY] = robot.effort.energy_j
+        if (effort := robot.effort) is not None:
+            row[ENERGY] = effort.energy_j
         return Steered(command, on_path, on_reference)
 
 

@@ -96,10 +96,9 @@ class WalkingRobot:
     def velocity(self) -> tuple[float, float, float]:
         """Forward and left in the body's heading, m/s, and yaw rate, rad/s."""
         vx, vy, _ = self._state.velocity_mps.tolist()
-        yaw = self.rpy[2]
+        yaw, up, omega = self.rpy[2], self._state.rotation_body_to_map[2].tolist(), self._state.qvel[3:6].tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
-        yaw_rate = float(self._state.rotation_body_to_map[2] @ self._state.qvel[3:6])
-        return cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate
+        return cos * vx + sin * vy, cos * vy - sin * vx, up[0] * omega[0] + up[1] * omega[1] + up[2] * omega[2]
 
     @property
     def counts(self) -> dict[str, int]:
