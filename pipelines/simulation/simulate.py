@@ -324,12 +324,12 @@ def _input(name: str, values: Float) -> InputRecord:
     return InputRecord(path=name, size_bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
 
 
-def _warnings(simulated: walking.SimulatedWalk, most_n: float) -> list[str]:
+def _warnings(simulated: walking.SimulatedWalk, most_n: float | None) -> list[str]:
     warnings = []
     if simulated.failed_solves:
-        warnings.append(f"{simulated.failed_solves} QPs failed; older or simpler forces were used: see counts")
+        warnings.append(f"{simulated.failed_solves} QPs failed; simpler forces were used: see counts")
     weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
     # Two feet carry in a trot, and have to push harder than the weight to go up.
-    if weight_n > 1.5 * most_n:
+    if most_n is not None and weight_n > 1.5 * most_n:
         warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
     return warnings

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,9 +14,8 @@ from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
 from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
 from quadlog.control.locomotion.mpc import MpcSettings
-from quadlog.control.locomotion.robot import ROBOTS, Robot
+from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
-from quadlog.control.locomotion.wbc import WbcSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.summary import Metric, Metrics
@@ -44,19 +42,16 @@ def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
     return load_user_model(Path(name), ground, friction)
 
 
-def walker_settings(config: Config, robot: Robot) -> WalkerSettings:
-    """Gait, MPC and whole-body control, within the robot's torque limits."""
+def walker_settings(config: Config) -> WalkerSettings:
+    """Gait, MPC and whole-body control."""
     simulation = config.simulation
     return WalkerSettings(
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
-        swing=simulation.swing,
-        aside_m=simulation.swing_aside_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc_every_s=config.mpc.every_s,
         turning_share=config.mpc.turning_share,
         mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
-        wbc=WbcSettings(torque_limit_nm=robot.torque_limit_nm, **config.wbc.model_dump()),
     )
 
 
@@ -81,13 +76,11 @@ def check_rate(rate_hz: float) -> None:
 
 # Beside the seed itself, which draws the ground.
 _DISTURBS = 1
-_CARRYING_ON = ("shifted", "shared", "projected")
-"""What MPC and whole-body control do when their solvers fail."""
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """model: None without a body. counts: how often each solver ended how. seconds: spent walking."""
+    """model: None without a body. counts: see Walker.counts. seconds: spent walking."""
 
     walk: CourseWalk
     model: QuadrupedModel | None
@@ -102,8 +95,8 @@ class SimulatedWalk:
 
     @property
     def failed_solves(self) -> int:
-        """How often older or simpler forces had to do."""
-        return sum(count for name, count in self.counts.items() if name.endswith(_CARRYING_ON))
+        """How often simpler forces had to do."""
+        return sum(count for name, count in self.counts.items() if name.endswith("_failed"))
 
 
 def walk_once(
@@ -119,25 +112,11 @@ def walk_once(
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
         model = robot_model(config, ground)
-        robot = WalkingRobot(model, walker_settings(config, model.robot), course.start_pose, rng, disturbances)
+        robot = WalkingRobot(model, walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
     walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
     seconds = time.perf_counter() - started
-    return SimulatedWalk(walk, model, solver_counts(robot), seconds)
-
-
-def solver_counts(robot: WalkingRobot | UnicycleRobot) -> dict[str, int]:
-    """How often each solver of a robot ended how; nothing without a body."""
-    if isinstance(robot, UnicycleRobot):
-        return {}
-    walker = robot.walker
-    counts: dict[str, int] = {}
-    solvers: dict[str, Counter] = {"mpc": walker.mpc.counts, "wbc": walker.wbc.counts}
-    for solver, statuses in solvers.items():
-        counts |= {f"{solver}_{status.replace(' ', '_')}": count for status, count in sorted(statuses.items())}
-    if walker.wbc.damped:
-        counts["wbc_damped"] = walker.wbc.damped
-    return counts
+    return SimulatedWalk(walk, model, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
 
 
 CURVES = ("baseline", "3d-curve")

@@ -34,7 +34,7 @@ from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
 
-CONTROLLING = (*planning.PLANNING, "pursuit", "robot", "mpc", "wbc", "simulation")
+CONTROLLING = (*planning.PLANNING, "pursuit", "robot", "mpc", "simulation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def resimulate(
         journal.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
     if not isinstance(robot, WalkingRobot):
         return None
-    journal.counts |= {name: int(count) for name, count in walks.solver_counts(robot).items()}
+    journal.counts |= robot.counts
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
 
@@ -137,7 +137,7 @@ def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed
     if why_plane:
         journal.warn(why_plane)
     model = walks.robot_model(config, ground)
-    return WalkingRobot(model, walks.walker_settings(config, model.robot), start_pose, rng, disturbances)
+    return WalkingRobot(model, walks.walker_settings(config), start_pose, rng, disturbances)
 
 
 def _settings(config: Config) -> PursuitSettings:

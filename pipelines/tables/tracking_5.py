@@ -35,7 +35,7 @@ FIGURES = {
 }
 """What a row calls them, unit last."""
 LOOKAHEAD_M = 2.0
-"""l, or l0 of the fuzzy rules, as printed."""
+"""l, or l0 of the fuzzy rules, as printed; so are the rules."""
 
 
 def config_of(terrain: str, steering: str, disturbed: bool) -> Config:
@@ -43,7 +43,7 @@ def config_of(terrain: str, steering: str, disturbed: bool) -> Config:
     simulation = {"controller": steering.lower(), "terrain": terrain}
     return Config.model_validate(
         {
-            "pursuit": {"lookahead_m": LOOKAHEAD_M},
+            "pursuit": {"lookahead_m": LOOKAHEAD_M, "fuzzy": {"tables": "printed"}},
             "simulation": {**simulation, "disturbances": asdict(DISTURBED) if disturbed else {}},
         }
     )

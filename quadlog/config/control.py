@@ -1,4 +1,4 @@
-"""The keys of quadlog.toml that say how a robot walks: [pursuit], [robot], [mpc], [wbc] and [simulation]."""
+"""The keys of quadlog.toml that say how a robot walks: [pursuit], [robot], [mpc] and [simulation]."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from quadlog.config.robots import ROBOT_PRESETS
 from quadlog.config.section import Section, in_order
 
 Weight = Annotated[float, Field(ge=0, le=1e9)]
-Gain = Annotated[float, Field(ge=0, le=1e6)]
 PerAxis = tuple[Weight, Weight, Weight]
-Feedback = tuple[Gain, Gain]
 
 
 class Fuzzy(Section):
@@ -39,7 +37,9 @@ class Fuzzy(Section):
     l_max_m: float = Field(
         5.0, ge=0.01, le=100, description="the look-ahead is no longer; ours, beyond what rules give"
     )
-    tables: Literal["printed", "corrected"] = Field("printed", description="the rules as in Tables 1 and 2, or mended")
+    tables: Literal["printed", "corrected"] = Field(
+        "corrected", description="the rules as in Tables 1 and 2, or with their errata mended"
+    )
     centroid: Literal["points", "continuous"] = Field(
         "points", description="over the seven points as printed, or over the whole area"
     )
@@ -77,8 +77,7 @@ class RobotConfig(Section):
 
     preset: Literal[(*ROBOT_PRESETS,)] = Field(  # type: ignore[valid-type]
         "paper",
-        description="sets the other keys of [robot], and mpc.f_max_n and wbc.f_max_n, where they are not given: go1, "
-        "go2, a1, b1 [unitree_ros], or paper",
+        description="sets the other keys of [robot] where they are not given: go1, go2, a1, b1 [unitree_ros], or paper",
     )
     length_m: float = Field(0.62, gt=0, le=100, description="of the body, along x")
     width_m: float = Field(0.26, gt=0, le=100, description="of the body, along y")
@@ -149,39 +148,20 @@ class MpcConfig(Section):
         "ours: at 1 fpm falls on the s-curve",
     )
     alpha: float = Field(2e-5, gt=0, le=1e3, description="weight of squared forces in N; ours")
-    mu: float = Field(0.6, gt=0, le=10, description="friction that is counted on; below simulation.friction to be safe")
+    mu: float = Field(
+        0.6,
+        gt=0,
+        le=10,
+        description="friction that MPC and whole-body control count on; below simulation.friction to be safe",
+    )
     f_min_n: float = Field(0.0, ge=0, le=1e5, description="a foot that stands presses at least so hard")
-    f_max_n: float = Field(150.0, gt=0, le=1e5, description="and at most so hard; a heavier robot needs more")
+    f_max_n: float | None = Field(
+        None, gt=0, le=1e5, description="and at most so hard; unset: 1.2 times the robot's weight"
+    )
 
     @model_validator(mode="after")
     def _forces_are_in_order(self) -> MpcConfig:
-        return in_order(self, "f_min_n", "f_max_n", may_be_equal=True)
-
-
-class Wbc(Section):
-    """Whole-body control [Tracking, section 4.2]; gains are pairs, of the error and of its rate."""
-
-    rotation_gains: Feedback = Field((80.0, 8.0), description="of the body's rotation, 1/s^2 and 1/s; ours")
-    translation_gains: Feedback = Field((60.0, 8.0), description="of the body's place, 1/s^2 and 1/s; ours")
-    swing_gains: Feedback = Field((350.0, 30.0), description="of feet in the air, 1/s^2 and 1/s; ours")
-    joint_gains: Feedback = Field((20.0, 0.8), description="of joints, N m/rad and N m s/rad [Tracking, eq. 44]; ours")
-    swing_force_gains: Feedback = Field(
-        (700.0, 25.0), description="of feet in the air without whole-body control (fpm), N/m and N s/m; ours"
-    )
-    weight_acceleration: Weight = Field(
-        0.1, description="of what the base does beside the tasks [Tracking, eq. 41]; ours"
-    )
-    weight_force: float = Field(1.0, gt=0, le=1e9, description="of forces beside those of the MPC; ours")
-    mu: float = Field(0.6, gt=0, le=10, description="friction that is counted on")
-    f_min_n: float = Field(0.0, ge=0, le=1e5, description="a foot that stands presses at least so hard")
-    f_max_n: float = Field(150.0, gt=0, le=1e5, description="and at most so hard")
-    weakest: float = Field(
-        0.02, gt=0, le=1, description="singular values of a leg's Jacobian below this are damped; ours"
-    )
-
-    @model_validator(mode="after")
-    def _forces_are_in_order(self) -> Wbc:
-        return in_order(self, "f_min_n", "f_max_n", may_be_equal=True)
+        return self if self.f_max_n is None else in_order(self, "f_min_n", "f_max_n", may_be_equal=True)
 
 
 class DisturbancesConfig(Section):
@@ -259,15 +239,6 @@ class Simulation(Section):
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
     )
     clearance_m: float = Field(0.09, gt=0, le=1, description="how high a foot is lifted; ours")
-    swing: Literal["quintic", "foot_curve"] = Field(
-        "quintic", description="a foot's way through the air; foot_curve: the cycloid of [Foot, eqs 9-10] with a bulge"
-    )
-    swing_aside_m: float = Field(
-        0.0,
-        ge=-0.1,
-        le=0.1,
-        description="peak of foot_curve's bulge, to the left with left fore and right hind foot, else to the right",
-    )
     terrain: Literal["course", "flat", "3cm", "6cm"] = Field(
         "course",
         description="of quadlog simulate: flat; 3cm, 6cm: 95 % band of noise with a correlation length of 0.25 m "

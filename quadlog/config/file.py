@@ -6,6 +6,7 @@ import difflib
 import json
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -36,7 +37,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "lidar": {"method": "paper", "deskew": False, "level": False},
         "grid": {"memory": "scan", "dilation": "square", "min_points": 1},
         "planner": {"name": "ia_star"},
-        "pursuit": {"clear_chord": False},
+        "pursuit": {"clear_chord": False, "fuzzy": {"tables": "printed"}},
     }
 }
 """What the papers did, where quadlog's own default may differ."""
@@ -45,8 +46,11 @@ PRESETS: dict[str, dict[str, Any]] = {
 RETIRED = {
     "results.frames": "the pictures of the simulated robot are gone; the player shows the walk",
     "grid.decay_s": "a memory that decays is gone; log_odds clears what is seen through, after grid.clear_s",
+    "simulation.swing": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
+    "simulation.swing_aside_m": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
+    "wbc": "whole-body control has fixed gains, and the friction and forces of [mpc]",
 }
-"""Keys of earlier versions, which are ignored with a note, and why they went."""
+"""Keys and sections of earlier versions, which are ignored with a note, and why they went."""
 
 
 class Layer(NamedTuple):
@@ -151,13 +155,16 @@ def _bounds(table: Any, where: str, path: Path) -> dict[str, ExpectedRange | Non
 
 
 def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A configuration without the keys of RETIRED, and a line for each key that it had."""
-    kept, lines = {key: dict(of) if isinstance(of, Mapping) else of for key, of in table.items()}, []
+    """A configuration without the keys and sections of RETIRED, and a line for each that it had."""
+    kept, lines = deepcopy(dict(table)), []
     for key, why in RETIRED.items():
-        section, _, name = key.partition(".")
-        if isinstance(kept.get(section), dict) and name in kept[section]:
-            del kept[section][name]
-            lines.append(f"{key} is ignored: {why}")
+        *sections, name = key.split(".")
+        of: Any = kept
+        for section in sections:
+            of = of.get(section) if isinstance(of, dict) else None
+        if isinstance(of, dict) and name in of:
+            shown = f"[{key}]" if isinstance(of.pop(name), dict) else key
+            lines.append(f"{shown} is ignored: {why}")
     return kept, lines
 
 

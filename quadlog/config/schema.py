@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation, Wbc
+from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, plugin_names
 from quadlog.config.robots import with_robot_preset
@@ -393,7 +393,6 @@ class Config(Section):
     pursuit: Pursuit = Pursuit()
     robot: RobotConfig = RobotConfig()
     mpc: MpcConfig = MpcConfig()
-    wbc: Wbc = Wbc()
     simulation: Simulation = Simulation()
     results: Results = Results()
     expect: Expect = Expect()

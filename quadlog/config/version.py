@@ -10,7 +10,7 @@ from typing import Any
 
 _PACKAGES = (
     *("daqp", "foxglove-sdk", "llvmlite", "matplotlib", "mcap", "mcap-protobuf-support"),
-    *("mujoco", "numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "quadprog", "rosbags"),
+    *("mujoco", "numba", "numpy", "open3d", "open3d-cpu", "pandas", "pyarrow", "pydantic", "rosbags"),
     *("scipy", "small_gicp"),
 )
 

@@ -210,6 +210,20 @@ def _errors(run: Run) -> Iterator[view.Layer]:
                 yield view.Marks(label, color, x_m, y_m, "cross")
 
 
+CAUSES = {
+    "appeared": "appeared inside the body",
+    "fell": "the robot fell",
+    "no_plan": "there was no plan",
+    "old_plan": "no newer plan was found",
+    "beyond_plan": "beyond the plan's end",
+    "planned": "the plan leads there",
+    "cut_corner": "the robot cut a corner of its plan",
+    "unseen": "the map did not show it at that instant",
+    "turning": "the body turned beside its plan",
+}
+"""Of contacts, by their code; runs of earlier versions have the words."""
+
+
 def _moments(run: Run) -> list[view.Moment]:
     """Contacts, collisions first, and the worst instant of each metric, tag, bound and gap after the first of them."""
     table, words, contacts = run.table("contacts"), (("no collision", ""), ("collision", "collisions")), []
@@ -217,7 +231,9 @@ def _moments(run: Run) -> list[view.Moment]:
         rows: Any = table.sort_values("collision", ascending=False, kind="stable").itertuples()
         for row in rows:
             place = (row.x_m, row.y_m, row.x_m, row.y_m)
-            contacts.append(view.Moment(row.seconds, row.cause, *words[row.collision], line=place))
+            contacts.append(
+                view.Moment(row.seconds, CAUSES.get(row.cause, row.cause), *words[row.collision], line=place)
+            )
     known = {moment.seconds: moment for moment in contacts}  # one for all metrics of one error
     for theme, name in ((theme, name) for theme, names in THEMES.items() for name in names if name not in _AS_GOOD):
         metric, label = run.metrics.get(name), CATALOGUE[name].label

@@ -18,24 +18,16 @@ from quadlog.messages import NS_PER_S, Float
 from quadlog.planning.protocol import Bool
 from quadlog.simulation.worlds.world import body_clearance, body_gaps, occupied_centres
 
-APPEARED = "appeared inside the body"
-FELL = "the robot fell"
-NO_PLAN = "there was no plan"
-OLD_PLAN = "no newer plan was found"
-UNSEEN = "the map did not show it at that instant"
-BEYOND_PLAN = "beyond the plan's end"
-PLANNED = "the plan leads there"
-CUT = "the robot cut a corner of its plan"
-TURNING = "the body turned beside its plan"
-CAUSES = (APPEARED, FELL, NO_PLAN, OLD_PLAN, BEYOND_PLAN, PLANNED, CUT, UNSEEN, TURNING)
-"""Of a contact; where several hold, the first of them."""
+APPEARED, FELL, NO_PLAN, OLD_PLAN, BEYOND_PLAN = "appeared", "fell", "no_plan", "old_plan", "beyond_plan"
+PLANNED, CUT, UNSEEN, TURNING = "planned", "cut_corner", "unseen", "turning"
+"""Causes of a contact; where several hold, the first of them. results.scenes has them in words."""
 
 
 class Contact(NamedTuple):
     """The body touched an obstacle from t_ns on, for duration_s.
 
-    x_m, y_m: the cell's centre, the nearest one when the contact began, in map. clearance_m: the least, <= 0. cause: of
-    CAUSES. collision: whether it counts; cells that first appear inside the body do not.
+    x_m, y_m: the cell's centre, the nearest one when the contact began, in map. clearance_m: the least, <= 0. cause:
+    one of the above. collision: whether it counts; cells that first appear inside the body do not.
     """
 
     t_ns: int
@@ -109,7 +101,7 @@ class PlanInUse(NamedTuple):
 
 
 def cause_of(cell_m: Float, is_mapped: bool, fallen: bool, plan: PlanInUse | None, width_m: float) -> str:
-    """Why a body of that width touches the cell at cell_m (2,); is_mapped: the present map has it. See CAUSES."""
+    """Why a body of that width touches the cell at cell_m (2,); is_mapped: the present map has it."""
     if fallen:
         return FELL
     if plan is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,39 +109,68 @@ class FollowedPath:
     space: where the robot may leave the path to cut across; None for anywhere.
     """
 
+    def __init__(self, path_m: Float, space: FreeSpace | None = None) -> None:
+        self.known = PathFollower(path_m, space=space)
+        self._truth: PathFollower | None = None
+
+    def places(self, pose: Float, measured: Float) -> tuple[FollowState, FollowState]:
+        """By the true pose and by the measured one (3,), which are one object where nothing disturbs."""
+        known = self.known.step(*measured.tolist())
+        if measured is pose:
+            return known, known
+        self._truth = PathFollower(self.known.path) if self._truth is None else self._truth
+        return self._truth.step(*pose.tolist()), known
+
+
+class Steered(NamedTuple):
+    """The command, None to stand still; and where the robot truly is on its path, and beside its reference."""
+
+    command: Command | None
+    on_path: FollowState | None
+    on_reference: FollowState | None
+
+
+class Driver:
+    """Steers a robot along paths by pure pursuit, every so many ticks of its simulation."""
+
     def __init__(
-        self, path_m: Float, speed_mps: float, max_yaw_rate_radps: float, space: FreeSpace | None = None
+        self,
+        robot: CourseRobot,
+        lookahead: LookaheadControl,
+        speed_mps: float,
+        max_yaw_rate_radps: float,
+        rate_hz: float,
     ) -> None:
-        self.speed_mps, self.max_yaw_rate_radps = speed_mps, max_yaw_rate_radps
-        self.truth, self.known = PathFollower(path_m), PathFollower(path_m, space=space)
+        self.robot, self.lookahead = robot, lookahead
+        self._limits = speed_mps, max_yaw_rate_radps
+        self.every = max(round(1 / (rate_hz * robot.tick_s)), 1)
 
+    def steer(self, row: Float, path: FollowedPath | None, reference: FollowedPath | None) -> Steered:
+        """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command until the next call.
 
-def steer(
-    row: Float, robot: CourseRobot, path: FollowedPath | None, lookahead: LookaheadControl, dt_s: float
-) -> Command | None:
-    """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command for the next dt_s; returns that.
-
-    path: None to stand still. The robot is steered by its measured pose; what is written of it is true.
-    """
-    row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
-    row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
-    known_x_m, known_y_m, known_yaw_rad = robot.disturbances.measured(robot.t_s, robot.pose).tolist()
-    command = None
-    if path is not None:
-        known = path.known.step(known_x_m, known_y_m, known_yaw_rad)
-        ahead = lookahead.step(known.near.distance_m, dt_s, robot.velocity[0])
-        command = path.known.pursue(
-            known_x_m, known_y_m, known_yaw_rad, known, ahead.l_m, path.speed_mps, path.max_yaw_rate_radps
-        )
-        row[LOOKAHEAD:COMMAND] = ahead
-        row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
-    has_body = not math.isnan(robot.mass_kg)
-    # A robot without a body has the commanded speed at once.
-    row[VELOCITY:REFERENCE] = robot.velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
-    row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
-    if robot.effort is not None:
-        row[ENERGY] = robot.effort.energy_j
-    return command
+        The robot is steered by its measured pose along the path; None to stand still. How far it looks ahead depends on
+        its error beside the reference, which is what is judged. What is written of it is true.
+        """
+        robot, pose, velocity, command = self.robot, self.robot.pose, self.robot.velocity, None
+        measured = robot.disturbances.measured(robot.t_s, pose)
+        x_m, y_m, yaw_rad = measured.tolist()
+        row[POSE:VELOCITY] = *robot.position_m.tolist(), *robot.rpy
+        row[COMMAND], row[COMMAND + 1], row[FALLEN] = 0.0, 0.0, robot.fallen
+        on_path = on_reference = None
+        if path is not None and reference is not None:
+            on_path, known = path.places(pose, measured)
+            on_reference, beside = (on_path, known) if reference is path else reference.places(pose, measured)
+            ahead = self.lookahead.step(beside.near.distance_m, self.every * robot.tick_s, velocity[0])
+            command = path.known.pursue(x_m, y_m, yaw_rad, known, ahead.l_m, *self._limits)
+            row[LOOKAHEAD:COMMAND] = ahead
+            row[COMMAND], row[COMMAND + 1] = command.v_mps, command.yaw_rate_radps
+        has_body = not math.isnan(robot.mass_kg)
+        # A robot without a body has the commanded speed at once.
+        row[VELOCITY:REFERENCE] = velocity if has_body else (row[COMMAND], 0.0, row[COMMAND + 1])
+        row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
+        if (effort := robot.effort) is not None:
+            row[ENERGY] = effort.energy_j
+        return Steered(command, on_path, on_reference)
 
 
 def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:
@@ -181,8 +210,8 @@ def walk_course(
     rate_hz: of control, a divisor of the simulation's rate. Errors are those of the true pose, whatever the robot
     knows of it. most_s: stop after so long, None for what the course should take at most.
     """
-    path = FollowedPath(course.path_m, course.speed_mps, max_yaw_rate_radps)
-    every = max(round(1 / (rate_hz * robot.tick_s)), 1)
+    path = FollowedPath(course.path_m)
+    driver = Driver(robot, lookahead, course.speed_mps, max_yaw_rate_radps, rate_hz)
     if most_s is None:
         most_s = longest_s(course)
     rows: list[Float] = []
@@ -191,17 +220,16 @@ def walk_course(
     while True:
         times_ns.append(round(robot.t_s * NS_PER_S))
         row = np.full(len(TICK_COLUMNS), np.nan)
-        steer(row, robot, path, lookahead, every * robot.tick_s)
-        x_m, y_m, yaw_rad = robot.pose.tolist()
-        place = path.truth.step(x_m, y_m, yaw_rad)
-        timed_m = path.truth.reference_at(robot.t_s * path.speed_mps)
-        write_errors(row, place, math.dist(timed_m, (x_m, y_m)))
+        place = driver.steer(row, path, path).on_reference
+        assert place is not None
+        timed_m = path.known.reference_at(robot.t_s * course.speed_mps)
+        write_errors(row, place, math.dist(timed_m, row[POSE : POSE + 2]))
         rows.append(row)
         if place.finished and not robot.fallen:
             completed_ns = times_ns[-1]
         if place.finished or robot.fallen or robot.t_s >= most_s:
             break
-        robot.walk(every, row[COMMAND], row[COMMAND + 1])
+        robot.walk(driver.every, row[COMMAND], row[COMMAND + 1])
     columns: dict[str, NDArray[Any]] = {"t_ns": np.array(times_ns, dtype=np.int64)}
     columns |= dict(zip(TICK_COLUMNS, np.array(rows).T, strict=True))
     columns["fallen"] = columns["fallen"] > 0

@@ -6,10 +6,11 @@ new plan, because the robot left the recorded window or is walled in, it holds
 its last one; a robot that has fallen lies.
 
 Its errors are those beside a plan that is held for as long as it takes to walk
-it, whatever is planned meanwhile; the next one is the first plan after that.
-The plan that is followed is no reference: each starts at the robot, so that the
-distance to it says no more than how old it is, a tenth of a second. Nor is the
-logged path: which way that robot took says nothing of how this one walks its own.
+it, whatever is planned meanwhile; the next one is the first plan after that. They
+also set the fuzzy look-ahead. The plan that is followed is no reference: each
+starts at the robot, so that the distance to it says no more than how old it is, a
+tenth of a second. Nor is the logged path: which way that robot took says nothing of
+how this one walks its own.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 
 from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.path import FreeSpace
-from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
+from quadlog.control.following.pure_pursuit import Command, FollowState
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import Window
 from quadlog.messages import NS_PER_S, Float, Int
@@ -45,8 +46,8 @@ from quadlog.simulation.course_walk import (
     COMMAND,
     PLAN_ERROR,
     TICK_COLUMNS,
+    Driver,
     FollowedPath,
-    steer,
     write_errors,
 )
 from quadlog.simulation.worlds.world import body_clearance, body_gaps
@@ -93,20 +94,19 @@ class PursuitSettings:
 class HeldPlan(NamedTuple):
     """A plan taken as the reference from since_ns on, until before until_ns: walking it at speed_mps takes so long."""
 
-    path: PathFollower
+    path: FollowedPath
     since_ns: int
     until_ns: int
     speed_mps: float
 
     def place_at(self, t_ns: int) -> tuple[float, float]:
         """(x_m, y_m) where a robot without delay would be; its end from until_ns on."""
-        return self.path.reference_at((t_ns - self.since_ns) / NS_PER_S * self.speed_mps)
+        return self.path.known.reference_at((t_ns - self.since_ns) / NS_PER_S * self.speed_mps)
 
 
-def hold(path_m: Float, since_ns: int, speed_mps: float) -> HeldPlan:
-    """The plan (K, 2) in map, held from an instant on."""
-    path = PathFollower(path_m)
-    return HeldPlan(path, since_ns, since_ns + round(path.length_m / speed_mps * NS_PER_S), speed_mps)
+def hold(path: FollowedPath, since_ns: int, speed_mps: float) -> HeldPlan:
+    """The plan, held from an instant on."""
+    return HeldPlan(path, since_ns, since_ns + round(path.known.length_m / speed_mps * NS_PER_S), speed_mps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +135,7 @@ class Resimulation:
 class _State:
     """What is carried from one map to the next."""
 
-    robot: CourseRobot
-    lookahead: LookaheadControl
+    driver: Driver
     cells: TouchableCells
     contacts: ContactLog = field(default_factory=ContactLog)
     held: HeldPlan | None = None
@@ -151,8 +150,8 @@ class _State:
     def restart(self, pose: Float, ended_ns: int) -> None:
         """The robot stands at a pose (3,), without a plan or a contact; it walked until ended_ns."""
         self.contacts.end(ended_ns)
-        self.robot.start_at(pose)
-        self.lookahead.reset()
+        self.driver.robot.start_at(pose)
+        self.driver.lookahead.reset()
         self.cells = TouchableCells(self.cells.body)
         self.held, self.command, self.plan = None, None, None
 
@@ -173,7 +172,8 @@ def resimulate(
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
     body = Footprint(settings.body_length_m, settings.body_width_m)
-    walk = _State(robot, lookahead, TouchableCells(body))
+    driver = Driver(robot, lookahead, settings.speed_mps, settings.max_yaw_rate_radps, settings.rate_hz)
+    walk = _State(driver, TouchableCells(body))
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
     first_ns, tick, ticks = None, 0, 0
@@ -211,7 +211,7 @@ def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int
 def _replan(
     walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float, settings: PursuitSettings
 ) -> None:
-    here = walk.robot.pose[:2]
+    here = walk.driver.robot.pose[:2]
     if not np.isfinite(target_m).all():
         return
     if not instant.window.contains(instant.window.cell_of(here)):
@@ -226,38 +226,37 @@ def _replan(
             blocked = passable(replan.query, instant.occupied, replanner.settings.dilation)
             origin_x_m, origin_y_m = instant.window.origin_m.tolist()
             space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
-        walk.plan = FollowedPath(replan.path.smooth_xy_m, settings.speed_mps, settings.max_yaw_rate_radps, space)
+        walk.plan = FollowedPath(replan.path.smooth_xy_m, space)
         walk.planned_at_ns = instant.t_ns
         if walk.held is None or instant.t_ns >= walk.held.until_ns:
-            walk.held = hold(replan.path.smooth_xy_m, instant.t_ns, settings.speed_mps)
-        walk.lookahead.reset()
+            walk.held = hold(walk.plan, instant.t_ns, settings.speed_mps)
+            walk.driver.lookahead.reset()
 
 
 def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings: PursuitSettings) -> Float:
     """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS) + 1)."""
-    robot, rows = walk.robot, np.full((len(t_ns), len(TICK_COLUMNS) + 1), np.nan)
+    driver, robot, rows = walk.driver, walk.driver.robot, np.full((len(t_ns), len(TICK_COLUMNS) + 1), np.nan)
     body, centres_m = _touchable(walk, instant, next_ns, settings)
-    every = max(round(1 / (settings.rate_hz * robot.tick_s)), 1)
     for row, now_ns in zip(rows, t_ns.tolist(), strict=True):
-        x_m, y_m, yaw_rad = robot.pose.tolist()
-        if instant.window.contains(instant.window.cell_of(np.array([x_m, y_m]))):
+        pose = robot.pose
+        if instant.window.contains(instant.window.cell_of(pose[:2])):
             around = body.length_m, body.width_m, centres_m, instant.window.cell_m
-            row[CLEARANCE] = body_clearance(x_m, y_m, yaw_rad, *around)
+            row[CLEARANCE] = body_clearance(*pose.tolist(), *around)
         else:
             walk.outside_ticks += 1
-        on_plan = None if walk.plan is None else walk.plan.truth.step(x_m, y_m, yaw_rad)
+        command, on_plan, on_held = driver.steer(row, walk.plan, None if walk.held is None else walk.held.path)
         walk.contacts.tick(now_ns, row[CLEARANCE], partial(_where_and_why, walk, instant, body, centres_m, on_plan))
-        walk.command = steer(row, robot, walk.plan, walk.lookahead, every * robot.tick_s)
-        if on_plan is not None:
+        walk.command = command
+        if on_plan is not None and on_held is not None and walk.held is not None:
             row[PLAN_ERROR] = on_plan.error_m
-        _write_reference(row, walk, now_ns)
-        robot.walk(every, row[COMMAND], row[COMMAND + 1])
+            write_errors(row, on_held, math.dist(walk.held.place_at(now_ns), pose[:2]))
+        robot.walk(driver.every, row[COMMAND], row[COMMAND + 1])
     return rows
 
 
 def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: PursuitSettings) -> tuple[Footprint, Float]:
     """The body, and the centres (N, 2) of the cells that it can touch on a map; those inside of it are listed."""
-    body, pose = Footprint(settings.body_length_m, settings.body_width_m), walk.robot.pose
+    body, pose = Footprint(settings.body_length_m, settings.body_width_m), walk.driver.robot.pose
     solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
     centres_m, appeared_m = walk.cells.renew(instant.window, solid, pose)
     if len(appeared_m):
@@ -271,22 +270,15 @@ def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: Pursui
 def _where_and_why(
     walk: _State, instant: MapInstant, body: Footprint, centres_m: Float, on_plan: FollowState | None
 ) -> tuple[Float, str]:
-    cell_m = nearest_cell(walk.robot.pose, body, centres_m, instant.window.cell_m)
+    cell_m = nearest_cell(walk.driver.robot.pose, body, centres_m, instant.window.cell_m)
     col, row = instant.window.cell_of(cell_m)
     plan = None
     if walk.plan is not None and on_plan is not None:
-        here_m = walk.robot.pose[:2]
+        here_m = walk.driver.robot.pose[:2]
         aim_m = here_m if walk.command is None else np.array(walk.command[2:])
         is_newest, chord_m = walk.planned_at_ns == instant.t_ns, np.stack([here_m, aim_m])
-        plan = PlanInUse(walk.plan.truth.path, is_newest, on_plan.remaining_m, chord_m)
-    return cell_m, cause_of(cell_m, bool(instant.occupied[row, col]), walk.robot.fallen, plan, body.width_m)
-
-
-def _write_reference(row: Float, walk: _State, t_ns: int) -> None:
-    if walk.held is not None:
-        x_m, y_m, yaw_rad = walk.robot.pose.tolist()
-        place = walk.held.path.step(x_m, y_m, yaw_rad)
-        write_errors(row, place, math.dist(walk.held.place_at(t_ns), (x_m, y_m)))
+        plan = PlanInUse(walk.plan.known.path, is_newest, on_plan.remaining_m, chord_m)
+    return cell_m, cause_of(cell_m, bool(instant.occupied[row, col]), walk.driver.robot.fallen, plan, body.width_m)
 
 
 def _gathered(walk: _State, t_ns: Int, rows: Float, target_xy_at: Callable[[Int], Float]) -> Resimulation:

@@ -22,7 +22,7 @@ from tests.lab import recordings
 
 HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "matplotlib", "numba", "pydantic", "rich", "rosbags", "mcap", "open3d")
 HEAVY += ("mujoco", "foxglove")
-BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "quadprog", "scipy")
+BUILT_ON = ("daqp", "foxglove-sdk", "mcap", "mujoco", "numba", "numpy", "pandas", "pyarrow", "scipy")
 LINES = 40  # of a terminal: longer help scrolls off
 
 READS = {

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from quadlog.errors import UnknownName
-from quadlog.messages import Float, Int
+from quadlog.messages import Int
 
 Centroid = Literal["points", "continuous"]
-CENTROIDS = ("points", "continuous")
 SETS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 # The universe is [-LIMIT, LIMIT]; what lies outside counts as its border.
 LIMIT = 3.0
@@ -78,94 +77,44 @@ CORRECTED = _rules(
 TABLES = {"printed": PRINTED, "corrected": CORRECTED}
 
 
-def rule_tables(name: str) -> Int:
-    """The tables of that name; raises UnknownName."""
-    if name not in TABLES:
-        raise UnknownName("rule tables", name, TABLES)
-    return TABLES[name]
+def infer(e: float, ec: float, tables: Int, centroid: Centroid = "points") -> tuple[float, float]:
+    """(delta k_v, delta k_w) of an error and its rate, in units of the universe and clipped to it; exact.
 
-
-def infer_many(e: Float, ec: Float, tables: Int = PRINTED, centroid: Centroid = "points") -> Float:
-    """(delta k_v, delta k_w) (N, 2) for errors and their rates (N,), in units of the universe and clipped to it.
-
-    centroid: "points" is eq. 21 as printed, the mean of the seven centres by how far
-    their sets hold; "continuous" is the centre of the area under the clipped sets on
-    [-3, 3], exact. There NB and PB are half triangles: it stays within +-2.67.
-    Raises ValueError where an input is NaN.
+    centroid: "points" is eq. 21 as printed, the mean of the seven centres by how far their sets hold; "continuous" is
+    the centre of the area under the clipped sets on [-3, 3]. There NB and PB are half triangles: it stays within
+    +-2.67. Raises ValueError for NaN.
     """
-    if centroid not in CENTROIDS:
-        raise UnknownName("centroid", centroid, CENTROIDS)
-    e, ec = np.asarray(e, dtype=np.float64), np.asarray(ec, dtype=np.float64)
-    if np.isnan(e).any() or np.isnan(ec).any():
+    if math.isnan(e) or math.isnan(ec):
         raise ValueError("fuzzy inference has no answer for NaN")
-    # The sets i and i + 1 hold of e as far as 1 - f and f; j, g likewise of ec.
-    row, col = np.clip(e, -LIMIT, LIMIT) + LIMIT, np.clip(ec, -LIMIT, LIMIT) + LIMIT
-    i, j = np.minimum(row.astype(np.int64), 5), np.minimum(col.astype(np.int64), 5)
+    # The sets i and i + 1 hold of e as far as 1 - f and f; j, g likewise of ec. So four rules fire.
+    row, col = min(max(e, -LIMIT), LIMIT) + LIMIT, min(max(ec, -LIMIT), LIMIT) + LIMIT
+    i, j = min(int(row), 5), min(int(col), 5)
     f, g = row - i, col - j
-    each, deltas = np.arange(len(e)), np.empty((len(e), 2))
-    for output in range(2):
-        heights = np.zeros((7, len(e)))
-        for di, holds_e in enumerate((1 - f, f)):
-            for dj, holds_ec in enumerate((1 - g, g)):
-                of = tables[output, i + di, j + dj]
-                heights[of, each] = np.maximum(heights[of, each], np.minimum(holds_e, holds_ec))
-        deltas[:, output] = _area_centre(heights) if centroid == "continuous" else _mean_centre(heights)
-    return deltas
+    fires = min(1 - f, 1 - g), min(1 - f, g), min(f, 1 - g), min(f, g)
+    deltas = []
+    for consequents in tables[:, i : i + 2, j : j + 2].reshape(2, 4).tolist():
+        heights = [0.0] * 7
+        for which, how_far in zip(consequents, fires, strict=True):
+            heights[which] = max(heights[which], how_far)
+        deltas.append(_area_centre(heights) if centroid == "continuous" else _mean_centre(heights))
+    return deltas[0], deltas[1]
 
 
-NODES = 241
+def _mean_centre(heights: list[float]) -> float:
+    """Mean of the sets' centres, weighted by how far each of the seven holds."""
+    return sum((k - LIMIT) * height for k, height in enumerate(heights)) / sum(heights)
 
 
-class FuzzyTable:
-    """Inference looked up: bilinear between NODES x NODES of the universe, where it is exact.
+def _area_centre(heights: list[float]) -> float:
+    """Centre of the area under the seven sets, each clipped at its height.
 
-    Between them it rounds off the kinks of min and max. Largest (mean) error of a delta k:
-    0.025 (0.0002) on the points, 0.085 (0.0003) on the continuous universe.
+    Between two centres, t from 0 to 1, the left set falls as min(a, 1 - t) and the right one rises as min(b, t); the
+    upper of them is the left up to where they cross.
     """
-
-    def __init__(self, tables: Int, centroid: Centroid) -> None:
-        self.nodes = np.linspace(-LIMIT, LIMIT, NODES)
-        e, ec = np.meshgrid(self.nodes, self.nodes, indexing="ij")
-        self.values = infer_many(e.ravel(), ec.ravel(), tables, centroid).reshape(NODES, NODES, 2)
-
-    def at(self, e: float, ec: float) -> tuple[float, float]:
-        """(delta k_v, delta k_w), both NaN where an input is."""
-        if math.isnan(e) or math.isnan(ec):
-            return math.nan, math.nan
-        last = len(self.values) - 1
-        row, col = ((min(max(each, -LIMIT), LIMIT) + LIMIT) * (last / (2 * LIMIT)) for each in (e, ec))
-        i, j = min(int(row), last - 1), min(int(col), last - 1)
-        f, g = row - i, col - j
-        corners = self.values[i : i + 2, j : j + 2].reshape(4, 2)
-        a, b, c, d = (1 - f) * (1 - g), (1 - f) * g, f * (1 - g), f * g
-        delta_k_v, delta_k_w = (a * p + b * q + c * r + d * s for p, q, r, s in corners.T.tolist())
-        return delta_k_v, delta_k_w
-
-
-@cache
-def fuzzy_table(tables: str, centroid: Centroid) -> FuzzyTable:
-    """The table of that name and centroid, built once."""
-    return FuzzyTable(rule_tables(tables), centroid)
-
-
-def _mean_centre(heights: Float) -> Float:
-    """(N,) mean of the sets' centres, weighted by how far they hold: heights (7, N)."""
-    centres = np.arange(7.0)[:, None] - LIMIT
-    mean: Float = (heights * centres).sum(axis=0) / heights.sum(axis=0)
-    return mean
-
-
-def _area_centre(heights: Float) -> Float:
-    """(N,) centres of the areas under the sets clipped at heights (7, N).
-
-    Between two centres, t from 0 to 1, the left set falls as min(a, 1 - t) and the
-    right one rises as min(b, t); the upper of them is the left up to where they cross.
-    """
-    total, moment = np.zeros(heights.shape[1]), np.zeros(heights.shape[1])
-    for k in range(6):
-        a, b = heights[k], heights[k + 1]
-        lower = np.minimum(np.minimum(a, b), 0.5)
-        crossing = np.where(a <= b, lower, 1 - lower)
+    total = moment = 0.0
+    for k, (a, b) in enumerate(pairwise(heights)):
+        lower = min(a, b, 0.5)
+        crossing = lower if a <= b else 1 - lower
         left_area, left_moment = _below_falling(a, crossing)
         right_area, right_moment = _below_falling(b, 1 - crossing)
         total += left_area + right_area
@@ -173,9 +122,9 @@ def _area_centre(heights: Float) -> Float:
     return moment / total
 
 
-def _below_falling(height: Float, end: Float) -> tuple[Float, Float]:
+def _below_falling(height: float, end: float) -> tuple[float, float]:
     """Area and first moment of min(height, 1 - t) over t from 0 to end."""
-    flat = np.minimum(1 - height, end)
+    flat = min(1 - height, end)
     area = height * flat + (end - flat) - (end * end - flat * flat) / 2
     moment = height * flat * flat / 2 + (end * end - flat * flat) / 2 - (end**3 - flat**3) / 3
     return area, moment
@@ -213,8 +162,8 @@ class FuzzySettings:
     error; ec = gain_ec_s_per_m times its derivative, smoothed by a first-order filter
     of ec_filter_s (0: none). Both are clipped to [-3, 3].
 
-    The defaults are the paper's where it prints something (l0 = 2, both tables, seven
-    points). It prints no gains, scopes or limits: its universe is taken to be in metres
+    The defaults are the paper's where it prints something (l0 = 2, seven points), with its
+    tables mended. It prints no gains, scopes or limits: its universe is taken to be in metres
     and metres per second, and the limits lie outside what its rules reach up to 0.6 m/s.
     """
 
@@ -229,28 +178,21 @@ class FuzzySettings:
     ec_filter_s: float = 0.0
     l_min_m: float = 0.5
     l_max_m: float = 5.0
-    tables: str = "printed"
+    tables: str = "corrected"
     centroid: Centroid = "points"
 
     def __post_init__(self) -> None:
-        rule_tables(self.tables)
-        if self.centroid not in CENTROIDS:
-            raise UnknownName("centroid", self.centroid, CENTROIDS)
+        if self.tables not in TABLES:
+            raise UnknownName("rule tables", self.tables, TABLES)
         if not 0 < self.l_min_m <= self.l_max_m < math.inf:
             raise ValueError(f"look-ahead limits must be 0 < l_min_m <= l_max_m, not {self.l_min_m}, {self.l_max_m}")
-        if not 0 <= self.ec_filter_s < math.inf:
-            raise ValueError(f"ec_filter_s must not be negative, and is {self.ec_filter_s}")
-
-
-PAPER = FuzzySettings()
 
 
 class FuzzyLookahead:
     """The Mamdani look-ahead: shorter or longer by the tracking error and its rate."""
 
-    def __init__(self, settings: FuzzySettings = PAPER) -> None:
-        self.settings = settings
-        self._table = fuzzy_table(settings.tables, settings.centroid)
+    def __init__(self, settings: FuzzySettings | None = None) -> None:
+        self.settings = settings or FuzzySettings()
         self.reset()
 
     def reset(self) -> None:
@@ -269,7 +211,7 @@ class FuzzyLookahead:
         error_m = cross_track_m if settings.signed else abs(cross_track_m)
         self._differentiate(error_m, dt_s)
         e, ec = settings.gain_e_per_m * error_m, settings.gain_ec_s_per_m * self._rate_mps
-        delta_k_v, delta_k_w = self._table.at(e, ec)
+        delta_k_v, delta_k_w = infer(e, ec, TABLES[settings.tables], settings.centroid)
         k_v, k_w = settings.k_v0 + delta_k_v, settings.k_w0 + delta_k_w
         l_m = settings.l0_m + settings.lambda_v * k_v * speed_mps**2 + settings.lambda_w * k_w * speed_mps
         return Lookahead(min(max(l_m, settings.l_min_m), settings.l_max_m), k_v, k_w)

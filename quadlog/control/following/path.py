@@ -54,24 +54,7 @@ def nearest_between(
     path: Float, low: tuple[int, float], high: tuple[int, float], x_m: float, y_m: float
 ) -> PathPosition:
     """The same on the part of it from one (segment, fraction) to another, not before it."""
-    segment, fraction, at_x, at_y = _nearest(path, low[0], low[1], high[0], high[1], x_m, y_m)
-    distance = math.hypot(at_x - x_m, at_y - y_m)
-    heading = segment_heading(path, segment)
-    if math.cos(heading) * (y_m - at_y) - math.sin(heading) * (x_m - at_x) < 0:
-        distance = -distance
-    return PathPosition(segment, fraction, at_x, at_y, distance, heading)
-
-
-def segment_heading(path: Float, segment: int) -> float:
-    """Direction in radians of a segment, or of the nearest one that has a length; NaN if none has."""
-    last = len(path) - 2
-    for offset in range(last + 1):
-        for i in (segment + offset, segment - offset):
-            if 0 <= i <= last:
-                dx, dy = path[i + 1, 0] - path[i, 0], path[i + 1, 1] - path[i, 1]
-                if dx != 0 or dy != 0:
-                    return math.atan2(dy, dx)
-    return math.nan
+    return PathPosition(*_nearest(path, low[0], low[1], high[0], high[1], x_m, y_m))
 
 
 def remaining_length(path: Float, segment: int, fraction: float) -> float:
@@ -109,8 +92,11 @@ def lookahead_in_free_space(
 @kernel
 def _nearest(
     path: Float, first: int, low: float, last: int, high: float, x: float, y: float
-) -> tuple[int, float, float, float]:
-    """(segment, fraction, x, y) of the nearest point between (first, low) and (last, high)."""
+) -> tuple[int, float, float, float, float, float]:
+    """A PathPosition: the nearest point between (first, low) and (last, high).
+
+    Its heading is that of its segment, or of the nearest one that has a length.
+    """
     best, best_fraction, best_x, best_y, best_squared = first, 0.0, path[first, 0], path[first, 1], math.inf
     for i in range(first, last + 1):
         start_x, start_y = path[i, 0], path[i, 1]
@@ -128,7 +114,15 @@ def _nearest(
         squared = (near_x - x) ** 2 + (near_y - y) ** 2
         if squared < best_squared:
             best, best_fraction, best_x, best_y, best_squared = i, fraction, near_x, near_y, squared
-    return best, best_fraction, best_x, best_y
+    heading, distance = math.nan, math.hypot(best_x - x, best_y - y)
+    for apart in range(2 * len(path)):
+        i = best + apart // 2 * (1 - 2 * (apart % 2))
+        if 0 <= i < len(path) - 1 and (path[i, 0] != path[i + 1, 0] or path[i, 1] != path[i + 1, 1]):
+            heading = math.atan2(path[i + 1, 1] - path[i, 1], path[i + 1, 0] - path[i, 0])
+            break
+    if math.cos(heading) * (y - best_y) - math.sin(heading) * (x - best_x) < 0:
+        distance = -distance
+    return best, best_fraction, best_x, best_y, distance, heading
 
 
 @kernel

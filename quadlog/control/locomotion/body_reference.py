@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -112,13 +111,6 @@ _LAYOUT = np.dtype(
 )
 
 
-class WantedMotion(NamedTuple):
-    """A speed forward and a yaw rate, as pure pursuit commands them."""
-
-    speed_mps: float
-    yaw_rate_radps: float
-
-
 class BodyReference(Record):
     """Integrates the wanted motion, tick after tick (`follow`), and lies on the plane of the feet.
 
@@ -134,13 +126,10 @@ class BodyReference(Record):
         self.rpy[2], self.position_m[:] = yaw_rad, position_m
         self.record["height_m"] = height_m
 
-    def ahead(self, dt_s: float, states: Float) -> None:
-        """Writes the states (N, 12) wanted at the ends of the next steps, as `mpc_model` has them, of the origin."""
-        _ahead(self.record, dt_s, states)
-
 
 @kernel
-def _ahead(reference, dt_s, states):  # type: ignore[no-untyped-def]
+def states_ahead(reference, dt_s, states):  # type: ignore[no-untyped-def]
+    """Writes the states (N, 12) wanted at the ends of the next steps, as `mpc` has them, of the body's origin."""
     now = reference[0]
     yaw, yaw_rate = now.rpy[2], now.yaw_rate_radps
     x, y, z = now.position_m[0], now.position_m[1], now.position_m[2]

@@ -8,69 +8,15 @@ is. b^3 has the same peak, and neither speed nor acceleration at its ends.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.compiled import inner, kernel
+from quadlog.compiled import inner
 from quadlog.messages import Float
 
 PARABOLA, EASED = 1, 3
 """The power of b: as printed, or at rest at both ends. Any whole number of at least 1 goes."""
-
-
-@inner
-def foot_curve_state(
-    phase: float,
-    duration_s: float,
-    start_m: Float,
-    end_m: Float,
-    clearance_m: float,
-    aside_m: Float,
-    power: int,
-    position_m: Float,
-    velocity_mps: Float,
-    acceleration_mps2: Float,
-) -> None:
-    """Writes position, velocity and acceleration (3,) at a phase of a swing from start_m to end_m (3,).
-
-    aside_m: (3,) how far from the line between them the foot is in the middle of the swing, beside clearance_m of
-    height; power: of b. Outside of 0..1 the foot rests at the end it is nearer to, as swing_state has it.
-    """
-    inside = 0.0 <= phase <= 1.0
-    s = min(max(phase, 0.0), 1.0)
-    up = 2.0 * min(s, 1.0 - s)
-    pace = 1.0 / duration_s if inside else 0.0
-    along, along_rate, along_gain = _cycloid(s)
-    high, high_rate, high_gain = _cycloid(up)
-    rising = 1.0 if s < 0.5 else -1.0
-    bulge, bulge_rate, bulge_gain = _bulge(s, power)
-    for axis in range(3):
-        way = end_m[axis] - start_m[axis]
-        position_m[axis] = start_m[axis] + way * along + aside_m[axis] * bulge
-        velocity_mps[axis] = (way * along_rate + aside_m[axis] * bulge_rate) * pace
-        acceleration_mps2[axis] = (way * along_gain + aside_m[axis] * bulge_gain) * pace * pace
-    position_m[2] += clearance_m * high
-    velocity_mps[2] += clearance_m * high_rate * 2.0 * rising * pace
-    acceleration_mps2[2] += clearance_m * high_gain * 4.0 * pace * pace
-
-
-@inner
-def _cycloid(s):  # type: ignore[no-untyped-def]
-    """From 0 to 1, and its first two derivatives, which are 0 at both ends."""
-    angle = 2.0 * math.pi * s
-    return s - math.sin(angle) / (2.0 * math.pi), 1.0 - math.cos(angle), 2.0 * math.pi * math.sin(angle)
-
-
-@inner
-def _bulge(s, power):  # type: ignore[no-untyped-def]
-    """The power of b, 1 in the middle and 0 at both ends, and its first two derivatives."""
-    b, slope = 4.0 * s * (1.0 - s), 4.0 * (1.0 - 2.0 * s)
-    if power == 1:
-        return b, slope, -8.0
-    gain = power * (power - 1) * b ** (power - 2) * slope * slope - 8.0 * power * b ** (power - 1)
-    return b**power, power * b ** (power - 1) * slope, gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,31 +33,19 @@ class FootCycle:
     aside_m: float = 0.0
     power: int = PARABOLA
 
-    def at(self, t_s: Float) -> tuple[Float, Float, Float]:
-        """Position, velocity and acceleration, (N, 3) each, at times (N,) from a lift-off on; the cycle repeats.
+    def at(self, t_s: Float) -> Float:
+        """Positions (N, 3) at times (N,) from a lift-off on, about the middle of the step, level with the ground."""
+        cycle = np.mod(np.asarray(t_s, np.float64) / self.period_s, 1.0)
+        swings = cycle < self.swing_share
+        s = np.where(swings, cycle / self.swing_share, (cycle - self.swing_share) / (1.0 - self.swing_share))
+        on_m = self.step_m * _cycloid(s) - 0.5 * self.step_m
+        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)) ** self.power, _cycloid(2.0 * np.minimum(s, 1.0 - s))
+        return np.column_stack([np.where(swings, on_m, -on_m), swings * aside_m, swings * (self.lift_m * up_m)])
 
-        About the middle of the step, level with the ground.
-        """
-        states = np.empty((3, len(t_s), 3))
-        cycles = np.ascontiguousarray(np.mod(np.asarray(t_s, np.float64) / self.period_s, 1.0))
-        _cycle(cycles, self.period_s, self.step_m, self.lift_m, self.swing_share, self.aside_m, self.power, states)
-        return states[0], states[1], states[2]
 
-
-@kernel
-def _cycle(cycles, period_s, step_m, lift_m, swing_share, aside_m, power, states):  # type: ignore[no-untyped-def]
-    """Writes states (3, N, 3) at cycles (N,) 0..1."""
-    back, front = np.array([-0.5 * step_m, 0.0, 0.0]), np.array([0.5 * step_m, 0.0, 0.0])
-    aside, none = np.array([0.0, aside_m, 0.0]), np.zeros(3)
-    swing_s, stance_s = swing_share * period_s, (1.0 - swing_share) * period_s
-    for i in range(len(cycles)):
-        position, velocity, acceleration = states[0, i], states[1, i], states[2, i]
-        if cycles[i] < swing_share:
-            phase = cycles[i] / swing_share
-            foot_curve_state(phase, swing_s, back, front, lift_m, aside, power, position, velocity, acceleration)
-        else:
-            phase = (cycles[i] - swing_share) / (1.0 - swing_share)
-            foot_curve_state(phase, stance_s, front, back, 0.0, none, 1, position, velocity, acceleration)
+def _cycloid(s: Float) -> Float:
+    """From 0 to 1, at rest at both ends."""
+    return s - np.sin(2.0 * np.pi * s) / (2.0 * np.pi)
 
 
 def lateral_peak_m(moment_nm: float, k: float, hip_inertia_kgm2: float, period_s: float) -> float:

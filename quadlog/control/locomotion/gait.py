@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.body_reference import fit_plane, foothold
-from quadlog.control.locomotion.foot_trajectory import EASED, foot_curve_state, swing_state
+from quadlog.control.locomotion.foot_trajectory import swing_state
 from quadlog.control.locomotion.numba_record import Record
 from quadlog.control.locomotion.robot import Robot
 from quadlog.messages import Float
@@ -85,9 +85,6 @@ LANDS_FROM_PHASE = 0.6
 SEEKING_MPS = 0.8
 # A foot that stands and feels no ground for so long has lost it: pushing on, its leg would only fling the foot away.
 LOST_S = 0.01
-# Of each leg, to which side it goes aside: with alternating moments, the other way with the other diagonal pair.
-ASIDE_SIGNS: Float = np.array([1.0, -1.0, -1.0, 1.0])
-SWINGS = ("quintic", "foot_curve")
 
 _LAYOUT = np.dtype(
     [
@@ -106,9 +103,6 @@ _LAYOUT = np.dtype(
         ("period_s", "f8"),
         ("duty", "f8"),
         ("clearance_m", "f8"),
-        ("curved", "u1"),
-        ("asides_m", "f8", 4),
-        ("aside_m", "f8", 3),
     ],
     align=True,
 )
@@ -119,8 +113,7 @@ class Stride(Record):
 
     stands (4,): which feet carry. swing (3, 4, 3): position, velocity and acceleration wanted of the others, in map.
     contacts_m (4, 3): where each foot stands, or stood last; landings_m (4, 3): where it is to stand next.
-    plane (3,): of the ground under the feet's centres, see fit_plane. swing_name, of SWINGS: the quintic, or the curve
-    of [Foot, eqs 9-12], whose bulge of aside_m goes left with left fore and right hind, right with the others.
+    plane (3,): of the ground under the feet's centres, see fit_plane.
     """
 
     stands: Bool
@@ -133,33 +126,15 @@ class Stride(Record):
     plane: Float
     standing_feet_m: Float
     offsets: Float
-    asides_m: Float
 
-    def __init__(
-        self,
-        robot: Robot,
-        gait: Gait,
-        clearance_m: float,
-        feet_m: Float,
-        swing_name: str = SWINGS[0],
-        aside_m: float = 0.0,
-    ) -> None:
+    def __init__(self, robot: Robot, gait: Gait, clearance_m: float, feet_m: Float) -> None:
         super().__init__(_LAYOUT)
-        self._gait = gait
         self.stands[:] = self.planned[:] = self.was_planned[:] = True
         self.contacts_m[:] = self.landings_m[:] = self.lift_offs_m[:] = feet_m
         self.standing_feet_m[:], self.offsets[:] = robot.standing_feet_m, gait.offsets
         record = self.record
         record["period_s"], record["duty"], record["clearance_m"] = gait.period_s, gait.duty, clearance_m
-        record["curved"], self.asides_m[:] = swing_name == "foot_curve", aside_m * ASIDE_SIGNS
         fit_plane(self.contacts_m, self.plane)
-
-    def contacts_ahead(self, t_s: float, step_s: float, contacts: Bool) -> None:
-        """Writes which feet stand during each of the next steps (N, 4): now as they do, later as planned."""
-        gait = self._gait
-        # A step counts as what holds in its middle.
-        contact_schedule(t_s + 0.5 * step_s, step_s, gait.period_s, gait.duty, self.offsets, contacts)
-        contacts[0] = self.stands
 
 
 @inlined
@@ -211,25 +186,13 @@ def advance(  # type: ignore[no-untyped-def]
                 to.plane,
                 to.landings_m[leg],
             )
-            _swing(to, leg, phase[leg], swing_s, yaw)
+            ends = to.lift_offs_m[leg], to.landings_m[leg]
+            swing_state(phase[leg], swing_s, *ends, to.clearance_m, swing[0, leg], swing[1, leg], swing[2, leg])
         changed |= stands[leg] != stood
         to.was_planned[leg] = planned[leg]
     if changed:
         fit_plane(to.contacts_m, to.plane)
     return changed
-
-
-@inner
-def _swing(to, leg, phase, swing_s, yaw):  # type: ignore[no-untyped-def]
-    """Writes where a leg's foot is wanted on the curve of its choice."""
-    start, end, position, velocity = to.lift_offs_m[leg], to.landings_m[leg], to.swing[0, leg], to.swing[1, leg]
-    acceleration, aside = to.swing[2, leg], to.aside_m
-    if to.curved:
-        aside[0], aside[1] = -math.sin(yaw) * to.asides_m[leg], math.cos(yaw) * to.asides_m[leg]
-        # The parabola of eq. 12 would leave and meet the ground with speed.
-        foot_curve_state(phase, swing_s, start, end, to.clearance_m, aside, EASED, position, velocity, acceleration)
-    else:
-        swing_state(phase, swing_s, start, end, to.clearance_m, position, velocity, acceleration)
 
 
 @inlined

@@ -1,105 +1,85 @@
-"""Convex MPC: the ground forces that bring the body back to a reference within a horizon [Tracking, section 4.1].
+"""Convex MPC: ground forces that bring the body back to a reference within a horizon [Tracking, section 4.1].
 
-A strictly convex QP over the stance feet's forces, solved exactly by an active-set method (quadprog; daqp where that
-fails). It always has a solution, so only numerical trouble can fail it; then older or shared forces carry on.
+The quadruped is one rigid body on massless legs, linearised about its yaw [eqs 5-14, 22-28, corrected]. With roll,
+pitch and omega x (I omega) small: Theta' = T_z^T omega, p' = v, omega' = I^-1 sum(r x f) and v' = sum(f) / m + g, in
+Euler steps. Eqs 8 and 14 print T_z for T_z^T, which is right at a yaw of 0 and 180 degrees only: T_z turns from the
+heading to map, and omega is in map. Gravity is a term of its own instead of a 13th state.
+
+The state (12,) is Theta = (roll, pitch, yaw), p, omega, v: attitude with R = Rz Ry Rx, then position of the centre of
+mass, angular velocity and velocity in map. Lever arms (N, 4, 3) lead from the centre of mass to the feet, in map.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import math
 from dataclasses import dataclass
-from enum import StrEnum
 
-import daqp
 import numpy as np
-import quadprog
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv, dtrtri
 
-from quadlog.control.locomotion.mpc_model import GRAVITY_MPS2, LEGS, STATES, build_cost, in_pyramid
+from quadlog.compiled import kernel
+from quadlog.control.locomotion.force_qp import Pyramid
 from quadlog.messages import Float
 
-FEASIBLE_N = 1e-6
-"""A solver's answer that leaves the pyramid by more than this is a failure."""
+GRAVITY_MPS2 = 9.81
+STATES = 12
 LEVEL: Float = np.eye(3)
 """Level ground, seen along map's axes."""
+MOST_OF_WEIGHT = 1.2
+"""Of the robot's weight, what a foot may bear unless f_max_n is given."""
+
+PerAxis = tuple[float, float, float]
 
 
-class MpcStatus(StrEnum):
-    """Where the forces come from."""
-
-    SOLVED = "solved"
-    SECOND_SOLVER = "second solver"  # daqp, as quadprog failed
-    SHIFTED = "shifted"  # both failed: the last forces, one step on
-    SHARED = "shared"  # both failed, with other feet down: the weight in equal parts on the feet that stand now
-    FLIGHT = "flight"  # no foot stands within the horizon: nothing to solve
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class MpcSettings:
-    """Horizon, weights of the squared state errors and of squared forces (alpha, per N^2), and the friction pyramid."""
+    """Horizon, weights of squared state errors and of squared forces (alpha, per N^2), and what feet can push.
+
+    f_max_n: None for MOST_OF_WEIGHT.
+    """
 
     horizon: int = 10
     dt_s: float = 0.03
-    weight_rpy: tuple[float, float, float] = (25.0, 25.0, 12.0)
-    weight_position: tuple[float, float, float] = (20.0, 20.0, 80.0)
-    weight_omega: tuple[float, float, float] = (0.15, 0.15, 0.4)
-    weight_velocity: tuple[float, float, float] = (2.0, 2.0, 0.8)
+    weight_rpy: PerAxis = (25.0, 25.0, 12.0)
+    weight_position: PerAxis = (20.0, 20.0, 80.0)
+    weight_omega: PerAxis = (0.15, 0.15, 0.4)
+    weight_velocity: PerAxis = (2.0, 2.0, 0.8)
     alpha: float = 2e-5
     mu: float = 0.6
     f_min_n: float = 0.0
-    f_max_n: float = 150.0
+    f_max_n: float | None = None
 
-    def __post_init__(self) -> None:
-        """Refuses what would make the QP empty or not strictly convex."""
-        if not 1 <= self.horizon <= 100:
-            raise ValueError(f"horizon {self.horizon} is not within 1..100")
-        weights = self.weights()
-        if weights.shape != (STATES,) or not (np.isfinite(weights).all() and (weights >= 0).all()):
-            raise ValueError(f"weights {weights.tolist()} are not {STATES} finite numbers >= 0")
-        for name in ("dt_s", "alpha", "mu", "f_max_n"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} {getattr(self, name)} is not finite and > 0")
-        if not 0 <= self.f_min_n <= self.f_max_n:
-            raise ValueError(f"f_min_n {self.f_min_n} is not within 0..f_max_n")
-
-    def weights(self) -> Float:
-        """The diagonal (12,) of Q."""
-        return np.array([*self.weight_rpy, *self.weight_position, *self.weight_omega, *self.weight_velocity])
-
-
-@dataclass(frozen=True)
-class MpcSolution:
-    """Forces in N on the feet, in map: of the first step (4, 3) and of all (N, 4, 3); iterations of the solver."""
-
-    forces_n: Float
-    all_forces_n: Float
-    status: MpcStatus
-    iterations: int
+    def pyramid(self, mass_kg: float) -> Pyramid:
+        """What the feet of a robot of that mass can push. Raises ValueError where that is nothing."""
+        f_max_n = MOST_OF_WEIGHT * mass_kg * GRAVITY_MPS2 if self.f_max_n is None else self.f_max_n
+        return Pyramid(self.mu, self.f_min_n, f_max_n)
 
 
 class Mpc:
     """MPC for a body of a mass and an inertia (3, 3) about its centre of mass, in the body's frame.
 
-    `counts` says how often each status came up.
+    solves: how often forces were planned.
     """
 
-    def __init__(self, mass_kg: float, inertia_in_body: Float, settings: MpcSettings | None = None) -> None:
-        """ValueError for a mass that is not positive, or an inertia that is not symmetric and positive definite."""
-        self.settings = settings or MpcSettings()
-        inertia = np.ascontiguousarray(inertia_in_body, dtype=np.float64)
-        if not 0 < mass_kg < np.inf:
-            raise ValueError(f"mass {mass_kg} kg is not finite and > 0")
-        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-9):
-            raise ValueError("the inertia is not a finite symmetric (3, 3)")
-        if np.linalg.eigvalsh(inertia)[0] <= 0:
-            raise ValueError("the inertia is not positive definite")
-        self.mass_kg = float(mass_kg)
-        self.counts: Counter[MpcStatus] = Counter()
-        self._inverse_in_body = np.linalg.inv(inertia)
-        self._weights = self.settings.weights()
-        self._pyramids: dict[int, tuple[Float, Float]] = {}
-        self._last: tuple[Float, NDArray[np.bool_]] | None = None
+    def __init__(self, mass_kg: float, inertia_in_body: Float, settings: MpcSettings, pyramid: Pyramid) -> None:
+        self.mass_kg, self.settings, self.pyramid, self.solves = float(mass_kg), settings, pyramid, 0
+        self._inverse_in_body = np.linalg.inv(inertia_in_body)
+        of = settings.weight_rpy, settings.weight_position, settings.weight_omega, settings.weight_velocity
+        self._weights = np.concatenate(of)
+        most = 12 * settings.horizon
+        shapes = (3, 3), (settings.horizon, STATES), (STATES,), (most, STATES)
+        self._room = *(np.empty(shape) for shape in shapes), np.empty(most, np.int64)
+        self._hessian, self._gradient = np.empty(most * most), np.empty(most)
+
+    def condense(
+        self, state: Float, reference: Float, lever_arms_m: Float, contacts: NDArray[np.bool_], ground_to_map: Float
+    ) -> tuple[Float, Float]:
+        """H (n, n) and g (n,) over the forces of all stance feet, step by step, along the ground's axes; see solve."""
+        settings = self.settings
+        problem = state, reference, lever_arms_m, contacts, ground_to_map
+        body = self._inverse_in_body, self.mass_kg, self._weights, settings.alpha, settings.dt_s
+        n = _condense(*problem, *body, *self._room, self._hessian, self._gradient)
+        return self._hessian[: n * n].reshape(n, n), self._gradient[:n]
 
     def solve(
         self,
@@ -108,138 +88,106 @@ class Mpc:
         lever_arms_m: Float,
         contacts: NDArray[np.bool_],
         ground_to_map: Float = LEVEL,
-    ) -> MpcSolution:
-        """Forces for a state (12,) as in `mpc_model`, over N steps of dt from now.
+    ) -> Float:
+        """Forces (N, 4, 3) in N on the feet, in map, for a state (12,), over N steps of dt from now.
 
-        reference (N, 12): the states wanted at the steps' ends. lever_arms_m
-        (N, 4, 3): from the centre of mass to the feet in the middle of each step, in map: taken
-        at its start, a body at 0.3 m/s is planned 0.6 N m wrong in pitch.
-        contacts (N, 4): which feet stand; the others get no force, and their
-        lever arms are not read. ground_to_map (3, 3): a rotation; its columns are
-        where the friction pyramids' sides face and their normal. The yaw of the
-        linear model is the mean over the steps' starts: the measured one, then
-        the reference's. ValueError for other shapes and for what is not finite;
-        never an error for numerical trouble, which `status` reports.
+        reference (N, 12): the states wanted at the steps' ends. lever_arms_m (N, 4, 3): in the middle of each step:
+        taken at its start, a body at 0.3 m/s is planned 0.6 N m wrong in pitch. contacts (N, 4): which feet stand;
+        lever arms of the others are not read. ground_to_map (3, 3): a rotation; its columns are where the friction
+        pyramids' sides face and their normal. The yaw of the linear model is the mean over the steps' starts: the
+        measured one, then the reference's. Where no solver has an answer, the feet of each step share the weight.
         """
-        steps = self.settings.horizon
-        state, reference, lever_arms_m, ground_to_map = (
-            np.ascontiguousarray(each, dtype=np.float64) for each in (state, reference, lever_arms_m, ground_to_map)
-        )
-        # A copy, as it is kept beside the forces.
-        contacts = np.array(contacts, dtype=np.bool_, order="C")
-        shapes = state.shape, reference.shape, lever_arms_m.shape, contacts.shape, ground_to_map.shape
-        wanted = (STATES,), (steps, STATES), (steps, LEGS, 3), (steps, LEGS), (3, 3)
-        if shapes != wanted:
-            raise ValueError(f"state, reference, lever arms, contacts and ground have shapes {shapes}, not {wanted}")
-        forces, status, iterations = self._forces(state, reference, lever_arms_m, contacts, ground_to_map)
-        self._last = forces, contacts
-        self.counts[status] += 1
-        return MpcSolution(forces[0].copy(), forces.copy(), status, iterations)
+        self.solves += 1
+        forces_n: Float = np.zeros((*contacts.shape, 3))
+        hessian, gradient = self.condense(state, reference, lever_arms_m, contacts, ground_to_map)
+        if len(gradient):
+            shared_n = np.zeros_like(forces_n)
+            shared_n[..., 2] = self.mass_kg * GRAVITY_MPS2 / np.maximum(contacts.sum(axis=1, keepdims=True), 1)
+            found_n = self.pyramid.solve(hessian, gradient, shared_n[contacts] @ ground_to_map)
+            forces_n[contacts] = found_n.reshape(-1, 3) @ ground_to_map.T
+        return forces_n
 
-    def _forces(
-        self,
-        state: Float,
-        reference: Float,
-        lever_arms_m: Float,
-        contacts: NDArray[np.bool_],
-        ground_to_map: Float,
-    ) -> tuple[Float, MpcStatus, int]:
-        H, g, is_finite = build_cost(
-            state,
-            reference,
-            lever_arms_m,
-            contacts,
-            self.mass_kg,
-            self._inverse_in_body,
-            self._weights,
-            self.settings.alpha,
-            self.settings.dt_s,
-        )
-        if not (is_finite and np.isfinite(ground_to_map).all()):
-            # From the input, or from an overflow: only the former is the caller's fault.
-            for name, array in (
-                ("state", state),
-                ("reference", reference),
-                ("lever arms", lever_arms_m[contacts]),
-                ("ground's axes", ground_to_map),
-            ):
-                if not np.isfinite(array).all():
-                    raise ValueError(f"the {name} are not all finite")
-        if len(g) == 0:
-            return np.zeros((*contacts.shape, 3)), MpcStatus.FLIGHT, 0
-        if is_finite:
-            for status, solver in ((MpcStatus.SOLVED, self._quadprog), (MpcStatus.SECOND_SOLVER, self._daqp)):
-                answer, iterations = solver(H, g, ground_to_map)
-                if answer is not None and self._is_allowed(answer, ground_to_map, FEASIBLE_N):
-                    forces = np.zeros((*contacts.shape, 3))
-                    forces[contacts] = answer.reshape(-1, 3)
-                    return forces, status, iterations
-        forces, status = self._without_solver(contacts, ground_to_map)
-        return forces, status, 0
 
-    def _quadprog(self, H: Float, g: Float, ground_to_map: Float) -> tuple[Float | None, int]:
-        """Forces (n,), None if it failed, and iterations: none where no constraint is active, as mostly in a walk."""
-        # H is symmetric: its transpose is H in the order of LAPACK.
-        factor, forces, failed = dposv(H.T, -g)
-        if failed:
-            return None, 0
-        if self._is_allowed(forces, ground_to_map, 0.0):
-            return forces, 0
-        inverse, _ = dtrtri(factor)
-        rows, lower = self._pyramid(len(g) // 3, ground_to_map)
-        try:
-            forces, _, _, iterations, _, _ = quadprog.solve_qp(inverse, -g, rows.T, lower, 0, True)
-        except ValueError:
-            # "Inconsistent", which these constraints never are but for rounding.
-            return None, 0
-        return forces, int(iterations[0])
+@kernel
+def _condense(  # type: ignore[no-untyped-def]
+    state, reference, arms, contacts, axes, inverse_in_body, mass, weights, alpha, dt, inverse, errors, pull, effects,
+    steps, hessian, gradient,
+):  # fmt: skip
+    """Writes H, row by row, and g: how many forces there are.
 
-    def _daqp(self, H: Float, g: Float, ground_to_map: Float) -> tuple[Float | None, int]:
-        """Forces (n,), None if it failed, and iterations."""
-        rows, lower = self._pyramid(len(g) // 3, ground_to_map)
-        forces, _, exit_flag, info = daqp.solve(H, g, rows, np.full(len(lower), np.inf), lower)
-        return (forces if exit_flag == 1 else None), int(info["iterations"])
+    The model is nilpotent: of a force's components each has six numbers, the angular acceleration, in the heading's
+    frame for Theta, and the acceleration that it gives. At the end of step i a force of step s <= i has made dt times
+    these of omega and v, and (i - s) dt^2 times these of Theta and p. So no powers of A are needed.
+    """
+    horizon = len(reference)
+    # Yaws are unwrapped along the way, so that the reference may jump by whole turns.
+    turned, yaw_sum = 0.0, 0.0
+    for i in range(horizon):
+        yaw_sum += turned
+        turn = reference[i, 2] - state[2] - turned
+        turned += turn - 2 * math.pi * np.rint(turn / (2 * math.pi))
+        errors[i, 2] = -turned
+    cos, sin = math.cos(state[2] + yaw_sum / horizon), math.sin(state[2] + yaw_sum / horizon)
 
-    def _is_allowed(self, forces: Float, ground_to_map: Float, tolerance_n: float) -> bool:
-        settings = self.settings
-        forces = (forces.reshape(-1, 3) @ ground_to_map).ravel()
-        return bool(in_pyramid(forces, settings.mu, settings.f_min_n, settings.f_max_n, tolerance_n))
+    # What the states would be without forces, less the reference.
+    for i in range(horizon):
+        t = (i + 1) * dt
+        for k in range(12):
+            if k != 2:
+                errors[i, k] = state[k] - reference[i, k]
+        errors[i, 0] += t * (cos * state[6] + sin * state[7])
+        errors[i, 1] += t * (cos * state[7] - sin * state[6])
+        errors[i, 2] += t * state[8]
+        for axis in range(3):
+            errors[i, 3 + axis] += t * state[9 + axis]
+        errors[i, 5] -= GRAVITY_MPS2 * dt * dt * i * (i + 1) / 2  # Euler's fall
+        errors[i, 11] -= GRAVITY_MPS2 * t
 
-    def _pyramid(self, feet: int, ground_to_map: Float) -> tuple[Float, Float]:
-        """|fx|, |fy| <= mu fz and f_min <= fz <= f_max along the ground's axes, as rows @ forces >= lower.
+    # The inverse inertia in map, T_z I^-1 T_z^T.
+    for i in range(3):
+        a, b, c = inverse_in_body[i, 0], inverse_in_body[i, 1], inverse_in_body[i, 2]
+        inverse[i, 0], inverse[i, 1], inverse[i, 2] = cos * a - sin * b, sin * a + cos * b, c
+    for j in range(3):
+        a, b = inverse[0, j], inverse[1, j]
+        inverse[0, j], inverse[1, j] = cos * a - sin * b, sin * a + cos * b
 
-        forces (n,) are those of all feet, in map.
-        """
-        if feet not in self._pyramids:
-            mu, f_min, f_max = self.settings.mu, self.settings.f_min_n, self.settings.f_max_n
-            rows = [[-1.0, 0.0, mu], [1.0, 0.0, mu], [0.0, -1.0, mu], [0.0, 1.0, mu], [0.0, 0.0, -1.0]]
-            lower = [0.0, 0.0, 0.0, 0.0, -f_max]
-            if f_min > 0:
-                # fz >= 0 needs no row: it follows from the sides, and would make the tip degenerate.
-                rows.append([0.0, 0.0, 1.0])
-                lower.append(f_min)
-            self._pyramids[feet] = np.kron(np.eye(feet), np.array(rows)), np.tile(lower, feet)
-        along_ground, at_least = self._pyramids[feet]
-        # Each row is a foot's force after the other: all of them are turned by the same rotation.
-        return (along_ground.reshape(-1, 3) @ ground_to_map.T).reshape(along_ground.shape), at_least
+    n = 0
+    for step in range(horizon):
+        for k in range(12):
+            pull[k] = 0.0
+            for i in range(step, horizon):
+                pull[k] += weights[k] * errors[i, k] * ((i - step) * dt * dt if k < 6 else dt)
+        for leg in range(4):
+            if not contacts[step, leg]:
+                continue
+            x, y, z = arms[step, leg, 0], arms[step, leg, 1], arms[step, leg, 2]
+            for along in range(3):
+                a, b, c = axes[0, along], axes[1, along], axes[2, along]
+                moment_x, moment_y, moment_z = y * c - z * b, z * a - x * c, x * b - y * a
+                effect = effects[n]
+                for k in range(3):
+                    effect[6 + k] = inverse[k, 0] * moment_x + inverse[k, 1] * moment_y + inverse[k, 2] * moment_z
+                    effect[9 + k] = effect[3 + k] = axes[k, along] / mass
+                effect[0] = cos * effect[6] + sin * effect[7]
+                effect[1] = cos * effect[7] - sin * effect[6]
+                effect[2] = effect[8]
+                gradient[n] = 0.0
+                for k in range(12):
+                    gradient[n] += effect[k] * pull[k]
+                    effect[k] *= math.sqrt(weights[k])
+                steps[n] = step
+                n += 1
 
-    def _without_solver(self, contacts: NDArray[np.bool_], ground_to_map: Float) -> tuple[Float, MpcStatus]:
-        """The last one step on, where the same feet stand; else the weight in equal parts. Clipped to the pyramid."""
-        stance = contacts.sum(axis=1, keepdims=True)
-        forces = np.zeros((*contacts.shape, 3))
-        forces[..., 2] = self.mass_kg * GRAVITY_MPS2 / np.maximum(stance, 1)
-        status = MpcStatus.SHARED
-        if self._last is not None:
-            later = np.minimum(np.arange(1, len(contacts) + 1), len(contacts) - 1)
-            last_forces, last_contacts = self._last[0][later], self._last[1][later]
-            same = (last_contacts == contacts).all(axis=1)
-            forces[same] = last_forces[same]
-            if same[0]:
-                status = MpcStatus.SHIFTED
-        forces = forces @ ground_to_map
-        forces[..., 2] = np.clip(forces[..., 2], self.settings.f_min_n, self.settings.f_max_n)
-        side = self.settings.mu * forces[..., 2:]
-        forces[..., :2] = np.clip(forces[..., :2], -side, side)
-        forces = forces @ ground_to_map.T
-        forces[~contacts] = 0.0
-        return forces, status
+    for v in range(n):
+        for u in range(v + 1):
+            of_place, of_rate = 0.0, 0.0
+            for k in range(6):
+                of_place += effects[u, k] * effects[v, k]
+                of_rate += effects[u, 6 + k] * effects[v, 6 + k]
+            # Over the states after both steps, of which there are `ends`: sums of 1 and of (i - s) (i - s').
+            ends, apart = horizon - steps[v], steps[v] - steps[u]
+            products = (ends - 1) * ends * (2 * ends - 1) / 6 + apart * (ends - 1) * ends / 2
+            both = dt * dt * (ends * of_rate + products * dt * dt * of_place)
+            hessian[u * n + v] = hessian[v * n + u] = both
+        hessian[v * n + v] += alpha
+    return n

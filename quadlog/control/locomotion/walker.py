@@ -8,18 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quadlog.compiled import inlined, kernel
-from quadlog.control.locomotion.body_reference import BodyReference, WantedMotion, follow
-from quadlog.control.locomotion.gait import GAITS, Bool, Stride, advance
-from quadlog.control.locomotion.mpc import Mpc, MpcSettings
-from quadlog.control.locomotion.mpc_model import STATES
+from quadlog.control.locomotion.body_reference import BodyReference, follow, states_ahead
+from quadlog.control.locomotion.gait import GAITS, Stride, advance, contact_schedule
+from quadlog.control.locomotion.mpc import STATES, Mpc, MpcSettings
 from quadlog.control.locomotion.robot import Robot
-from quadlog.control.locomotion.wbc import WbcSettings, WholeBodyControl, WholeBodyState, WholeBodyTargets
+from quadlog.control.locomotion.wbc import WholeBodyControl, WholeBodyState, WholeBodyTargets
 from quadlog.messages import Float
+
+# How fast commands may change: pure pursuit's jump where a path begins and bends.
+ACCELERATION_MPS2, YAW_ACCELERATION_RADPS2 = 1.0, 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class WalkerSettings:
-    """gait: of GAITS. swing and aside_m: as Stride has them. whole_body: False pushes by the MPC's forces alone.
+    """gait: of GAITS. clearance_m: how high feet are lifted. whole_body: False pushes by the MPC's forces alone.
 
     mass_error: share by which the MPC is wrong.
     turning_share: of the standing robot's inertia, what the MPC takes to turn with the trunk: shanks and feet stay
@@ -30,95 +32,68 @@ class WalkerSettings:
 
     gait: str = "trot"
     clearance_m: float = 0.09
-    swing: str = "quintic"
-    aside_m: float = 0.0
     whole_body: bool = True
     mpc_every_s: float = 0.03
     mass_error: float = 0.0
     turning_share: float = 0.6
     mpc: MpcSettings = field(default_factory=MpcSettings)
-    wbc: WbcSettings = field(default_factory=WbcSettings)
 
 
 class Walker:
-    """The controller of one robot, tick after tick."""
+    """The controller of one robot, tick after tick. wanted (2,): the speed and yaw rate that it is walking at."""
 
     def __init__(self, robot: Robot, settings: WalkerSettings, state: WholeBodyState) -> None:
-        self.settings = settings
-        self._robot = robot
-        curve = settings.swing, settings.aside_m
-        self.stride = Stride(robot, GAITS[settings.gait], settings.clearance_m, state.feet_m, *curve)
+        self.settings, mpc = settings, settings.mpc
+        self.stride = Stride(robot, GAITS[settings.gait], settings.clearance_m, state.feet_m)
         # The plane lies under the feet's centres.
         height_m = robot.standing_height_m - robot.foot_radius_m
         self.reference = BodyReference(state.position_m, float(state.rpy[2]), height_m)
-        inertia_kgm2 = settings.turning_share * robot.inertia_kgm2
-        self.mpc = Mpc(robot.mass_kg * (1 + settings.mass_error), inertia_kgm2, settings.mpc)
-        self.wbc = WholeBodyControl(settings.wbc)
+        mass_kg, inertia_kgm2 = robot.mass_kg * (1 + settings.mass_error), settings.turning_share * robot.inertia_kgm2
+        self.mpc = Mpc(mass_kg, inertia_kgm2, mpc, mpc.pyramid(robot.mass_kg))
+        self.wbc = WholeBodyControl(mpc.pyramid(robot.mass_kg), robot.torque_limit_nm)
+        self.wanted: Float = np.zeros(2)
         self._targets = WholeBodyTargets()
-        self._centre_m = robot.centre_of_mass_m
-        self._due_s = 0.0
-        horizon = settings.mpc.horizon
-        self._ahead, self._contacts = np.zeros((horizon, STATES)), np.zeros((horizon, 4), dtype=np.bool_)
-        self._arms_m = np.zeros((horizon, 4, 3))
+        self._centre_m, self._due_s = robot.centre_of_mass_m, 0.0
+        shapes = (STATES,), (mpc.horizon, STATES), (mpc.horizon, 4, 3)
+        self._now, self._ahead, self._arms_m = (np.empty(shape) for shape in shapes)
+        self._contacts = np.empty((mpc.horizon, 4), dtype=np.bool_)
 
-    def step(self, t_s: float, dt_s: float, state: WholeBodyState, wanted: WantedMotion) -> tuple[Float, Bool]:
-        """Torques (12,) for the tick at t_s, within the limits, and which were cut; both are overwritten by the next.
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often forces were planned, how often friction limited a QP, and how often a solver failed."""
+        qps = {"mpc": self.mpc.pyramid, "wbc": self.wbc.pyramid}
+        limits = {f"{name}_{what}": getattr(of, what) for name, of in qps.items() for what in ("limited", "failed")}
+        return {"mpc_solves": self.mpc.solves, **limits}
 
-        Up to the whole body's targets it is one compiled function; then, when they are due, come the MPC's forces, and
-        whole-body control, with a compiled function on either side of its QP.
+    def step(self, t_s: float, dt_s: float, state: WholeBodyState, speed_mps: float, yaw_rate_radps: float) -> Float:
+        """Torques (12,) for the tick at t_s, within the limits; overwritten by the next tick.
+
+        Up to the whole body's targets it is one compiled function; then, when they are due, come the MPC's forces,
+        looked ahead by another, and whole-body control, which leaves its compiled function only where friction limits
+        the forces.
         """
-        targets = self._targets
+        targets, wbc = self._targets, self.wbc
         records = state.record, self.stride.record, self.reference.record, targets.record
-        changed = _aim(t_s, dt_s, wanted.speed_mps, wanted.yaw_rate_radps, *records)
+        changed = _aim(t_s, dt_s, speed_mps, yaw_rate_radps, self.wanted, *records)
         if changed or t_s >= self._due_s:
-            self._plan_forces(t_s, state)
+            problem = self._now, self._ahead, self._arms_m, self._contacts
+            _look_ahead(t_s, self.settings.mpc.dt_s, self._centre_m, *records, *problem)
+            targets.forces_n[:] = self.mpc.solve(*problem, targets.rotation_body_to_map)[0]
             self._due_s = t_s + self.settings.mpc_every_s
-        if not self.settings.whole_body:
-            return self.wbc.mpc_only_torques(state, targets)
-        command = self.wbc.step(state, targets)
-        return command.torques_nm, command.saturated
-
-    def _plan_forces(self, t_s: float, state: WholeBodyState) -> None:
-        settings, stride = self.settings.mpc, self.stride
-        rotation = state.rotation_body_to_map
-        offset_m = rotation @ self._centre_m
-        omega = rotation @ state.qvel[3:6]
-        (wx, wy, wz), (x, y, z) = omega.tolist(), offset_m.tolist()
-        turning_mps = np.array([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x])
-        now = np.concatenate([state.rpy, state.position_m + offset_m, omega, state.qvel[:3] + turning_mps])
-        self.reference.ahead(settings.dt_s, self._ahead)
-        self._ahead[:, 3:6] += self._targets.rotation_body_to_map @ self._centre_m
-        # The linear model's yaw must not jump where the angle does.
-        self._ahead[:, 2] += now[2] - self._ahead[0, 2] + _wrapped(self._ahead[0, 2] - now[2])
-        stride.contacts_ahead(t_s, settings.dt_s, self._contacts)
-        # Lever arms start at the body's real place: a reference ahead of it would tilt the robot. They are those of the
-        # middle of each step, because forces hold for a whole step; the states ahead are those of the steps' ends.
-        to_middle_m = now[3:6] - self._ahead[0, 3:6] + 0.5 * settings.dt_s * self.reference.velocity_mps
-        self._arms_m[:] = self._feet_ahead_m() - (self._ahead[:, None, 3:6] + to_middle_m)
-        # The reference lies on the ground and along the heading: so do the sides of the friction pyramids.
-        ground_to_map = self._targets.rotation_body_to_map
-        solution = self.mpc.solve(now, self._ahead, self._arms_m, self._contacts, ground_to_map)
-        self._targets.forces_n[:] = solution.forces_n
-
-    def _feet_ahead_m(self) -> Float:
-        """(N, 4, 3) where each foot stands in each step: where it is, where it is landing, or a stride farther on."""
-        stride = self.stride
-        stride_m = self.reference.velocity_mps * GAITS[self.settings.gait].period_s
-        # A foot that stands now is a stride on once it has been in the air.
-        has_left = ~np.logical_and.accumulate(self._contacts, axis=0) & stride.stands
-        feet_m = np.where(stride.stands[:, None], stride.contacts_m, stride.landings_m)
-        return feet_m + has_left[:, :, None] * stride_m
+        return wbc.step(state, targets) if self.settings.whole_body else wbc.mpc_only_step(state, targets)
 
 
 @kernel
-def _aim(t_s, dt_s, speed, yaw_rate, state, stride, reference, targets):  # type: ignore[no-untyped-def]
+def _aim(t_s, dt_s, speed, yaw_rate, wanted, state, stride, reference, targets):  # type: ignore[no-untyped-def]
     """Reference and legs go on to t_s and say what is wanted; True when another set of feet carries than before."""
     now, legs, body, to = state[0], stride[0], reference[0], targets[0]
+    for k, command, most in ((0, speed, ACCELERATION_MPS2 * dt_s), (1, yaw_rate, YAW_ACCELERATION_RADPS2 * dt_s)):
+        wanted[k] += min(max(command - wanted[k], -most), most)
     place, yaw, velocity = now.position_m, now.rpy[2], now.qvel[:3]
-    follow(reference, dt_s, speed, yaw_rate, place, yaw, legs.plane)
-    changed = advance(stride, t_s, dt_s, now.feet_m, now.touches, place, yaw, velocity, body.velocity_mps, yaw_rate)
+    follow(reference, dt_s, wanted[0], wanted[1], place, yaw, legs.plane)
+    changed = advance(stride, t_s, dt_s, now.feet_m, now.touches, place, yaw, velocity, body.velocity_mps, wanted[1])
     _rotate(body.rpy, to.rotation_body_to_map)
-    to.body[2, 2] = yaw_rate
+    to.body[2, 2] = wanted[1]
     for axis in range(3):
         to.body[0, axis], to.body[1, axis] = body.position_m[axis], body.velocity_mps[axis]
     for leg in range(4):
@@ -139,5 +114,37 @@ def _rotate(rpy: Float, rotation: Float) -> None:
     rotation[2, 0], rotation[2, 1], rotation[2, 2] = -sp, cp * sr, cp * cr
 
 
-def _wrapped(angle_rad: float) -> float:
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
+@kernel
+def _look_ahead(t_s, dt_s, centre, state, stride, reference, targets, now, ahead, arms, contacts):  # type: ignore[no-untyped-def]
+    """Writes what the MPC plans for: the state now (12,), those wanted ahead (N, 12), lever arms (N, 4, 3), contacts.
+
+    centre (3,): of mass, in the body. A step's contacts are those in its middle, but for the first, which is the
+    present. A foot stands where it is or is landing, and a stride farther on once it has been in the air.
+    """
+    body, legs, to = state[0], stride[0], reference[0]
+    rotation, wanted, qvel = body.rotation_body_to_map, targets[0].rotation_body_to_map, body.qvel
+    for i in range(3):
+        now[i] = body.rpy[i]
+        now[3 + i] = rotation[i, 0] * centre[0] + rotation[i, 1] * centre[1] + rotation[i, 2] * centre[2]
+        now[6 + i] = rotation[i, 0] * qvel[3] + rotation[i, 1] * qvel[4] + rotation[i, 2] * qvel[5]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        now[9 + i] = qvel[i] + now[6 + j] * now[3 + k] - now[6 + k] * now[3 + j]
+    states_ahead(reference, dt_s, ahead)
+    contact_schedule(t_s + 0.5 * dt_s, dt_s, legs.period_s, legs.duty, legs.offsets, contacts)
+    for axis in range(3):
+        now[3 + axis] += body.position_m[axis]
+        offset = wanted[axis, 0] * centre[0] + wanted[axis, 1] * centre[1] + wanted[axis, 2] * centre[2]
+        # Lever arms start at the body's real place: a reference ahead of it would tilt the robot. They are those of the
+        # middle of each step, because forces hold for a whole step; the states ahead are those of the steps' ends.
+        to_middle = now[3 + axis] - ahead[0, 3 + axis] - offset + 0.5 * dt_s * to.velocity_mps[axis]
+        for leg in range(4):
+            contacts[0, leg] = legs.stands[leg]
+            foot = legs.contacts_m[leg, axis] if legs.stands[leg] else legs.landings_m[leg, axis]
+            stood = legs.stands[leg]
+            for step in range(len(ahead)):
+                if stood and not contacts[step, leg]:
+                    foot, stood = foot + to.velocity_mps[axis] * legs.period_s, False
+                arms[step, leg, axis] = foot - (ahead[step, 3 + axis] + offset + to_middle)
+        for step in range(len(ahead)):
+            ahead[step, 3 + axis] += offset

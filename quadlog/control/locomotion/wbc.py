@@ -1,39 +1,46 @@
 """Whole-body control: joint torques from tasks in a strict order and the MPC's forces [Tracking, eqs 33-44].
 
-First the tasks give accelerations (`null_space`). They and the MPC's forces seldom agree on what the base does; a QP
-shares the difference out between both (`force_qp`), and the joints' rows of the equations of motion give torques.
-Coordinates are MuJoCo's: qvel (18,) = velocity in map (3), angular velocity IN THE BODY (3), joint speeds (12), and
-mass matrix, bias and Jacobians go with them. Forces (4, 3) are the ground's on the feet, in map.
+The tasks by Table 3 are: feet in stance do not move, the body turns, the body moves, feet in swing follow their curves.
+A free body and four feet have 18 independent rows for 18 coordinates, so that the recursion over null spaces (eqs
+33-40; errata: 36 as printed disturbs the first task, 37 has q_i for x_i, 40 has J for J') has a closed form: the body
+moves as its tasks want, and each leg's own three joints give its foot what the body's motion leaves to do.
+
+Tasks and the MPC's forces seldom agree on what the base does. A QP over the stance forces shares the difference out
+between both (eqs 41-43), and the joints' rows of the equations of motion give torques (eq. 44). Coordinates are
+MuJoCo's: qvel (18,) = velocity in map (3), angular velocity IN THE BODY (3), joint speeds (12); mass matrix, bias and
+Jacobians go with them. Forces (4, 3) are the ground's on the feet, in map.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass
-from typing import NamedTuple
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.compiled import inner, kernel
+from quadlog.control.locomotion.force_qp import Pyramid, is_allowed
 from quadlog.control.locomotion.numba_record import Record
-from quadlog.control.locomotion.wbc_kernels import (
-    JOINTS,
-    SIZE,
-    ForceQp,
-    QpStatus,
-    before_qp,
-    joint_torques,
-    leg_torques,
-)
 from quadlog.messages import Float
 
 Bool = NDArray[np.bool_]
+BASE, JOINTS, SIZE = 6, 12, 18
+
+# Feedback of error and rate, all ours, which walks hardly depend on: of the tasks in 1/s^2 and 1/s; of joints [eq. 44]
+# in N m/rad and N m s/rad; of feet in swing without whole-body control in N/m and N s/m.
+ROTATION, TRANSLATION, SWING = (80.0, 8.0), (60.0, 8.0), (350.0, 30.0)
+JOINT, SWING_FORCE = (20.0, 0.8), (700.0, 25.0)
+# Of the QP's cost [eq. 41]: of what the base does beside the tasks, and of forces beside those of the MPC.
+WEIGHT_ACCELERATION, WEIGHT_FORCE = 0.1, 1.0
+WEAKEST = 0.02
+"""A leg whose Jacobian may have a singular value below this, bent by less than 15 degrees, is damped."""
 
 _STATE = np.dtype(
     [
         ("rotation_body_to_map", "f8", (3, 3)),
         ("rpy", "f8", 3),
         ("position_m", "f8", 3),
+        ("velocity_mps", "f8", 3),
         ("qvel", "f8", SIZE),
         ("feet_m", "f8", (4, 3)),
         ("foot_jacobians", "f8", (4, 3, SIZE)),
@@ -47,7 +54,7 @@ _STATE = np.dtype(
 _TARGETS = np.dtype(
     [
         ("rotation_body_to_map", "f8", (3, 3)),
-        ("body", "f8", (5, 3)),
+        ("body", "f8", (3, 3)),
         ("feet", "f8", (3, 4, 3)),
         ("forces_n", "f8", (4, 3)),
         ("stance", "u1", 4),
@@ -56,15 +63,15 @@ _TARGETS = np.dtype(
 )
 _CONTROL = np.dtype(
     [
-        ("task_gains", "f8", (3, 2)),
-        ("weights", "f8", 2),
-        ("joint_gains", "f8", 2),
-        ("swing_force_gains", "f8", 2),
-        ("limits_nm", "f8", JOINTS),
         ("pyramid", "f8", 3),
-        ("weakest", "f8"),
+        ("limits_nm", "f8", JOINTS),
         ("out", "f8", (SIZE, 3)),
-        ("room", "f8", (5, SIZE, SIZE)),
+        ("hessian", "f8", (JOINTS, JOINTS)),
+        ("gradient", "f8", JOINTS),
+        ("response", "f8", (JOINTS + 1, BASE)),
+        ("stance_n", "f8", (1, JOINTS)),
+        ("room", "f8", (2, JOINTS, JOINTS)),
+        ("small", "f8", (4, 3, 3)),
         ("forces_n", "f8", (4, 3)),
         ("torques_nm", "f8", JOINTS),
         ("saturated", "u1", JOINTS),
@@ -73,58 +80,19 @@ _CONTROL = np.dtype(
 )
 
 
-@dataclass(frozen=True)
-class WbcSettings:
-    """Gains, weights and limits.
-
-    Feedback (k_p in 1/s^2, k_d in 1/s) of the tasks; joint PD in N m/rad and N m s/rad; swing_force in N/m and N s/m,
-    for a leg in swing without whole-body control. Weights of squared base acceleration and squared force beside what
-    tasks and MPC ask for. torque_limit_nm: one for all, or (12,). weakest: see `null_space.prioritised`; legs bent by
-    less than 15 degrees come below the default.
-    """
-
-    rotation_gains: tuple[float, float] = (80.0, 8.0)
-    translation_gains: tuple[float, float] = (60.0, 8.0)
-    swing_gains: tuple[float, float] = (350.0, 30.0)
-    joint_gains: tuple[float, float] = (20.0, 0.8)
-    swing_force_gains: tuple[float, float] = (700.0, 25.0)
-    weight_acceleration: float = 0.1
-    weight_force: float = 1.0
-    mu: float = 0.6
-    f_min_n: float = 0.0
-    f_max_n: float = 150.0
-    torque_limit_nm: float | tuple[float, ...] = 33.5
-    weakest: float = 0.02
-
-    def __post_init__(self) -> None:
-        """Refuses what would make the QP empty or not strictly convex, and limits that are none."""
-        gains = (self.rotation_gains, self.translation_gains, self.swing_gains, self.joint_gains)
-        for pair in (*gains, self.swing_force_gains):
-            if len(pair) != 2 or not all(0 <= gain < np.inf for gain in pair):
-                raise ValueError(f"gains {pair} are not two finite numbers >= 0")
-        for name in ("weight_force", "mu", "f_max_n", "weakest"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} {getattr(self, name)} is not finite and > 0")
-        if not 0 <= self.weight_acceleration < np.inf:
-            raise ValueError(f"weight_acceleration {self.weight_acceleration} is not finite and >= 0")
-        if not 0 <= self.f_min_n <= self.f_max_n:
-            raise ValueError(f"f_min_n {self.f_min_n} is not within 0..f_max_n")
-        limits = np.atleast_1d(self.torque_limit_nm)
-        if limits.shape not in ((1,), (JOINTS,)) or not (limits > 0).all():
-            raise ValueError(f"torque_limit_nm {self.torque_limit_nm} is not one or {JOINTS} numbers > 0")
-
-
 class WholeBodyState(Record):
-    """Where the robot is, and its dynamics there.
+    """Where the robot is, and its dynamics there, as its controller knows them.
 
-    rotation_body_to_map (3, 3), its angles rpy (3,), position_m (3,) of the base, qvel (18,); feet_m (4, 3) in map,
-    foot_jacobians (4, 3, 18) and foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,)
-    of Coriolis forces and gravity; touches (4,): which feet are in contact with anything.
+    rotation_body_to_map (3, 3), its angles rpy (3,), position_m (3,) of the base, qvel (18,); velocity_mps (3,) is the
+    base's true one, where that in qvel is biased. feet_m (4, 3) in map, foot_jacobians (4, 3, 18) and
+    foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,) of Coriolis forces and
+    gravity; touches (4,): which feet are in contact with anything.
     """
 
     rotation_body_to_map: Float
     rpy: Float
     position_m: Float
+    velocity_mps: Float
     qvel: Float
     feet_m: Float
     foot_jacobians: Float
@@ -141,9 +109,8 @@ class WholeBodyTargets(Record):
     """What is wanted, in map.
 
     rotation_body_to_map (3, 3): the body then lies on the ground and along the heading, and so do the sides and normals
-    of the friction pyramids; body (5, 3): position, velocity, angular velocity, acceleration, angular acceleration;
-    stance (4,): which feet stand; feet (3, 4, 3): positions, velocities and accelerations of the others; forces_n
-    (4, 3): the MPC's.
+    of the friction pyramids; body (3, 3): position, velocity, angular velocity; stance (4,): which feet stand; feet
+    (3, 4, 3): positions, velocities and accelerations of the others; forces_n (4, 3): the MPC's.
     """
 
     rotation_body_to_map: Float
@@ -156,69 +123,280 @@ class WholeBodyTargets(Record):
         super().__init__(_TARGETS)
 
 
-class WbcCommand(NamedTuple):
-    """Joint torques (12,) within their limits, the forces (4, 3) and accelerations (18,) they go with.
-
-    saturated (12,): the torques that the limits cut. weak_tasks: how many tasks are met weakly, a leg being straight.
-    is_damped: the input held what is no number; the torques only damp the joints.
-    """
-
-    torques_nm: Float
-    forces_n: Float
-    qddot_cmd: Float
-    status: QpStatus
-    saturated: Bool
-    weak_tasks: int
-    is_damped: bool
-
-
 class WholeBodyControl(Record):
-    """Whole-body control, tick after tick. `counts` says how often each status came up, `damped` how often no number.
+    """Whole-body control, tick after tick.
 
-    The tasks' order is Table 3's: contacts, rotation, translation, swing. The text has the same and counts from 1.
+    Of the last tick: torques_nm (12,), and with whole-body control forces_n (4, 3) and, in out's last column,
+    accelerations (18,) that go with them; saturated (12,): which torques their limits cut.
     """
 
     out: Float
+    hessian: Float
+    gradient: Float
+    stance_n: Float
     forces_n: Float
     torques_nm: Float
     saturated: Bool
 
-    def __init__(self, settings: WbcSettings | None = None) -> None:
+    def __init__(self, pyramid: Pyramid, limits_nm: float | Float) -> None:
         super().__init__(_CONTROL)
-        self.settings = settings = settings or WbcSettings()
-        self.counts: Counter[QpStatus] = Counter()
-        self.damped = 0
-        record = self.record
-        record["task_gains"] = settings.rotation_gains, settings.translation_gains, settings.swing_gains
-        record["weights"] = settings.weight_acceleration, settings.weight_force
-        record["joint_gains"], record["swing_force_gains"] = settings.joint_gains, settings.swing_force_gains
-        record["limits_nm"], record["weakest"] = settings.torque_limit_nm, settings.weakest
-        pyramid = settings.mu, settings.f_min_n, settings.f_max_n
-        record["pyramid"] = pyramid
-        self._qps = [ForceQp(feet, *pyramid) for feet in range(5)]
-        self._qddot_cmd = self.out[:, 2]
+        self.pyramid = pyramid
+        self.record["pyramid"] = pyramid.mu, pyramid.f_min_n, pyramid.f_max_n
+        self.record["limits_nm"] = limits_nm
 
-    def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> WbcCommand:
-        """The command, whose arrays are overwritten by the next one."""
-        qp = self._qps[int(np.count_nonzero(targets.stance))]
+    def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> Float:
+        """Torques (12,) within their limits; overwritten by the next step."""
         records = state.record, targets.record, self.record
-        weak, is_finite, is_answer = before_qp(*records, qp.hessian, qp.gradient, qp.response, qp.forces_n)
-        if is_answer:
-            stance_forces_n, status = qp.free_answer
-        else:
-            along_ground_n = targets.forces_n @ targets.rotation_body_to_map
-            stance_forces_n, status = qp.solve(is_finite, along_ground_n, targets.stance)
-        is_damped = not joint_torques(*records, qp.response, stance_forces_n)
-        self.counts[status] += 1
-        self.damped += is_damped
-        return WbcCommand(self.torques_nm, self.forces_n, self._qddot_cmd, status, self.saturated, weak, is_damped)
+        if not free_torques(*records):
+            n = 3 * int(np.count_nonzero(targets.stance))
+            instead_n = (targets.forces_n @ targets.rotation_body_to_map)[targets.stance]
+            hessian, gradient = self.hessian[:n, :n].copy(), self.gradient[:n].copy()
+            self.stance_n[0, :n] = self.pyramid.within(hessian, gradient, instead_n)
+            forced_torques(*records)
+        return self.torques_nm
 
-    def mpc_only_torques(self, state: WholeBodyState, targets: WholeBodyTargets) -> tuple[Float, Bool]:
-        """Torques (12,) without whole-body control, within the limits, and which were cut; both are overwritten.
+    def mpc_only_step(self, state: WholeBodyState, targets: WholeBodyTargets) -> Float:
+        """The same without whole-body control.
 
         Feet in stance push by the MPC's forces and nothing else, so an error of the MPC shows that whole-body control
-        would hide. Feet in swing are drawn to their curves by a spring, with their own leg's inertia fed forward. Legs
-        carry their own weight.
+        would hide. Feet in swing are drawn to their curves by a spring, with their own leg's inertia fed forward, each
+        leg for itself as if the body were held. Legs carry their own weight.
         """
         leg_torques(state.record, targets.record, self.record)
-        return self.torques_nm, self.saturated
+        return self.torques_nm
+
+
+@kernel
+def free_torques(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes the torques by the free minimum of the QP over forces; False, and none, where friction forbids these."""
+    now, to, own = state[0], targets[0], control[0]
+    commands(state, targets, control)
+    n = _free_forces(now, to, own)
+    mu, f_min, f_max = own.pyramid
+    if not is_allowed(own.stance_n[0, :n], mu, f_min, f_max):
+        return False
+    _joint_torques(now, to, own)
+    return True
+
+
+@kernel
+def forced_torques(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes the torques for the stance forces that a solver has found."""
+    _joint_torques(state[0], targets[0], control[0])
+
+
+@kernel
+def commands(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes out (18, 3): the change of q, the velocity and the acceleration that meet the tasks.
+
+    qvel's angular part is in the body: omega = R qvel[3:6], whose rate is R qacc[3:6], for R' qvel[3:6] = 0.
+    """
+    now, to, own = state[0], targets[0], control[0]
+    out, rotation, qvel, body = own.out, now.rotation_body_to_map, now.qvel, to.body
+    turn, wanted = own.small[0], own.small[1]
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = 0.0
+            for k in range(3):
+                turn[i, j] += to.rotation_body_to_map[i, k] * rotation[j, k]
+    # The rotation vector of the turn that is left, in map.
+    x, y, z = (turn[2, 1] - turn[1, 2]) / 2.0, (turn[0, 2] - turn[2, 0]) / 2.0, (turn[1, 0] - turn[0, 1]) / 2.0
+    sine = math.sqrt(x * x + y * y + z * z)
+    angle = math.atan2(sine, (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0) / 2.0)
+    longer = angle / sine if sine > 1e-12 else 1.0
+    wanted[0, 0], wanted[1, 0], wanted[2, 0] = longer * x, longer * y, longer * z
+    for i in range(3):
+        omega = rotation[i, 0] * qvel[3] + rotation[i, 1] * qvel[4] + rotation[i, 2] * qvel[5]
+        wanted[i, 1] = body[2, i]
+        wanted[i, 2] = ROTATION[0] * wanted[i, 0] + ROTATION[1] * (body[2, i] - omega)
+        away = body[0, i] - now.position_m[i]
+        out[i, 0], out[i, 1] = away, body[1, i]
+        out[i, 2] = TRANSLATION[0] * away + TRANSLATION[1] * (body[1, i] - qvel[i])
+    for c in range(3):
+        x, y, z = wanted[0, c], wanted[1, c], wanted[2, c]
+        for i in range(3):
+            out[3 + i, c] = rotation[0, i] * x + rotation[1, i] * y + rotation[2, i] * z
+
+    for leg in range(4):
+        jacobian, first = now.foot_jacobians[leg], BASE + 3 * leg
+        _invert_leg(jacobian, first, own.small)
+        for i in range(3):
+            wanted[i, 0], wanted[i, 1], wanted[i, 2] = 0.0, 0.0, -now.foot_jacobian_rates[leg, i]
+            if not to.stance[leg]:
+                speed = 0.0
+                for j in range(SIZE):
+                    speed += jacobian[i, j] * qvel[j]
+                wanted[i, 0], wanted[i, 1] = to.feet[0, leg, i] - now.feet_m[leg, i], to.feet[1, leg, i]
+                wanted[i, 2] += to.feet[2, leg, i] + SWING[0] * wanted[i, 0] + SWING[1] * (wanted[i, 1] - speed)
+            for c in range(3):
+                for j in range(BASE):
+                    wanted[i, c] -= jacobian[i, j] * out[j, c]
+        inverse = own.small[2]
+        for c in range(3):
+            x, y, z = wanted[0, c], wanted[1, c], wanted[2, c]
+            for i in range(3):
+                out[first + i, c] = inverse[i, 0] * x + inverse[i, 1] * y + inverse[i, 2] * z
+
+
+@inner
+def _invert_leg(jacobian, first, small):  # type: ignore[no-untyped-def]
+    """Writes to small[2] the inverse (3, 3) of a leg's own columns D of a foot's Jacobian (3, 18): D^T (D D^T + d)^-1.
+
+    d is 0 as a rule, and up to WEAKEST^2 where the least singular value is small [Nakamura]: a straight leg then gives
+    way, in stance too, where the plain inverse would ask for endless joint speeds. The gain never exceeds 1 / WEAKEST,
+    and is continuous. For the singular value stands its lower bound 2 |det D| / |D|^2.
+    """
+    inverse, gram, adjugate = small[2], small[3], small[0]
+    for i in range(3):
+        for j in range(3):
+            gram[i, j] = 0.0
+            for k in range(3):
+                gram[i, j] += jacobian[i, first + k] * jacobian[j, first + k]
+    trace = gram[0, 0] + gram[1, 1] + gram[2, 2]
+    determinant = _adjugate(gram, adjugate)
+    damping = WEAKEST * WEAKEST - 4.0 * determinant / (trace * trace)
+    if damping > 0.0:
+        for i in range(3):
+            gram[i, i] += damping
+        determinant = _adjugate(gram, adjugate)
+    for i in range(3):
+        for j in range(3):
+            inverse[i, j] = 0.0
+            for k in range(3):
+                inverse[i, j] += jacobian[k, first + i] * adjugate[k, j] / determinant
+
+
+@inner
+def _adjugate(matrix, out):  # type: ignore[no-untyped-def]
+    """Writes the adjugate of a symmetric matrix (3, 3), which its determinant divides to the inverse; returns that."""
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            out[i, j] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    return matrix[0, 0] * out[0, 0] + matrix[0, 1] * out[0, 1] + matrix[0, 2] * out[0, 2]
+
+
+@inner
+def _free_forces(now, to, own):  # type: ignore[no-untyped-def]
+    """Writes the QP over the forces f (n,) of the feet in stance, and f at its free minimum: n, 3 for each such foot.
+
+    f is along the ground's axes, which are those of the rotation wanted of the body: it lies on the slope and along the
+    heading, as the MPC's pyramids do. In map axes, on 20 degrees, the cone's side would be a third off.
+
+    The six rows of the base in eq. 43 say what forces do to it: it accelerates by d = f response[:n] + response[n]
+    more than commanded, which leaves no equality to the QP. The cost is WEIGHT_ACCELERATION |d|^2 +
+    WEIGHT_FORCE |f - the MPC's|^2.
+    """
+    mass, axes, hessian, gradient = now.mass_matrix, to.rotation_body_to_map, own.hessian, own.gradient
+    response, forces, base = own.response, own.stance_n, own.room[1]
+    n = 0
+    for leg in range(4):
+        if not to.stance[leg]:
+            continue
+        for along in range(3):
+            gradient[n] = 0.0
+            for i in range(BASE):
+                response[n, i] = 0.0
+            for axis in range(3):
+                gradient[n] -= WEIGHT_FORCE * axes[axis, along] * to.forces_n[leg, axis]
+                for i in range(BASE):
+                    response[n, i] += axes[axis, along] * now.foot_jacobians[leg, axis, i]
+            n += 1
+    for i in range(BASE):
+        response[n, i] = -now.bias[i]
+        for j in range(SIZE):
+            response[n, i] -= mass[i, j] * own.out[j, 2]
+        for j in range(BASE):
+            base[i, j] = mass[i, j]
+    _solve(base, BASE, response, n + 1, own.room[0])
+    for p in range(n):
+        for i in range(BASE):
+            gradient[p] += WEIGHT_ACCELERATION * response[p, i] * response[n, i]
+        for q in range(n):
+            hessian[p, q] = WEIGHT_FORCE if p == q else 0.0
+            for i in range(BASE):
+                hessian[p, q] += WEIGHT_ACCELERATION * response[p, i] * response[q, i]
+        forces[0, p] = -gradient[p]
+    _solve(hessian, n, forces, 1, own.room[0])
+    return n
+
+
+@inner
+def _solve(matrix, n, rows, count, factor):  # type: ignore[no-untyped-def]
+    """Overwrites rows[:count, :n] by matrix[:n, :n]^-1 times each, the matrix being positive definite, by Cholesky."""
+    for i in range(n):
+        for j in range(i + 1):
+            left = matrix[i, j]
+            for k in range(j):
+                left -= factor[i, k] * factor[j, k]
+            factor[i, j] = math.sqrt(left) if i == j else left / factor[j, j]
+    for c in range(count):
+        for i in range(n):
+            for k in range(i):
+                rows[c, i] -= factor[i, k] * rows[c, k]
+            rows[c, i] /= factor[i, i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                rows[c, i] -= factor[k, i] * rows[c, k]
+            rows[c, i] /= factor[i, i]
+
+
+@inner
+def _joint_torques(now, to, own):  # type: ignore[no-untyped-def]
+    """Writes torques by eqs 43 and 44, forces (4, 3), and adds to out's accelerations what the base does beside."""
+    out, forces, axes, response = own.out, own.forces_n, to.rotation_body_to_map, own.response
+    n = 0
+    for leg in range(4):
+        for axis in range(3):
+            forces[leg, axis] = 0.0
+            if to.stance[leg]:
+                for along in range(3):
+                    forces[leg, axis] += axes[axis, along] * own.stance_n[0, n + along]
+        n += 3 * to.stance[leg]
+    for i in range(BASE):
+        out[i, 2] += response[n, i]
+        for k in range(n):
+            out[i, 2] += response[k, i] * own.stance_n[0, k]
+    for joint in range(JOINTS):
+        row = BASE + joint
+        torque = now.bias[row] + JOINT[0] * out[row, 0] + JOINT[1] * (out[row, 1] - now.qvel[row])
+        for j in range(SIZE):
+            torque += now.mass_matrix[row, j] * out[j, 2]
+        for axis in range(3):
+            torque -= now.foot_jacobians[joint // 3, axis, row] * forces[joint // 3, axis]
+        _limit(own, joint, torque)
+
+
+@inner
+def _limit(own, joint, torque):  # type: ignore[no-untyped-def]
+    """Writes a torque within its limit, and whether that cut it; what is no number, of a robot flung away, as 0."""
+    limit = own.limits_nm[joint]
+    own.saturated[joint] = abs(torque) > limit
+    own.torques_nm[joint] = min(max(torque, -limit), limit) if math.isfinite(torque) else 0.0
+
+
+@kernel
+def leg_torques(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes torques by the MPC alone: -J^T f in stance, J^T (k_p e + k_d e') + M J^-1 (x'' - J' q') in swing."""
+    now, to, own = state[0], targets[0], control[0]
+    force, acceleration, inverse = own.small[1, 0], own.small[1, 1], own.small[2]
+    for leg in range(4):
+        jacobian, first = now.foot_jacobians[leg], BASE + 3 * leg
+        _invert_leg(jacobian, first, own.small)
+        for axis in range(3):
+            force[axis], acceleration[axis] = -to.forces_n[leg, axis], 0.0
+            if to.stance[leg]:
+                continue
+            speed = 0.0
+            for j in range(SIZE):
+                speed += jacobian[axis, j] * now.qvel[j]
+            away = to.feet[0, leg, axis] - now.feet_m[leg, axis]
+            force[axis] = SWING_FORCE[0] * away + SWING_FORCE[1] * (to.feet[1, leg, axis] - speed)
+            for k in range(3):
+                acceleration[axis] += inverse[axis, k] * (to.feet[2, leg, k] - now.foot_jacobian_rates[leg, k])
+        for joint in range(3 * leg, 3 * leg + 3):
+            row = BASE + joint
+            torque = now.bias[row]
+            for axis in range(3):
+                torque += jacobian[axis, row] * force[axis] + now.mass_matrix[row, first + axis] * acceleration[axis]
+            _limit(own, joint, torque)

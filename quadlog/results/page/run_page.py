@@ -18,6 +18,7 @@ from quadlog.results.page.pack import Pack
 from quadlog.results.page.verdict import matters, status, verdict
 from quadlog.results.record import TopicRecord
 from quadlog.results.run import Run
+from quadlog.results.scenes import CAUSES
 from quadlog.results.text import Bound, State, bounds_of, count, interval_note, label_of, percent, sig
 from quadlog.results.view import TIME, Drawing, Scene
 
@@ -161,7 +162,8 @@ _SHOWN = {
 def _tables(run: Run, *names: str) -> Iterator[Table]:
     for name in names:
         if (frame := run.table(name)) is not None:
-            yield from rows_table(frame.to_dict("records"), _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
+            rows = frame.replace({"cause": CAUSES}).to_dict("records")
+            yield from rows_table(rows, _SHOWN[name][0], f"{name}-table", _SHOWN[name][1])
 
 
 def _torques(run: Run) -> list[Table]:

@@ -49,8 +49,8 @@ class Disturbances:
         self._side = self._left_or_right()
         self.poses: deque[tuple[float, Float]] = deque()
 
-    def push_at(self, t_s: float, yaw_rad: float) -> Float | None:
-        """The force (3,) in map on the trunk at an instant, None for none."""
+    def push_at(self, t_s: float, rpy: Float) -> Float | None:
+        """The force (3,) in map on a trunk that is turned by rpy (3,), at an instant; None for none."""
         settings = self.settings
         if settings.push_n == 0 or t_s < self._next_push_s:
             return None
@@ -59,7 +59,7 @@ class Disturbances:
             self._side = self._left_or_right()
             return None
         force_n = self._side * settings.push_n
-        return np.array([-math.sin(yaw_rad) * force_n, math.cos(yaw_rad) * force_n, 0.0])
+        return np.array([-math.sin(rpy[2]) * force_n, math.cos(rpy[2]) * force_n, 0.0])
 
     def _left_or_right(self) -> float:
         return 1.0 if self._rng.random() < 0.5 else -1.0

@@ -32,11 +32,12 @@ _SHAPES = {
 @contextmanager
 def without_log() -> Iterator[None]:
     """Keep MuJoCo from writing its warnings to MUJOCO_LOG.TXT in the working directory."""
+    before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(None)
+        mujoco.set_mju_user_warning(before)
 
 
 def read_model(path: Path) -> mujoco.MjSpec:

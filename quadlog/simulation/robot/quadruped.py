@@ -75,16 +75,20 @@ def _cross(a, b):  # type: ignore[no-untyped-def]
 
 
 BASE, DOF = 6, 18
+UNBIASED: Float = np.zeros(3)
 
 
 class Quadruped:
     """The robot of a model, put on its feet at a place in map.
 
     read and act take turns. What read returns is the same each time, and overwritten by the next one.
+    velocity_bias_mps (3,): error of the velocity in the qvel that its controller reads.
     """
 
-    def __init__(self, model: QuadrupedModel, x_m: float, y_m: float, yaw_rad: float) -> None:
-        self.model = model
+    def __init__(
+        self, model: QuadrupedModel, x_m: float, y_m: float, yaw_rad: float, velocity_bias_mps: Float = UNBIASED
+    ) -> None:
+        self.model, self._velocity_bias_mps = model, velocity_bias_mps
         self.data = mujoco.MjData(model.model)
         self.data.qpos[:] = model.standing_at(x_m, y_m, yaw_rad)
         # The leg of each geom, 4 for those of none.
@@ -100,27 +104,22 @@ class Quadruped:
             *(data.qpos, data.qvel, data.qfrc_bias, data.xmat[model.trunk_body].reshape(3, 3)),
             *(data.xanchor, data.xaxis, data.site_xpos),
         )
-        self._push_n, self._ctrl = data.xfrc_applied[model.trunk_body, :3], data.ctrl
+        self._push_n, self._ctrl, self._is_pushed = data.xfrc_applied[model.trunk_body, :3], data.ctrl, False
 
     def read(self) -> WholeBodyState:
         """Where the robot is now, and its dynamics there."""
-        state = self._state
         mujoco.mj_step1(self.model.model, self.data)
         mujoco.mj_fullM(self.model.model, self.data, self._mass)
-        _read(*self._views, self._mass, *self._places, state.record)
-        state.touches[:] = self._touches()
-        return state
-
-    def _touches(self) -> list[bool]:
-        """Of each foot, whether it is in contact with anything."""
-        legs = self._leg_of_geom
-        touching = {legs[geom] for pair in self.data.contact.geom.tolist() for geom in pair}
-        return [leg in touching for leg in range(4)]
+        # A copy: the view's layout depends on how many contacts there are, and each would be compiled for.
+        contacts = self._leg_of_geom, np.ascontiguousarray(self.data.contact.geom)
+        _read(*self._views, self._mass, *self._places, *contacts, self._velocity_bias_mps, self._state.record)
+        return self._state
 
     def act(self, torques_nm: Float, push_n: Float | None = None) -> None:
         """Hold the joint torques (12,) for one tick, and push the trunk by a force (3,) in map."""
         self._ctrl[self.model.actuators] = torques_nm
-        self._push_n[:] = 0.0 if push_n is None else push_n
+        if push_n is not None or self._is_pushed:
+            self._push_n[:], self._is_pushed = 0.0 if push_n is None else push_n, push_n is not None
         mujoco.mj_step2(self.model.model, self.data)
 
     def foot_loads_n(self) -> Float:
@@ -134,7 +133,7 @@ class Quadruped:
 
 @kernel
 def _read(  # type: ignore[no-untyped-def]
-    qpos, qvel, bias, rotation, anchors, axes, sites_m, mass, order, joints, sites, state
+    qpos, qvel, bias, rotation, anchors, axes, sites_m, mass, order, joints, sites, leg_of_geom, contacts, error, state
 ):
     """Writes a state record, its joints in the order of quadlog's legs."""
     to = state[0]
@@ -147,6 +146,16 @@ def _read(  # type: ignore[no-untyped-def]
         to.qvel[i], to.bias[i] = qvel[order[i]], bias[order[i]]
         for j in range(DOF):
             to.mass_matrix[i, j] = mass[order[i], order[j]]
+    for axis in range(3):
+        to.velocity_mps[axis] = qvel[axis]
+        to.qvel[axis] += error[axis]
+    for leg in range(4):
+        to.touches[leg] = 0
+    for contact in range(len(contacts)):
+        for side in range(2):
+            leg = leg_of_geom[contacts[contact, side]]
+            if leg < 4:
+                to.touches[leg] = 1
     for leg in range(4):
         for axis in range(3):
             to.feet_m[leg, axis] = sites_m[sites[leg], axis]

@@ -233,7 +233,7 @@ def joint_targets(plan: Robot, asides_m: Float, power: int = PARABOLA, first_pai
     for leg in range(4):
         cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]), power=power)
         later_s = 0.0 if PAIRS[leg] == first_pair else PERIOD_S / 2
-        feet[:, leg] += cycle.at(t_s + later_s)[0]
+        feet[:, leg] += cycle.at(t_s + later_s)
     joints = np.empty((ticks, 12))
     for tick in range(ticks):
         if not joints_for(feet[tick], plan.hips_m, plan.lengths, joints[tick]):

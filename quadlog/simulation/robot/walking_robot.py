@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 
 from quadlog.compiled import kernel
-from quadlog.control.locomotion.body_reference import WantedMotion
 from quadlog.control.locomotion.walker import Walker, WalkerSettings
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
@@ -18,8 +18,6 @@ from quadlog.simulation.robot.model import QuadrupedModel
 from quadlog.simulation.robot.model_files import without_log
 from quadlog.simulation.robot.quadruped import Quadruped
 
-# How fast commands may change: pure pursuit's jump where a path begins and bends.
-ACCELERATION_MPS2, YAW_ACCELERATION_RADPS2 = 1.0, 4.0
 # Lower than this share of its height above its feet, or tilted farther, it has fallen.
 FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD = 0.45, 1.0
 
@@ -37,8 +35,9 @@ class WalkingRobot:
     ) -> None:
         self.model = model
         self.tick_s = float(model.model.opt.timestep)
-        self.ticks, self._walked = 0, 0
+        self.ticks, self._walked, self._counted = 0, 0, Counter[str]()
         self._sums: Float = np.zeros(5)
+        self._fallen_m = FALLEN_HEIGHT_SHARE * model.robot.standing_height_m
         self.disturbances = Disturbances(disturbances, rng)
         self._settings = replace(settings, mass_error=disturbances.mass_error)
         self.start_at(start_pose)
@@ -46,19 +45,16 @@ class WalkingRobot:
     def start_at(self, pose: Float) -> None:
         """Stand at a pose (3,), upright and without a step begun; the clock, the effort and the counts go on."""
         self.fallen, self._began = False, self.ticks
-        self._quadruped = Quadruped(self.model, *pose.tolist())
+        x_m, y_m, yaw_rad = pose.tolist()
+        self._quadruped = Quadruped(self.model, x_m, y_m, yaw_rad, self.disturbances.velocity_bias_mps)
         self._state = self._quadruped.read()
-        # The state that the controller is given.
-        self._estimated = WholeBodyState() if self.disturbances.settings.velocity_bias_mps else self._state
-        before, self.walker = getattr(self, "walker", None), Walker(self.model.robot, self._settings, self._state)
-        if before is not None:
-            self.walker.mpc.counts, self.walker.wbc.counts = before.mpc.counts, before.wbc.counts
-            self.walker.wbc.damped = before.wbc.damped
+        if self._walked:
+            self._counted.update(self.walker.counts)
+        self.walker: Walker = Walker(self.model.robot, self._settings, self._state)
         self.disturbances.poses.clear()
         # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet.
-        self.torques_nm: Float = np.zeros(12)
+        self.torques_nm: Float = self.walker.wbc.torques_nm
         self.foot_loads_n: Float = np.zeros(4)
-        self._speed_mps, self._yaw_rate_radps = 0.0, 0.0
 
     @property
     def mass_kg(self) -> float:
@@ -72,7 +68,7 @@ class WalkingRobot:
 
     @property
     def state(self) -> WholeBodyState:
-        """True position, velocities and rotation; overwritten by the next tick."""
+        """Where the body is, as its controller knows it, and its true velocity; overwritten by the next tick."""
         return self._state
 
     @property
@@ -99,11 +95,15 @@ class WalkingRobot:
     @property
     def velocity(self) -> tuple[float, float, float]:
         """Forward and left in the body's heading, m/s, and yaw rate, rad/s."""
-        vx, vy, _ = self._state.qvel[:3].tolist()
-        yaw = self.rpy[2]
+        vx, vy, _ = self._state.velocity_mps.tolist()
+        yaw, up, omega = self.rpy[2], self._state.rotation_body_to_map[2].tolist(), self._state.qvel[3:6].tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
-        yaw_rate = float(self._state.rotation_body_to_map[2] @ self._state.qvel[3:6])
-        return cos * vx + sin * vy, cos * vy - sin * vx, yaw_rate
+        return cos * vx + sin * vy, cos * vy - sin * vx, up[0] * omega[0] + up[1] * omega[1] + up[2] * omega[2]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Of its controllers' QPs, see Walker."""
+        return dict(Counter(self._counted) + Counter(self.walker.counts))
 
     @property
     def effort(self) -> Effort:
@@ -120,42 +120,34 @@ class WalkingRobot:
             if self.fallen:
                 self.ticks += ticks - done
                 return
-            self._slew(speed_mps, yaw_rate_radps)
-            self._tick(WantedMotion(self._speed_mps, self._yaw_rate_radps), weigh=done == ticks - 1)
+            self._tick(speed_mps, yaw_rate_radps, weigh=done == ticks - 1)
 
-    def _slew(self, speed_mps: float, yaw_rate_radps: float) -> None:
-        step_mps, step_radps = ACCELERATION_MPS2 * self.tick_s, YAW_ACCELERATION_RADPS2 * self.tick_s
-        self._speed_mps += min(max(speed_mps - self._speed_mps, -step_mps), step_mps)
-        self._yaw_rate_radps += min(max(yaw_rate_radps - self._yaw_rate_radps, -step_radps), step_radps)
-
-    def _tick(self, wanted: WantedMotion, weigh: bool) -> None:
-        quadruped, state, walker = self._quadruped, self._state, self.walker
-        if self._estimated is not state:
-            np.copyto(self._estimated.record, state.record)
-            self._estimated.qvel[:3] += self.disturbances.velocity_bias_mps
-        t_s = self.t_s
-        walked_s = (self.ticks - self._began) * self.tick_s
-        self.torques_nm, cut = walker.step(walked_s, self.tick_s, self._estimated, wanted)
-        _sum_up(self._sums, self.torques_nm, cut, state.record, walker.reference.record, self.tick_s)
-        quadruped.act(self.torques_nm, self.disturbances.push_at(t_s, float(state.rpy[2])))
+    def _tick(self, speed_mps: float, yaw_rate_radps: float, weigh: bool) -> None:
+        quadruped, state, walker, tick_s = self._quadruped, self._state, self.walker, self.tick_s
+        walked_s = (self.ticks - self._began) * tick_s
+        torques_nm = walker.step(walked_s, tick_s, state, speed_mps, yaw_rate_radps)
+        _sum_up(self._sums, walker.wbc.record, state.record, walker.reference.record, tick_s)
+        quadruped.act(torques_nm, self.disturbances.push_at(self.t_s, state.rpy))
         if weigh:
             self.foot_loads_n = quadruped.foot_loads_n()
         self._walked += 1
         self.ticks += 1
         quadruped.read()
-        self.fallen = self._lies()
-
-    def _lies(self) -> bool:
-        (x, y, z), (a, b, c) = self._state.position_m.tolist(), self.walker.stride.plane.tolist()
-        roll, pitch, _ = self._state.rpy.tolist()
-        too_low: bool = z - (a * x + b * y + c) < FALLEN_HEIGHT_SHARE * self.model.robot.standing_height_m
-        return too_low or max(abs(roll), abs(pitch)) > FALLEN_TILT_RAD
+        self.fallen = _lies(state.record, walker.stride.record, self._fallen_m)
 
 
 @kernel
-def _sum_up(sums, torques, cut, state, reference, tick_s):  # type: ignore[no-untyped-def]
+def _lies(state, stride, least_m):  # type: ignore[no-untyped-def]
+    """Whether the body is tilted too far, or lower above the plane of its feet than least_m."""
+    now, plane = state[0], stride[0].plane
+    height_m = now.position_m[2] - (plane[0] * now.position_m[0] + plane[1] * now.position_m[1] + plane[2])
+    return not (height_m >= least_m and max(abs(now.rpy[0]), abs(now.rpy[1])) <= FALLEN_TILT_RAD)
+
+
+@kernel
+def _sum_up(sums, control, state, reference, tick_s):  # type: ignore[no-untyped-def]
     """Add one tick to the sums behind Effort."""
-    now, wanted = state[0], reference[0]
+    now, wanted, torques, cut = state[0], reference[0], control[0].torques_nm, control[0].saturated
     pitch_error, height_error = now.rpy[1] - wanted.rpy[1], now.position_m[2] - wanted.position_m[2]
     for joint in range(12):
         sums[0] += abs(torques[joint] * now.qvel[6 + joint]) * tick_s

@@ -133,12 +133,21 @@ def test_a_robots_preset_over_an_effective_configuration_is_the_whole_robot(tmp_
 
 def test_a_preset_leaves_what_the_file_gives_and_a_model_brings_its_body(tmp_path):
     path = tmp_path / "quadlog.toml"
-    path.write_text("[robot]\nlength_m = 0.9\n[wbc]\nf_max_n = 300\n")
+    path.write_text("[robot]\nlength_m = 0.9\n")
     config = load_config(path, ["robot.preset=go2"])
     assert (config.robot.model, config.robot.length_m, config.robot.width_m) == ("go2", 0.9, 0.31)
-    assert (config.wbc.f_max_n, config.mpc.f_max_n) == (300, 150)
     assert load_config(None, ["robot.preset=paper"]).model_dump() == Config().model_dump()
     assert load_config(None, ["robot.model=b1"]).model_dump() == load_config(None, ["robot.preset=b1"]).model_dump()
+
+
+def test_retired_keys_and_sections_are_left_out_with_a_line_each(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text('[wbc]\nmu = 0.3\n[grid]\ndecay_s = 2.0\nmemory = "scan"\n[mpc]\nmu = 0.5\n')
+    config, notes = configure(path)
+    assert config == load_config(None, ["grid.memory=scan", "mpc.mu=0.5"])
+    assert [note.split(" is ignored: ")[0] for note in notes] == [f"{path}: grid.decay_s", f"{path}: [wbc]"]
+    with pytest.raises(UnknownConfigKey, match="wbc"):
+        load_config(None, ["wbc.mu=0.3"])
 
 
 def test_the_versions_that_decide_results_are_those_of_all_dependencies_but_the_plumbing():

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.mapping.grid import window_around
-from quadlog.simulation.contacts import CAUSES, Footprint, PlanInUse, TouchableCells, cause_of
+from quadlog.results.scenes import CAUSES
+from quadlog.simulation.contacts import Footprint, PlanInUse, TouchableCells, cause_of
 from quadlog.simulation.worlds.world import body_clearance
 
 BODY = Footprint(0.6, 0.3)
@@ -67,15 +68,15 @@ GOOD = PlanInUse(PATH, is_newest=True, remaining_m=1.0, chord_m=PATH[[0, 20]])
 @pytest.mark.parametrize(
     ("cause", "given"),
     [
-        ("the robot fell", {"fallen": True}),
-        ("there was no plan", {"plan": None}),
-        ("no newer plan was found", {"plan": GOOD._replace(is_newest=False)}),
-        ("the map did not show it at that instant", {"is_mapped": False}),
-        ("beyond the plan's end", {"plan": GOOD._replace(remaining_m=0.0)}),
-        ("the plan leads there", {"cell_m": np.array([1.0, 0.1])}),
-        ("the robot cut a corner of its plan", {"plan": GOOD._replace(chord_m=np.array([[0.5, 0.0], [1.5, 0.5]]))}),
-        ("the map did not show it at that instant", {"cell_m": np.array([1.0, 0.1]), "is_mapped": False}),
-        ("the body turned beside its plan", {}),
+        ("fell", {"fallen": True}),
+        ("no_plan", {"plan": None}),
+        ("old_plan", {"plan": GOOD._replace(is_newest=False)}),
+        ("unseen", {"is_mapped": False}),
+        ("beyond_plan", {"plan": GOOD._replace(remaining_m=0.0)}),
+        ("planned", {"cell_m": np.array([1.0, 0.1])}),
+        ("cut_corner", {"plan": GOOD._replace(chord_m=np.array([[0.5, 0.0], [1.5, 0.5]]))}),
+        ("unseen", {"cell_m": np.array([1.0, 0.1]), "is_mapped": False}),
+        ("turning", {}),
     ],
 )
 def test_causes(cause, given):

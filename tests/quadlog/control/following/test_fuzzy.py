@@ -6,13 +6,7 @@ import skfuzzy.control
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.following.lookahead import (
-    CORRECTED,
-    PRINTED,
-    SETS,
-    TABLES,
-    infer_many,
-)
+from quadlog.control.following.lookahead import CORRECTED, PRINTED, SETS, TABLES, infer
 
 CENTRES = np.arange(-3.0, 4.0)
 GRID = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121), indexing="ij")).reshape(2, -1)
@@ -30,10 +24,6 @@ universe = st.floats(-3, 3)
 rules = st.lists(st.integers(0, 6), min_size=98, max_size=98).map(
     lambda cells: np.array(cells, dtype=np.int64).reshape(2, 7, 7)
 )
-
-
-def infer(e, ec, tables=PRINTED, centroid="points"):
-    return tuple(infer_many(np.array([e]), np.array([ec]), tables, centroid)[0].tolist())
 
 
 def clipped_sets(e, ec, rules_of_one):
@@ -115,8 +105,8 @@ def test_what_is_wrong_with_the_printed_tables():
 def test_the_published_look_aheads():
     """l = 2 + k_v v^2 + k_w v at 0.5 m/s, over the whole universe."""
     weights = np.array([0.5**2, 0.5])
-    continuous = infer_many(*GRID, PRINTED, "continuous")
-    points = infer_many(*GRID, PRINTED, "points")
+    grid = GRID.T.tolist()
+    points, continuous = (np.array([infer(*at, PRINTED, each) for at in grid]) for each in ("points", "continuous"))
     look_aheads = 2 + continuous @ weights
     assert (look_aheads.min(), look_aheads.max()) == pytest.approx((0.917, 3.583), abs=5e-4)
     look_aheads = 2 + points @ weights

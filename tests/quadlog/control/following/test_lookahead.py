@@ -3,28 +3,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.following.lookahead import (
-    CORRECTED,
-    PAPER,
-    PRINTED,
-    FuzzyLookahead,
-    FuzzySettings,
-    infer_many,
-)
+from quadlog.control.following.lookahead import CORRECTED, PRINTED, FuzzyLookahead, FuzzySettings, infer
 
-
-def infer(e, ec, tables=PRINTED):
-    return tuple(infer_many(np.array([e]), np.array([ec]), tables, "points")[0].tolist())
+PAPER = FuzzySettings(tables="printed")
 
 
 @given(errors=st.lists(st.floats(-2, 2), min_size=1, max_size=6), speed=st.floats(0, 1.2), signed=st.booleans())
 def test_equations_17_and_18(errors, speed, signed):
-    """Against infer on the errors and their differences; the table's error is far below the tolerance."""
+    """Against infer on the errors and their differences."""
     given_settings = FuzzySettings(1.8, 0.7, 0.4, 0.5, -0.3, 2.0, 0.1, signed=signed, tables="corrected")
     control = FuzzyLookahead(given_settings)
     last = None
@@ -34,16 +24,17 @@ def test_equations_17_and_18(errors, speed, signed):
         last = e
         look = control.step(error, 0.02, speed)
         delta_k_v, delta_k_w = infer(2.0 * e, 0.1 * rate, CORRECTED)
-        assert (look.k_v, look.k_w) == pytest.approx((0.5 + delta_k_v, -0.3 + delta_k_w), abs=0.03)
+        assert (look.k_v, look.k_w) == pytest.approx((0.5 + delta_k_v, -0.3 + delta_k_w))
         exact = 1.8 + 0.7 * look.k_v * speed**2 + 0.4 * look.k_w * speed
         assert look.l_m == pytest.approx(min(max(exact, 0.5), 5.0))
 
 
 def test_the_papers_setting():
-    assert FuzzyLookahead().settings == PAPER == FuzzySettings()
-    assert FuzzyLookahead().step(0.0, 0.02, 0.5) == pytest.approx((1.5, 0.0, -1.0))
+    assert FuzzyLookahead(PAPER).step(0.0, 0.02, 0.5) == pytest.approx((1.5, 0.0, -1.0))
+    # Without error l_0 is the look-ahead, by the mended rules, which are the default.
+    assert FuzzyLookahead(FuzzySettings()).step(0.0, 0.02, 0.5) == pytest.approx((2.0, 0.0, 0.0))
     # Its limits do not bite: (e, ec) over the whole universe, each a constant slope away from the first error.
-    control = FuzzyLookahead()
+    control = FuzzyLookahead(PAPER)
     for speed in (0.5, 0.6):
         reached = []
         for e in range(4):
@@ -70,4 +61,4 @@ def test_the_rates_filter_against_its_differential_equation():
         for k in range(21):
             look = control.step(1.5 * k * dt_s, dt_s, 0.5)
             rate = 1.5 * (1 - math.exp(-k * dt_s / 0.4))
-            assert (look.k_v, look.k_w) == pytest.approx(infer(0.0, rate), abs=0.03)
+            assert (look.k_v, look.k_w) == pytest.approx(infer(0.0, rate, PRINTED))

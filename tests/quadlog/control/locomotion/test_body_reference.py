@@ -10,8 +10,8 @@ from quadlog.control.locomotion.body_reference import (
     LEASH_M,
     LEASH_RAD,
     BodyReference,
-    WantedMotion,
     follow,
+    states_ahead,
 )
 
 LEVEL = np.zeros(3)
@@ -42,7 +42,7 @@ def arc(t_s, yaw_rad, speed_mps, yaw_rate_radps):
 def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
     dt_s = 0.002
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    followed(reference, 3.0, dt_s, WantedMotion(speed_mps, yaw_rate_radps))
+    followed(reference, 3.0, dt_s, (speed_mps, yaw_rate_radps))
     position_m, turned_rad = arc(3.0, yaw_rad, speed_mps, yaw_rate_radps)
     np.testing.assert_allclose(reference.position_m, position_m, atol=abs(speed_mps) * dt_s + 1e-9)
     np.testing.assert_allclose(reference.rpy, [0, 0, turned_rad], atol=1e-9)
@@ -54,11 +54,11 @@ def test_a_circle_is_its_closed_form(yaw_rad, speed_mps, yaw_rate_radps):
 def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
     for _ in range(500):
-        step(reference, 0.002, WantedMotion(0.5, 0.0), START_M, yaw_rad, LEVEL)
+        step(reference, 0.002, (0.5, 0.0), START_M, yaw_rad, LEVEL)
     heading = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0])
     np.testing.assert_allclose(reference.position_m, START_M + LEASH_M * heading, atol=1e-12)
     for _ in range(500):
-        step(reference, 0.002, WantedMotion(0.0, -0.5), START_M, yaw_rad, LEVEL)
+        step(reference, 0.002, (0.0, -0.5), START_M, yaw_rad, LEVEL)
     assert (reference.rpy[2] - yaw_rad + math.pi) % (2 * math.pi) - math.pi == pytest.approx(-LEASH_RAD)
 
 
@@ -66,7 +66,7 @@ def test_it_waits_for_a_robot_that_stands_still(yaw_rad):
 def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_mps, yaw_rate_radps, away_m):
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
     measured_m = START_M + np.array([*away_m, 0])
-    step(reference, 0.002, WantedMotion(speed_mps, yaw_rate_radps), measured_m, measured_rad, LEVEL)
+    step(reference, 0.002, (speed_mps, yaw_rate_radps), measured_m, measured_rad, LEVEL)
     assert np.linalg.norm((reference.position_m - measured_m)[:2]) <= LEASH_M + 1e-12
     assert abs(reference.rpy[2] - measured_rad) <= LEASH_RAD + 1e-12
 
@@ -75,7 +75,7 @@ def test_wherever_the_robot_is_it_is_on_the_leash(yaw_rad, measured_rad, speed_m
 def test_on_a_slope_it_is_parallel_to_the_plane_and_goes_along_it(yaw_rad, a, b, speed_mps):
     plane = np.array([a, b, 0.1])
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
-    followed(reference, 3.0, 0.01, WantedMotion(speed_mps, 0.0), plane)
+    followed(reference, 3.0, 0.01, (speed_mps, 0.0), plane)
     roll, pitch, yaw = reference.rpy
     up = Rotation.from_euler("ZYX", [yaw, pitch, roll]).apply([0, 0, 1])
     normal = np.array([-a, -b, 1]) / math.sqrt(a * a + b * b + 1)
@@ -94,11 +94,11 @@ def test_ahead_is_stepping_on(yaw_rad, slope, speed_mps, yaw_rate_radps):
     if slope:
         yaw_rate_radps = 0.0
     plane = np.array([slope * math.cos(yaw_rad), slope * math.sin(yaw_rad), 0.0])
-    wanted, step_s, fine = WantedMotion(speed_mps, yaw_rate_radps), 0.03, 60
+    wanted, step_s, fine = (speed_mps, yaw_rate_radps), 0.03, 60
     reference = BodyReference(START_M, yaw_rad, HEIGHT_M)
     followed(reference, 3.0, 0.01, wanted, plane)
     states = np.full((10, 12), np.nan)
-    reference.ahead(step_s, states)
+    states_ahead(reference.record, step_s, states)
     for state in states:
         followed(reference, step_s, step_s / fine, wanted, plane)
         np.testing.assert_allclose(state[:3], reference.rpy, atol=1e-7)

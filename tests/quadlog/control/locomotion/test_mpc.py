@@ -6,12 +6,11 @@ import daqp
 import numpy as np
 import piqp
 import pytest
-import quadprog
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from quadlog.control.locomotion.mpc import LEVEL, Mpc, MpcSettings, MpcStatus
-from quadlog.control.locomotion.mpc_model import build_cost
+from quadlog.control.locomotion.force_qp import Pyramid
+from quadlog.control.locomotion.mpc import LEVEL, Mpc, MpcSettings
 
 MASS_KG = 12.786
 WEIGHT_N = MASS_KG * 9.81
@@ -38,12 +37,15 @@ def _random_problem(seed, scale):
     return state, reference, arms_m, contacts
 
 
-def _qp(mpc, state, reference, arms_m, contacts, ground_to_map):
-    """H, g and the pyramid's rows @ f >= lower, these written here anew."""
-    s = mpc.settings
-    H, g, _ = build_cost(
-        state, reference, arms_m, contacts, MASS_KG, np.linalg.inv(INERTIA), s.weights(), s.alpha, s.dt_s
-    )
+def _mpc(mass_kg=MASS_KG, **settings):
+    chosen = MpcSettings(**settings)
+    return Mpc(mass_kg, INERTIA, chosen, chosen.pyramid(mass_kg))
+
+
+def _qp(mpc, problem):
+    """H, g over forces in map, and the pyramid's rows @ f >= lower, these written here anew."""
+    s, ground_to_map = mpc.pyramid, problem[-1]
+    H, g = (each.copy() for each in mpc.condense(*problem[:-1], LEVEL))
     rows = np.array([[-1, 0, s.mu], [1, 0, s.mu], [0, -1, s.mu], [0, 1, s.mu], [0, 0, 1], [0, 0, -1]])
     rows, feet = rows @ ground_to_map.T, len(g) // 3
     return H, g, np.kron(np.eye(feet), rows), np.tile([0, 0, 0, 0, s.f_min_n, -s.f_max_n], feet)
@@ -55,11 +57,11 @@ def _qp(mpc, state, reference, arms_m, contacts, ground_to_map):
 def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
     active = 0
     for seed in range(8):
-        mpc = Mpc(MASS_KG, INERTIA, MpcSettings(f_min_n=f_min_n))
-        problem = _random_problem(seed, scale)
-        solution = mpc.solve(*problem, ground)
-        assert solution.status == MpcStatus.SOLVED
-        H, g, rows, lower = _qp(mpc, *problem, ground)
+        mpc = _mpc(f_min_n=f_min_n)
+        problem = *_random_problem(seed, scale), ground
+        solution = mpc.solve(*problem)
+        assert (mpc.solves, mpc.pyramid.failed) == (1, 0)
+        H, g, rows, lower = _qp(mpc, problem)
         solver = piqp.DenseSolver()
         # Cost in units that make its numbers near 1, and no relative tolerance: that alone leaves some 1e-6 N.
         solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-10
@@ -67,7 +69,7 @@ def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
         solver.settings.max_iter = 1000
         solver.setup(np.asfortranarray(H * 1e4), g * 1e4, G=np.asfortranarray(rows), h_l=lower)
         assert solver.solve() == piqp.PIQP_SOLVED
-        found = solution.all_forces_n[problem[3]].ravel()
+        found = solution[problem[3]].ravel()
         np.testing.assert_allclose(found, solver.result.x, atol=1e-6, rtol=0)
         active += (rows @ found - lower < 1e-6).sum()
         # KKT: within the pyramid, and the gradient is a sum of active rows with multipliers >= 0.
@@ -85,70 +87,44 @@ def test_swing_feet_have_no_force_and_flight_needs_no_solver():
     contacts[3:, 1:3] = False
     arms_m = ARMS_M.copy()
     arms_m[~contacts] = np.nan
-    mpc, reference = Mpc(MASS_KG, INERTIA), np.tile(STANDING, (STEPS, 1))
-    solution = mpc.solve(STANDING, reference, arms_m, contacts)
-    assert solution.status == MpcStatus.SOLVED
-    assert not solution.all_forces_n[~contacts].any()
-    assert solution.all_forces_n[3:, 0, 2].min() > 1
-    solution = mpc.solve(STANDING, reference, arms_m, np.zeros_like(contacts))
-    assert (solution.status, solution.iterations) == (MpcStatus.FLIGHT, 0)
-    assert not solution.all_forces_n.any()
+    mpc, reference = _mpc(), np.tile(STANDING, (STEPS, 1))
+    forces_n = mpc.solve(STANDING, reference, arms_m, contacts)
+    assert not forces_n[~contacts].any()
+    assert forces_n[3:, 0, 2].min() > 1
+    solved = mpc.pyramid.limited
+    assert not mpc.solve(STANDING, reference, arms_m, np.zeros_like(contacts)).any()
+    assert (mpc.solves, mpc.pyramid.limited, mpc.pyramid.failed) == (2, solved, 0)
 
 
-@pytest.fixture
-def no_solver(monkeypatch):
-    """Both solvers give up, and no unconstrained minimum is allowed."""
-
-    def breaks(*_):
-        raise ValueError("constraints are inconsistent, no solution")
-
-    def gives_up(H, g, *_):
-        return np.full(len(g), np.nan), np.nan, -1, {"iterations": 7}
-
-    def break_solvers():
-        monkeypatch.setattr(quadprog, "solve_qp", breaks)
-        monkeypatch.setattr(daqp, "solve", gives_up)
-
-    return break_solvers
-
-
-def test_when_both_solvers_fail_and_other_feet_stand_they_share_the_weight(no_solver):
-    mpc = Mpc(MASS_KG, INERTIA)
+@pytest.mark.parametrize("broken", ["solver", "state"])
+def test_where_no_solver_has_an_answer_the_feet_share_the_weight_and_it_is_counted(monkeypatch, broken):
     state, reference, arms_m, _ = _random_problem(1, 5.0)
-    mpc.solve(state, reference, arms_m, ALL_STAND)
-    no_solver()
-    contacts = ALL_STAND.copy()
+    if broken == "state":
+        state[7] = np.nan
+    else:
+        monkeypatch.setattr(daqp, "solve", lambda H, g, *_: (np.full(len(g), np.nan), np.nan, -1, {}))
+    contacts, mpc = ALL_STAND.copy(), _mpc()
     contacts[:, 1:3] = False
     shared = mpc.solve(state, reference, arms_m, contacts)
-    assert shared.status == MpcStatus.SHARED
-    np.testing.assert_allclose(shared.forces_n[[0, 3]], np.tile([0, 0, WEIGHT_N / 2], (2, 1)))
-    assert not shared.forces_n[1:3].any()
+    assert (mpc.pyramid.limited, mpc.pyramid.failed) == (1, 1)
+    np.testing.assert_allclose(shared[:, [0, 3]], np.tile([0, 0, WEIGHT_N / 2], (STEPS, 2, 1)))
+    assert not shared[:, 1:3].any()
     # A weight above what the feet may carry is clipped.
-    heavy = Mpc(100.0, INERTIA).solve(state, reference, arms_m, contacts)
-    np.testing.assert_allclose(heavy.forces_n[[0, 3], 2], 150)
+    heavy = _mpc(100.0, f_max_n=150.0).solve(state, reference, arms_m, contacts)[0]
+    np.testing.assert_allclose(heavy[[0, 3], 2], 150)
     # Upright forces on ground that is steeper than friction holds lean into its pyramid.
     steep = Rotation.from_euler("y", 45, degrees=True).as_matrix()
-    along = Mpc(MASS_KG, INERTIA).solve(state, reference, arms_m, contacts, steep).forces_n @ steep
+    along = mpc.solve(state, reference, arms_m, contacts, steep)[0] @ steep
     np.testing.assert_allclose(abs(along[[0, 3], 0]), 0.6 * along[[0, 3], 2])
     np.testing.assert_allclose(along[[0, 3], 2], WEIGHT_N / 2 * np.cos(np.pi / 4))
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"horizon": 0},
-        {"horizon": 10_000},
-        {"dt_s": 0.0},
-        {"alpha": 0.0},
-        {"mu": -0.1},
-        {"mu": np.nan},
-        {"f_min_n": -1.0},
-        {"f_min_n": 200.0},
-        {"f_max_n": np.inf},
-        {"weight_rpy": (1.0, 2.0)},
-        {"weight_omega": (1.0, -2.0, 1.0)},
-    ],
-)
-def test_settings_without_a_solution_are_refused(wrong):
-    with pytest.raises(ValueError):
-        MpcSettings(**wrong)
+def test_a_foot_may_bear_more_than_the_weight_unless_it_is_limited():
+    assert MpcSettings().pyramid(50.0).f_max_n == pytest.approx(1.2 * 50 * 9.81)
+    assert MpcSettings(f_max_n=70.0).pyramid(50.0).f_max_n == 70
+
+
+@pytest.mark.parametrize("wrong", [(-0.1, 0, 1), (np.nan, 0, 1), (0.6, -1, 1), (0.6, 2, 1), (0.6, 0, np.inf)])
+def test_a_pyramid_without_forces_is_refused(wrong):
+    with pytest.raises(ValueError, match="pyramid"):
+        Pyramid(*wrong)

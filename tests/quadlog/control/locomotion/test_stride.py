@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.locomotion.foot_trajectory import EASED, foot_curve_state, swing_state
+from quadlog.control.locomotion.foot_trajectory import swing_state
 from quadlog.control.locomotion.gait import (
     GAITS,
     LANDS_FROM_PHASE,
@@ -29,10 +29,10 @@ HOLDS_TICKS = round(LOST_S / DT_S) - 1
 class March:
     """A stride under a body that goes straight on, feet and touches given from outside."""
 
-    def __init__(self, gait: Gait = TROT, velocity=(0.0, 0.0, 0.0), yaw_rad=0.0, curve=()) -> None:
+    def __init__(self, gait: Gait = TROT, velocity=(0.0, 0.0, 0.0), yaw_rad=0.0) -> None:
         self.gait, self.ticks, self.yaw_rad = gait, 0, yaw_rad
         self.velocity = np.array(velocity)
-        self.stride = Stride(ROBOT, gait, CLEARANCE_M, STANDING_M, *curve)
+        self.stride = Stride(ROBOT, gait, CLEARANCE_M, STANDING_M)
 
     @property
     def t_s(self) -> float:
@@ -81,24 +81,6 @@ def test_a_foot_swings_from_where_it_stood_last_to_its_foothold():
         elsewhere_m = STANDING_M.copy()
         elsewhere_m[PAIR] += [0.3, -0.2, 0.1]
         march.step(feet_m=elsewhere_m)
-
-
-def test_on_the_foot_curve_each_pair_bulges_to_its_side_of_the_body():
-    # With its head to map's y, left is backwards along x.
-    march = March(yaw_rad=np.pi / 2, curve=("foot_curve", 0.02))
-    sides = {0: -1.0, 3: -1.0, 1: 1.0, 2: 1.0}
-    seen = set()
-    for _ in range(round(TROT.period_s / DT_S)):
-        march.step()
-        planned, phase = march.plan
-        stride = march.stride
-        for leg in np.flatnonzero(~planned):
-            ends, expected = (stride.lift_offs_m[leg], stride.landings_m[leg]), np.empty((3, 3))
-            aside = np.array([0.02 * sides[leg], 0.0, 0.0])
-            foot_curve_state(phase[leg], SWING_S, *ends, CLEARANCE_M, aside, EASED, *expected)
-            np.testing.assert_allclose(stride.swing[:, leg], expected, atol=1e-9)
-            seen.add(int(leg))
-    assert seen == {0, 1, 2, 3}
 
 
 def test_touching_late_in_the_swing_is_landing_and_stays_so():

@@ -16,7 +16,7 @@ def test_without_settings_there_are_no_disturbances():
     calm = _disturbances(NONE)
     pose = np.array([1.0, 2.0, 3.0])
     assert calm.measured(0.0, pose) is pose
-    assert all(calm.push_at(t_s, 0.0) is None for t_s in np.arange(0, 10, 0.002))
+    assert all(calm.push_at(t_s, pose) is None for t_s in np.arange(0, 10, 0.002))
     assert calm.velocity_bias_mps.tolist() == [0, 0, 0]
 
 
@@ -24,7 +24,7 @@ def test_pushes_are_lateral_and_periodic():
     pushed = _disturbances()
     yaw_rad = 0.7
     times = np.arange(0, 20, 0.002)
-    forces = [pushed.push_at(t_s, yaw_rad) for t_s in times]
+    forces = [pushed.push_at(t_s, np.array([0.1, 0.2, yaw_rad])) for t_s in times]
     at = np.array([force is not None for force in forces])
     begins = times[1:][at[1:] & ~at[:-1]]
     np.testing.assert_allclose(begins, np.arange(2, 20, 2), atol=2e-3)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import quadruped_model
+from quadlog.simulation.robot.trot import TrotRobot, trot_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 ROBOT = ROBOTS["tracking"]
@@ -95,6 +97,47 @@ def test_pushes_move_the_robot_and_strong_ones_make_it_fall(model):
     felled.walk(10, 0.6, 0.0)
     np.testing.assert_array_equal(felled.pose, lying)
     assert felled.t_s == pytest.approx(1.03)
+
+
+@pytest.mark.parametrize("name", ["b1", "foot"])
+def test_heavy_and_light_robots_walk_without_settings_of_their_own(name):
+    robot = WalkingRobot(
+        quadruped_model(ROBOTS[name], ground.flat()), WalkerSettings(), START, np.random.default_rng(0)
+    )
+    robot.walk(750, 0.3, 0.0)
+    assert not robot.fallen
+    assert math.dist(robot.pose[:2], START[:2]) == pytest.approx(0.4, abs=0.06)
+
+
+def test_counts_and_effort_go_on_where_the_robot_starts_again(model):
+    robot = _robot(model)
+    robot.walk(100, 0.4, 0.0)
+    before, energy_j = robot.counts["mpc_solves"], robot.effort.energy_j
+    robot.start_at(START)
+    assert (robot.counts["mpc_solves"], robot.effort.energy_j) == (before, energy_j)
+    robot.walk(100, 0.4, 0.0)
+    assert robot.counts["mpc_solves"] == 2 * before
+
+
+def test_models_without_damping_step_explicitly_to_the_same_place(model):
+    assert model.model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    implicit = quadruped_model(ROBOT, ground.flat())
+    implicit.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    walks = [_robot(each) for each in (model, implicit)]
+    for each in walks:
+        each.walk(400, 0.5, 0.2)
+    np.testing.assert_allclose(walks[0].position_m, walks[1].position_m, atol=1e-6)
+    assert trot_model(TrotRobot()).model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def test_a_callback_for_warnings_of_mujoco_is_put_back(model):
+    before, own = mujoco.get_mju_user_warning(), lambda _: None
+    try:
+        mujoco.set_mju_user_warning(own)
+        _robot(model).walk(1, 0.0, 0.0)
+        assert mujoco.get_mju_user_warning() is own
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def test_the_same_walk_twice_is_bitwise_the_same(model):
