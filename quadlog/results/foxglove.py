@@ -93,6 +93,8 @@ def _log_typed(topic: str, messages: Stream, context: Context) -> Logs:
 
 def _log_numbers(topic: str, table: DataFrame, context: Context) -> Logs:
     """A JSON object of each row, without what is not finite; the tables have more digits."""
+    if table.empty:
+        return
     rows = table.drop(columns="t_ns").astype(float)
     form = {"type": "object", "properties": {key: {"type": "number"} for key in rows}}
     schema = Schema(name=topic[1:].replace("/", "."), encoding="jsonschema", data=json.dumps(form).encode())
