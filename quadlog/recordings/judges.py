@@ -128,7 +128,7 @@ def judge_transforms(look: Look) -> list[Candidate]:
 
 
 def judge_references(look: Look) -> list[Candidate]:
-    """Only a name that speaks of truth makes a reference, of whatever type.
+    """Only a name that promises the truth makes a reference, of whatever type.
 
     A pose that was found by a definition is one by such a name of its topic or type, unless others are; without it a
     user must choose it. What is the robot's position is not its own truth, nor is a topic on a clock of its own.
