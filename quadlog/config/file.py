@@ -155,7 +155,7 @@ def _bounds(table: Any, where: str, path: Path) -> dict[str, ExpectedRange | Non
 
 
 def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A configuration without the keys and sections of RETIRED, and a line about each that was there."""
+    """A configuration without the keys and sections of RETIRED, and one line for every retired one in it."""
     kept, lines = deepcopy(dict(table)), []
     for key, why in RETIRED.items():
         *sections, name = key.split(".")
