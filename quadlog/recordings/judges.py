@@ -13,7 +13,7 @@ from quadlog.recordings.formatting import several
 from quadlog.recordings.lidar_topics import judge_clouds
 from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.topic_names import is_measured, names_truth
+from quadlog.recordings.topic_names import is_measured, name_words, names_truth
 from quadlog.recordings.types import is_static, last_part
 
 RANGE_TYPE, FIX_TYPE = "sensor_msgs/msg/Range", "sensor_msgs/msg/NavSatFix"
@@ -21,6 +21,9 @@ PLACES = {"geometry_msgs/msg/PointStamped", "geometry_msgs/msg/Pose2D"}
 """Types of poses that are often not the robot's: clicks on a map, found things."""
 SAMPLED_JOINTS = 20
 """Drivers of arms and wheels may share the topic."""
+VELOCITY_TYPES = {"geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"}
+COMMANDER_WORDS = {"teleop", "joy", "joystick", "key", "keyboard", "nav", "mux", "smoothed", "smoother", "planner"}
+"""In names of topics whose velocities are wanted, beside those of `is_measured`."""
 _TRUTH, _SINGLE = 10, 6
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
@@ -62,6 +65,8 @@ def judge_odometry(look: Look) -> list[Candidate]:
     """A topic named as truth is no odometry, nor is one that by its name is wanted rather than measured."""
     candidates = []
     for topic, name in look.of_kind(Odometry).items():
+        if name in VELOCITY_TYPES:
+            continue
         if not names_truth(topic) and is_measured(topic):
             candidates.append(_by_type(look, topic, name))
         elif not names_truth(topic):
@@ -138,7 +143,7 @@ def judge_references(look: Look) -> list[Candidate]:
     candidates = []
     for topic, name in names.items():
         words = look.found_words(name)
-        if not {Pose, Odometry}.intersection(look.kinds(topic)):
+        if name in VELOCITY_TYPES or not {Pose, Odometry}.intersection(look.kinds(topic)):
             continue
         if names_truth(topic) or (words and names_truth(name)):
             rank, why = _TRUTH - bool(words), f"{words or name}, named as ground truth"
@@ -182,6 +187,18 @@ def judge_fixes(look: Look) -> list[Candidate]:
     return [Candidate(topics, 1, why)] if topics else []
 
 
+def judge_velocities(look: Look) -> list[Candidate]:
+    """All topics of velocities, together, without those that by their names are wanted rather than measured."""
+    topics = [topic for topic, name in look.of_kind(Odometry).items() if name in VELOCITY_TYPES]
+    wanted = {t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS}
+    why = "a command by its name, not used; if it is the robot's measured velocity, "
+    unfit = [Candidate((t,), 0, why + set_flag("topics.position", [t])) for t in topics if t in wanted]
+    measured = tuple(t for t in topics if t not in wanted)
+    which = "velocities" if len(measured) == 1 else f"one of {len(measured)} topics of velocities"
+    why = f"{which}, integrated the robot's position where nothing else gives one"
+    return [*unfit, *([Candidate(measured, 1, why)] if measured else [])]
+
+
 def _measured(look: Look) -> dict[str, str]:
     """Topic -> type, of poses that are not found by definition, nor named as truth or as wanted."""
     poses = look.of_kind(Pose).items()
@@ -198,5 +215,6 @@ JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
     "reference": judge_references,
     "pose": judge_estimates,
     "gnss": judge_fixes,
+    "twist": judge_velocities,
 }
 """Role -> its candidates, in the order in which roles are settled."""

@@ -442,7 +442,10 @@ class Recording(ClosedOnExit):
 
 
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:
-    """Single messages; transforms have their times for stamps."""
-    timed = [each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms else each for each in batches]
+    """Single messages; transforms over time have their times for stamps."""
+    timed = (
+        each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms and not is_static(each.topic) else each
+        for each in batches
+    )
     for _, t_ns, topic, message in messages_of(timed):
         yield Timed(t_ns, topic, message)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.geometry import quat_from_yaw, turned
 from quadlog.messages import (
     NO_ID,
     UNPLACED,
@@ -36,7 +37,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named
 from quadlog.recordings.types import is_static
 
 MOST_OF_A_JOINT = 1e5
@@ -344,9 +345,24 @@ class _Logged:
         return JointSeries(track.t_ns.copy(), *parts.values())
 
 
+VELOCITY_FRAME = "velocity_start"
+
+
+def _integrated(t_ns: Int, linear_mps: Float, angular_radps: Float, frame: str) -> PoseSeries:
+    """Poses (N,) from the origin on, turned about z alone, by velocities along a body's axes, or along a world's."""
+    step_s, in_world = np.diff(t_ns)[:, None] * 1e-9, is_named(frame, WORLD_FRAMES)
+    mean_mps, mean_radps = ((each[1:] + each[:-1]) / 2 for each in (linear_mps, angular_radps))
+    yaw_rad = np.append(0.0, np.cumsum(mean_radps[:, 2:] * step_s))
+    steps_m = turned(0.0 if in_world else (yaw_rad[1:] + yaw_rad[:-1]) / 2, mean_mps * step_s)
+    position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps_m, axis=0)])
+    return PoseSeries(t_ns, position_m, quat_from_yaw(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
+
+
 def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | None:
     track = tracks.get((Odometry, str(topic), "")) or tracks.get((Pose, str(topic), ""))
     if track is None:
         return None
     t_ns, position_m, quat_xyzw = (track.rows[name].copy() for name in ("t_ns", "position_m", "quat_xyzw"))
+    if np.isnan(position_m).all():
+        return _integrated(t_ns, track.rows["linear_mps"], track.rows["angular_radps"], track.child_frame_id)
     return PoseSeries(t_ns, position_m, quat_xyzw, track.frame_id, track.child_frame_id)
