@@ -129,7 +129,7 @@ def test_windows_are_in_the_chosen_clock_and_found_by_the_index(log):
     """Header stamps lag by 100 s; only the part of the log that can hold the window is read."""
     add_odometry(log, [(i * S, (i - 100) * S) for i in range(200)])
     assert times(Recording(log.container), ["/odom"], T0, T0 + 3 * S) == [T0, T0 + S, T0 + 2 * S]
-    assert log.container.asked[-1] == (T0 + 98 * S - MARGIN_NS, T0 + 105 * S + MARGIN_NS)
+    assert log.container.asked[-1] == (T0 + 100 * S - MARGIN_NS, T0 + 103 * S + MARGIN_NS)
 
 
 def test_ends_of_single_ranges_come_from_the_topic(log):
