@@ -137,7 +137,7 @@ class Look:
     @cached_property
     def unheard(self) -> dict[str, str]:
         """Topics with a role whose first messages cannot be decoded -> the decoder's reason."""
-        found = {topic: self.recording.why_unsampled(topic, LOOKED_AT) for topic in self.roles.played}
+        found = {topic: self.recording.peek(topic, LOOKED_AT)[1] for topic in self.roles.played}
         return {topic: why for topic, why in found.items() if why is not None}
 
     def why_nothing(self) -> str:

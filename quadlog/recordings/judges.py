@@ -106,7 +106,7 @@ def why_no_joints(recording: Recording, topic: str) -> str | None:
     """Why a topic's first messages show no joints of four legs, None where they do."""
     if any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
         return None
-    refused = recording.why_unsampled(topic, SAMPLED_JOINTS) or recording.joints.refused.get(topic)
+    refused = recording.peek(topic, SAMPLED_JOINTS)[1] or recording.joints.refused.get(topic)
     return refused or "holds no joints"
 
 
@@ -167,24 +167,19 @@ def _apart_s(look: Look, topic: str) -> float:
 def judge_estimates(look: Look) -> list[Candidate]:
     """All topics of poses that estimators may have made, together."""
     poses = {t: name for t, name in _measured(look).items() if name != FIX_TYPE}
-    choose = "topics.position takes one as the robot's position"
     places = [topic for topic, name in poses.items() if name in PLACES and topic not in look.recording.mapped]
     flags = {topic: set_flag("topics.position", [topic]) for topic in places}
     unsure = [Candidate((t,), 0, f"not used: if it is the robot's position, {flags[t]}") for t in places]
-    topics = tuple(topic for topic in poses if topic not in places)
-    why = f"one of {len(topics)} estimates of a pose; {choose}"
-    if len(topics) == 1:
-        why = f"the only {poses[topics[0]]} without a name of truth: an estimate"
-    return [*unsure, *([Candidate(topics, 1, why)] if topics else [])]
+    topics = [topic for topic in poses if topic not in places]
+    alone = f"the only {poses[topics[0]]} without a name of truth: an estimate" if topics else ""
+    return [*unsure, *_together(topics, alone, "estimates of a pose")]
 
 
 def judge_fixes(look: Look) -> list[Candidate]:
     """All topics of satellite fixes, together."""
-    topics = tuple(topic for topic, name in _measured(look).items() if name == FIX_TYPE)
-    why = "satellite fixes as local metres, the robot's position where nothing else gives one"
-    if len(topics) > 1:
-        why = f"one of {len(topics)} topics of satellite fixes; topics.position takes one as the robot's position"
-    return [Candidate(topics, 1, why)] if topics else []
+    topics = [topic for topic, name in _measured(look).items() if name == FIX_TYPE]
+    alone = "satellite fixes as local metres, the robot's position where nothing else gives one"
+    return _together(topics, alone, "topics of satellite fixes")
 
 
 def judge_velocities(look: Look) -> list[Candidate]:
@@ -193,10 +188,14 @@ def judge_velocities(look: Look) -> list[Candidate]:
     wanted = {t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS}
     why = "a command by its name, not used; if it is the robot's measured velocity, "
     unfit = [Candidate((t,), 0, why + set_flag("topics.position", [t])) for t in topics if t in wanted]
-    measured = tuple(t for t in topics if t not in wanted)
-    which = "velocities" if len(measured) == 1 else f"one of {len(measured)} topics of velocities"
-    why = f"{which}, integrated the robot's position where nothing else gives one"
-    return [*unfit, *([Candidate(measured, 1, why)] if measured else [])]
+    alone = "velocities, integrated the robot's position where nothing else gives one"
+    return [*unfit, *_together([t for t in topics if t not in wanted], alone, "topics of velocities")]
+
+
+def _together(topics: Sequence[str], alone: str, several: str) -> list[Candidate]:
+    """All topics as one candidate, and why: of one alone, or of several."""
+    why = f"one of {len(topics)} {several}; topics.position takes one as the robot's position"
+    return [Candidate(tuple(topics), 1, alone if len(topics) == 1 else why)] if topics else []
 
 
 def _measured(look: Look) -> dict[str, str]:

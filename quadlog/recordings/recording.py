@@ -184,9 +184,8 @@ class Recording(ClosedOnExit):
 
     def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
         """What a reading makes of topics; see `batches`."""
-        takers = reading.takers
+        take = reading.take
         for order, raw in enumerate(self._raws(topics, reading)):
-            take = takers.get(id(raw.channel)) or reading.taker(raw.channel)
             if found := take(order, raw):
                 yield from found
         yield from reading.rest()
@@ -305,10 +304,6 @@ class Recording(ClosedOnExit):
         small = messages_of(each for each in found if isinstance(each, Batch))
         return [message for *_, message in small] + [each.message for each in found if isinstance(each, Timed)]
 
-    def why_unsampled(self, topic: str, count: int) -> str | None:
-        """Why none of the first few messages of a topic can be decoded, or None where some can."""
-        return self.peek(topic, count)[1]
-
     def compare_clocks(
         self, topics: Collection[str], tf: Collection[str], compared: Collection[str], reported: Collection[str]
     ) -> None:
@@ -355,7 +350,7 @@ class Recording(ClosedOnExit):
         for channel in self.channels_of(topic):
             # Compiling a definition takes a millisecond, and thousands of topics may share one.
             kind = channel.identity[1:]
-            if not self.is_decodable(channel):
+            if not kinds_of(channel, self.mapped):
                 continue
             if kind not in self._why_undecodable:
                 self.reader(channel)
@@ -363,10 +358,6 @@ class Recording(ClosedOnExit):
             elif (why := self._why_undecodable[kind]) is not None:
                 self._undecodable[topic] = why
         return self._undecodable.get(topic)
-
-    def is_decodable(self, channel: Channel) -> bool:
-        """Whether there is a decoder for the channel's type; its payloads may still be broken."""
-        return bool(kinds_of(channel, self.mapped))
 
     def ends_of(self, topic: str) -> Ends | None:
         """Tag and anchor of a topic of single ranges."""
@@ -381,13 +372,13 @@ class Recording(ClosedOnExit):
         return [
             topic
             for topic in dict.fromkeys(topics)
-            if any(self.is_decodable(channel) for channel in self.channels_of(topic)) and len(self.types_of(topic)) == 1
+            if any(kinds_of(each, self.mapped) for each in self.channels_of(topic)) and len(self.types_of(topic)) == 1
         ]
 
     def _mixed(self) -> dict[str, str]:
         """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
         kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
-        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and self.is_decodable(each)}
+        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and kinds_of(each, self.mapped)}
         types = {topic: self.types_of(topic) for topic in sorted(useful)}
         several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
