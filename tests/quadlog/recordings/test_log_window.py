@@ -77,14 +77,17 @@ def steady(hz: float, lag_s: float = 0.0, from_s: float = 0.0, to_s: float = LEN
     return [(each, each - round(lag_s * 1e9)) for each in log_ns]
 
 
-@pytest.mark.parametrize("seldom", [[], steady(0.2), steady(0.2, 4.0), steady(1, 0, 20, 30)])
-def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: Rows) -> None:
-    """Also with a topic that is silent at the edges, or 4 s late."""
-    logged = Logged(both_ros.cdr, {"/odom": steady(5)} | ({"/seldom": seldom} if seldom else {}))
-    assert logged.window(T0 + 25 * S, T0 + 31 * S) == logged.stamped(T0 + 25 * S, T0 + 31 * S)
+@pytest.mark.parametrize(
+    ("seldom", "lag_s"), [([], 0), (steady(0.2), 0), (steady(0.2, 4.0), 0), (steady(1, 0, 20, 30), 0), ([], 100)]
+)
+def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: Rows, lag_s: int) -> None:
+    """Also with a topic that is silent at the edges, or 4 s late, and where all stamps lag."""
+    logged = Logged(both_ros.cdr, {"/odom": steady(5, lag_s)} | ({"/seldom": seldom} if seldom else {}))
+    start_ns, stop_ns = T0 + (25 - lag_s) * S, T0 + (31 - lag_s) * S
+    assert logged.window(start_ns, stop_ns) == logged.stamped(start_ns, stop_ns)
     begin_ns, end_ns = logged.asked[-1]
-    assert begin_ns >= T0 + 23 * S - MARGIN_NS
-    assert end_ns <= T0 + 37 * S + MARGIN_NS
+    assert begin_ns >= T0 + 25 * S - MARGIN_NS
+    assert end_ns <= T0 + 35 * S + MARGIN_NS
 
 
 @pytest.mark.parametrize("rate", [0.05, 0.5, 3.0, 5.0])
