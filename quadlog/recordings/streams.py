@@ -353,7 +353,7 @@ def _integrated(t_ns: Int, linear_mps: Float, angular_radps: Float, frame: str) 
     step_s, in_world = np.diff(t_ns)[:, None] * 1e-9, is_named(frame, WORLD_FRAMES)
     mean_mps, mean_radps = ((each[1:] + each[:-1]) / 2 for each in (linear_mps, angular_radps))
     yaw_rad = np.append(0.0, np.cumsum(mean_radps[:, 2:] * step_s))
-    steps_m = turned(0.0 if in_world else (yaw_rad[1:] + yaw_rad[:-1]) / 2, mean_mps * step_s)
+    steps_m = turned((yaw_rad[1:] + yaw_rad[:-1]) / 2 * (not in_world), mean_mps * step_s)
     position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps_m, axis=0)])
     return PoseSeries(t_ns, position_m, quat_from_yaw(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
 

@@ -120,7 +120,7 @@ VELOCITY = {each: f"twist.{each}:xyz | twist.twist.{each}:xyz" for each in ("lin
 
 def velocity(columns: Columns, _: JointOrder) -> Iterator[Part]:
     """A body's twist without a place, which is NaN: the header names the body's frame."""
-    columns.refuse(~np.isfinite([columns["linear"], columns["angular"]]).all(axis=0), "its velocity is not finite")
+    columns.refuse(~np.isfinite(np.hstack([columns["linear"], columns["angular"]])), "its velocity is not finite")
     twist = {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
     made = part(Odometry, columns.n, position_m=np.nan, quat_xyzw=NO_TURN, **twist)
     yield made._replace(frames=("", columns.frames()[0]))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from quadlog.recordings.containers.container import Budget
 from quadlog.recordings.recording import MARGIN_NS, Recording
 from tests.quadlog.conftest import FakeContainer
 
@@ -19,7 +20,9 @@ Rows = list[tuple[int, int]]
 
 
 class Logged(FakeContainer):
-    """Ranges whose log times and stamps are given, by topic."""
+    """Ranges whose log times and stamps are given, by topic. part: what an excerpt has, None: it is small."""
+
+    part: Logged | None = None
 
     def __init__(self, ros: SimpleNamespace, topics: dict[str, Rows]) -> None:
         super().__init__()
@@ -29,6 +32,9 @@ class Logged(FakeContainer):
             for log_ns, t_ns in rows:
                 own = type(channel)(name, *channel.identity[1:])
                 self.add(own, log_ns, payload[:4] + struct.pack("<iI", *divmod(t_ns, S)) + payload[12:])
+
+    def excerpt(self, budget: Budget) -> Logged | None:  # type: ignore[override]
+        return self.part
 
     def window(self, start_ns: int, end_ns: int) -> list[tuple[str, int]]:
         """What a recording finds, sorted; the last pair of log times that was asked for is that of the window."""
@@ -95,11 +101,12 @@ def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: R
 def test_stamps_of_simulated_time_run_at_a_rate_of_their_own(
     both_ros: SimpleNamespace, rate: float, begin: float
 ) -> None:
-    """Ten minutes of the log, of which a tenth is wanted; one topic is 0.2 s late."""
+    """Ten minutes of the log, of which a tenth is wanted and a look shows a sixtieth; one topic is 0.2 s late."""
     log_ns = [T0 + index * S for index in range(600)]
     stamps = {"/odom": 0, "/late": S // 5}
     topics = {name: [(each, T0 + round(rate * (each - T0)) - late) for each in log_ns] for name, late in stamps.items()}
     logged = Logged(both_ros.cdr, topics)
+    logged.part = Logged(both_ros.cdr, {name: rows[::60] for name, rows in topics.items()})
     start_ns = T0 + round(rate * begin * 600 * S)
     end_ns = start_ns + round(rate * 60 * S)
     assert logged.window(start_ns, end_ns) == logged.stamped(start_ns, end_ns)
