@@ -207,8 +207,10 @@ class _Logged:
     def streams(self, *, spread_bursts: bool = False) -> Streams:
         """All series. spread_bursts: joints that come in bursts get the times at which they were sent."""
         wanted, warnings = self._wanted, self._warnings
-        ranged = [batch for key, batches in self._batches.items() if key[0] is UwbRanges for batch in batches]
-        tracks = {key: _Track.of(batches) for key, batches in self._batches.items()}
+        ranged = [batches for key, batches in self._batches.items() if key[0] is UwbRanges]
+        places = places_of(each.rows for batches in ranged for each in batches)
+        del ranged
+        tracks = {key: _Track.of(self._batches.pop(key)) for key in [*self._batches]}
         if spread_bursts:
             self._spread_joints(tracks)
         clouds = np.array(self._clouds, np.int64).reshape(-1, 3).T
@@ -229,7 +231,7 @@ class _Logged:
             tf=self._tree(tracks),
             warnings=warnings,
             losses=losses,
-            anchor_places=places_of(each.rows for each in ranged),
+            anchor_places=places,
             clouds_ns=clouds[2],
             clouds_of=clouds[0],
             repeated_clouds=repeated_clouds,
@@ -257,7 +259,10 @@ class _Logged:
         for (key, rows), mask in zip(parts, masks[: len(parts)], strict=True):
             whole[key][rows] = mask
         for key, track in tracks.items():
-            kept = kept_rows(track.t_ns, whole[key], equal=key[0] is UwbRanges)
+            repeats = key[0] is UwbRanges  # ranges of one instant are several
+            if not whole[key].any() and (np.diff(track.t_ns) >= (not repeats)).all():
+                continue
+            kept = kept_rows(track.t_ns, whole[key], equal=repeats)
             equal = len(track.rows) - len(kept) - int(whole[key].sum())
             if equal and key[0] is not Transforms:
                 text = (
