@@ -133,7 +133,7 @@ def judge_transforms(look: Look) -> list[Candidate]:
 
 
 def judge_references(look: Look) -> list[Candidate]:
-    """Only a name that speaks of truth makes a reference, of whatever type.
+    """A topic of any type is a reference only by a name of truth.
 
     A pose that was found by a definition is one by such a name of its topic or type, unless others are; without it a
     user must choose it. What is the robot's position is not its own truth, nor is a topic on a clock of its own.
