@@ -10,7 +10,13 @@ import numpy as np
 
 from quadlog.config.schema import Config, Mount, Topics
 from quadlog.errors import set_flag
-from quadlog.geometry import invert_transform, rotation_from_quat, transform_from_quat, transform_from_rpy
+from quadlog.geometry import (
+    apply_transform,
+    invert_transform,
+    rotation_from_quat,
+    transform_from_quat,
+    transform_from_rpy,
+)
 from quadlog.lidar.levelling import UpSeries, level_rotations, tilt_of, up_by_floor, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose, PoseSeries
 from quadlog.recordings.recording import Recording
@@ -41,10 +47,7 @@ def imu_in_base(imu: ImuSeries, tree: TransformTree) -> ImuSeries:
     imu_to_base = Rotation.from_matrix(mount)
     quat_xyzw = imu.quat_xyzw
     if quat_xyzw is not None:
-        real = np.abs(quat_xyzw).max(axis=1) > 0
-        turned = Rotation.from_quat(quat_xyzw[real]) * imu_to_base.inv()
-        quat_xyzw = np.zeros_like(quat_xyzw)
-        quat_xyzw[real] = turned.as_quat()
+        quat_xyzw = (Rotation.from_quat(quat_xyzw) * imu_to_base.inv()).as_quat()
     return ImuSeries(imu.t_ns, imu_to_base.apply(imu.angular_radps), quat_xyzw, tree.base or "")
 
 
@@ -102,7 +105,7 @@ class CloudMover:
         row = int(np.searchsorted(self._t_ns, t_ns))
         if self._poses is not None and self._near[row]:
             transform = transform_from_quat(self._poses.position_m[row], self._poses.quat_xyzw[row])
-            xyz_m = (cloud.xyz_m @ transform[:3, :3].T + transform[:3, 3]).astype(np.float32)
+            xyz_m = apply_transform(transform, cloud.xyz_m).astype(np.float32)
         return PointCloud(cloud.stamp_ns, self._base, xyz_m)
 
     def warnings(self) -> list[str]:

@@ -16,7 +16,7 @@ from quadlog.pipelines.stages.mount import find_mount
 from quadlog.recordings.clock import Clock
 from quadlog.recordings.decoders.anchor_places import places_of
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import POSITION_WORDS, Roles, position_topics
+from quadlog.recordings.roles import LONE_SOURCES, POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
 
 SEE_INFO = "see  quadlog info"
@@ -65,7 +65,7 @@ class Look:
         elif not all(find_mount(self.recording, roles, self.config, each, odometry).known for each in lidars):
             missing.append("lidar.mount")
         until = "position" if not lidars else "map" if target == "none" else "control"
-        by = {name: " ".join([name, *roles.topics(name)]) for name in ("pose", "gnss")}
+        by = {name: " ".join([name, *roles.topics(name)]) for name in LONE_SOURCES}
         by["tf"] = f"tf {where[1]} → {where[0]}" if where else "tf"
         return {"until": until, "position": by.get(source, source), "target": target, "missing": missing}
 
@@ -83,6 +83,7 @@ class Look:
             "legs": lambda: "joints" in roles.found and self._hears(*roles.topics("joints")),
             "lidar": lambda: "lidar" in roles.found,
             "gnss": lambda: self._has_one("gnss"),
+            "twist": lambda: self._has_one("twist"),
             "fixed": lambda: True,
         }
         if topics.position == "auto":
@@ -106,6 +107,7 @@ class Look:
             "tf": lambda: f"no moving transforms lead from {topics.map_frame!r} to {base}",
             "pose": lambda: f"{len(roles.topics('pose')) or 'no'} topics could be the pose",
             "gnss": lambda: f"{len(roles.topics('gnss')) or 'no'} topics have satellite fixes",
+            "twist": lambda: f"{len(roles.topics('twist')) or 'no'} topics have measured velocities",
             "legs": lambda: failed.get(source, "no angles of twelve leg joints are known"),
             "lidar": lambda: failed.get(source, roles.why_none(source)),
             "odometry": lambda: roles.why_none(source),
@@ -135,7 +137,7 @@ class Look:
     @cached_property
     def unheard(self) -> dict[str, str]:
         """Topics with a role whose first messages cannot be decoded -> the decoder's reason."""
-        found = {topic: self.recording.why_unsampled(topic, LOOKED_AT) for topic in self.roles.played}
+        found = {topic: self.recording.peek(topic, LOOKED_AT)[1] for topic in self.roles.played}
         return {topic: why for topic, why in found.items() if why is not None}
 
     def why_nothing(self) -> str:
@@ -162,7 +164,7 @@ class Look:
             "reference": unless_ambiguous(roles, "reference"),
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),
-            "estimates": roles.topics("pose") + roles.topics("gnss"),
+            "estimates": [topic for source in LONE_SOURCES for topic in roles.topics(source)],
             "lidar": self.lidars,
         }
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadlog.config.schema import Mount
 from quadlog.errors import QuadlogError, set_flag
+from quadlog.geometry import apply_transform
 from quadlog.lidar.point_times import AS_THEY_COME, TimeReading, find_reading, usual_step_ns
 from quadlog.messages import Int, PointCloud, Timed
 from quadlog.pipelines.stages.mount import CloudMover, LidarMount
@@ -31,9 +32,8 @@ class PlacedScanner(NamedTuple):
         """A cloud that was taken at t_ns, without beams: those of several scanners are numbered alike."""
         if self.mover is not None:
             return self.mover.moved(t_ns, cloud)
-        timed, transform = self.times.timed(cloud), self.mount.transform_lidar_to_base
-        xyz_m = (cloud.xyz_m @ transform[:3, :3].T + transform[:3, 3]).astype(np.float32)
-        return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, times=timed.times)
+        xyz_m = apply_transform(self.mount.transform_lidar_to_base, cloud.xyz_m).astype(np.float32)
+        return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, times=self.times.timed(cloud).times)
 
 
 @dataclass(frozen=True)

@@ -70,7 +70,8 @@ class Topics(Section):
     position: str = Field(
         "auto",
         description="robot position: uwb, tf, odometry, pose (the only pose topic without a name of truth), legs "
-        "(joints), lidar (matched scans), gnss (the only topic of satellite fixes), fixed, a pose topic or TUM file; "
+        "(joints), lidar (matched scans), gnss (the only topic of satellite fixes), twist "
+        "(the only topic of measured velocities, integrated), fixed, a pose topic or TUM file; "
         "auto: the first of these that the recording has",
     )
     target: str = Field("auto", description="what is followed: auto, uwb (a second tag), ahead, fixed, or a pose topic")

@@ -77,11 +77,6 @@ class Clock:
             self._meet(int(given_ns.min()), int(given_ns.max()), f"header stamps of {topic}")
         return t_ns, kept
 
-    def count_zeros(self, topic: str, count: int) -> None:
-        """So many messages of a reading have the stamp 0; the reading with most is reported."""
-        if count:
-            self.zero_stamps[topic] = max(count, self.zero_stamps.get(topic, 0))
-
     def _meet(self, low_ns: int, high_ns: int, of: str) -> None:
         self.low, self.high = (
             min(self.low or (low_ns, of), (low_ns, of)),
@@ -105,6 +100,7 @@ class Clock:
         zeros = [
             f"{topic}: {count} messages have the stamp 0; their log time is used"
             for topic, count in sorted(self.zero_stamps.items())
+            if count
         ]
         zeros += [
             f"{topic}: {several(len(stamps), 'stamp')} from outside of the log (latched, or wrong); {BY_LOG}"
@@ -255,15 +251,9 @@ def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]
             continue
         lost_ns = np.concatenate([each.log_ns[mask] for each, mask in mine])
         when = f"logged {instant(int(lost_ns.min()))} to {instant(int(lost_ns.max()))}"
-        back_ns, to_ns = max(_farthest_back(each.t_ns) for each, _ in mine)
+        falls_ns = [(np.maximum.accumulate(each.t_ns) - each.t_ns, each.t_ns) for each, _ in mine]
+        back_ns, to_ns = max((int(fall_ns.max()), int(t_ns[fall_ns.argmax()])) for fall_ns, t_ns in falls_ns)
         why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else "its header stamps are of a clock that was set"
         what = f"{dropped} of {total} {things} whose stamps repeat or run ahead of others, {when}, are dropped"
         losses.append(Loss("clock", f"{why}; {what}; take log times with  --stamp log", topic, dropped))
     return losses
-
-
-def _farthest_back(t_ns: Int) -> tuple[int, int]:
-    """By how much stamps (N,) lie behind the latest one at most, and which one does."""
-    back_ns = np.maximum.accumulate(t_ns) - t_ns
-    row = int(back_ns.argmax())
-    return int(back_ns[row]), int(t_ns[row])

@@ -34,18 +34,15 @@ def find_recordings(arguments: Sequence[str | Path]) -> list[Path]:
     found: dict[Path, Path] = {}
     for argument in arguments:
         try:
-            for path in _match(argument) if isinstance(argument, RemotePath) else _expand(str(argument)):
+            text = str(argument)
+            is_list = text.startswith("@") and (is_url(text) or not Path(text).exists())
+            for path in _read_list(to_path(text[1:])) if is_list else _match(to_path(argument)):
                 for recording in _recordings_at(path):
                     found.setdefault(recording.resolve(), recording)
         except OSError as error:
             where = error.filename or to_path(argument)
             raise RecordingNotFound(where, error.strerror or "no such file or folder") from None
     return sorted(found.values())
-
-
-def _expand(argument: str) -> list[Path]:
-    is_list = argument.startswith("@") and (is_url(argument) or not Path(argument).exists())
-    return _read_list(to_path(argument[1:])) if is_list else _match(to_path(argument))
 
 
 def _match(path: Path) -> list[Path]:

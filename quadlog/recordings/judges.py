@@ -13,7 +13,7 @@ from quadlog.recordings.formatting import several
 from quadlog.recordings.lidar_topics import judge_clouds
 from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.topic_names import is_measured, names_truth
+from quadlog.recordings.topic_names import is_measured, name_words, names_truth
 from quadlog.recordings.types import is_static, last_part
 
 RANGE_TYPE, FIX_TYPE = "sensor_msgs/msg/Range", "sensor_msgs/msg/NavSatFix"
@@ -21,6 +21,9 @@ PLACES = {"geometry_msgs/msg/PointStamped", "geometry_msgs/msg/Pose2D"}
 """Types of poses that are often not the robot's: clicks on a map, found things."""
 SAMPLED_JOINTS = 20
 """Drivers of arms and wheels may share the topic."""
+VELOCITY_TYPES = {"geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"}
+COMMANDER_WORDS = {"teleop", "joy", "joystick", "key", "keyboard", "nav", "mux", "smoothed", "smoother", "planner"}
+"""In names of topics whose velocities are wanted, beside those of `is_measured`."""
 _TRUTH, _SINGLE = 10, 6
 KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "position": ((Pose, Odometry), "a pose"),
@@ -62,6 +65,8 @@ def judge_odometry(look: Look) -> list[Candidate]:
     """A topic named as truth is no odometry, nor is one that by its name is wanted rather than measured."""
     candidates = []
     for topic, name in look.of_kind(Odometry).items():
+        if name in VELOCITY_TYPES:
+            continue
         if not names_truth(topic) and is_measured(topic):
             candidates.append(_by_type(look, topic, name))
         elif not names_truth(topic):
@@ -101,7 +106,7 @@ def why_no_joints(recording: Recording, topic: str) -> str | None:
     """Why a topic's first messages show no joints of four legs, None where they do."""
     if any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
         return None
-    refused = recording.why_unsampled(topic, SAMPLED_JOINTS) or recording.joints.refused.get(topic)
+    refused = recording.peek(topic, SAMPLED_JOINTS)[1] or recording.joints.refused.get(topic)
     return refused or "holds no joints"
 
 
@@ -128,7 +133,7 @@ def judge_transforms(look: Look) -> list[Candidate]:
 
 
 def judge_references(look: Look) -> list[Candidate]:
-    """Only a name that promises the truth makes a reference, of whatever type.
+    """A topic of any type is a reference only by a name of truth.
 
     A pose that was found by a definition is one by such a name of its topic or type, unless others are; without it a
     user must choose it. What is the robot's position is not its own truth, nor is a topic on a clock of its own.
@@ -138,7 +143,7 @@ def judge_references(look: Look) -> list[Candidate]:
     candidates = []
     for topic, name in names.items():
         words = look.found_words(name)
-        if not {Pose, Odometry}.intersection(look.kinds(topic)):
+        if name in VELOCITY_TYPES or not {Pose, Odometry}.intersection(look.kinds(topic)):
             continue
         if names_truth(topic) or (words and names_truth(name)):
             rank, why = _TRUTH - bool(words), f"{words or name}, named as ground truth"
@@ -162,24 +167,35 @@ def _apart_s(look: Look, topic: str) -> float:
 def judge_estimates(look: Look) -> list[Candidate]:
     """All topics of poses that estimators may have made, together."""
     poses = {t: name for t, name in _measured(look).items() if name != FIX_TYPE}
-    choose = "topics.position takes one as the robot's position"
     places = [topic for topic, name in poses.items() if name in PLACES and topic not in look.recording.mapped]
     flags = {topic: set_flag("topics.position", [topic]) for topic in places}
     unsure = [Candidate((t,), 0, f"not used: if it is the robot's position, {flags[t]}") for t in places]
-    topics = tuple(topic for topic in poses if topic not in places)
-    why = f"one of {len(topics)} estimates of a pose; {choose}"
-    if len(topics) == 1:
-        why = f"the only {poses[topics[0]]} without a name of truth: an estimate"
-    return [*unsure, *([Candidate(topics, 1, why)] if topics else [])]
+    topics = [topic for topic in poses if topic not in places]
+    alone = f"the only {poses[topics[0]]} without a name of truth: an estimate" if topics else ""
+    return [*unsure, *_together(topics, alone, "estimates of a pose")]
 
 
 def judge_fixes(look: Look) -> list[Candidate]:
     """All topics of satellite fixes, together."""
-    topics = tuple(topic for topic, name in _measured(look).items() if name == FIX_TYPE)
-    why = "satellite fixes as local metres, the robot's position where nothing else gives one"
-    if len(topics) > 1:
-        why = f"one of {len(topics)} topics of satellite fixes; topics.position takes one as the robot's position"
-    return [Candidate(topics, 1, why)] if topics else []
+    topics = [topic for topic, name in _measured(look).items() if name == FIX_TYPE]
+    alone = "satellite fixes as local metres, the robot's position where nothing else gives one"
+    return _together(topics, alone, "topics of satellite fixes")
+
+
+def judge_velocities(look: Look) -> list[Candidate]:
+    """All topics of velocities, together, without those that by their names are wanted rather than measured."""
+    topics = [topic for topic, name in look.of_kind(Odometry).items() if name in VELOCITY_TYPES]
+    wanted = {t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS}
+    why = "a command by its name, not used; if it is the robot's measured velocity, "
+    unfit = [Candidate((t,), 0, why + set_flag("topics.position", [t])) for t in topics if t in wanted]
+    alone = "velocities, integrated the robot's position where nothing else gives one"
+    return [*unfit, *_together([t for t in topics if t not in wanted], alone, "topics of velocities")]
+
+
+def _together(topics: Sequence[str], alone: str, several: str) -> list[Candidate]:
+    """All topics as one candidate, and why: of one alone, or of several."""
+    why = f"one of {len(topics)} {several}; topics.position takes one as the robot's position"
+    return [Candidate(tuple(topics), 1, alone if len(topics) == 1 else why)] if topics else []
 
 
 def _measured(look: Look) -> dict[str, str]:
@@ -198,5 +214,6 @@ JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
     "reference": judge_references,
     "pose": judge_estimates,
     "gnss": judge_fixes,
+    "twist": judge_velocities,
 }
 """Role -> its candidates, in the order in which roles are settled."""

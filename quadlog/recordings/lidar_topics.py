@@ -58,7 +58,7 @@ def judge_clouds(look: Look) -> list[Candidate]:
 def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:
     """Rank 5 a 3-D scan, 4 a flat cloud, 3 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
     if not scans:
-        why = look.recording.why_unsampled(topic, SAMPLED_SCANS) or "it holds no cloud"
+        why = look.recording.peek(topic, SAMPLED_SCANS)[1] or "it holds no cloud"
         return Candidate((topic,), 0, f"cannot be decoded: {why}")
     points, planar = max(_points(scans), key=len), look.usable[topic] in PLANAR_SCANS
     described = f"{len(points)} points per scan"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class Pass:
     ) -> None:
         self.start_ns, self.end_ns = start_ns, end_ns
         self._recording, self._points, self._timed, self._counted = recording, points, timed, counted
-        self.takers: dict[int, Take] = {}
+        self._takers: dict[int, Take] = {}
         self._waiting: list[_Waiting] = []
         self._failed, self._zeros = Counter[str](), Counter[str]()
         self.decoded = self.log_ns = 0
@@ -77,7 +77,7 @@ class Pass:
 
     def take(self, order: int, raw: RawMessage) -> Iterable[Batch | Timed]:
         """What can be given out with the next message. order: grows from message to message."""
-        return self.taker(raw.channel)(order, raw)
+        return (self._takers.get(id(raw.channel)) or self._taker(raw.channel))(order, raw)
 
     @property
     def waiting(self) -> int:
@@ -89,20 +89,15 @@ class Pass:
         for waiting in self._waiting:
             yield from self._rows(waiting)
 
-    def taker(self, channel: Channel) -> Take:
-        """What takes the messages of a channel; see `take`."""
-        if id(channel) not in self.takers:
-            self.takers[id(channel)] = self._new_taker(channel)
-        return self.takers[id(channel)]
-
-    def _new_taker(self, channel: Channel) -> Take:
-        reader = self._recording.reader(channel)
-        if reader is None:
-            return lambda *_: ()
+    def _taker(self, channel: Channel) -> Take:
+        reader, take = self._recording.reader(channel), cast(Take, lambda *_: ())
         if isinstance(reader, CloudReader):
-            return partial(self._cloud, reader.full if self._points else reader.checked)
-        self._waiting.append(_Waiting(channel, reader, self._rows))
-        return self._waiting[-1].take
+            take = partial(self._cloud, reader.full if self._points else reader.checked)
+        elif reader is not None:
+            self._waiting.append(_Waiting(channel, reader, self._rows))
+            take = self._waiting[-1].take
+        self._takers[id(channel)] = take
+        return take
 
     def _cloud(
         self, decode: Callable[[bytes | memoryview], PointCloud | None], _: int, raw: RawMessage
@@ -152,7 +147,7 @@ class Pass:
         t_ns, static = log_ns, is_static(topic)
         if self._counted and stamp_ns is not None and not static and clock.stamp != "log":
             self._zeros[topic] += int((stamp_ns == 0).sum())
-            clock.count_zeros(topic, self._zeros[topic])
+            clock.zero_stamps[topic] = max(clock.zero_stamps.get(topic, 0), self._zeros[topic])
         if self._timed and static:
             t_ns = log_ns if stamp_ns is None or clock.stamp == "log" else np.where(stamp_ns == 0, log_ns, stamp_ns)
         elif self._timed:

@@ -15,7 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
 from quadlog.recordings.clock import FIRST_STAMPS, Clock, Mask, Stamp
-from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS, Offsets, one_clock
+from quadlog.recordings.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
@@ -101,6 +101,7 @@ class Recording(ClosedOnExit):
         self.range_units: dict[str, str] = {}
         self.mapped: dict[str, Type] = {}
         self.glimpsed: list[Stamps] | None = None
+        self._glimpsed_topics = frozenset(channel.topic for channel in container.channels)
         self.joints = joints or JointOrder()
         self.clock = Clock(container.path, stamp)
         self._first_lags_ns: dict[str, list[int]] = {}
@@ -183,9 +184,8 @@ class Recording(ClosedOnExit):
 
     def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
         """What a reading makes of topics; see `batches`."""
-        takers = reading.takers
+        take = reading.take
         for order, raw in enumerate(self._raws(topics, reading)):
-            take = takers.get(id(raw.channel)) or reading.taker(raw.channel)
             if found := take(order, raw):
                 yield from found
         yield from reading.rest()
@@ -225,57 +225,44 @@ class Recording(ClosedOnExit):
     def log_window(
         self, topics: Collection[str], start_ns: int | None, end_ns: int | None
     ) -> tuple[int | None, int | None]:
-        """Log times between which all messages of the wanted window must lie, so that an index can find them."""
+        """Log times between which all messages of the wanted window must lie, so that an index can find them.
+
+        Log times and stamps may run at different rates, as those of simulated time: where their distance changes, the
+        nearest messages of a glimpse bound the window.
+        """
         if self.stamp == "log" or (start_ns is None and end_ns is None):
             return start_ns, end_ns
-        if self.span_ns is None:
-            return None, None
         sound = [topic for topic in self._sound_topics(topics) if not is_static(topic)]
-        return (
-            None if start_ns is None else self._edge_ns(sound, start_ns, -1) - MARGIN_NS,
-            None if end_ns is None else self._edge_ns(sound, end_ns, 1) + MARGIN_NS,
-        )
+        if self.span_ns is None or not sound:
+            return None, None
+        lags_ns = np.array([lag_ns for topic in sound for lag_ns in self._learn(topic)])
+        seen = [self._usual_times(*each) for each in self._glimpsed(sound) if each[0] in sound]
+        log_ns, t_ns = np.concatenate([np.empty((2, 0), np.int64), *seen], axis=1)
+        log_ns, t_ns = (each[np.argsort(log_ns, kind="stable")] for each in (log_ns, t_ns))
+        lags_ns = np.concatenate([lags_ns, log_ns - t_ns])
+        first_ns, last_ns = start_ns, end_ns
+        if np.ptp(lags_ns) <= MARGIN_NS:
+            first_ns = None if start_ns is None else start_ns + int(lags_ns.min())
+            last_ns = None if end_ns is None else end_ns + int(lags_ns.max())
+        else:
+            before = [] if start_ns is None else log_ns[np.maximum.accumulate(t_ns) < start_ns][-1:].tolist()
+            behind = [] if end_ns is None else log_ns[np.minimum.accumulate(t_ns[::-1])[::-1] >= end_ns][:1].tolist()
+            first_ns, last_ns = next(iter(before), None), next(iter(behind), None)
+        return None if first_ns is None else first_ns - MARGIN_NS, None if last_ns is None else last_ns + MARGIN_NS
 
-    def _edge_ns(self, topics: list[str], t_ns: int, side: int) -> int:
-        """A log time before which nothing is stamped t_ns or later (side -1), or from which on nothing earlier (1).
+    def _usual_times(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> Int:
+        """(2, N) log times and times on the clock, without strays."""
+        t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
+        usual = ~stamped | (np.abs(t_ns - log_ns - self.clock.usual_ns.get(topic, 0)) <= FAR_APART_NS)
+        return np.stack([log_ns, t_ns])[:, usual]
 
-        Log times and stamps may run at different rates, as those of simulated time: the edge is searched for, first
-        where equal rates would have it, then in the middle of where it must be.
-        """
-        low_ns, high_ns = self.span_ns or (0, 0)
-        latest = max if side < 0 else min
-        lag_ns = {topic: -latest(-each for each in self._learn(topic)) for topic in topics} or {"": 0}
-        at_ns, tries = t_ns + 2 * side * LATE_NS - latest(-each for each in lag_ns.values()), 0
-        while high_ns - low_ns > LATE_NS:
-            tries += 1
-            if tries > 2 or not low_ns < at_ns < high_ns:
-                at_ns = (low_ns + high_ns) // 2
-            seen = self._seen_from(topics, at_ns)
-            drift_ns = -latest((t - log_ns + lag_ns[topic] for topic, (log_ns, t) in seen.items()), default=0)
-            times = [seen[topic][1] if topic in seen else at_ns - lag_ns[topic] - drift_ns for topic in lag_ns]
-            off_ns = latest(times) - t_ns if seen else 1
-            if 0 <= side * off_ns <= MARGIN_NS:
-                return at_ns
-            low_ns, high_ns = (at_ns, high_ns) if off_ns < 0 else (low_ns, at_ns)
-            at_ns += 2 * side * LATE_NS - off_ns
-        return low_ns if side < 0 else high_ns
-
-    def _seen_from(self, topics: list[str], log_ns: int) -> dict[str, tuple[int, int]]:
-        """Log time and time of each topic's first message, of those within a second of the first from log_ns on."""
-        raws = self.container.messages(topics, log_ns)
-        until_ns, reading, found = 1 << 62, Pass(self, timed=False, counted=False), list[Batch | Timed]()
-        for order, raw in enumerate(raws):
-            until_ns = min(until_ns, raw.log_time_ns + LATE_NS)
-            if raw.log_time_ns >= until_ns:
-                break
-            found += reading.take(order, raw)
-        seen: dict[str, tuple[int, int]] = {}
-        for each in [*found, *reading.rest()]:
-            logged_ns, t_ns, stamped = self._times_of(each)
-            usual = ~stamped | (np.abs(t_ns - logged_ns - self.clock.usual_ns.get(each.topic, 0)) <= FAR_APART_NS)
-            for first in sorted(zip(logged_ns[usual].tolist(), t_ns[usual].tolist(), strict=True))[:1]:
-                seen[each.topic] = min(seen.get(each.topic, first), first)
-        return seen
+    def _glimpsed(self, topics: Collection[str]) -> list[Stamps]:
+        """The stamps of topics, and maybe others, in a glimpse, read at most once."""
+        known = self.glimpsed
+        if known is None or not self._glimpsed_topics >= {*topics}:
+            known = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]
+            self.glimpsed, self._glimpsed_topics = known, frozenset(topics)
+        return known
 
     def excerpt(self, budget: Budget) -> Recording | None:
         """The same with a bounded number of its messages, from places spread evenly; None where it is small.
@@ -317,21 +304,14 @@ class Recording(ClosedOnExit):
         small = messages_of(each for each in found if isinstance(each, Batch))
         return [message for *_, message in small] + [each.message for each in found if isinstance(each, Timed)]
 
-    def why_unsampled(self, topic: str, count: int) -> str | None:
-        """Why none of the first few messages of a topic can be decoded, or None where some can."""
-        return self.peek(topic, count)[1]
-
     def compare_clocks(
         self, topics: Collection[str], tf: Collection[str], compared: Collection[str], reported: Collection[str]
     ) -> None:
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        glimpsed = self.glimpsed
-        if glimpsed is None:
-            glimpsed = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]
         parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for topic, stream, log_ns, stamp_ns in glimpsed:
+        for topic, stream, log_ns, stamp_ns in self._glimpsed(topics):
             if topic in topics:
                 parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
@@ -352,26 +332,25 @@ class Recording(ClosedOnExit):
         if topic not in self._first_lags_ns:
             offsets_ns: list[int] = []
             for each in self.peek(topic, FIRST_STAMPS)[0]:
-                log_ns, t_ns, stamped = self._times_of(each)
+                stream, log_ns, stamp_ns = stamps_of(each)
+                t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
                 offsets_ns += (t_ns - log_ns)[stamped].tolist()
             self.clock.learn(topic, offsets_ns)
             usual_ns = self.clock.usual_ns.get(topic, 0)
             self._first_lags_ns[topic] = [-e for e in offsets_ns if abs(e - usual_ns) <= FAR_APART_NS] or [0]
         return self._first_lags_ns[topic]
 
-    def _times_of(self, each: Batch | Timed) -> tuple[Int, Int, Mask]:
-        """(N,) log times, times on the clock, and whether they are those of stamps; strays are not left out."""
-        stream, log_ns, stamp_ns = stamps_of(each)
+    def _times_of(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> tuple[Int, Mask]:
+        """(N,) times on the clock, and whether they are those of stamps; strays are not left out."""
         stamped = stamp_ns > 0
-        placed_ns = self.clock.one.placed_ns(each.topic, stream, stamp_ns, log_ns)
-        return log_ns, np.where(stamped, placed_ns, log_ns), stamped
+        return np.where(stamped, self.clock.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
         for channel in self.channels_of(topic):
             # Compiling a definition takes a millisecond, and thousands of topics may share one.
             kind = channel.identity[1:]
-            if not self.is_decodable(channel):
+            if not kinds_of(channel, self.mapped):
                 continue
             if kind not in self._why_undecodable:
                 self.reader(channel)
@@ -379,10 +358,6 @@ class Recording(ClosedOnExit):
             elif (why := self._why_undecodable[kind]) is not None:
                 self._undecodable[topic] = why
         return self._undecodable.get(topic)
-
-    def is_decodable(self, channel: Channel) -> bool:
-        """Whether there is a decoder for the channel's type; its payloads may still be broken."""
-        return bool(kinds_of(channel, self.mapped))
 
     def ends_of(self, topic: str) -> Ends | None:
         """Tag and anchor of a topic of single ranges."""
@@ -397,13 +372,13 @@ class Recording(ClosedOnExit):
         return [
             topic
             for topic in dict.fromkeys(topics)
-            if any(self.is_decodable(channel) for channel in self.channels_of(topic)) and len(self.types_of(topic)) == 1
+            if any(kinds_of(each, self.mapped) for each in self.channels_of(topic)) and len(self.types_of(topic)) == 1
         ]
 
     def _mixed(self) -> dict[str, str]:
         """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
         kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
-        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and self.is_decodable(each)}
+        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and kinds_of(each, self.mapped)}
         types = {topic: self.types_of(topic) for topic in sorted(useful)}
         several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
         return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
@@ -442,7 +417,10 @@ class Recording(ClosedOnExit):
 
 
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:
-    """Single messages; transforms have their times for stamps."""
-    timed = [each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms else each for each in batches]
+    """Single messages; transforms over time have their times for stamps."""
+    timed = (
+        each._replace(stamp_ns=each.rows["t_ns"]) if each.kind is Transforms and not is_static(each.topic) else each
+        for each in batches
+    )
     for _, t_ns, topic, message in messages_of(timed):
         yield Timed(t_ns, topic, message)

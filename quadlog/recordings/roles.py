@@ -18,8 +18,10 @@ from quadlog.recordings.types import is_static
 from quadlog.recordings.unread import nearest_role
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
-POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "gnss", "fixed")
+POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "gnss", "twist", "fixed")
 """Sources of the robot's position; auto: the first that is there."""
+LONE_SOURCES = ("pose", "gnss", "twist")
+"""Those that need to be the only topic of their kind."""
 NO_REFERENCE = "none"
 
 
@@ -137,8 +139,8 @@ def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
     """Compare the clocks of what is used together: of tf the transform that moves base, of poses a lone one."""
     placed, tf = roles.base_in_map(topics), roles.found["tf"].topics if "tf" in roles.found else ()
     moving = [] if placed is None else [edge for edge in roles.frames.moving(*placed) if not edge.is_still]
-    lone = topics.position in ("pose", "gnss") or not {"uwb", "tf", "odometry"} & roles.found.keys()
-    names = {"reference"} if lone else {"reference", "pose", "gnss"}
+    lone = topics.position in LONE_SOURCES or not {"uwb", "tf", "odometry"} & roles.found.keys()
+    names = {"reference"} if lone else {"reference", *LONE_SOURCES}
     reported = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
     compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - reported
     recording.compare_clocks(roles.played, tf, compared, reported)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quadlog.geometry import quat_from_yaw, turned
 from quadlog.messages import (
     NO_ID,
     UNPLACED,
@@ -36,7 +37,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named
 from quadlog.recordings.types import is_static
 
 MOST_OF_A_JOINT = 1e5
@@ -206,8 +207,10 @@ class _Logged:
     def streams(self, *, spread_bursts: bool = False) -> Streams:
         """All series. spread_bursts: joints that come in bursts get the times at which they were sent."""
         wanted, warnings = self._wanted, self._warnings
-        ranged = [batch for key, batches in self._batches.items() if key[0] is UwbRanges for batch in batches]
-        tracks = {key: _Track.of(batches) for key, batches in self._batches.items()}
+        ranged = [batches for key, batches in self._batches.items() if key[0] is UwbRanges]
+        places = places_of(each.rows for batches in ranged for each in batches)
+        del ranged
+        tracks = {key: _Track.of(self._batches.pop(key)) for key in [*self._batches]}
         if spread_bursts:
             self._spread_joints(tracks)
         clouds = np.array(self._clouds, np.int64).reshape(-1, 3).T
@@ -228,7 +231,7 @@ class _Logged:
             tf=self._tree(tracks),
             warnings=warnings,
             losses=losses,
-            anchor_places=places_of(each.rows for each in ranged),
+            anchor_places=places,
             clouds_ns=clouds[2],
             clouds_of=clouds[0],
             repeated_clouds=repeated_clouds,
@@ -256,7 +259,10 @@ class _Logged:
         for (key, rows), mask in zip(parts, masks[: len(parts)], strict=True):
             whole[key][rows] = mask
         for key, track in tracks.items():
-            kept = kept_rows(track.t_ns, whole[key], equal=key[0] is UwbRanges)
+            repeats = key[0] is UwbRanges  # ranges of one instant are several
+            if not whole[key].any() and (np.diff(track.t_ns) >= (not repeats)).all():
+                continue
+            kept = kept_rows(track.t_ns, whole[key], equal=repeats)
             equal = len(track.rows) - len(kept) - int(whole[key].sum())
             if equal and key[0] is not Transforms:
                 text = (
@@ -344,9 +350,24 @@ class _Logged:
         return JointSeries(track.t_ns.copy(), *parts.values())
 
 
+VELOCITY_FRAME = "velocity_start"
+
+
+def _integrated(t_ns: Int, linear_mps: Float, angular_radps: Float, frame: str) -> PoseSeries:
+    """Poses (N,) from the origin on, turned about z alone, by velocities along a body's axes, or along a world's."""
+    step_s, in_world = np.diff(t_ns)[:, None] * 1e-9, is_named(frame, WORLD_FRAMES)
+    mean_mps, mean_radps = ((each[1:] + each[:-1]) / 2 for each in (linear_mps, angular_radps))
+    yaw_rad = np.append(0.0, np.cumsum(mean_radps[:, 2:] * step_s))
+    steps_m = turned((yaw_rad[1:] + yaw_rad[:-1]) / 2 * (not in_world), mean_mps * step_s)
+    position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps_m, axis=0)])
+    return PoseSeries(t_ns, position_m, quat_from_yaw(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
+
+
 def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | None:
     track = tracks.get((Odometry, str(topic), "")) or tracks.get((Pose, str(topic), ""))
     if track is None:
         return None
     t_ns, position_m, quat_xyzw = (track.rows[name].copy() for name in ("t_ns", "position_m", "quat_xyzw"))
+    if np.isnan(position_m).all():
+        return _integrated(t_ns, track.rows["linear_mps"], track.rows["angular_radps"], track.child_frame_id)
     return PoseSeries(t_ns, position_m, quat_xyzw, track.frame_id, track.child_frame_id)

@@ -6,6 +6,7 @@ import re
 from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import groupby
@@ -17,7 +18,7 @@ from quadlog.errors import DecodeError
 from quadlog.messages import NO_ID, Batch, Int, JointStates, Timed, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel, Container, RawMessage
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
-from quadlog.recordings.decoders.payload import Payload, PayloadReader
+from quadlog.recordings.decoders.payload import PayloadReader
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.reading import Pass, stamps_of
@@ -182,8 +183,10 @@ class _Seen:
         """One message more."""
         self.log_ns.append(raw.log_time_ns)
         if self._has_header and len(self.offsets_ns) < OFFSETS_KEPT:
-            stamp_ns = header_stamp_ns(raw.payload, self.channel)
-            self.offsets_ns += [stamp_ns - raw.log_time_ns] if stamp_ns else []
+            with suppress(DecodeError):
+                reader = PayloadReader(raw.payload, self.channel.message_encoding, self.channel.topic)
+                stamp_ns = reader.header().stamp_ns
+                self.offsets_ns += [stamp_ns - raw.log_time_ns] if stamp_ns else []
 
 
 @dataclass
@@ -285,14 +288,6 @@ def _surveyed(seen: _Seen, t_ns: Int, found: _Found) -> TopicSurvey:
         (high_ns - low_ns) * 1e-9 if offsets_ns and not is_static(seen.channel.topic) else None,
         *found.back_ns,
     )
-
-
-def header_stamp_ns(payload: Payload, channel: Channel) -> int | None:
-    """The stamp of a header at a payload's front, None for a broken payload."""
-    try:
-        return PayloadReader(payload, channel.message_encoding, channel.topic).header().stamp_ns
-    except DecodeError:
-        return None
 
 
 @lru_cache(maxsize=64)

@@ -14,6 +14,7 @@ from quadlog.recordings.decoders.poses import (
     IMU_FIELDS,
     TRANSFORM,
     TWIST,
+    VELOCITY,
     fix,
     flat_pose,
     imu,
@@ -21,6 +22,7 @@ from quadlog.recordings.decoders.poses import (
     pose,
     pose_at,
     transforms,
+    velocity,
 )
 from quadlog.recordings.decoders.ranges import (
     NODES,
@@ -39,6 +41,8 @@ TYPES: dict[str, Type] = {
     "geometry_msgs/msg/PoseStamped": Type((Pose,), pose_at("pose"), pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), pose_at("pose.pose"), pose),
     "geometry_msgs/msg/TransformStamped": Type((Pose,), TRANSFORM, pose),
+    "geometry_msgs/msg/TwistStamped": Type((Odometry,), HEADER | VELOCITY, velocity),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": Type((Odometry,), HEADER | VELOCITY, velocity),
     "gtec_msgs/msg/Ranging": type_of_ranges(
         no_error, unit="mm", tag="tagId", anchor="anchorId", range="range", error="errorEstimation ?"
     ),

@@ -11,9 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
+from quadlog.geometry import turned
 from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import read_rosmap
-from tests.lab.strangers import Log, Room, add_scans, header, instants_s, message, ns, rms_after_alignment_m
+from tests.lab.strangers import Log, Room, add_scans, header, instants_s, message, ns, rms_after_alignment_m, vector
 
 
 class Case(NamedTuple):
@@ -55,6 +56,23 @@ def fixes(*topics: str) -> Callable[[Log, Room], None]:
             fix = (header(ns(t_s), "gps"), status, north_deg, east_deg, 100.0, np.zeros(9), 0)
             for topic in topics:
                 log.add(topic, ns(t_s), message("sensor_msgs/msg/NavSatFix", *fix))
+
+    return add
+
+
+def velocities(topic: str, frame: str = "base_link", name: str = "TwistStamped") -> Callable[[Log, Room], None]:
+    """As a wheeled robot measures them."""
+
+    def add(log: Log, room: Room) -> None:
+        for t_s in instants_s(8.0, 50):
+            (x, y, yaw), (later_x, later_y, later) = room.at(t_s), room.at(t_s + 1e-3)
+            ahead, left = turned(np.array(-yaw), np.array([later_x - x, later_y - y]) * 1e3)
+            if frame == "map":
+                ahead, left = (later_x - x) * 1e3, (later_y - y) * 1e3
+            twist = message("geometry_msgs/msg/Twist", vector(ahead, left, 0), vector(0, 0, (later - yaw) * 1e3))
+            if name != "TwistStamped":
+                twist = message("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36))
+            log.add(topic, ns(t_s), message(f"geometry_msgs/msg/{name}", header(ns(t_s), frame), twist))
 
     return add
 
@@ -393,6 +411,20 @@ CASES = {
     ),
     "satellites-alone": Case(fixes("/fix"), 0, "gnss", 0.03, says=("no orientation",)),
     "satellites-beside-odometry": Case(together(fixes("/fix"), odometry), 0, "odometry", says=("differs from /fix",)),
+    "velocities-alone": Case(velocities("/wheel/twist"), 0, "twist", 0.03, says=("integrated velocities", '"fixed"')),
+    "velocities-of-the-world": Case(
+        velocities("/velocity_local", "map", "TwistWithCovarianceStamped"), 0, "twist", 0.03
+    ),
+    "velocities-beside-odometry": Case(together(velocities("/wheel/twist"), odometry), 0, "odometry"),
+    "velocities-wanted": Case(velocities("/cmd_vel"), 1, says=("--set topics.position=/cmd_vel",)),
+    "velocities-wanted-but-chosen": Case(
+        velocities("/cmd_vel"),
+        0,
+        "odometry",
+        0.03,
+        says=("integrated velocities",),
+        settings=("topics.position=/cmd_vel",),
+    ),
     "two-receivers": Case(
         fixes("/fix", "/gps/filtered"), 0, "fixed", np.inf, says=("--set topics.position=/gps/filtered",)
     ),

@@ -31,7 +31,7 @@ from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.roles import position_topics
-from quadlog.recordings.streams import Streams
+from quadlog.recordings.streams import VELOCITY_FRAME, Streams
 from quadlog.recordings.topic_names import names_estimator, names_truth
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
@@ -124,6 +124,7 @@ def _robot(data: LogData, journal: Journal, uwb: UwbPositions | None) -> RobotTr
         "legs": lambda: _from_legs(data, journal),
         "lidar": lambda: _from_lidar(data, journal),
         "gnss": lambda: _from_lone_pose(data, journal, "gnss"),
+        "twist": lambda: _from_lone_pose(data, journal, "twist"),
         "fixed": lambda: RobotTrack(ends_ns, np.zeros((len(ends_ns), 2)), np.zeros(len(ends_ns)), "fixed"),
     }
     if wanted == "auto":
@@ -257,6 +258,11 @@ def _from_lidar(data: LogData, journal: Journal) -> RobotTrack | None:
 def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> RobotTrack | None:
     if poses is None:
         return None
+    if poses.frame_id == VELOCITY_FRAME:
+        flag = set_flag("topics.position", ["fixed"])
+        journal.warn(
+            f"positions are integrated velocities: their error grows all the time; if the robot stood:  {flag}"
+        )
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
     if np.ptp(yaw_rad) == 0:
@@ -285,7 +291,7 @@ def _target(data: LogData, journal: Journal, uwb: UwbPositions | None, robot: Ro
         return TargetTrack(robot.t_ns, np.repeat(point, len(robot.t_ns), axis=0), "fixed")
     # UWB's frame is that of the anchors; a robot placed by its own odometry is in another one, unless a user says so.
     own_frame = (
-        robot.source in ("odometry", "legs", "lidar")
+        robot.source in ("odometry", "legs", "lidar", "twist")
         or (robot.source in ("pose", "gnss") and topics.position == "auto")
         or (robot.source == "tf" and robot.frame_id != topics.map_frame)
     )

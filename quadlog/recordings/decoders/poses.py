@@ -115,6 +115,17 @@ TRANSFORM = pose_at("transform", position="translation", quat="rotation") | {"ch
 TWIST = {"child": "child_frame_id", "linear": "twist.twist.linear:xyz", "angular": "twist.twist.angular:xyz"}
 
 
+VELOCITY = {each: f"twist.{each}:xyz | twist.twist.{each}:xyz" for each in ("linear", "angular")}
+
+
+def velocity(columns: Columns, _: JointOrder) -> Iterator[Part]:
+    """A body's twist without a place, which is NaN: the header names the body's frame."""
+    columns.refuse(~np.isfinite(np.hstack([columns["linear"], columns["angular"]])), "its velocity is not finite")
+    twist = {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
+    made = part(Odometry, columns.n, position_m=np.nan, quat_xyzw=NO_TURN, **twist)
+    yield made._replace(frames=("", columns.frames()[0]))
+
+
 def imu(columns: Columns, _: JointOrder) -> Iterator[Part]:
     """Without orientation where its covariance begins with -1, or where it is all zeros, as drivers forget that."""
     absent = (columns["covariance"][:, 0] == -1) | ~columns["quat"].any(axis=1)

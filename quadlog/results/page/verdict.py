@@ -27,7 +27,7 @@ NOISE_OVER_S = 0.35
 FEWEST_ERRORS = 3.0
 """With fewer independent errors a log says nothing of its bound, unless it is grossly wrong."""
 _SOURCES = {"uwb": "UWB ranges", "pose": "a pose topic", "legs": "the legs' joints", "lidar": "scan matching",
-            "gnss": "satellite fixes", "file": "a trajectory file"}  # fmt: skip
+            "gnss": "satellite fixes", "twist": "integrated velocities", "file": "a trajectory file"}  # fmt: skip
 """In words; others are as they are."""
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from quadlog.recordings.containers.container import Budget
 from quadlog.recordings.recording import MARGIN_NS, Recording
 from tests.quadlog.conftest import FakeContainer
 
@@ -19,7 +20,9 @@ Rows = list[tuple[int, int]]
 
 
 class Logged(FakeContainer):
-    """Ranges whose log times and stamps are given, by topic."""
+    """Ranges whose log times and stamps are given, by topic. part: what an excerpt has, None: it is small."""
+
+    part: Logged | None = None
 
     def __init__(self, ros: SimpleNamespace, topics: dict[str, Rows]) -> None:
         super().__init__()
@@ -29,6 +32,9 @@ class Logged(FakeContainer):
             for log_ns, t_ns in rows:
                 own = type(channel)(name, *channel.identity[1:])
                 self.add(own, log_ns, payload[:4] + struct.pack("<iI", *divmod(t_ns, S)) + payload[12:])
+
+    def excerpt(self, budget: Budget) -> Logged | None:  # type: ignore[override]
+        return self.part
 
     def window(self, start_ns: int, end_ns: int) -> list[tuple[str, int]]:
         """What a recording finds, sorted; the last pair of log times that was asked for is that of the window."""
@@ -77,14 +83,17 @@ def steady(hz: float, lag_s: float = 0.0, from_s: float = 0.0, to_s: float = LEN
     return [(each, each - round(lag_s * 1e9)) for each in log_ns]
 
 
-@pytest.mark.parametrize("seldom", [[], steady(0.2), steady(0.2, 4.0), steady(1, 0, 20, 30)])
-def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: Rows) -> None:
-    """Also with a topic that is silent at the edges, or 4 s late."""
-    logged = Logged(both_ros.cdr, {"/odom": steady(5)} | ({"/seldom": seldom} if seldom else {}))
-    assert logged.window(T0 + 25 * S, T0 + 31 * S) == logged.stamped(T0 + 25 * S, T0 + 31 * S)
+@pytest.mark.parametrize(
+    ("seldom", "lag_s"), [([], 0), (steady(0.2), 0), (steady(0.2, 4.0), 0), (steady(1, 0, 20, 30), 0), ([], 100)]
+)
+def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: Rows, lag_s: int) -> None:
+    """Also with a topic that is silent at the edges, or 4 s late, and where all stamps lag."""
+    logged = Logged(both_ros.cdr, {"/odom": steady(5, lag_s)} | ({"/seldom": seldom} if seldom else {}))
+    start_ns, stop_ns = T0 + (25 - lag_s) * S, T0 + (31 - lag_s) * S
+    assert logged.window(start_ns, stop_ns) == logged.stamped(start_ns, stop_ns)
     begin_ns, end_ns = logged.asked[-1]
-    assert begin_ns >= T0 + 23 * S - MARGIN_NS
-    assert end_ns <= T0 + 37 * S + MARGIN_NS
+    assert begin_ns >= T0 + 25 * S - MARGIN_NS
+    assert end_ns <= T0 + 35 * S + MARGIN_NS
 
 
 @pytest.mark.parametrize("rate", [0.05, 0.5, 3.0, 5.0])
@@ -92,11 +101,12 @@ def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: R
 def test_stamps_of_simulated_time_run_at_a_rate_of_their_own(
     both_ros: SimpleNamespace, rate: float, begin: float
 ) -> None:
-    """Ten minutes of the log, of which a tenth is wanted; one topic is 0.2 s late."""
+    """Ten minutes of the log, of which a tenth is wanted and a look shows a sixtieth; one topic is 0.2 s late."""
     log_ns = [T0 + index * S for index in range(600)]
     stamps = {"/odom": 0, "/late": S // 5}
     topics = {name: [(each, T0 + round(rate * (each - T0)) - late) for each in log_ns] for name, late in stamps.items()}
     logged = Logged(both_ros.cdr, topics)
+    logged.part = Logged(both_ros.cdr, {name: rows[::60] for name, rows in topics.items()})
     start_ns = T0 + round(rate * begin * 600 * S)
     end_ns = start_ns + round(rate * 60 * S)
     assert logged.window(start_ns, end_ns) == logged.stamped(start_ns, end_ns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType
 
-from quadlog.errors import QuadlogError
 from quadlog.recordings.containers.container import Budget, Channel, Damaged
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import gaps, indexed_times, rates_hz, survey
@@ -138,24 +136,6 @@ def test_an_index_that_contradicts_the_file_is_damaged(tmp_path: Path) -> None:
     path = recordings.mcap(tmp_path / "walk.mcap", recordings.some(80), index_types=IndexType.ALL & ~IndexType.MESSAGE)
     with open_recording(path) as recording, pytest.raises(Damaged, match="list 0 of 80 messages"):
         indexed_times(recording.container)
-
-
-@pytest.mark.skipif("QUADLOG_DATASETS" not in os.environ, reason="QUADLOG_DATASETS is not set")
-def test_real_recordings_by_their_index() -> None:
-    """Those that are sound and have a whole index, of the small ones: the same as reading everything."""
-    folder = Path(os.environ["QUADLOG_DATASETS"])
-    paths = [path for path in sorted(folder.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")]
-    paths = [path for path in paths if path.stat().st_size < 1_000_000]
-    paths = [path for i, path in enumerate(paths) if i % 6 == 0 or "conformance" not in str(path)]
-    by_index = 0
-    for path in paths:
-        try:
-            indexed = seen_of(path, Budget(2, 1, 8))
-        except (Damaged, QuadlogError):
-            continue
-        assert indexed == seen_of(path, None), path
-        by_index += 1
-    assert by_index > 20
 
 
 @given(st.lists(st.integers(0, 10**9), min_size=1, max_size=80))
