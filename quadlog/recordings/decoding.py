@@ -165,7 +165,10 @@ def _not_by_columns(channel: Channel, definitions: Definitions, warn: Warn) -> R
     if name in PLANAR_SCANS:
         wanted, cloud_of = PLANAR_SCANS[name]
         columns = ColumnReader(channel, wanted, definitions.candidates)
-        return _clouds(lambda _: lambda payload: cloud_of(columns.one(bytes(payload))))
+        return CloudReader(
+            lambda payload: cloud_of(columns.one(bytes(payload))),
+            lambda payload: cloud_of(columns.one(bytes(payload)), points=False),
+        )
     return _clouds(partial(livox_decoder, topic, encoding)) if last_part(name) == LIVOX else None
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from quadlog.config.schema import Config
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms
 from quadlog.recordings.decoders.body import HIGH_STATE, JOINT_STATE, LOW_STATE, SPORT_MODE, joint_state, unitree
-from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, laser_scan
 from quadlog.recordings.decoders.poses import (
     FIX,
@@ -67,7 +66,7 @@ TYPES: dict[str, Type] = {
     "LinktrackNodeframe5": NODES,
     "LinktrackTagframe0": type_of_ranges(zero_is_none=True, tag="id", range="dis_arr[]"),
 }
-PLANAR_SCANS: dict[str, tuple[Mapping[str, str], Callable[[Columns], PointCloud]]] = {
+PLANAR_SCANS: dict[str, tuple[Mapping[str, str], Callable[..., PointCloud]]] = {
     "sensor_msgs/msg/LaserScan": (HEADER | LASER_SCAN, laser_scan),
     "sensor_msgs/msg/MultiEchoLaserScan": (HEADER | MULTI_ECHO, laser_scan),
 }

@@ -8,6 +8,9 @@ missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,17 +32,35 @@ MOST_SENT = 1 << 16
 """Fields of a payload, each number in an array apart."""
 
 
-class Columns(dict[str, Any]):
+class Columns:
     """Column -> what N messages hold: (N,), (N, K) for K numbers, (N, T) or (N, T, K) with T in arrays; texts are equal
-    in all messages. arrays: column -> the arrays that its path leads through; lengths: of each of these, one by one.
-    memory: what is kept from one reading of the channel to the next.
+    in all messages. Numbers are read when they are asked for.
+
+    arrays: column -> the arrays that its path leads through; lengths: of each of these, one by one. memory: what is
+    kept from one reading of the channel to the next.
     """
 
-    def __init__(self, n: int, topic: str, layout: Layout, memory: dict[str, Any]) -> None:
-        super().__init__(layout.texts)
-        self.n, self.topic, self.memory = n, topic, memory
+    def __init__(self, payloads: np.ndarray, topic: str, layout: Layout, memory: dict[str, Any]) -> None:
+        self._payloads, self._layout, self._known = payloads, layout, dict[str, Any](layout.texts)
+        self.n, self.topic, self.memory = len(payloads), topic, memory
         self.arrays, self.lengths = dict(layout.arrays), layout.lengths
-        self.sound, self.why = np.ones(n, dtype=np.bool_), ""
+        self.sound, self.why = np.ones(self.n, dtype=np.bool_), ""
+
+    def __contains__(self, column: str) -> bool:
+        return column in self._known or column in self._layout.grids
+
+    def __getitem__(self, column: str) -> Any:
+        if column not in self._known:
+            self._known[column] = self._layout.read(column, self._payloads)
+        return self._known[column]
+
+    def __setitem__(self, column: str, values: np.ndarray) -> None:
+        self._known[column] = values
+
+    def get(self, column: str, default: Any) -> Any:
+        """A column, or a default for one that the definition lacks."""
+        there = column in self
+        return self[column] if there else default
 
     def refuse(self, unsound: np.ndarray, why: str) -> None:
         """Leave out the messages where unsound (N, ...) holds, and say why of the first."""
@@ -53,8 +74,8 @@ class Columns(dict[str, Any]):
 
     def frames(self, index: int = 0) -> tuple[str, str]:
         """Names of frame and child frame, without the leading slash of old ROS 1."""
-        frame, child = ((self.get(name) or ("",) * (index + 1))[index] for name in ("frame", "child"))
-        return frame.removeprefix("/"), child.removeprefix("/")
+        frame, child = (self.get(name, ())[index : index + 1] for name in ("frame", "child"))
+        return "".join(frame).removeprefix("/"), "".join(child).removeprefix("/")
 
     def beside(self, column: str, deeper: str) -> np.ndarray:
         """A column (N, T), repeated for all numbers of one in the same arrays or in arrays within them.
@@ -183,11 +204,11 @@ class Walk(PayloadReader):
 
 
 class Grid(NamedTuple):
-    """Where the numbers (T, K) of a leaf lie, in blocks of even distances: a shape, an offset, two strides."""
+    """Where the numbers (T, K) of a leaf lie: runs of rows at even distances."""
 
     dtype: np.dtype[Any]
     shape: tuple[int, int]
-    blocks: list[tuple[Any, tuple[int, int], int, tuple[int, int]]]
+    runs: list[tuple[int, int, int]]
 
     @classmethod
     def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Grid:
@@ -195,20 +216,19 @@ class Grid(NamedTuple):
         dtype = np.dtype(found[0][1] if found else "f8")
         if any(count < first for *_, count in found):
             raise ValueError(f"it has an array of less than {first} numbers")
-        ranges = [np.arange(first or count) * dtype.itemsize + at for at, _, count in found]
-        offsets = np.concatenate([np.empty(0, np.int64), *ranges]).reshape(-1, first or 1)
-        steps = [np.unique(np.diff(offsets, axis=axis)) for axis in (0, 1)]
-        if len(offsets) and all(len(each) < 2 for each in steps):
-            down, across = (int(each.sum()) for each in steps)
-            return cls(dtype, offsets.shape, [(slice(None), offsets.shape, int(offsets[0, 0]), (down, across))])
-        rows = [(slice(i, i + 1), (1, first or 1), int(each[0]), (0, dtype.itemsize)) for i, each in enumerate(offsets)]
-        return cls(dtype, offsets.shape, rows)
+        runs = [(at, 1 if first else count, dtype.itemsize) for at, _, count in found]
+        apart = {after[0] - before[0] for before, after in pairwise(runs)}
+        if len(apart) == 1 and all(count == 1 for _, count, _ in runs):
+            runs = [(runs[0][0], len(runs), *apart)]
+        return cls(dtype, (sum(count for _, count, _ in runs), first or 1), runs)
 
     def read(self, payloads: np.ndarray, values: np.ndarray) -> None:
         """Fill values (N, T, K) from C-contiguous payloads (N, size) uint8."""
-        n, size = payloads.shape
-        for rows, shape, offset, strides in self.blocks:
-            values[:, rows] = np.ndarray((n, *shape), self.dtype, payloads, offset, (size, *strides))
+        (n, size), (_, k), row = payloads.shape, self.shape, 0
+        for offset, count, step in self.runs:
+            strides = size, step, self.dtype.itemsize
+            values[:, row : row + count] = np.ndarray((n, count, k), self.dtype, payloads, offset, strides)
+            row += count
 
 
 class Layout:
@@ -224,30 +244,46 @@ class Layout:
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
         self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
-        self._grids = [
-            (column, path, [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
+        self.grids = {
+            column: (path, [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
             for column, path in paths.items()
             if not path.text
-        ]
+        }
 
     def fits(self, payloads: np.ndarray) -> np.ndarray:
         """(N,) which of payloads (N, size) uint8 have this layout."""
         return (payloads[:, self._places] == self._same).all(axis=1)
 
-    def columns(self, payloads: np.ndarray, topic: str, memory: dict[str, Any]) -> Columns:
-        """The wanted columns of payloads (N, size) that fit."""
-        columns = Columns(len(payloads), topic, self, memory)
-        for column, path, grids in self._grids:
-            (t, k), m = grids[0].shape, len(grids)
-            values = np.empty(
-                (len(payloads), t, k * m), "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
-            )
-            with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
-                for i, grid in enumerate(grids):
-                    grid.read(payloads, values[..., i : i + k])
-            values = values if path.arrays else values[:, 0]
-            columns[column] = values if path.first or m > 1 else values[..., 0]
-        return columns
+    def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
+        """A column of numbers of payloads (N, size) that fit."""
+        path, grids = self.grids[column]
+        (t, k), m = grids[0].shape, len(grids)
+        dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
+        values = np.empty((len(payloads), t, k * m), dtype)
+        with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
+            for i, grid in enumerate(grids):
+                grid.read(payloads, values[..., i : i + k])
+        values = values if path.arrays else values[:, 0]
+        return values if path.first or m > 1 else values[..., 0]
+
+
+Plan = tuple[Types, dict[str, Path]]
+
+
+@lru_cache(maxsize=256)  # by all topics of one type
+def plans_of(
+    tables: Callable[[Channel], Iterator[Types]], channel: Channel, wanted: tuple[tuple[str, str], ...]
+) -> tuple[Plan, ...]:
+    """Every definition that a type may have, with the paths of wanted fields. Raises BadDefinition without one."""
+    plans, why = list[Plan](), ""
+    for types in tables(channel):
+        try:
+            plans.append((types, resolve(types, channel.type_name, dict(wanted))))
+        except BadDefinition as error:
+            why = f"not the usual {channel.type_name}: {error}"
+    if not plans:
+        raise BadDefinition(why)
+    return tuple(plans)
 
 
 class ColumnReader:
@@ -262,22 +298,14 @@ class ColumnReader:
     ) -> None:
         self._channel, self._memory = channel, dict[str, Any]()
         self._known: dict[int, list[Layout]] = {}
-        self._plans: list[tuple[Types, dict[str, Path]]] = []
-        why = ""
         try:
-            for types in tables(channel):
-                try:
-                    self._plans.append((types, resolve(types, channel.type_name, wanted)))
-                except BadDefinition as error:
-                    why = f"not the usual {channel.type_name}: {error}"
+            self._plans = plans_of(tables, replace(channel, topic="", count=None), tuple(wanted.items()))
         except BadDefinition as error:
-            why = str(error)
-        if not self._plans:
-            raise DecodeError(channel.topic, f"{channel.type_name}: {why}")
+            raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
 
     def one(self, payload: bytes) -> Columns:
         """The columns of one payload. Raises DecodeError."""
-        ((_, columns),) = self.read([payload])
+        ((_, columns),) = self._read_alike(np.zeros(1, np.int64), np.frombuffer(payload, np.uint8)[None])
         if isinstance(columns, DecodeError):
             raise columns
         return columns
@@ -301,7 +329,7 @@ class ColumnReader:
             fits = layout.fits(payloads)
             if fits.any():
                 alike = payloads if fits.all() else np.ascontiguousarray(payloads[fits])
-                yield which[fits], layout.columns(alike, self._channel.topic, self._memory)
+                yield which[fits], Columns(alike, self._channel.topic, layout, self._memory)
                 which, payloads = which[~fits], payloads[~fits]
 
     def _learn(self, payload: bytes) -> Layout | DecodeError:
@@ -313,7 +341,7 @@ class ColumnReader:
             except (DecodeError, ValueError) as error:
                 why = getattr(error, "reason", str(error))
                 continue
-            self._plans = [plan]
+            self._plans = (plan,)
             if sum(map(len, self._known.values())) == KEPT_LAYOUTS:
                 self._known.clear()
             self._known.setdefault(len(payload), []).append(layout)
