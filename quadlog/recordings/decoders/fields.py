@@ -207,7 +207,7 @@ class Grid(NamedTuple):
     """Where the numbers (T, K) of a leaf lie: runs of rows at even distances."""
 
     dtype: np.dtype[Any]
-    shape: tuple[int, int]
+    k: int
     runs: list[tuple[int, int, int]]
 
     @classmethod
@@ -220,15 +220,16 @@ class Grid(NamedTuple):
         apart = {after[0] - before[0] for before, after in pairwise(runs)}
         if len(apart) == 1 and all(count == 1 for _, count, _ in runs):
             runs = [(runs[0][0], len(runs), *apart)]
-        return cls(dtype, (sum(count for _, count, _ in runs), first or 1), runs)
+        return cls(dtype, first or 1, runs)
 
-    def read(self, payloads: np.ndarray, values: np.ndarray) -> None:
-        """Fill values (N, T, K) from C-contiguous payloads (N, size) uint8."""
-        (n, size), (_, k), row = payloads.shape, self.shape, 0
-        for offset, count, step in self.runs:
-            strides = size, step, self.dtype.itemsize
-            values[:, row : row + count] = np.ndarray((n, count, k), self.dtype, payloads, offset, strides)
-            row += count
+    def read(self, payloads: np.ndarray, dtype: str) -> np.ndarray:
+        """(N, T, K) numbers of C-contiguous payloads (N, size) uint8."""
+        (n, size), k = payloads.shape, self.k
+        runs = [
+            np.ndarray((n, count, k), self.dtype, payloads, offset, (size, step, self.dtype.itemsize)).astype(dtype)
+            for offset, count, step in self.runs
+        ]
+        return runs[0] if len(runs) == 1 else np.concatenate([np.empty((n, 0, k), dtype), *runs], axis=1)
 
 
 class Layout:
@@ -244,11 +245,12 @@ class Layout:
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
         self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
-        self.grids = {
-            column: (path, [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
-            for column, path in paths.items()
-            if not path.text
-        }
+        self.grids: dict[str, tuple[Path, str, list[Grid]]] = {}
+        for column, path in paths.items():
+            if not path.text:
+                grids = [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves]
+                dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
+                self.grids[column] = path, dtype, grids
 
     def fits(self, payloads: np.ndarray) -> np.ndarray:
         """(N,) which of payloads (N, size) uint8 have this layout."""
@@ -256,15 +258,11 @@ class Layout:
 
     def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
         """A column of numbers of payloads (N, size) that fit."""
-        path, grids = self.grids[column]
-        (t, k), m = grids[0].shape, len(grids)
-        dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
-        values = np.empty((len(payloads), t, k * m), dtype)
-        with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
-            for i, grid in enumerate(grids):
-                grid.read(payloads, values[..., i : i + k])
+        path, dtype, grids = self.grids[column]
+        each = [grid.read(payloads, dtype) for grid in grids]
+        values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
         values = values if path.arrays else values[:, 0]
-        return values if path.first or m > 1 else values[..., 0]
+        return values if path.first or len(each) > 1 else values[..., 0]
 
 
 Plan = tuple[Types, dict[str, Path]]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import PointCloud
+from quadlog.messages import Float, PointCloud
 from quadlog.recordings.decoders.fields import Columns
 
 LIMITS = {"low": "range_min", "high": "range_max", "first": "angle_min", "step": "angle_increment"}
@@ -13,6 +15,7 @@ LIMITS |= {"pause": "time_increment"}
 LASER_SCAN, MULTI_ECHO = LIMITS | {"range": "ranges[]"}, LIMITS | {"range": "ranges[].echoes[]"}
 
 
+@np.errstate(all="ignore")
 def laser_scan(columns: Columns, *, points: bool = True) -> PointCloud:
     """A point for each ray, its nearest echo within the scanner's limits, NaN where nothing came back.
 
@@ -33,10 +36,15 @@ def laser_scan(columns: Columns, *, points: bool = True) -> PointCloud:
     if len(arrays) > 1:
         ray, there_m = np.repeat(np.arange(count), columns.lengths[arrays[-1]]), np.full(count, np.nan)
         np.fmin.at(there_m, ray[valid], range_m[valid])
-    angle_rad = first_rad + step_rad * np.arange(count)
     xyz_m = np.zeros((count, 3), np.float32)
-    xyz_m[:, 0], xyz_m[:, 1] = there_m * np.cos(angle_rad), there_m * np.sin(angle_rad)
+    xyz_m[:, :2] = there_m[:, None] * _directions(count, first_rad, step_rad)
     xyz_m[np.isnan(there_m), 2] = np.nan
     # 0 where the scanner does not say; the stamp is the first ray's.
     times = {"time_increment": np.arange(count) * pause_s} if pause_s != 0 and np.isfinite(pause_s) else {}
     return PointCloud(stamp, frame, xyz_m, np.zeros(count, np.uint16), time_fields=times)
+
+
+@lru_cache(maxsize=8)
+def _directions(count: int, first_rad: float, step_rad: float) -> Float:
+    angle_rad = first_rad + step_rad * np.arange(count)
+    return np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])

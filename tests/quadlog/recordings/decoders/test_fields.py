@@ -107,6 +107,7 @@ def expected(message: Any, choices: str) -> list[Any] | None:
     return None
 
 
+@np.errstate(invalid="ignore")  # signalling NaN
 def assert_columns_as(store: Any, channel: Channel, payloads: list[bytes], wanted: Mapping[str, str]) -> set[int]:
     """What columns hold is what rosbags' objects hold; which payloads these are."""
     read = set()
