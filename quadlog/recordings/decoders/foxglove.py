@@ -14,9 +14,9 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M, apply_transform, transform_from_quat
-from quadlog.messages import Float, PointCloud, Pose
+from quadlog.messages import NS_PER_S, Float, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, frame_name, nanoseconds
+from quadlog.recordings.decoders.payload import Payload, frame_name
 from quadlog.recordings.decoders.point_cloud import Block, Column, MakeCloud, check_block, cloud_from_block
 from quadlog.recordings.decoders.rows import unit_rows
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
@@ -98,7 +98,7 @@ def _stamp_ns(message: Any) -> int | None:
         return None
     names = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
     seconds, nanos = next(each for each in names if hasattr(stamp, each[1]))
-    return nanoseconds(int(getattr(stamp, seconds)), int(getattr(stamp, nanos)))
+    return int(getattr(stamp, seconds)) * NS_PER_S + int(getattr(stamp, nanos))
 
 
 def _pose(pose: Any, topic: str) -> tuple[Float, Float]:
