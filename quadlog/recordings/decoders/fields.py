@@ -238,6 +238,16 @@ class Grid(NamedTuple):
             runs = [(runs[0][0], len(runs), apart.pop())]
         return cls(dtype, first or 1, runs)
 
+    @classmethod
+    def of_all(cls, grids: list[Grid]) -> list[Grid]:
+        """The grids of leaves as one (T, K) where they lie side by side."""
+        (dtype, _, runs), size = grids[0], grids[0].dtype.itemsize
+        alike = all(
+            each == (dtype, 1, [(at + i * size, count, step) for at, count, step in runs])
+            for i, each in enumerate(grids)
+        )
+        return [cls(dtype, len(grids), runs)] if alike else grids
+
     def read(self, payloads: np.ndarray, dtype: str) -> np.ndarray:
         """(N, T, K) numbers of C-contiguous payloads (N, size) uint8."""
         (n, size), k = payloads.shape, self.k
@@ -266,7 +276,7 @@ class Layout:
         self.grids: dict[str, tuple[Path, str, list[Grid]]] = {}
         for column, path in paths.items():
             if not path.text:
-                grids = [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves]
+                grids = Grid.of_all([Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
                 dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
                 self.grids[column] = path, dtype, grids
 
@@ -295,7 +305,7 @@ class Layout:
         each = [grid.read(payloads, dtype) for grid in grids]
         values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
         values = values if path.arrays else values[:, 0]
-        return values if path.first or len(each) > 1 else values[..., 0]
+        return values if path.first or len(path.leaves) > 1 else values[..., 0]
 
 
 class Plan(NamedTuple):
