@@ -18,7 +18,7 @@ from rosbags.typesys import get_types_from_msg
 from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading, usual_step_ns
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, livox_decoder
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, decode_livox
 from quadlog.recordings.decoders.ros_messages import BUNDLED
 from quadlog.recordings.decoding import kinds_of
 from tests.lab.decoded import decoded
@@ -349,7 +349,7 @@ def test_livox_points_lines_and_offsets(both_ros: Any, encoding: str, count: int
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
     ros = getattr(both_ros, encoding)
     payload = ros.serialise(custom_message(ros, count, T_NS + 500, frame), big_endian=big_endian)
-    cloud = livox_decoder("/livox/lidar", ros.encoding)(payload)
+    cloud = decode_livox(payload, "/livox/lidar", ros.encoding)
     i = np.arange(count)
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
@@ -362,4 +362,4 @@ def test_cut_or_longer_payloads_are_refused(ros: Any) -> None:
     payload = ros.serialise(custom_message(ros, 4))
     for damaged in (payload[:-1], payload[:40], b"", payload + bytes(19)):
         with pytest.raises(DecodeError):
-            livox_decoder("/livox/lidar", ros.encoding)(damaged)
+            decode_livox(damaged, "/livox/lidar", ros.encoding)
