@@ -8,7 +8,7 @@ chose. Whole topics of small messages are gathered into column series.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
 
@@ -236,62 +236,53 @@ class Timed(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class RangeSeries:
-    """All ranges of a recording, in time order; columns of equal length (N,)."""
+class Series:
+    """Columns of equal length (N,) or (N, K) over time."""
 
     t_ns: Int
-    tag: Int
-    anchor: Int
-    range_m: Float
 
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def rows(self, rows: np.ndarray | slice) -> RangeSeries:
+    def rows(self, rows: np.ndarray | slice) -> Self:
         """Those of a mask, of indices or of a slice."""
-        return RangeSeries(self.t_ns[rows], self.tag[rows], self.anchor[rows], self.range_m[rows])
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        return replace(self, **{name: each[rows] for name, each in columns.items() if isinstance(each, np.ndarray)})
 
 
 @dataclass(frozen=True, slots=True)
-class PoseSeries:
+class RangeSeries(Series):
+    """All ranges of a recording, in time order."""
+
+    tag: Int
+    anchor: Int
+    range_m: Float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSeries(Series):
     """Poses of one frame in another over time: t_ns (N,) strictly increasing, position_m (N, 3), quat_xyzw (N, 4)."""
 
-    t_ns: Int
     position_m: Float
     quat_xyzw: Float
     frame_id: str = ""
     child_frame_id: str = ""
 
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-    def rows(self, index: Int) -> PoseSeries:
-        """The poses with these indices (M,)."""
-        return replace(self, t_ns=self.t_ns[index], position_m=self.position_m[index], quat_xyzw=self.quat_xyzw[index])
-
 
 @dataclass(frozen=True, slots=True)
-class ImuSeries:
+class ImuSeries(Series):
     """t_ns (N,) strictly increasing, angular_radps (N, 3), quat_xyzw (N, 4) or None; of and about frame_id's axes."""
 
-    t_ns: Int
     angular_radps: Float
     quat_xyzw: Float | None
     frame_id: str = ""
 
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
 
 @dataclass(frozen=True, slots=True)
-class JointSeries:
+class JointSeries(Series):
     """Joints over time: t_ns (N,) strictly increasing, the rest as in JointStates, with N rows."""
 
-    t_ns: Int
     position_rad: Float
     velocity_radps: Float
     torque_nm: Float
     foot_force_n: Float
-
-    def __len__(self) -> int:
-        return len(self.t_ns)

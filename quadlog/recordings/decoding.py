@@ -18,12 +18,9 @@ from quadlog.recordings.decoders.fields import ColumnReader
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.point_cloud import (
-    MakeCloud,
     PointCloud2Decoder,
     Warn,
-    checked_cloud,
-    cloud_from_block,
-    livox_decoder,
+    decode_livox,
 )
 from quadlog.recordings.decoders.pose_fields import PoseField, find_pose
 from quadlog.recordings.decoders.ros_messages import Definitions, is_defined_as
@@ -161,16 +158,18 @@ def _not_by_columns(channel: Channel, definitions: Definitions, warn: Warn) -> R
         pose = foxglove.pose_decoder(channel)
         return OneByOne(lambda payload: [pose(payload)])
     if name == POINT_CLOUD:
-        return _clouds(lambda make: PointCloud2Decoder(topic, encoding, make, warn))
+        return _clouds(lambda points: PointCloud2Decoder(topic, encoding, points, warn))
     if name in PLANAR_SCANS:
         wanted, cloud_of = PLANAR_SCANS[name]
         columns = ColumnReader(channel, wanted, definitions.candidates)
-        return _clouds(lambda _: lambda payload: cloud_of(columns.one(bytes(payload))))
-    return _clouds(partial(livox_decoder, topic, encoding)) if last_part(name) == LIVOX else None
+        return _clouds(lambda points: lambda payload: cloud_of(columns.one(bytes(payload)), points=points))
+    if last_part(name) == LIVOX:
+        return _clouds(lambda points: partial(decode_livox, topic=topic, encoding=encoding, points=points))
+    return None
 
 
-def _clouds(make: Callable[[MakeCloud], Callable[[Payload], PointCloud | None]]) -> CloudReader:
-    return CloudReader(make(cloud_from_block), make(checked_cloud))
+def _clouds(make: Callable[[bool], Callable[[Payload], PointCloud | None]]) -> CloudReader:
+    return CloudReader(make(True), make(False))
 
 
 def _plugged(channel: Channel, decoder: MessageDecoder, definitions: Definitions) -> RowReader | CloudReader:

@@ -132,7 +132,7 @@ def _fields_of(kind: type[Message]) -> tuple[str, ...]:
 
 
 def parts_of(message: Message) -> Iterator[Part]:
-    """A message as rows; each transform of several is a part."""
+    """The rows of a message, in parts: one for each transform, one for all other kinds."""
     if isinstance(message, Transforms):
         for index, each in enumerate(message.transforms):
             (made,) = parts_of(each)

@@ -6,72 +6,49 @@ from collections.abc import Callable, Mapping
 
 from quadlog.config.schema import Config
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms
-from quadlog.recordings.decoders.body import HIGH_STATE, JOINT_STATE, LOW_STATE, SPORT_MODE, joint_state, unitree
-from quadlog.recordings.decoders.fields import Columns
+from quadlog.recordings.decoders import body, poses, ranges
 from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, laser_scan
-from quadlog.recordings.decoders.poses import (
-    FIX,
-    IMU_FIELDS,
-    TRANSFORM,
-    TWIST,
-    VELOCITY,
-    fix,
-    flat_pose,
-    imu,
-    own_pose,
-    pose,
-    pose_at,
-    transforms,
-    velocity,
-)
-from quadlog.recordings.decoders.ranges import (
-    NODES,
-    UWB_DRIVER,
-    failed,
-    no_error,
-    outside_limits,
-    own_ranges,
-    type_of_ranges,
-)
 from quadlog.recordings.decoders.rows import HEADER, Type
 
 TYPES: dict[str, Type] = {
-    "geometry_msgs/msg/PointStamped": Type((Pose,), HEADER | {"position": "point:xyz"}, pose),
-    "geometry_msgs/msg/Pose2D": Type((Pose,), {"x": "x", "y": "y", "theta": "theta"}, flat_pose),
-    "geometry_msgs/msg/PoseStamped": Type((Pose,), pose_at("pose"), pose),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), pose_at("pose.pose"), pose),
-    "geometry_msgs/msg/TransformStamped": Type((Pose,), TRANSFORM, pose),
-    "geometry_msgs/msg/TwistStamped": Type((Odometry,), HEADER | VELOCITY, velocity),
-    "geometry_msgs/msg/TwistWithCovarianceStamped": Type((Odometry,), HEADER | VELOCITY, velocity),
-    "gtec_msgs/msg/Ranging": type_of_ranges(
-        no_error, unit="mm", tag="tagId", anchor="anchorId", range="range", error="errorEstimation ?"
+    "geometry_msgs/msg/PointStamped": Type((Pose,), HEADER | {"position": "point:xyz"}, poses.pose),
+    "geometry_msgs/msg/Pose2D": Type((Pose,), {"x": "x", "y": "y", "theta": "theta"}, poses.flat_pose),
+    "geometry_msgs/msg/PoseStamped": Type((Pose,), poses.pose_at("pose"), poses.pose),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), poses.pose_at("pose.pose"), poses.pose),
+    "geometry_msgs/msg/TransformStamped": Type((Pose,), poses.TRANSFORM, poses.pose),
+    "geometry_msgs/msg/TwistStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
+    "gtec_msgs/msg/Ranging": ranges.type_of_ranges(
+        ranges.no_error, unit="mm", tag="tagId", anchor="anchorId", range="range", error="errorEstimation ?"
     ),
-    "nav_msgs/msg/Odometry": Type((Odometry,), pose_at("pose.pose") | TWIST, pose),
-    "sensor_msgs/msg/Imu": Type((Imu,), HEADER | IMU_FIELDS, imu),
-    "sensor_msgs/msg/JointState": Type((JointStates,), HEADER | JOINT_STATE, joint_state),
-    "sensor_msgs/msg/NavSatFix": Type((Pose,), HEADER | FIX, fix),
-    "sensor_msgs/msg/Range": type_of_ranges(outside_limits, range="range", low="min_range", high="max_range"),
+    "nav_msgs/msg/Odometry": Type((Odometry,), poses.pose_at("pose.pose") | poses.TWIST, poses.pose),
+    "sensor_msgs/msg/Imu": Type((Imu,), HEADER | poses.IMU_FIELDS, poses.imu),
+    "sensor_msgs/msg/JointState": Type((JointStates,), HEADER | body.JOINT_STATE, body.joint_state),
+    "sensor_msgs/msg/NavSatFix": Type((Pose,), HEADER | poses.FIX, poses.fix),
+    "sensor_msgs/msg/Range": ranges.type_of_ranges(
+        ranges.outside_limits, range="range", low="min_range", high="max_range"
+    ),
     "tf2_msgs/msg/TFMessage": Type(
-        (Transforms,), {column: f"transforms[].{path}" for column, path in TRANSFORM.items()}, transforms
+        (Transforms,), {column: f"transforms[].{path}" for column, path in poses.TRANSFORM.items()}, poses.transforms
     ),
-    "unitree_go/msg/LowState": LOW_STATE,
-    "unitree_go/msg/SportModeState": Type((Odometry, Imu), SPORT_MODE, unitree),
-    "unitree_legged_msgs/msg/HighState": HIGH_STATE,
-    "unitree_legged_msgs/msg/LowState": LOW_STATE,
-    "ros2_unitree_legged_msgs/msg/HighState": HIGH_STATE,
-    "ros2_unitree_legged_msgs/msg/LowState": LOW_STATE,
-    "uwb_driver/msg/UwbRange": type_of_ranges(failed, **UWB_DRIVER),
+    "unitree_go/msg/LowState": body.LOW_STATE,
+    "unitree_go/msg/SportModeState": Type((Odometry, Imu), body.SPORT_MODE, body.unitree),
+    "unitree_legged_msgs/msg/HighState": body.HIGH_STATE,
+    "unitree_legged_msgs/msg/LowState": body.LOW_STATE,
+    "ros2_unitree_legged_msgs/msg/HighState": body.HIGH_STATE,
+    "ros2_unitree_legged_msgs/msg/LowState": body.LOW_STATE,
+    "uwb_driver/msg/UwbRange": ranges.type_of_ranges(ranges.failed, **ranges.UWB_DRIVER),
     # LinkTrack packages have many names: matched by the last part of the type.
-    "LinktrackAnchorframe0": type_of_ranges(zero_is_none=True, tag="nodes[].id", range="nodes[].dis_arr[]"),
-    "LinktrackNodeframe2": NODES,
-    "LinktrackNodeframe3": NODES,
-    "LinktrackNodeframe4": type_of_ranges(
+    "LinktrackAnchorframe0": ranges.type_of_ranges(zero_is_none=True, tag="nodes[].id", range="nodes[].dis_arr[]"),
+    "LinktrackNodeframe2": ranges.NODES,
+    "LinktrackNodeframe3": ranges.NODES,
+    "LinktrackNodeframe4": ranges.type_of_ranges(
         zero_is_none=True, tag="tags[].id", anchor="tags[].anchors[].id", range="tags[].anchors[].dis"
     ),
-    "LinktrackNodeframe5": NODES,
-    "LinktrackTagframe0": type_of_ranges(zero_is_none=True, tag="id", range="dis_arr[]"),
+    "LinktrackNodeframe5": ranges.NODES,
+    "LinktrackTagframe0": ranges.type_of_ranges(zero_is_none=True, tag="id", range="dis_arr[]"),
 }
-PLANAR_SCANS: dict[str, tuple[Mapping[str, str], Callable[[Columns], PointCloud]]] = {
+PLANAR_SCANS: dict[str, tuple[Mapping[str, str], Callable[..., PointCloud]]] = {
     "sensor_msgs/msg/LaserScan": (HEADER | LASER_SCAN, laser_scan),
     "sensor_msgs/msg/MultiEchoLaserScan": (HEADER | MULTI_ECHO, laser_scan),
 }
@@ -105,5 +82,5 @@ def is_static(topic: str) -> bool:
 def own_types(config: Config) -> dict[str, Type]:
     """Topic -> what its messages become as the configuration says, whatever their type is."""
     rows = [row for row in config.uwb.range_topics if row.field or row.times]
-    types = {row.topic: own_ranges(**row.model_dump(exclude={"topic"})) for row in rows}
-    return types | {row.topic: own_pose(row.fields, row.unit) for row in config.topics.poses}
+    types = {row.topic: ranges.own_ranges(**row.model_dump(exclude={"topic"})) for row in rows}
+    return types | {row.topic: poses.own_pose(row.fields, row.unit) for row in config.topics.poses}

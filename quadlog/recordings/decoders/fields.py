@@ -8,6 +8,11 @@ missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +21,7 @@ from rosbags.interfaces import Nodetype
 from quadlog.errors import DecodeError, some_of
 from quadlog.messages import NS_PER_S, Int
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import PayloadReader
+from quadlog.recordings.decoders.payload import Payload, PayloadReader
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types
 
 TEXTS = ("frame", "child", "names")
@@ -29,17 +34,35 @@ MOST_SENT = 1 << 16
 """Fields of a payload, each number in an array apart."""
 
 
-class Columns(dict[str, Any]):
+class Columns:
     """Column -> what N messages hold: (N,), (N, K) for K numbers, (N, T) or (N, T, K) with T in arrays; texts are equal
-    in all messages. arrays: column -> the arrays that its path leads through; lengths: of each of these, one by one.
-    memory: what is kept from one reading of the channel to the next.
+    in all messages. Numbers are read when they are asked for.
+
+    arrays: column -> the arrays that its path leads through; lengths: of each of these, one by one. memory: what is
+    kept from one reading of the channel to the next.
     """
 
-    def __init__(self, n: int, topic: str, layout: Layout, memory: dict[str, Any]) -> None:
-        super().__init__(layout.texts)
-        self.n, self.topic, self.memory = n, topic, memory
+    def __init__(self, payloads: np.ndarray, topic: str, layout: Layout, memory: dict[str, Any]) -> None:
+        self._payloads, self._layout, self._known = payloads, layout, dict[str, Any](layout.texts)
+        self.n, self.topic, self.memory = len(payloads), topic, memory
         self.arrays, self.lengths = dict(layout.arrays), layout.lengths
-        self.sound, self.why = np.ones(n, dtype=np.bool_), ""
+        self.sound, self.why = np.ones(self.n, dtype=np.bool_), ""
+
+    def __contains__(self, column: str) -> bool:
+        return column in self._known or column in self._layout.grids
+
+    def __getitem__(self, column: str) -> Any:
+        if column not in self._known:
+            self._known[column] = self._layout.read(column, self._payloads)
+        return self._known[column]
+
+    def __setitem__(self, column: str, values: np.ndarray) -> None:
+        self._known[column] = values
+
+    def get(self, column: str, default: Any) -> Any:
+        """A column, or a default for one that the definition lacks."""
+        there = column in self
+        return self[column] if there else default
 
     def refuse(self, unsound: np.ndarray, why: str) -> None:
         """Leave out the messages where unsound (N, ...) holds, and say why of the first."""
@@ -53,8 +76,8 @@ class Columns(dict[str, Any]):
 
     def frames(self, index: int = 0) -> tuple[str, str]:
         """Names of frame and child frame, without the leading slash of old ROS 1."""
-        frame, child = ((self.get(name) or ("",) * (index + 1))[index] for name in ("frame", "child"))
-        return frame.removeprefix("/"), child.removeprefix("/")
+        frame, child = (self.get(name, ())[index : index + 1] for name in ("frame", "child"))
+        return "".join(frame).removeprefix("/"), "".join(child).removeprefix("/")
 
     def beside(self, column: str, deeper: str) -> np.ndarray:
         """A column (N, T), repeated for all numbers of one in the same arrays or in arrays within them.
@@ -123,45 +146,65 @@ def _leads(types: Types, name: str, steps: Sequence[str], first: int, text: bool
     return len(steps) == 1 and (detail[0] == "string") == text
 
 
+NOTHING = np.zeros(1)
+
+
 class Walk(PayloadReader):
     """A walk along one payload that notes where wanted fields are; raises DecodeError for one that does not fit.
 
-    fixed: begin and end of what must be the same in payloads like it. By path, each time it was met: wanted texts;
-    found: offset, dtype and count of wanted numbers; lengths of arrays.
+    left: how many fields it may have, each number in an array apart. fixed: begin and end of what is the same in all
+    payloads of a layout. By path, each time it was met: begin and size of wanted texts; found: offset, dtype and count
+    of wanted numbers; lengths of arrays.
     """
 
-    def __init__(self, payload: bytes, channel: Channel, leaves: Collection[str] = (), left: int = MOST_SENT) -> None:
-        super().__init__(payload, channel.message_encoding, channel.topic)
+    def __init__(self, payload: Payload, channel: Channel, leaves: Collection[str] = (), left: int = MOST_SENT) -> None:
+        super().__init__(bytes(payload), channel.message_encoding, channel.topic)
         self.fixed: list[tuple[int, int]] = [] if self.ros1 else [(0, 2)]
-        self.texts: dict[str, list[str]] = {}
+        self.texts: dict[str, list[tuple[int, int]]] = {}
         self.found: dict[str, list[tuple[int, str, int]]] = {}
         self.lengths: dict[str, list[int]] = {}
         self._leaves, self._left = leaves, left
 
-    def along(self, types: Types, type_name: str, prefix: str = "") -> None:
-        """Over the fields of a message of a checked type."""
+    def message(self, types: Types, type_name: str, prefix: str = "") -> SimpleNamespace:
+        """The next message, of a checked type, as an object, whose arrays of numbers are numpy's.
+
+        Numbers are left out where leaves are noted.
+        """
+        fields: dict[str, Any] = {}
         for name, (kind, detail) in types[type_name][1]:
-            path, count = prefix + name, 1
-            if kind in ARRAYS:
+            path, count, many = prefix + name, 1, kind in ARRAYS
+            if many:
                 path, count = f"{path}[]", self.length() if kind == Nodetype.SEQUENCE else detail[1]
                 self.lengths.setdefault(path, []).append(count)
                 kind, detail = detail[0]
+            wanted, each = path in self._leaves, list[Any]()
             if kind == Nodetype.NAME:
                 self.spend(count)
-                for _ in range(count):
-                    self.along(types, detail, f"{path}.")
+                each = [self.message(types, detail, f"{path}.") for _ in range(count)]
             elif detail[0] == "string":
                 self.spend(count)
                 for _ in range(count):
-                    size, wanted = self.length(), path in self._leaves
-                    self.fixed += [(self.at, self.at + size)] if wanted else []
-                    text = self.text(size)
-                    self.texts.setdefault(path, []).extend([text] if wanted else [])
+                    size = self.length()
+                    self.texts.setdefault(path, []).extend([(self.at, size)] if wanted else ())
+                    each.append(self.text(size))
             else:
                 self.spend(1)
-                begin = self.numbers(dtype := self.dtype(detail[0]), count)
-                if path in self._leaves:
-                    self.found.setdefault(path, []).append((begin, self.order + dtype, count))
+                numbers = self.array(detail[0], count, path if wanted else "")
+                each = numbers if many else numbers.tolist()
+            fields[name] = each if many else each[0]
+        return SimpleNamespace(**fields)
+
+    def array(self, base: str, count: int, wanted: str) -> Any:
+        """The next numbers of a basic type. wanted: their path, empty if they are not."""
+        if base not in DTYPES:
+            raise self.wrong(f"it has a {base}, which quadlog does not read")
+        dtype = self.order + DTYPES[base]
+        begin = self.numbers(DTYPES[base], count)
+        if wanted:
+            self.found.setdefault(wanted, []).append((begin, dtype, count))
+        if self._leaves:
+            return NOTHING
+        return np.frombuffer(self.payload, dtype, count, begin).astype(bool if base == "bool" else DTYPES[base])
 
     def spend(self, fields: int) -> None:
         """Types within types, and arrays, multiply fields."""
@@ -175,19 +218,13 @@ class Walk(PayloadReader):
         self.fixed.append((self.at - 4, self.at))
         return count
 
-    def dtype(self, base: str) -> str:
-        """The dtype of a basic type."""
-        if base not in DTYPES:
-            raise self.wrong(f"it has a {base}, which quadlog does not read")
-        return DTYPES[base]
-
 
 class Grid(NamedTuple):
-    """Where the numbers (T, K) of a leaf lie, in blocks of even distances: a shape, an offset, two strides."""
+    """Where the numbers (T, K) of a leaf lie: runs of rows at even distances."""
 
     dtype: np.dtype[Any]
-    shape: tuple[int, int]
-    blocks: list[tuple[Any, tuple[int, int], int, tuple[int, int]]]
+    k: int
+    runs: list[tuple[int, int, int]]
 
     @classmethod
     def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Grid:
@@ -195,20 +232,30 @@ class Grid(NamedTuple):
         dtype = np.dtype(found[0][1] if found else "f8")
         if any(count < first for *_, count in found):
             raise ValueError(f"it has an array of less than {first} numbers")
-        ranges = [np.arange(first or count) * dtype.itemsize + at for at, _, count in found]
-        offsets = np.concatenate([np.empty(0, np.int64), *ranges]).reshape(-1, first or 1)
-        steps = [np.unique(np.diff(offsets, axis=axis)) for axis in (0, 1)]
-        if len(offsets) and all(len(each) < 2 for each in steps):
-            down, across = (int(each.sum()) for each in steps)
-            return cls(dtype, offsets.shape, [(slice(None), offsets.shape, int(offsets[0, 0]), (down, across))])
-        rows = [(slice(i, i + 1), (1, first or 1), int(each[0]), (0, dtype.itemsize)) for i, each in enumerate(offsets)]
-        return cls(dtype, offsets.shape, rows)
+        runs: list[tuple[int, int, int]] = [(at, 1 if first else count, dtype.itemsize) for at, _, count in found]
+        apart = {after[0] - before[0] for before, after in pairwise(runs)}
+        if len(apart) == 1 and all(count == 1 for _, count, _ in runs):
+            runs = [(runs[0][0], len(runs), apart.pop())]
+        return cls(dtype, first or 1, runs)
 
-    def read(self, payloads: np.ndarray, values: np.ndarray) -> None:
-        """Fill values (N, T, K) from C-contiguous payloads (N, size) uint8."""
-        n, size = payloads.shape
-        for rows, shape, offset, strides in self.blocks:
-            values[:, rows] = np.ndarray((n, *shape), self.dtype, payloads, offset, (size, *strides))
+    @classmethod
+    def of_all(cls, grids: list[Grid]) -> list[Grid]:
+        """The grids of leaves as one (T, K) where they lie side by side."""
+        (dtype, _, runs), size = grids[0], grids[0].dtype.itemsize
+        alike = all(
+            each == (dtype, 1, [(at + i * size, count, step) for at, count, step in runs])
+            for i, each in enumerate(grids)
+        )
+        return [cls(dtype, len(grids), runs)] if alike else grids
+
+    def read(self, payloads: np.ndarray, dtype: str) -> np.ndarray:
+        """(N, T, K) numbers of C-contiguous payloads (N, size) uint8."""
+        (n, size), k = payloads.shape, self.k
+        runs = [
+            np.ndarray((n, count, k), self.dtype, payloads, offset, (size, step, self.dtype.itemsize)).astype(dtype)
+            for offset, count, step in self.runs
+        ]
+        return runs[0] if len(runs) == 1 else np.concatenate([np.empty((n, 0, k), dtype), *runs], axis=1)
 
 
 class Layout:
@@ -216,38 +263,89 @@ class Layout:
 
     def __init__(self, payload: bytes, channel: Channel, types: Types, paths: Mapping[str, Path]) -> None:
         walk = Walk(payload, channel, {leaf for path in paths.values() for leaf in path.leaves})
-        walk.along(types, channel.type_name)
+        walk.message(types, channel.type_name)
         walk.end()
-        self._places = np.concatenate([np.arange(*each) for each in [*walk.fixed, (0, 0)]])
-        self._same = np.frombuffer(payload, np.uint8)[self._places]
+        self._texts = {column: walk.texts.get(each.leaves[0], []) for column, each in paths.items() if each.text}
+        wanted = [(at, at + size) for each in self._texts.values() for at, size in each]
+        self._places = np.concatenate([np.arange(*each) for each in [*walk.fixed, *wanted, (0, 0)]])
+        self._fixed = len(self._places) - sum(end - begin for begin, end in wanted)
+        self._take(payload, channel)
         arrays = {array for path in paths.values() for array in path.arrays}
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
-        self.texts = {column: tuple(walk.texts.get(each.leaves[0], ())) for column, each in paths.items() if each.text}
-        self._grids = [
-            (column, path, [Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
-            for column, path in paths.items()
-            if not path.text
-        ]
+        self.grids: dict[str, tuple[Path, str, list[Grid]]] = {}
+        for column, path in paths.items():
+            if not path.text:
+                grids = Grid.of_all([Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
+                dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
+                self.grids[column] = path, dtype, grids
+
+    def _take(self, payload: bytes, channel: Channel) -> None:
+        reader, texts = PayloadReader(payload, channel.message_encoding, channel.topic), dict[str, tuple[str, ...]]()
+        for column, found in self._texts.items():
+            texts[column] = tuple(reader.text(size, at) for at, size in found)
+        self.texts, self._same = texts, np.frombuffer(payload, np.uint8)[self._places]
+
+    def of(self, payload: bytes, channel: Channel) -> Layout | None:
+        """The layout of a payload of the same size and with the same lengths, None for others. Raises DecodeError."""
+        fixed = np.frombuffer(payload, np.uint8)[self._places[: self._fixed]]
+        if (fixed != self._same[: self._fixed]).any():
+            return None
+        other = copy(self)
+        other._take(payload, channel)
+        return other
 
     def fits(self, payloads: np.ndarray) -> np.ndarray:
         """(N,) which of payloads (N, size) uint8 have this layout."""
         return (payloads[:, self._places] == self._same).all(axis=1)
 
-    def columns(self, payloads: np.ndarray, topic: str, memory: dict[str, Any]) -> Columns:
-        """The wanted columns of payloads (N, size) that fit."""
-        columns = Columns(len(payloads), topic, self, memory)
-        for column, path, grids in self._grids:
-            (t, k), m = grids[0].shape, len(grids)
-            values = np.empty(
-                (len(payloads), t, k * m), "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
-            )
-            with np.errstate(invalid="ignore"):  # signalling NaN of damaged payloads
-                for i, grid in enumerate(grids):
-                    grid.read(payloads, values[..., i : i + k])
-            values = values if path.arrays else values[:, 0]
-            columns[column] = values if path.first or m > 1 else values[..., 0]
-        return columns
+    def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
+        """A column of numbers of payloads (N, size) that fit."""
+        path, dtype, grids = self.grids[column]
+        each = [grid.read(payloads, dtype) for grid in grids]
+        values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
+        values = values if path.arrays else values[:, 0]
+        return values if path.first or len(path.leaves) > 1 else values[..., 0]
+
+
+class Plan(NamedTuple):
+    """A definition with the paths of wanted fields, and the layouts of payloads that were met, by their size."""
+
+    types: Types
+    paths: dict[str, Path]
+    layouts: dict[int, list[Layout]]
+
+    def layout(self, payload: bytes, channel: Channel) -> Layout:
+        """The layout of a payload. Raises DecodeError or ValueError for one that does not fit."""
+        known = self.layouts.get(len(payload), ())
+        found = next(filter(None, (each.of(payload, channel) for each in known)), None)
+        if found is None:
+            found = Layout(payload, channel, self.types, self.paths)
+            keep(self.layouts, found, len(payload))
+        return found
+
+
+def keep(layouts: dict[int, list[Layout]], layout: Layout, size: int) -> None:
+    """Keep a layout of payloads of a size; a few at most."""
+    if sum(map(len, layouts.values())) >= KEPT_LAYOUTS:
+        layouts.clear()
+    layouts.setdefault(size, []).append(layout)
+
+
+@lru_cache(maxsize=256)  # by all topics of one type
+def plans_of(
+    tables: Callable[[Channel], Iterator[Types]], channel: Channel, wanted: tuple[tuple[str, str], ...]
+) -> tuple[Plan, ...]:
+    """Every definition that a type may have, with the paths of wanted fields. Raises BadDefinition without one."""
+    plans, why = list[Plan](), ""
+    for types in tables(channel):
+        try:
+            plans.append(Plan(types, resolve(types, channel.type_name, dict(wanted)), {}))
+        except BadDefinition as error:
+            why = f"not the usual {channel.type_name}: {error}"
+    if not plans:
+        raise BadDefinition(why)
+    return tuple(plans)
 
 
 class ColumnReader:
@@ -262,31 +360,23 @@ class ColumnReader:
     ) -> None:
         self._channel, self._memory = channel, dict[str, Any]()
         self._known: dict[int, list[Layout]] = {}
-        self._plans: list[tuple[Types, dict[str, Path]]] = []
-        why = ""
         try:
-            for types in tables(channel):
-                try:
-                    self._plans.append((types, resolve(types, channel.type_name, wanted)))
-                except BadDefinition as error:
-                    why = f"not the usual {channel.type_name}: {error}"
+            self._plans = plans_of(tables, replace(channel, topic="", count=None), tuple(wanted.items()))
         except BadDefinition as error:
-            why = str(error)
-        if not self._plans:
-            raise DecodeError(channel.topic, f"{channel.type_name}: {why}")
+            raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
 
     def one(self, payload: bytes) -> Columns:
         """The columns of one payload. Raises DecodeError."""
-        ((_, columns),) = self.read([payload])
+        ((_, columns),) = self._read_alike(np.zeros(1, np.int64), np.frombuffer(payload, np.uint8)[None])
         if isinstance(columns, DecodeError):
             raise columns
         return columns
 
     def read(self, payloads: Sequence[bytes]) -> Iterator[tuple[Int, Columns | DecodeError]]:
         """Which payloads (N,), and their columns or why they have none."""
-        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
-        for size in np.unique(sizes).tolist():
-            which = np.flatnonzero(sizes == size)
+        sizes = list(map(len, payloads))
+        for size in sorted(set(sizes)):
+            which = np.flatnonzero(np.array(sizes) == size)
             alike = payloads if len(which) == len(payloads) else [payloads[i] for i in which.tolist()]
             yield from self._read_alike(which, np.frombuffer(b"".join(alike), np.uint8).reshape(len(which), size))
 
@@ -301,7 +391,7 @@ class ColumnReader:
             fits = layout.fits(payloads)
             if fits.any():
                 alike = payloads if fits.all() else np.ascontiguousarray(payloads[fits])
-                yield which[fits], layout.columns(alike, self._channel.topic, self._memory)
+                yield which[fits], Columns(alike, self._channel.topic, layout, self._memory)
                 which, payloads = which[~fits], payloads[~fits]
 
     def _learn(self, payload: bytes) -> Layout | DecodeError:
@@ -309,13 +399,11 @@ class ColumnReader:
         why = f"its payload of {len(payload)} bytes is larger than such a message"
         for plan in self._plans if len(payload) <= LARGEST_BYTES else ():
             try:
-                layout = Layout(payload, self._channel, *plan)
+                layout = plan.layout(payload, self._channel)
             except (DecodeError, ValueError) as error:
                 why = getattr(error, "reason", str(error))
                 continue
-            self._plans = [plan]
-            if sum(map(len, self._known.values())) == KEPT_LAYOUTS:
-                self._known.clear()
-            self._known.setdefault(len(payload), []).append(layout)
+            self._plans = (plan,)
+            keep(self._known, layout, len(payload))
             return layout
         return DecodeError(self._channel.topic, f"not a {self._channel.type_name}: {why}")

@@ -14,10 +14,10 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M, apply_transform, transform_from_quat
-from quadlog.messages import Float, PointCloud, Pose
+from quadlog.messages import NS_PER_S, Float, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, frame_name, nanoseconds
-from quadlog.recordings.decoders.point_cloud import Block, Column, MakeCloud, check_block, cloud_from_block
+from quadlog.recordings.decoders.payload import Payload, frame_name
+from quadlog.recordings.decoders.point_cloud import Block, Column, check_block, cloud_from_block
 from quadlog.recordings.decoders.rows import unit_rows
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
 
@@ -26,7 +26,7 @@ NUMERIC_TYPES = ("u1", "i1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8")
 NUMERIC_NAMES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
 
 
-def cloud_decoder(channel: Channel, make_cloud: MakeCloud = cloud_from_block) -> Callable[[Payload], PointCloud]:
+def cloud_decoder(channel: Channel, points: bool = True) -> Callable[[Payload], PointCloud]:
     """Decodes foxglove.PointCloud as protobuf or JSON; its pose, the origin in frame_id, is applied to the points."""
 
     def cloud(message: Any) -> PointCloud:
@@ -43,7 +43,7 @@ def cloud_decoder(channel: Channel, make_cloud: MakeCloud = cloud_from_block) ->
             raise DecodeError(channel.topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
         block = Block(data, 0, 1, len(data) // stride, len(data), stride)
         check_block(channel.topic, block, len(data), layout)
-        made = make_cloud(channel.topic, block, layout, _stamp_ns(message), frame)
+        made = cloud_from_block(channel.topic, block, layout, _stamp_ns(message), frame, points)
         if not getattr(message, "pose", None):
             return made
         position_m, quat_xyzw = _pose(message.pose, channel.topic)
@@ -98,7 +98,7 @@ def _stamp_ns(message: Any) -> int | None:
         return None
     names = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
     seconds, nanos = next(each for each in names if hasattr(stamp, each[1]))
-    return nanoseconds(int(getattr(stamp, seconds)), int(getattr(stamp, nanos)))
+    return int(getattr(stamp, seconds)) * NS_PER_S + int(getattr(stamp, nanos))
 
 
 def _pose(pose: Any, topic: str) -> tuple[Float, Float]:

@@ -11,11 +11,6 @@ Payload = bytes | memoryview
 CDR_ORDER, CDR_SLACK = {b"\0\0": ">", b"\0\1": "<"}, 3  # writers may fill a payload up to four bytes
 
 
-def nanoseconds(seconds: int, nanos: int) -> int:
-    """A stamp's two numbers as one."""
-    return seconds * NS_PER_S + nanos
-
-
 def frame_name(name: str) -> str:
     """A frame's name without the leading slash of old ROS 1."""
     return str(name).removeprefix("/")
@@ -62,8 +57,9 @@ class PayloadReader:
         begin = self.numbers(dtype)
         return int.from_bytes(self.payload[begin : self.at], "little" if self.order == "<" else "big")
 
-    def text(self, size: int | None = None) -> str:
-        """The next string, behind its size where that is given; CDR counts its closing zero byte, ROS 1 has none."""
+    def text(self, size: int | None = None, at: int | None = None) -> str:
+        """The next string, or the one of a size at a place; CDR counts its closing zero byte, ROS 1 has none."""
+        self.at = self.at if at is None else at
         begin = self.skip(self.whole("u4") if size is None else size)
         raw = bytes(self.payload[begin : self.at])
         if not self.ros1 and raw[-1:] != b"\0":
@@ -79,7 +75,7 @@ class PayloadReader:
             self.skip(4)
         seconds = self.whole("u4")
         signed = seconds if self.ros1 or seconds < 1 << 31 else seconds - (1 << 32)
-        return Header(nanoseconds(signed, self.whole("u4")), frame_name(self.text()))
+        return Header(signed * NS_PER_S + self.whole("u4"), frame_name(self.text()))
 
     def end(self) -> None:
         """Raise unless the payload ends here."""

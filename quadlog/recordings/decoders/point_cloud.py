@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -74,12 +73,19 @@ def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column
 
 
 def cloud_from_block(
-    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
+    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str, points: bool = True
 ) -> PointCloud:
-    """The PointCloud of a checked block; ring only where a field gives plausible ones."""
-    cloud = checked_cloud(topic, block, fields, stamp_ns, frame_id)
-    if block.rows * block.columns == 0:
-        return cloud
+    """The PointCloud of a checked block; ring only where a field gives plausible ones.
+
+    points: False for a look at the stamp. Raises DecodeError without coordinates.
+    """
+    size = block.rows * block.columns
+    missing = [name for name in "xyz" if name not in fields]
+    if size and missing:
+        listed = ", ".join(fields) or "none"
+        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
+    if not size or not points:
+        return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
     ring_name = next((name for name in fields if name in RING_FIELDS), None)
     return PointCloud(
         stamp_ns,
@@ -90,18 +96,6 @@ def cloud_from_block(
     )
 
 
-def checked_cloud(
-    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str
-) -> PointCloud:
-    """The same without points: for a look at stamps. Raises DecodeError where cloud_from_block would."""
-    missing = [name for name in "xyz" if name not in fields]
-    if block.rows * block.columns and missing:
-        listed = ", ".join(fields) or "none"
-        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
-    return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
-
-
-MakeCloud = Callable[[str, Block, Mapping[str, Column], int | None, str], PointCloud]
 Warn = Callable[[str], object]
 
 
@@ -132,15 +126,8 @@ POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def livox_decoder(
-    topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block
-) -> Callable[[Payload], PointCloud]:
-    """A decoder of CustomMsg payloads; ``line`` becomes ring."""
-    return partial(_decode_livox, encoding, topic, make_cloud)
-
-
-def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Payload) -> PointCloud:
-    """One CustomMsg; the number of points is checked against the payload before anything is allocated."""
+def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = True) -> PointCloud:
+    """One CustomMsg, whose line becomes ring; its size is checked before anything is allocated."""
     reader = PayloadReader(payload, encoding, topic)
     header = reader.header()
     timebase_ns = reader.whole("u8")
@@ -163,7 +150,7 @@ def _decode_livox(encoding: str, topic: str, make_cloud: MakeCloud, payload: Pay
     }
     check_block(topic, block, size, fields)
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
-    cloud = make_cloud(topic, block, fields, header.stamp_ns, header.frame_id)
+    cloud = cloud_from_block(topic, block, fields, header.stamp_ns, header.frame_id, points)
     zero_ns = timebase_ns - (cloud.stamp_ns or 0)
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
@@ -189,10 +176,8 @@ class PointCloud2Decoder:
     warn: gets what was put right, in the same words for each cloud.
     """
 
-    def __init__(
-        self, topic: str, encoding: str, make_cloud: MakeCloud = cloud_from_block, warn: Warn = lambda _: None
-    ) -> None:
-        self.topic, self.encoding, self.make_cloud, self.warn = topic, encoding, make_cloud, warn
+    def __init__(self, topic: str, encoding: str, points: bool = True, warn: Warn = lambda _: None) -> None:
+        self.topic, self.encoding, self.points, self.warn = topic, encoding, points, warn
         self.known: tuple[int, int, bytes, Layout] | None = None
 
     def __call__(self, payload: Payload) -> PointCloud:
@@ -214,9 +199,9 @@ class PointCloud2Decoder:
         block = Block(payload, begin, rows, columns, row_step, point_step)
         layout = _columns(fields, order)
         check_block(self.topic, block, size, layout)
-        cloud = self.make_cloud(self.topic, block, layout, header.stamp_ns, header.frame_id)
+        cloud = cloud_from_block(self.topic, block, layout, *header, self.points)
         if _absurd_share(cloud.xyz_m) >= LEAST_ABSURD:
-            swapped = self.make_cloud(self.topic, block, _columns(fields, other), header.stamp_ns, header.frame_id)
+            swapped = cloud_from_block(self.topic, block, _columns(fields, other), *header)
             if _absurd_share(swapped.xyz_m) <= MOST_ABSURD:
                 self.warn(f"{self.topic}: is_bigendian is wrong; coordinates make sense in the other byte order alone")
                 return swapped

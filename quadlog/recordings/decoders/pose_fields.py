@@ -13,6 +13,7 @@ from functools import lru_cache, partial
 from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Pose
+from quadlog.recordings.decoders.fields import ARRAYS
 from quadlog.recordings.decoders.poses import pose, pose_at
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.rows import Type
@@ -62,12 +63,9 @@ def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schem
     if standard_types(message_encoding, type_name):
         return ""  # as a marker, a map or a path, which are known to be no pose of a robot
 
-    def standard(name: str) -> Types:
-        return standard_types(message_encoding, name)
-
     try:
         types = parse_definition(schema, type_name, schema_encoding or "ros2msg")
-        return _find(needed_types(types, type_name, standard), type_name)
+        return _find(needed_types(types, type_name, partial(standard_types, message_encoding)), type_name)
     except BadDefinition:
         return ""
 
@@ -89,7 +87,11 @@ def _find(types: Types, type_name: str) -> PoseField | str:
     if found:
         names = ", ".join(name for *_, name in found[:MOST_NAMED])
         return f"holds {len(found)} poses ({names}), and it is unknown which is the robot's"
-    arrays = [name for name, inner in _arrays(types, type_name) if inner in WHOLE_POSES or any(_poses(types, inner))]
+    arrays = [
+        name
+        for name, inner in _structures(types, type_name, arrays=True)
+        if inner in WHOLE_POSES or any(_poses(types, inner))
+    ]
     if arrays:
         return f"holds arrays of poses ({', '.join(arrays[:MOST_NAMED])}); record the pose of one body on its own topic"
     return ""
@@ -103,16 +105,11 @@ def _flag(types: Types, type_name: str, parent: str) -> str:
     return flags[0] if flags else ""
 
 
-def _structures(types: Types, type_name: str) -> list[tuple[str, str]]:
-    """Fields that are messages, and their types."""
-    return [(name, detail) for name, (kind, detail) in types[type_name][1] if kind == Nodetype.NAME]
-
-
-def _arrays(types: Types, type_name: str) -> list[tuple[str, str]]:
-    """Fields that are arrays of messages, and the types of their elements."""
-    arrays = (Nodetype.ARRAY, Nodetype.SEQUENCE)
-    fields = [(name, detail[0]) for name, (kind, detail) in types[type_name][1] if kind in arrays]
-    return [(name, detail) for name, (kind, detail) in fields if kind == Nodetype.NAME]
+def _structures(types: Types, type_name: str, arrays: bool = False) -> list[tuple[str, str]]:
+    """Fields that are messages, or arrays of messages, and the types of these."""
+    fields = [(name, each) for name, each in types[type_name][1] if (each[0] in ARRAYS) == arrays]
+    several = [(name, detail[0] if arrays else (kind, detail)) for name, (kind, detail) in fields]
+    return [(name, detail) for name, (kind, detail) in several if kind == Nodetype.NAME]
 
 
 def _poses(types: Types, type_name: str, prefix: str = "") -> Iterator[tuple[str, str, str]]:

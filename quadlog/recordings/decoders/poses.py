@@ -16,11 +16,6 @@ from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.rows import HEADER, NO_TURN, OWN_HEADER, Part, Type, part, unit_rows
 
 
-def is_static(topic: str) -> bool:
-    """Whether a topic of transforms carries static ones, by its name, as tf2 has it."""
-    return topic.rsplit("/", 1)[-1] == "tf_static"
-
-
 def sound_position_m(columns: Columns) -> Float:
     """(N, 3) or (N, T, 3); messages with one that is not finite or out of reach are refused."""
     position_m: Float = columns["position"]

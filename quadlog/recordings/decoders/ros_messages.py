@@ -12,16 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
-import numpy as np
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.fields import ARRAYS, Walk
+from quadlog.recordings.decoders.fields import Walk
 from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 
@@ -52,8 +49,8 @@ class Definitions:
             why = ""
             for types in tables:
                 try:
-                    walk = Walk(bytes(payload), channel, left=MOST_VALUES)
-                    message = _object(types, channel.type_name, walk)
+                    walk = Walk(payload, channel, left=MOST_VALUES)
+                    message = walk.message(types, channel.type_name)
                     walk.end()
                 except DecodeError as error:
                     why = why or error.reason
@@ -65,70 +62,29 @@ class Definitions:
 
     def candidates(self, channel: Channel) -> Iterator[Types]:
         """The checked table of every definition the type may have. Raises BadDefinition."""
+        name, standard = channel.type_name, partial(standard_types, channel.message_encoding)
         if channel.schema.strip(b"\0 \n"):
-            types = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
-            yield needed_types(types, channel.type_name, self._standard(channel))
+            types = parse_definition(channel.schema, name, channel.schema_encoding or "ros2msg")
+            yield needed_types(types, name, standard)
             return
-        unembedded = list(self._unembedded(channel))
-        if not unembedded:
-            raise BadDefinition("the recording embeds no definition; give its .msg with --msg-path")
-        for types, lookup in unembedded:
-            yield needed_types(types, channel.type_name, lookup)
-
-    def _unembedded(self, channel: Channel) -> Iterator[tuple[Types, Callable[[str], Types]]]:
-        name, standard = channel.type_name, self._standard(channel)
-        for folder in self.folders:
-            path = _msg_file(folder, name)
-            if path is not None:
-                yield _read_msg(path, name), partial(_from_folder, folder, standard)
+        found = [(_read_msg(path, name), folder) for folder in self.folders if (path := _msg_file(folder, name))]
         versions = _standard_versions(channel.message_encoding, name)
-        for types in versions:
-            yield types, standard
-        if not versions:
-            yield from self._bundled(name, channel.message_encoding)
-
-    def _bundled(self, name: str, encoding: str) -> Iterator[tuple[Types, Callable[[str], Types]]]:
-        path = _bundled_file(name)
-        if path is None:
-            return
-        package = name.rpartition("/")[0]
-        text = path.read_text(encoding="utf-8")
-        # ROS 2 ports of header-less messages put a header before them.
-        texts = [text] if "Header header" in text else [HEADER_FIELD + text, text]
-
-        def lookup(other: str) -> Types:
-            beside = path.parent / f"{other.rpartition('/')[2]}.msg"
-            if other.rpartition("/")[0] == package and beside.is_file():
-                return _read_msg(beside, other)
-            return standard_types(encoding, other)
-
-        for each in reversed(texts) if encoding == "ros1" else texts:
-            yield parse_definition(each, name, "ros2msg"), lookup
-
-    def _standard(self, channel: Channel) -> Callable[[str], Types]:
-        return lambda name: standard_types(channel.message_encoding, name)
+        others = [(types, None) for types in versions] or _bundled(name, channel.message_encoding)
+        if not found and not others:
+            raise BadDefinition("the recording embeds no definition; give its .msg with --msg-path")
+        for types, folder in [*found, *others]:
+            yield needed_types(types, name, partial(_from_folder, folder, standard))
 
 
-def _object(types: Types, type_name: str, walk: Walk) -> SimpleNamespace:
-    """The message at a walk's place. Raises DecodeError."""
-    values: dict[str, Any] = {}
-    for name, (kind, detail) in types[type_name][1]:
-        many, count = kind in ARRAYS, 1
-        if many:
-            count = walk.length() if kind == Nodetype.SEQUENCE else detail[1]
-            kind, detail = detail[0]
-        every: Any
-        if kind == Nodetype.NAME or detail[0] == "string":
-            walk.spend(count)
-            every = [_object(types, detail, walk) if kind == Nodetype.NAME else walk.text() for _ in range(count)]
-            values[name] = every if many else every[0]
-        else:
-            walk.spend(1)
-            begin = walk.numbers(dtype := walk.dtype(detail[0]), count)
-            every = np.frombuffer(walk.payload, walk.order + dtype, count, begin)
-            every = every.astype(bool if detail[0] == "bool" else dtype)
-            values[name] = every if many else every[0].item()
-    return SimpleNamespace(**values)
+def _bundled(name: str, encoding: str) -> list[tuple[Types, Path | None]]:
+    """Tables of a bundled message and the folder of its parts; ROS 2 ports put a header before those without."""
+    path = _bundled_file(name)
+    if path is None:
+        return []
+    text = path.read_text(encoding="utf-8")
+    texts = [text] if "Header header" in text else [HEADER_FIELD + text, text]
+    ordered = reversed(texts) if encoding == "ros1" else texts
+    return [(parse_definition(each, name, "ros2msg"), path.parent) for each in ordered]
 
 
 @cache
@@ -169,8 +125,8 @@ def _msg_file(folder: Path, name: str) -> Path | None:
     return next((path for path in choices if path.is_file()), None)
 
 
-def _from_folder(folder: Path, standard: Callable[[str], Types], name: str) -> Types:
-    path = _msg_file(folder, name)
+def _from_folder(folder: Path | None, standard: Callable[[str], Types], name: str) -> Types:
+    path = folder and _msg_file(folder, name)
     return standard(name) if path is None else _read_msg(path, name)
 
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from quadlog.errors import DecodeError, UnknownJoints
-from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.ros_messages import BUNDLED
 from tests.lab import decoded as lab
 
 LEGS = ("FL", "FR", "RL", "RR")
@@ -40,44 +36,18 @@ STYLES = {
 RANK = {"FR": 1, "FL": 0, "RR": 3, "RL": 2}
 
 
-@cache
-def store(ros: str) -> Any:
-    made = get_typestore(Stores.ROS1_NOETIC if ros == "ros1" else Stores.ROS2_HUMBLE)
-    for package in ("unitree_go", "ros2_unitree_legged_msgs"):
-        for path in sorted((BUNDLED / package / "msg").glob("*.msg")):
-            made.register(get_types_from_msg(path.read_text(), f"{package}/msg/{path.stem}"))
-    # As in unitree_ros_to_real for ROS 1: other names for the same fields.
-    for name in ("LowState", "HighState", "IMU", "MotorState", "BmsState", "Cartesian"):
-        text = (BUNDLED / "ros2_unitree_legged_msgs" / "msg" / f"{name}.msg").read_text()
-        camel = text.replace("motor_state", "motorState").replace("foot_force", "footForce")
-        camel = camel.replace("tau_est", "tauEst").replace("yaw_speed", "yawSpeed")
-        made.register(get_types_from_msg(camel, f"unitree_legged_msgs/msg/{name}"))
-    return made
-
-
-def payload_of(ros: str, message: Any) -> bytes:
-    made, name = store(ros), message.__msgtype__
-    return bytes(made.serialize_ros1(message, name) if ros == "ros1" else made.serialize_cdr(message, name))
-
-
-def channel_of(ros: str, name: str, embedded: bool = True) -> Channel:
-    version = 1 if ros == "ros1" else 2
-    text = store(ros).generate_msgdef(name, ros_version=version)[0] if embedded else ""
-    return Channel("/topic", name, "ros1" if ros == "ros1" else "cdr", f"ros{version}msg", text.encode())
-
-
-def joint_state(ros: str, names: Any, position: Any = None, velocity: Any = (), effort: Any = ()) -> Any:
-    kinds = store(ros).types
-    stamp = kinds["builtin_interfaces/msg/Time"](5, 7)
-    header = kinds["std_msgs/msg/Header"](*((0,) if ros == "ros1" else ()), stamp, "")
+def joint_state(kind: str, names: Any, position: Any = None, velocity: Any = (), effort: Any = ()) -> Any:
     values = np.arange(len(names)) if position is None else position
-    arrays = (np.array(each, np.float64) for each in (values, velocity, effort))
-    return kinds["sensor_msgs/msg/JointState"](header, list(names), *arrays)
+    arrays = {"position": values, "velocity": velocity, "effort": effort}
+    message = lab.zeroed(kind, "sensor_msgs/msg/JointState", name=list(names), **arrays)
+    message.header.stamp.sec, message.header.stamp.nanosec = 5, 7
+    return message
 
 
-def decoded(ros: str, message: Any, order: JointOrder | None = None, *, embedded: bool = True) -> tuple[Any, ...]:
+def decoded(kind: str, message: Any, order: JointOrder | None = None, *, embedded: bool = True) -> tuple[Any, ...]:
     """What the message gives."""
-    return lab.decoded(channel_of(ros, message.__msgtype__, embedded), payload_of(ros, message), order=order)
+    channel = lab.channel_of(kind, message.__msgtype__, embedded=embedded)
+    return lab.decoded(channel, lab.serialised(kind, message), order=order)
 
 
 @given(style=st.sampled_from(sorted(STYLES)), data=st.data())
@@ -89,7 +59,7 @@ def test_joints_are_found_by_name_in_any_order(style: str, data: Any) -> None:
     mixed = data.draw(st.permutations([*names, *data.draw(st.lists(st.sampled_from(others), unique=True))]))
     numbers = np.arange(len(mixed), dtype=float)
     velocity, effort = (numbers[: data.draw(st.sampled_from([0, len(mixed)]))] for _ in range(2))
-    ros = data.draw(st.sampled_from(["ros1", "ros2"]))
+    ros = data.draw(st.sampled_from(["ros1", "little"]))
     (found,) = decoded(ros, joint_state(ros, mixed, velocity=-velocity, effort=2 * effort))
     expected = np.empty(12)
     for i, name in enumerate(names):
@@ -103,11 +73,11 @@ def test_joints_are_found_by_name_in_any_order(style: str, data: Any) -> None:
 
 def test_the_effort_of_a_foot_is_its_force() -> None:
     names = [*UNITREE, *(f"{leg}_foot" for leg in LEGS)]
-    (found,) = decoded("ros2", joint_state("ros2", names, effort=np.arange(16)))
+    (found,) = decoded("little", joint_state("little", names, effort=np.arange(16)))
     assert found.foot_force_n.tolist() == [12, 13, 14, 15]
     # Of a wheeled leg, it is the joint of a wheel.
     wheels = [*UNITREE, *(f"{leg}_foot_joint" for leg in LEGS)]
-    (wheeled,) = decoded("ros2", joint_state("ros2", wheels, effort=np.arange(16)))
+    (wheeled,) = decoded("little", joint_state("little", wheels, effort=np.arange(16)))
     assert np.isnan(wheeled.foot_force_n).all()
 
 
@@ -137,33 +107,23 @@ def test_joints_that_are_not_known_are_told(names: list[str], error: type[Except
         JointOrder().of_names(tuple(names), "/topic")
     assert words in str(caught.value)
     assert len(str(caught.value)) < 1200
-    message = joint_state("ros2", names)
+    message = joint_state("little", names)
     if error is UnknownJoints:  # of another machine: no failure
-        assert decoded("ros2", message) == ()
+        assert decoded("little", message) == ()
     else:
         with pytest.raises(DecodeError, match=words):
-            decoded("ros2", message)
+            decoded("little", message)
 
 
 @pytest.mark.parametrize("which", ["position", "velocity", "effort"])
 def test_lists_of_different_lengths_are_refused(which: str) -> None:
     with pytest.raises(DecodeError):
-        decoded("ros2", joint_state("ros2", UNITREE, **{which: np.zeros(11)}))
+        decoded("little", joint_state("little", UNITREE, **{which: np.zeros(11)}))
 
 
-def filled(ros: str, name: str, **values: Any) -> Any:
+def filled(kind: str, name: str, **values: Any) -> Any:
     """A message whose numbers are zero, with some fields set."""
-    made = store(ros)
-
-    def zero(kind: int, detail: Any) -> Any:
-        if kind == 1:
-            return 0.0 if detail[0].startswith("float") else 0
-        if kind == 2:
-            return made.types[detail](*(zero(int(k), d) for _, (k, d) in made.fielddefs[detail][1]))
-        (inner, what), count = detail
-        return np.zeros(count, what[0]) if int(inner) == 1 else [zero(int(inner), what) for _ in range(count)]
-
-    message = zero(2, name)
+    message = lab.zeroed(kind, name, **values)
     for i, motor in enumerate(getattr(message, "motor_state", getattr(message, "motorState", []))):
         motor.q, motor.dq = float(i), -float(i)
         setattr(motor, "tau_est" if hasattr(motor, "tau_est") else "tauEst", 2.0 * i)
@@ -172,16 +132,14 @@ def filled(ros: str, name: str, **values: Any) -> Any:
     for field in ("foot_force", "footForce"):
         if hasattr(message, field):
             getattr(message, field)[:] = (10, 20, 30, 40)
-    for field, value in values.items():
-        getattr(message, field)[:] = value
     return message
 
 
 LOW_STATES = [
-    ("ros2", "unitree_go/msg/LowState"),
-    ("ros2", "ros2_unitree_legged_msgs/msg/LowState"),
+    ("little", "unitree_go/msg/LowState"),
+    ("little", "ros2_unitree_legged_msgs/msg/LowState"),
     ("ros1", "unitree_legged_msgs/msg/LowState"),
-    ("ros2", "unitree_legged_msgs/msg/LowState"),
+    ("little", "unitree_legged_msgs/msg/LowState"),
 ]
 
 
@@ -201,18 +159,18 @@ def test_low_states_are_in_unitrees_order(ros: str, name: str, embedded: bool) -
 
 def test_motors_can_be_configured_and_are_counted() -> None:
     order = JointOrder([f"-{i}" if i == 3 else str(i) for i in range(12)], [0, 1, 2, 3])
-    _, joints = decoded("ros2", filled("ros2", LOW_STATES[0][1]), order)
+    _, joints = decoded("little", filled("little", LOW_STATES[0][1]), order)
     assert joints.position_rad.tolist() == [0, 1, 2, -3, 4, 5, 6, 7, 8, 9, 10, 11]
     assert joints.foot_force_n.tolist() == [10, 20, 30, 40]
     with pytest.raises(DecodeError, match="has no joint '20'"):
-        decoded("ros2", filled("ros2", LOW_STATES[0][1]), JointOrder([*map(str, range(9, 21))]))
+        decoded("little", filled("little", LOW_STATES[0][1]), JointOrder([*map(str, range(9, 21))]))
     with pytest.raises(DecodeError, match="4 feet"):
-        decoded("ros2", filled("ros2", LOW_STATES[0][1]), JointOrder((), [1, 2, 3, 4]))
+        decoded("little", filled("little", LOW_STATES[0][1]), JointOrder((), [1, 2, 3, 4]))
 
 
 def test_high_and_sport_mode_states_give_odometry() -> None:
     for ros, name in (
-        ("ros2", "ros2_unitree_legged_msgs/msg/HighState"),
+        ("little", "ros2_unitree_legged_msgs/msg/HighState"),
         ("ros1", "unitree_legged_msgs/msg/HighState"),
     ):
         message = filled(ros, name, position=(1, 2, 0.25), velocity=(0.5, -0.25, 9))
@@ -221,11 +179,11 @@ def test_high_and_sport_mode_states_give_odometry() -> None:
         assert odometry.linear_mps.tolist() == [0.5, -0.25, 0]
         assert odometry.quat_xyzw.tolist() == imu.quat_xyzw.tolist()
         assert joints.position_rad[0] == 3
-    sport = filled("ros2", "unitree_go/msg/SportModeState", position=(1, 2, 0.25))
+    sport = filled("little", "unitree_go/msg/SportModeState", position=(1, 2, 0.25))
     sport.stamp.sec, sport.stamp.nanosec = 5, 7
-    odometry, imu = decoded("ros2", sport, embedded=False)
+    odometry, imu = decoded("little", sport, embedded=False)
     assert (odometry.stamp_ns, imu.stamp_ns) == (5_000_000_007, 5_000_000_007)
     assert odometry.position_m.tolist() == [1, 2, 0.25]
     sport.position[0] = np.nan
     with pytest.raises(DecodeError, match="position is not finite"):
-        decoded("ros2", sport)
+        decoded("little", sport)

@@ -21,10 +21,12 @@ def decode(ros: Any, message: Any) -> PointCloud:
     return cloud
 
 
-def scan(ros: Any, ranges_m: list[float], *, step_rad: float = np.pi / 2, step_s: float = 0.01) -> Any:
+def scan(
+    ros: Any, ranges_m: list[float], *, step_rad: float = np.pi / 2, step_s: float = 0.01, first_rad: float = 0.0
+) -> Any:
     kind = ros.type("sensor_msgs/msg/LaserScan")
     header, limits, none = ros.header(T_NS, "laser"), (0.1, 30.0), np.zeros(0, np.float32)
-    return kind(header, 0.0, 3.0, step_rad, step_s, 0.1, *limits, np.array(ranges_m, np.float32), none)
+    return kind(header, first_rad, 3.0, step_rad, step_s, 0.1, *limits, np.array(ranges_m, np.float32), none)
 
 
 def test_each_ray_is_a_point_of_one_ring_measured_in_its_turn(ros: Any) -> None:
@@ -33,6 +35,8 @@ def test_each_ray_is_a_point_of_one_ring_measured_in_its_turn(ros: Any) -> None:
     assert cloud.ring is not None
     assert cloud.ring.tolist() == [0, 0, 0]
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, "laser")
+    turned = decode(ros, scan(ros, [1.0, 2.0, 3.0], first_rad=np.pi / 2))
+    np.testing.assert_allclose(turned.xyz_m, [[0, 1, 0], [-2, 0, 0], [0, -3, 0]], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading, usual_step_ns
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, livox_decoder
-from quadlog.recordings.decoders.ros_messages import BUNDLED
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, decode_livox
 from quadlog.recordings.decoding import kinds_of
-from tests.lab.decoded import decoded
+from tests.lab.decoded import KINDS, channel_of, decoded, serialised, zeroed
 
 T_NS = 1_700_000_000_123_456_789
 CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -307,24 +305,18 @@ def test_real_scans_agree_with_another_reader(both_ros: SimpleNamespace, file: s
 LIVOX = "livox_ros_driver2"
 
 
-def custom_message(
-    ros: Any, count: int, timebase_ns: int = T_NS, frame: str = "livox", package: str = LIVOX, as_bundled: bool = True
-) -> Any:
-    """A CustomMsg made and serialised by rosbags from the bundled definition, or from one with another field."""
-    if f"{package}/msg/CustomMsg" not in ros.store.types:
-        types: dict = {}
-        for name in ("CustomMsg", "CustomPoint"):
-            text = (BUNDLED / LIVOX / "msg" / f"{name}.msg").read_text()
-            text = text if as_bundled else text.replace("uint8 lidar_id", "uint8 device")
-            types.update(get_types_from_msg(text, f"{package}/msg/{name}"))
-        ros.store.register(types)
-    point = ros.type(f"{package}/msg/CustomPoint")
-    points = [point(1000 * i, i + 0.25, -i, 2.0 * i, 7, 1, i % 4) for i in range(count)]
-    return ros.type(f"{package}/msg/CustomMsg")(
-        ros.header(T_NS, frame), timebase_ns, count, 3, np.zeros(3, np.uint8), points
-    )
+def custom_message(kind: str, count: int, timebase_ns: int = T_NS, frame: str = "livox") -> Any:
+    header = zeroed(kind, "std_msgs/msg/Header", frame_id=frame)
+    header.stamp.sec, header.stamp.nanosec = divmod(T_NS, 10**9)
+    points = [
+        zeroed(kind, f"{LIVOX}/msg/CustomPoint", offset_time=1000 * i, x=i + 0.25, y=-i, z=2.0 * i, line=i % 4)
+        for i in range(count)
+    ]
+    fields = {"header": header, "timebase": timebase_ns, "point_num": count, "points": points}
+    return zeroed(kind, f"{LIVOX}/msg/CustomMsg", **fields)
 
 
+@pytest.mark.parametrize("kind", ["ros1", "little"])
 @pytest.mark.parametrize(
     ("package", "as_bundled", "schema", "is_read"),
     [
@@ -332,24 +324,24 @@ def custom_message(
         ("any_lidar", True, False, False), ("any_other", False, True, False),
     ],
 )  # fmt: skip
-def test_livox_messages_of_any_package(ros: Any, package: str, as_bundled: bool, schema: bool, is_read: bool) -> None:
+def test_livox_messages_of_any_package(kind: str, package: str, as_bundled: bool, schema: bool, is_read: bool) -> None:
     """Where the recording's definition is the same; Livox's own packages need none."""
-    message = custom_message(ros, 4, package=package, as_bundled=as_bundled)
-    channel = ros.channel("/livox/lidar", message.__msgtype__)
-    channel = channel if schema else replace(channel, schema=b"", schema_encoding="")
+    channel = channel_of(kind, f"{LIVOX}/msg/CustomMsg", embedded=schema)
+    text = channel.schema.replace(LIVOX.encode(), package.encode())
+    text = text if as_bundled else text.replace(b"uint8 lidar_id", b"uint8 device")
+    channel = replace(channel, type_name=f"{package}/msg/CustomMsg", schema=text)
     assert kinds_of(channel) == (PointCloud,) * is_read
     if is_read:
-        (cloud,) = decoded(channel, ros.serialise(message))
+        (cloud,) = decoded(channel, serialised(kind, custom_message(kind, 4)))
         assert len(cloud.xyz_m) == 4
 
 
-@given(count=st.integers(0, 5), big_endian=st.booleans(), frame=st.text("abc", max_size=9))
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-def test_livox_points_lines_and_offsets(both_ros: Any, encoding: str, count: int, big_endian: bool, frame: str) -> None:
+@given(count=st.integers(0, 5), frame=st.text("abc", max_size=9))
+@pytest.mark.parametrize("kind", KINDS)
+def test_livox_points_lines_and_offsets(kind: str, count: int, frame: str) -> None:
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
-    ros = getattr(both_ros, encoding)
-    payload = ros.serialise(custom_message(ros, count, T_NS + 500, frame), big_endian=big_endian)
-    cloud = livox_decoder("/livox/lidar", ros.encoding)(payload)
+    payload = serialised(kind, custom_message(kind, count, T_NS + 500, frame))
+    cloud = decode_livox(payload, "/livox/lidar", "ros1" if kind == "ros1" else "cdr")
     i = np.arange(count)
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
@@ -358,8 +350,9 @@ def test_livox_points_lines_and_offsets(both_ros: Any, encoding: str, count: int
         np.testing.assert_array_equal(cloud.time_fields["offset_time"], 1000 * i + 500)
 
 
-def test_cut_or_longer_payloads_are_refused(ros: Any) -> None:
-    payload = ros.serialise(custom_message(ros, 4))
+@pytest.mark.parametrize("kind", ["ros1", "little"])
+def test_cut_or_longer_payloads_are_refused(kind: str) -> None:
+    payload = serialised(kind, custom_message(kind, 4))
     for damaged in (payload[:-1], payload[:40], b"", payload + bytes(19)):
         with pytest.raises(DecodeError):
-            livox_decoder("/livox/lidar", ros.encoding)(damaged)
+            decode_livox(damaged, "/livox/lidar", "ros1" if kind == "ros1" else "cdr")

@@ -6,165 +6,136 @@ import math
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.range_ends import ends_of_topic
 from quadlog.recordings.decoders.ranges import own_ranges
-from quadlog.recordings.decoders.ros_messages import BUNDLED
-from tests.lab.decoded import decoded
+from tests.lab.decoded import channel_of, decoded, serialised, zeroed
 
+STAMP = "builtin_interfaces/msg/Time"
 T_NS = 1_700_000_000_000_000_005
 
 
-class Linktrack:
-    """Bundled definitions under any package, with the header of the ROS 2 port where asked."""
-
-    def __init__(self, encoding, frame, *parts, package="nlink_parser", with_header=False):
-        self.encoding, self.package, self.frame = encoding, package, f"{package}/msg/Linktrack{frame}"
-        self.store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
-        types = {}
-        for i, name in enumerate((frame, *parts)):
-            text = (BUNDLED / "nlink_parser" / "msg" / f"Linktrack{name}.msg").read_text()
-            text = "std_msgs/Header header\n" + text if with_header and i == 0 else text
-            types.update(get_types_from_msg(text, f"{package}/msg/Linktrack{name}"))
-        self.store.register(types)
-
-    def part(self, name, *values):
-        return self.store.types[f"{self.package}/msg/Linktrack{name}"](*values)
-
-    def header(self):
-        stamp = self.store.types["builtin_interfaces/msg/Time"](T_NS // 10**9, T_NS % 10**9)
-        parts = (1, stamp, "uwb") if self.encoding == "ros1" else (stamp, "uwb")
-        return self.store.types["std_msgs/msg/Header"](*parts)
-
-    def decoded(self, *values, schema=True):
-        message, ros1 = self.store.types[self.frame](*values), self.encoding == "ros1"
-        serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
-        text = self.store.generate_msgdef(self.frame, ros_version=1 if ros1 else 2)[0].encode() if schema else b""
-        kind = ("ros1msg" if ros1 else "ros2msg") if schema else ""
-        return decoded(Channel("/uwb", self.frame, self.encoding, kind, text), bytes(serialize(message, self.frame)))
+def linktrack(kind, name, *, package="nlink_parser", embedded=True, **values):
+    message = zeroed(kind, f"{package}/msg/Linktrack{name}", **values)
+    return decoded(channel_of(kind, message.__msgtype__, embedded=embedded), serialised(kind, message))
 
 
-def zeros(count):
-    return np.zeros(count, np.float32)
+def parts(kind, name, *rows):
+    return [zeroed(kind, f"nlink_parser/msg/Linktrack{name}", **row) for row in rows]
 
 
-@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
-@pytest.mark.parametrize("with_header", [False, True])
-@pytest.mark.parametrize("schema", [False, True])
-@pytest.mark.parametrize("package", ["nlink_parser", "nlink_parser_ros2_interfaces"])
-def test_tagframe0_leaves_absent_anchors_out(encoding, with_header, schema, package):
+@pytest.mark.parametrize("kind", ["ros1", "little"])
+@pytest.mark.parametrize("embedded", [False, True])
+@pytest.mark.parametrize("package", ["nlink_parser", "link_parser", "ros2_port"])
+def test_tagframe0_leaves_absent_anchors_out(kind, package, embedded):
     """Only zero is absent: whatever else is no distance is counted where ranges are screened."""
-    linktrack = Linktrack(encoding, "Tagframe0", package=package, with_header=with_header)
-    distances = np.array([1.5, 0, -2.5, np.nan, np.inf, 0, 0, 8.25], np.float32)
-    body = (2, 4, 10, 20, 4.2, zeros(3), zeros(3), zeros(3), distances, zeros(3), zeros(4), zeros(3), zeros(3))
-    (ranges,) = linktrack.decoded(*([linktrack.header()] if with_header else []), *body, schema=schema)
+    values = {"id": 4, "dis_arr": [1.5, 0, -2.5, np.nan, np.inf, 0, 0, 8.25]}
+    if package == "ros2_port":
+        values["header"] = zeroed(kind, "std_msgs/msg/Header", stamp=zeroed(kind, STAMP, sec=5, nanosec=7))
+    (ranges,) = linktrack(kind, "Tagframe0", package=package, embedded=embedded, **values)
     assert (ranges.tag, ranges.anchor.tolist()) == (4, [0, 2, 3, 4, 7])
     np.testing.assert_array_equal(ranges.range_m, [1.5, -2.5, np.nan, np.inf, 8.25])
-    assert ranges.stamp_ns == (T_NS if with_header else None)
+    assert ranges.stamp_ns == (5_000_000_007 if package == "ros2_port" else None)
     assert ranges.first_path_gap_db is None
 
 
-def as_rows(messages):
-    return [(each.tag, each.anchor.tolist(), each.range_m.tolist()) for each in messages]
+NODES = [
+    {"role": 1, "id": 1, "dis": 3.5, "fp_rssi": -85.0, "rx_rssi": -77.0},
+    {"role": 2, "id": 9, "dis": 1.0},
+    {"role": 1, "id": 2, "dis": 4.5, "fp_rssi": -80.0, "rx_rssi": -79.0},
+    {"role": 1, "id": 3},
+]
 
 
-def test_anchors_hold_the_ranges_of_every_tag():
-    frame = Linktrack("ros1", "Anchorframe0", "Tag")
-    tags = [frame.part("Tag", 2, i, zeros(3), np.array([0, i, 0, 0, 0, 0, 0, 2 * i], np.float32)) for i in (3, 5)]
-    assert as_rows(frame.decoded(1, 0, 1, 2, 5.0, tags)) == [(3, [1, 7], [3.0, 6.0]), (5, [1, 7], [5.0, 10.0])]
-    frame = Linktrack("ros1", "Nodeframe3", "Node2")
-    nodes = [frame.part("Node2", 2, 7, 3.5, -80.0, -79.0), frame.part("Node2", 2, 8, 0.0, -80.0, -79.0)]
-    assert as_rows(frame.decoded(1, 2, 1, 2, 5.0, nodes)) == [(7, [2], [3.5])]
-    frame = Linktrack("ros1", "Nodeframe4", "Node4Tag", "Node4Anchor")
-    anchors = [frame.part("Node4Anchor", 0, 1.0), frame.part("Node4Anchor", 6, 2.0)]
-    assert as_rows(frame.decoded(3, 0, 1, 2, 5.0, [frame.part("Node4Tag", 3, 4.0, anchors)])) == [(3, [0, 6], [1, 2])]
-
-
-@pytest.mark.parametrize(("name", "node"), [("Nodeframe3", "Node2"), ("Nodeframe5", "Node5")])
-def test_nodeframes_of_a_tag_list_anchors_with_signal_strength(name, node):
-    frame = Linktrack("cdr", name, node)
-    rows = [(1, 1, 3.5, -85.0, -77.0), (2, 9, 1.0, -80.0, -79.0), (1, 2, 4.5, -80.0, -79.0)]
-    found = frame.decoded(2, 6, 1, 2, 5.0, [frame.part(node, *row) for row in rows], schema=False)
-    assert as_rows(found) == [(6, [1, 2], [3.5, 4.5])]
-    assert found[0].first_path_gap_db.tolist() == [8.0, 1.0]
-
-
-def bundled(ros, name):
-    if name not in ros.store.types:
-        package, _, last = name.split("/")
-        ros.store.register(get_types_from_msg((BUNDLED / package / "msg" / f"{last}.msg").read_text(), name))
-    return ros.type(name)
+@pytest.mark.parametrize(
+    ("frame", "part", "fields", "rows"),
+    [
+        (
+            "Anchorframe0",
+            "Tag",
+            [{"id": i, "dis_arr": [0, i, 0, 0, 0, 0, 0, 2 * i]} for i in (3, 5)],
+            [(3, [1, 7], [3.0, 6.0]), (5, [1, 7], [5.0, 10.0])],
+        ),
+        ("Nodeframe3", "Node2", NODES, [(6, [1, 2], [3.5, 4.5])]),
+        ("Nodeframe5", "Node5", NODES, [(6, [1, 2], [3.5, 4.5])]),
+        ("Nodeframe3", "Node2", [{"role": 2, "id": 7, "dis": 3.5}, {"role": 2, "id": 8}], [(7, [6], [3.5])]),
+    ],
+)
+def test_frames_list_ranges_of_tags_and_anchors(frame, part, fields, rows):
+    """A tag's frame lists its anchors with their signal strengths, an anchor's the tags that it hears."""
+    of_tag = fields is NODES
+    ends = {} if frame.startswith("Anchor") else {"role": 2 if of_tag else 1, "id": 6}
+    found = linktrack("little", frame, nodes=parts("little", part, *fields), embedded=False, **ends)
+    assert [(each.tag, each.anchor.tolist(), each.range_m.tolist()) for each in found] == rows
+    if of_tag:
+        assert found[0].first_path_gap_db.tolist() == [8.0, 1.0]
 
 
 @pytest.mark.parametrize("embedded", [True, False])
 @pytest.mark.parametrize("range_m", [3.25, -math.inf, math.nan, 0.0, -1.0, math.inf])
-@pytest.mark.parametrize("kind", ["sensor_msgs/msg/Range", "gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange"])
-def test_single_ranges(ros, kind, embedded, range_m):
+@pytest.mark.parametrize("kind", ["ros1", "little"])
+@pytest.mark.parametrize(
+    ("name", "ends", "fields"),
+    [
+        ("sensor_msgs/msg/Range", (None, [-1]), {}),
+        ("gtec_msgs/msg/Ranging", (2, [11]), {"anchorId": 11, "tagId": 2}),  # millimetres
+        ("uwb_driver/msg/UwbRange", (200, [100]), {"requester_id": 200, "responder_id": 100}),
+    ],
+)
+def test_single_ranges(name, ends, fields, kind, range_m, embedded):
     """What is no distance is passed on to be counted; infinity in a Range says that nothing was measured."""
-    ends, stamp_ns = (None, [-1]), T_NS
-    if kind.endswith("Ranging"):  # millimetres
+    values = {"range": range_m}
+    if name.endswith("Ranging"):
         range_m = round(1000 * np.nan_to_num(range_m, posinf=0, neginf=-7)) / 1000
-        message = bundled(ros, kind)(11, 2, round(1000 * range_m), 7, -80.0, 0.01)
-        ends, stamp_ns = (2, [11]), None
-    elif kind.endswith("UwbRange"):  # the requester is the tag
-        numbers = (1, 200, 100, 0, 1, 0, 0, 5, range_m, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
-        point = ros.type("geometry_msgs/msg/Point")(0.0, 0.0, 0.0)
-        message = bundled(ros, kind)(ros.header(T_NS), *numbers, *[point] * 4)
-        ends = (200, [100])
-    else:
-        message = ros.range(T_NS, range_m)
-    channel = ros.channel("/uwb/n_3", kind)
-    if not embedded:
-        channel = Channel(channel.topic, kind, ros.encoding, "", b"")
-    (ranges,) = decoded(channel, ros.serialise(message))
-    measured = not math.isinf(range_m) or not kind.endswith("/Range")
+        values = {"range": round(1000 * range_m)}
+    elif name.endswith("UwbRange"):
+        values = {"distance": range_m}
+    message = zeroed(kind, name, **fields, **values)
+    if timed := hasattr(message, "header"):
+        message.header.stamp.sec, message.header.stamp.nanosec = 5, 7
+    (ranges,) = decoded(channel_of(kind, name, embedded=embedded), serialised(kind, message))
+    measured = not math.isinf(range_m) or not name.endswith("/Range")
     assert bool(ranges.unmeasured) != measured
+    stamp_ns = 5_000_000_007 if timed else None
     assert (ranges.stamp_ns, ranges.tag, ranges.anchor.tolist()) == (stamp_ns, ends[0], ends[1] * measured)
     np.testing.assert_array_equal(ranges.range_m, [range_m] * measured)
 
 
+LIMITS = [
+    *((60.0, (0.1, 50.0), False), (0.4, (0.5, 100.0), False), (50.0, (0.1, 50.0), True), (0.1, (0.1, 50.0), True)),
+    *((60.0, (0.0, 0.0), True), (60.0, (-1.0, -1.0), True), (60.0, (50.0, 0.1), True), (60.0, (-1.0, 50.0), True)),
+    *((math.nan, (0.1, 50.0), True), (60.0, (0.1, math.nan), True), (60.0, (0.0, math.inf), True)),
+]
+# 1: no answer; 3: not tried; even ones with 2, 4 or 32: no leading edge, too long; others: remarks.
+STATUSES = dict.fromkeys((0, 5, 7, 8, 9, 11, 64), True) | dict.fromkeys((1, 2, 3, 4, 6, 32, 34, 98), False)
+DEVIATIONS = {0.004: True, 0.0: True, -1.0: False, math.nan: False, math.inf: False}
+
+
 @pytest.mark.parametrize(
-    ("range_m", "limits_m", "measured"),
+    ("name", "why", "fields", "measured"),
     [
-        *((60.0, (0.1, 50.0), False), (0.4, (0.5, 100.0), False), (50.0, (0.1, 50.0), True), (0.1, (0.1, 50.0), True)),
-        *((60.0, (0.0, 0.0), True), (60.0, (-1.0, -1.0), True), (60.0, (50.0, 0.1), True), (60.0, (-1.0, 50.0), True)),
-        *((math.nan, (0.1, 50.0), True), (60.0, (0.1, math.nan), True), (60.0, (0.0, math.inf), True)),
+        *(
+            (
+                "sensor_msgs/msg/Range",
+                "min_range",
+                {"range": range_m, "min_range": low_m, "max_range": high_m},
+                measured,
+            )
+            for range_m, (low_m, high_m), measured in LIMITS
+        ),
+        *(("uwb_driver/msg/UwbRange", "range_status", {"range_status": i}, each) for i, each in STATUSES.items()),
+        *(("gtec_msgs/msg/Ranging", "errorEstimation", {"errorEstimation": e}, each) for e, each in DEVIATIONS.items()),
     ],
 )
-def test_limits_of_a_range_count_where_it_has_some(ros, range_m, limits_m, measured):
-    kind = "sensor_msgs/msg/Range"
-    message = ros.type(kind)(ros.header(T_NS), 0, 0.0, *limits_m, range_m)
-    (ranges,) = decoded(ros.channel("/uwb/n_3", kind), ros.serialise(message))
-    assert (len(ranges.range_m), len(ranges.anchor), "min_range" in ranges.unmeasured) == (
-        measured,
-        measured,
-        not measured,
-    )
-
-
-@pytest.mark.parametrize("status", [0, 1, 2, 3, 4, 5, 6, 7, 9, 11, 32, 34, 64, 98])
-def test_a_ranging_that_failed_measured_nothing(ros, status):
-    """0: success; 1: no answer; 3: not tried; even ones with 2, 4 or 32: no leading edge, too long; others: remarks."""
-    kind = "uwb_driver/msg/UwbRange"
-    point = ros.type("geometry_msgs/msg/Point")(1.0, 2.0, 3.0)
-    numbers = (1, 200, 100, 0, 1, status, 0, 5, 3.5, 1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 1, 0, 0, 0, 0, 0, 0)
-    message = bundled(ros, kind)(ros.header(T_NS), *numbers, *[point] * 4)
-    (ranges,) = decoded(ros.channel("/uwb", kind), ros.serialise(message))
-    failed = status in (1, 3) or (status % 2 == 0 and any(status & bit for bit in (2, 4, 32)))
-    assert (len(ranges.range_m) == 0, "range_status" in ranges.unmeasured) == (failed, failed)
-    assert (ranges.anchor_position_m is None) == failed
-
-
-@pytest.mark.parametrize(
-    ("error", "measured"), [(0.004, True), (0.0, True), (-1.0, False), (math.nan, False), (math.inf, False)]
-)
-def test_a_range_without_a_standard_deviation_was_not_measured(ros, error, measured):
-    message = bundled(ros, "gtec_msgs/msg/Ranging")(11, 2, 3000, 7, -80.0, error)
-    (ranges,) = decoded(ros.channel("/uwb", message.__msgtype__), ros.serialise(message))
-    assert (ranges.range_m.tolist(), "errorEstimation" in ranges.unmeasured) == ([3.0] * measured, not measured)
+def test_what_a_message_says_was_not_measured_is_no_range(name, why, fields, measured):
+    """Outside of its limits where it has some, by its status, or without a standard deviation."""
+    message = zeroed("little", name, **fields)
+    (ranges,) = decoded(channel_of("little", name), serialised("little", message))
+    found = len(ranges.range_m), len(ranges.anchor), why in ranges.unmeasured
+    assert found == (measured, measured, not measured)
+    assert (ranges.anchor_position_m is not None) == (measured and name.startswith("uwb_driver"))
 
 
 OWN = {  # fields of a message -> the text of its definition, and its values
@@ -249,34 +220,33 @@ def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
 
 
 @pytest.mark.parametrize(
-    ("topic", "ends"),
+    ("topic", "ends", "mapped", "anchors"),
     [
-        ("/uwb/tof/n_3/n_7/distance", (3, 7)),
-        ("/uwb/anchor_4/range", (0, 4)),
-        ("/uwb/anchor_0/tag_2", (2, 0)),
-        ("/uwb/tag_0/anchor_2", (0, 2)),
-        ("/uwb/Anchor0/Tag2/range", (2, 0)),
-        ("/uwb/anchors/0/n_2", (2, 0)),
-        ("/uwb/anchor_id_0_tag_id_2", (2, 0)),
-        ("/uwb/anchor_3/n_7", (7, 3)),
-        ("/uwb/n_3/tag_7", (7, 3)),
-        ("/uwb_anchor/n_3/n_7", (3, 7)),
-        *((each, None) for each in ("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20)),
+        *(
+            (topic, ends, {}, [])
+            for topic, ends in {
+                "/uwb/tof/n_3/n_7/distance": (3, 7),
+                "/uwb/anchor_4/range": (0, 4),
+                "/uwb/anchor_0/tag_2": (2, 0),
+                "/uwb/tag_0/anchor_2": (0, 2),
+                "/uwb/Anchor0/Tag2/range": (2, 0),
+                "/uwb/anchors/0/n_2": (2, 0),
+                "/uwb/anchor_id_0_tag_id_2": (2, 0),
+                "/uwb/anchor_3/n_7": (7, 3),
+                "/uwb/n_3/tag_7": (7, 3),
+                "/uwb_anchor/n_3/n_7": (3, 7),
+            }.items()
+        ),
+        *(
+            (each, None, {}, [])
+            for each in ("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20)
+        ),
+        ("/n_7/n_5", (5, 7), {}, [7]),
+        ("/n_7/n_5", (7, 5), {}, [5, 7]),
+        ("/n_7/n_5", (1, 2), {"/n_7/n_5": (1, 2)}, [7]),
+        ("/uwb/anchor_0/tag_2", (2, 0), {}, [2]),
+        ("/uwb/anchor_0/anchor_2", (2, 0), {}, [0]),
     ],
 )
-def test_names(topic, ends):
-    assert ends_of_topic(topic) == ends
-
-
-@pytest.mark.parametrize(
-    ("topic", "mapped", "anchors", "ends"),
-    [
-        ("/n_7/n_5", {}, [7], (5, 7)),
-        ("/n_7/n_5", {}, [5, 7], (7, 5)),
-        ("/n_7/n_5", {"/n_7/n_5": (1, 2)}, [7], (1, 2)),
-        ("/uwb/anchor_0/tag_2", {}, [2], (2, 0)),
-        ("/uwb/anchor_0/anchor_2", {}, [0], (2, 0)),
-    ],
-)
-def test_the_configuration_then_words_then_known_anchors_decide(topic, mapped, anchors, ends):
+def test_the_configuration_then_words_then_known_anchors_decide(topic, ends, mapped, anchors):
     assert ends_of_topic(topic, mapped, anchors) == ends
