@@ -106,7 +106,7 @@ def _plain(text: str) -> Any:
     """The value as TOML has it, else the text, as `configure` reads it."""
     try:
         return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # ValueError also for an integer of too many digits
         return text
 
 

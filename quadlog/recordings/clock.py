@@ -237,8 +237,10 @@ def repeated_rows(t_ns: Int) -> Mask:
 
 
 def _passed_ns(t_ns: Int) -> int:
-    """How much time stamps (N,) pass, late ones apart."""
-    return int(np.minimum(np.diff(np.maximum.accumulate(t_ns)), BRIDGED_NS).sum())
+    """How much time stamps (N,) pass, late ones apart; where they go back for good, the longest passage between."""
+    highest_ns = np.maximum.accumulate(t_ns[::-1])[::-1]
+    passages = np.split(t_ns, np.flatnonzero(np.diff(highest_ns) < -LATE_NS) + 1)
+    return max(int(np.minimum(np.diff(np.maximum.accumulate(each)), BRIDGED_NS).sum()) for each in passages)
 
 
 def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]:

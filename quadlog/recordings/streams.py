@@ -285,7 +285,7 @@ class _Logged:
         """Ranges of all topics by time, without those that have no ids."""
         found = []
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
-            known = track.rows["tag"] != NO_ID
+            known = (track.rows["tag"] != NO_ID) & (track.rows["anchor"] != NO_ID)
             if count := int((~known).sum()):
                 self._warnings.append(
                     f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"

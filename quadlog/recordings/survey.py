@@ -247,7 +247,7 @@ class _Found:
         if "anchor_position_m" in (rows.dtype.names or ()):
             self.placed.append(rows[["anchor", "anchor_position_m"]].copy())
         ends = np.stack([rows["tag"], rows["anchor"]], axis=1)
-        for tag, anchor in np.unique(ends[rows["tag"] != NO_ID], axis=0).tolist():
+        for tag, anchor in np.unique(ends[(ends != NO_ID).all(axis=1)], axis=0).tolist():
             range_m = rows["range_m"][(ends == (tag, anchor)).all(axis=1)]
             finite_m = range_m[np.isfinite(range_m)]
             n, low_m, high_m = self.reaches.get((tag, anchor), (0, np.inf, -np.inf))

@@ -130,7 +130,7 @@ def _ranges(channel: Channel, paths: dict[str, str]) -> str:
         return ""
     tags += [path for path in ids if path not in anchors[:1] and "[]" not in path]
     tag = json.dumps(tags[0]) if tags else "0"
-    field, anchor, unit = json.dumps(distances[0]), json.dumps(anchors[0]), json.dumps(_unit(distances[0]))
+    field, anchor, unit = json.dumps(distances[0]), json.dumps(anchors[0]), _unit(distances[0])
     return _table("uwb.range_topics", channel, tag=tag, anchor=anchor, field=field, unit=unit)
 
 
@@ -151,7 +151,7 @@ def _pose(channel: Channel, paths: dict[str, str]) -> str:
     if len(place) < 3:
         return ""
     fields = [place[axis] for axis in "xyz"] + ([turn[axis] for axis in "xyzw"] if len(turn) == 4 else [])
-    return _table("topics.poses", channel, fields=json.dumps(fields), unit=json.dumps(_unit(fields[0])))
+    return _table("topics.poses", channel, fields=json.dumps(fields), unit=_unit(fields[0]))
 
 
 def _words(path: str) -> set[str]:
@@ -159,7 +159,9 @@ def _words(path: str) -> set[str]:
 
 
 def _unit(path: str) -> str:
-    return next((unit for unit in ("mm", "cm") if unit in name_words(path)), "m")
+    """As the field's name says; else metres, with what else it may be as a comment."""
+    unit = next((f'"{unit}"' for unit in ("mm", "cm") if unit in name_words(path)), "")
+    return unit or '"m"  # or "mm", "cm"'
 
 
 def _numbers(channel: Channel) -> Iterator[tuple[str, str]]:

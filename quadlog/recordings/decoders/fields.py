@@ -116,9 +116,20 @@ def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str
         if path is not None:
             found[column] = path
         elif not choices.endswith("?"):
-            names = some_of([name for name, _ in types[type_name][1]])
+            names = some_of(_names_near(types, type_name, choices.split(".")))
             raise BadDefinition(f"its definition has no {'text' if column in TEXTS else 'number'} {choices} ({names})")
     return found
+
+
+def _names_near(types: Types, name: str, steps: Sequence[str]) -> list[str]:
+    """The fields where steps from a type lead no farther, as paths."""
+    near = {}
+    for field, (kind, detail) in types[name][1]:
+        many = kind in ARRAYS
+        kind, inner = detail[0] if many else (kind, detail)
+        near[f"{field}{'[]' * many}"] = inner if kind == Nodetype.NAME else None
+    within = near.get(steps[0]) if len(steps) > 1 else None
+    return [f"{steps[0]}.{each}" for each in _names_near(types, within, steps[1:])] if within else [*near]
 
 
 def _at(types: Types, type_name: str, path: str, text: bool) -> Path | None:

@@ -44,6 +44,7 @@ def stamps(*ms: int) -> np.ndarray:
         (stamps(9000, *range(0, 3000, 100), *range(500, 4000, 100)), [0, *range(31, 56)]),  # one ahead, then set back
         (stamps(*range(1_000_000, 1_003_000, 100), *range(3000, 103_000, 100)), list(range(30))),  # wrong at first
         (stamps(*range(50_000, 53_000, 100), *range(3000, 103_000, 100)), list(range(30))),
+        (stamps(*range(90_000, 93_000, 100), *range(53_000, 56_000, 100), *range(6000, 50_000, 100)), list(range(60))),
         (stamps(*range(0, 9000, 100), *range(900_000, 903_000, 100), *range(12_000, 30_000, 100)), [*range(90, 120)]),
         (stamps(*range(0, 9000, 100), *range(900_000, 903_000, 100), *range(8000, 60_000, 100)), [*range(81, 120)]),
         (stamps(*range(900_000, 930_000, 100), *range(0, 9000, 100)), [*range(300, 390)]),  # wrong at the end

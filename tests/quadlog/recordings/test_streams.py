@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.recordings.decoders.ranges import own_ranges
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import gather
 
@@ -16,12 +17,15 @@ def moved(log, t_ns, parent, child, x_m):
 
 
 def test_series_of_each_role(log):
-    """Of ranges also those of a topic without ids, which are left out and counted."""
+    """Of ranges also those of topics without ids, or without those of anchors, which are left out and counted."""
     for i in range(5):
         log.add("/odom", T0 + i * S, log.ros.odometry(T0 + i * S, float(i)))
         log.add("/uwb/n_0/n_2", T0 + i * S, log.ros.range(T0 + i * S + 5, 1.0 + i))
         log.add("/sonar", T0 + i * S, log.ros.range(T0 + i * S, 1.0))
-    streams = gather(Recording(log.container), odometry="/odom", uwb=["/uwb/n_0/n_2", "/sonar"])
+        log.add("/half", T0 + i * S, log.ros.range(T0 + i * S, 1.0))
+    recording = Recording(log.container)
+    recording.mapped = {"/half": own_ranges(field="range", tag=0)}
+    streams = gather(recording, odometry="/odom", uwb=["/uwb/n_0/n_2", "/sonar", "/half"])
     assert streams.odometry.t_ns.tolist() == [T0 + i * S for i in range(5)]
     assert streams.odometry.position_m[:, 0].tolist() == [0, 1, 2, 3, 4]
     assert (streams.odometry.frame_id, streams.odometry.child_frame_id) == ("odom", "base_link")
@@ -30,8 +34,7 @@ def test_series_of_each_role(log):
     assert (streams.ranges.tag.tolist(), streams.ranges.anchor.tolist()) == ([0] * 5, [2] * 5)
     assert streams.ranges.range_m.tolist() == [1, 2, 3, 4, 5]
     assert (streams.reference, streams.imu) == (None, None)
-    (warning,) = streams.warnings
-    assert "/sonar: 5 ranges" in warning
+    assert [each[:16] for each in streams.warnings] == ["/sonar: 5 ranges", "/half: 5 ranges "]
 
 
 @pytest.mark.parametrize(

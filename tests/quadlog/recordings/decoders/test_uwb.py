@@ -164,10 +164,10 @@ OWN = {  # fields of a message -> the text of its definition, and its values
         ("nodes", {"field": "nodes[].dis", "tag": "id", "anchor": "nodes[].id"}, (None, 4, [7, 9], [2.5, 3.5])),
         ("nodes", {"field": "nodes[].dis", "tag": 1}, (None, 1, [0, 1], [2.5, 3.5])),
         ("lists", {"field": "range[]", "tag": "id", "anchor": "ids[]"}, (T_NS, 4, [7, 9], [2.5, 3.5])),
-        ("lists", {"field": "range", "tag": "id"}, r"has no number range \(id, ids, range, stamp\)"),
+        ("lists", {"field": "range", "tag": "id"}, r"has no number range \(id, ids\[\], range\[\], stamp\)"),
         ("lists", {"field": "stamp", "tag": "id"}, "has no number stamp "),
         ("nodes", {"field": "note"}, "has no number note "),
-        ("nodes", {"field": "nodes.dis"}, r"has no number nodes\.dis "),
+        ("nodes", {"field": "nodes[].far"}, r"has no number nodes\[\]\.far \(nodes\[\]\."),
         ("short", {"field": "range[]", "anchor": "ids[]"}, "anchor and range differ in length"),
     ],
 )
