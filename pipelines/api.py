@@ -12,7 +12,7 @@ from quadlog.pipelines.batch.batch import replay_alone
 from quadlog.pipelines.batch.plan import kept_names
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayRequest
-from quadlog.recordings.clock import Stamp
+from quadlog.recordings.clocks.clock import Stamp
 from quadlog.results import STAGES
 from quadlog.results.run import Run, load_run
 from quadlog.storage.remote_path import to_path

@@ -18,14 +18,14 @@ from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
-from quadlog.recordings.clock_offsets import FAR_APART_NS, LATE_NS
+from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_configured
-from quadlog.recordings.roles import Roles, configured_topics, detect_roles
 from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
-from quadlog.recordings.unread import hint, unread
+from quadlog.recordings.topics.roles import Roles, configured_topics, detect_roles
+from quadlog.recordings.topics.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
 
 FAR_APART_S = FAR_APART_NS * 1e-9

@@ -16,8 +16,8 @@ from quadlog.pipelines.stages.positions import uwb, uwb_tags
 from quadlog.positioning.ellipses import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams, gather
+from quadlog.recordings.topics.roles import Roles
 
 
 def uwb_diagnostics(

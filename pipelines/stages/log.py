@@ -26,8 +26,8 @@ from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_configured
-from quadlog.recordings.roles import detect_roles, position_topics
 from quadlog.recordings.streams import Streams, gather
+from quadlog.recordings.topics.roles import detect_roles, position_topics
 from quadlog.results import STAGES
 from quadlog.results.record import InputRecord, describe_input_aside
 

@@ -20,9 +20,9 @@ from quadlog.geometry import (
 from quadlog.lidar.levelling import UpSeries, level_rotations, tilt_of, up_by_floor, up_in_base
 from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose, PoseSeries
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import Roles
 from quadlog.recordings.streams import Streams
 from quadlog.recordings.tf_tree import BASE_FRAMES, TransformTree, is_named
+from quadlog.recordings.topics.roles import Roles
 
 
 def frame_of(recording: Recording, topic: str) -> str | None:

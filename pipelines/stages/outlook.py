@@ -13,11 +13,11 @@ from quadlog.config.schema import Config
 from quadlog.errors import MAX_LISTED, MissingInput, QuadlogError, set_flag
 from quadlog.messages import Batch, UwbRanges
 from quadlog.pipelines.stages.mount import find_mount
-from quadlog.recordings.clock import Clock
+from quadlog.recordings.clocks.clock import Clock
 from quadlog.recordings.decoders.anchor_places import places_of
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import LONE_SOURCES, POSITION_WORDS, Roles, position_topics
 from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.topics.roles import LONE_SOURCES, POSITION_WORDS, Roles, position_topics
 
 SEE_INFO = "see  quadlog info"
 AUTO_ORDER = POSITION_WORDS[1:]

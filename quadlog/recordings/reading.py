@@ -11,8 +11,8 @@ import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Batch, Int, PointCloud, Timed, Transforms, UwbRanges
-from quadlog.recordings.clock import Mask
-from quadlog.recordings.clock_offsets import stream_name
+from quadlog.recordings.clocks.clock import Mask
+from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.containers.container import Channel, RawMessage
 from quadlog.recordings.decoders.rows import Part
 from quadlog.recordings.decoding import CloudReader, RowReader

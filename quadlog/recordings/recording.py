@@ -14,8 +14,8 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
-from quadlog.recordings.clock import FIRST_STAMPS, Clock, Mask, Stamp
-from quadlog.recordings.clock_offsets import FAR_APART_NS, Offsets, one_clock
+from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
+from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField

@@ -31,8 +31,8 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
-from quadlog.recordings.bursts import spread
-from quadlog.recordings.clock import Mask, Sender, clock_losses, goes_back, kept_rows, left_out
+from quadlog.recordings.clocks.bursts import spread
+from quadlog.recordings.clocks.clock import Mask, Sender, clock_losses, goes_back, kept_rows, left_out
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass

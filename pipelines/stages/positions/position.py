@@ -30,9 +30,9 @@ from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.roles import position_topics
 from quadlog.recordings.streams import VELOCITY_FRAME, Streams
-from quadlog.recordings.topic_names import names_estimator, names_truth
+from quadlog.recordings.topics.roles import position_topics
+from quadlog.recordings.topics.topic_names import names_estimator, names_truth
 from quadlog.results.tables import TABLES, write_table
 from quadlog.storage.formats.tum import read_tum, write_tum_poses
 

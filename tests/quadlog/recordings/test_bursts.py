@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quadlog.messages import TICKS
-from quadlog.recordings.bursts import spread
+from quadlog.recordings.clocks.bursts import spread
 
 SENT_S = np.arange(6000) * 0.002
 RATE, MS = "at their usual rate", 100_000 + 1000 * SENT_S

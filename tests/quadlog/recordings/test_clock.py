@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from quadlog.config.schema import Topics
 from quadlog.messages import Batch
-from quadlog.recordings.clock import Sender, clock_losses, kept_rows, left_out, repeated_rows
-from quadlog.recordings.clock_offsets import LATE_NS
+from quadlog.recordings.clocks.clock import Sender, clock_losses, kept_rows, left_out, repeated_rows
+from quadlog.recordings.clocks.clock_offsets import LATE_NS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import detect_roles
+from quadlog.recordings.topics.roles import detect_roles
 
 MS = 10**6
 S = 1000 * MS

@@ -15,8 +15,8 @@ from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRan
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.plugged import MessageDecoder, interpreter
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import detect_roles
 from quadlog.recordings.survey import survey
+from quadlog.recordings.topics.roles import detect_roles
 
 T0 = 1_700_000_000 * 10**9
 QUAT = np.array([0.0, 0.0, 0.0, 1.0])

@@ -13,7 +13,7 @@ from quadlog.config.schema import Topics
 from quadlog.errors import AmbiguousTopic, UnknownTopic
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording, open_recording
-from quadlog.recordings.roles import detect_roles
+from quadlog.recordings.topics.roles import detect_roles
 
 T0 = 1_700_000_000 * 10**9
 SPHERE = np.random.default_rng(0).normal(size=(500, 3))

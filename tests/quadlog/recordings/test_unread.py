@@ -8,7 +8,7 @@ import pytest
 
 from quadlog.config.schema import Config
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.unread import PLUGIN, hint, nearest_role, unread
+from quadlog.recordings.topics.unread import PLUGIN, hint, nearest_role, unread
 
 VICON = "float32 x_trans\nfloat32 y_trans\nfloat32 z_trans\nfloat32 x_rot\nfloat32 y_rot\nfloat32 z_rot\nfloat32 w\n"
 NODES = "uint8 id\nNode[] nodes\n=====\nMSG: lab/Node\nuint8 id\nfloat32 dis\nfloat32[3] pos\n"

@@ -13,8 +13,8 @@ from quadlog.errors import DecodeError
 from quadlog.messages import Pose
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.roles import detect_roles
 from quadlog.recordings.streams import gather
+from quadlog.recordings.topics.roles import detect_roles
 from tests.lab.decoded import decoded
 
 T_NS = 1_700_000_000_000_000_005

@@ -12,8 +12,8 @@ import numpy as np
 
 from quadlog.errors import set_flag
 from quadlog.messages import Int, Odometry, PointCloud
-from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.topics.look import Candidate, Look
 from quadlog.recordings.types import PLANAR_SCANS
 
 SAMPLED_SCANS = 5

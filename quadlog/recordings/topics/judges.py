@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 from quadlog.errors import set_flag, some_of
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
-from quadlog.recordings.clock_offsets import FAR_APART_NS
+from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.formatting import several
-from quadlog.recordings.lidar_topics import judge_clouds
-from quadlog.recordings.look import Candidate, Look
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.topic_names import is_measured, name_words, names_truth
+from quadlog.recordings.topics.lidar_topics import judge_clouds
+from quadlog.recordings.topics.look import Candidate, Look
+from quadlog.recordings.topics.topic_names import is_measured, name_words, names_truth
 from quadlog.recordings.types import is_static, last_part
 
 RANGE_TYPE, FIX_TYPE = "sensor_msgs/msg/Range", "sensor_msgs/msg/NavSatFix"

@@ -9,13 +9,13 @@ from functools import cached_property
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Pose
-from quadlog.recordings.judges import JUDGES, KINDS, fits, why_no_joints
-from quadlog.recordings.look import Look, Role
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.recordings.topic_names import is_measured, is_target_name, names_truth
+from quadlog.recordings.topics.judges import JUDGES, KINDS, fits, why_no_joints
+from quadlog.recordings.topics.look import Look, Role
+from quadlog.recordings.topics.topic_names import is_measured, is_target_name, names_truth
+from quadlog.recordings.topics.unread import nearest_role
 from quadlog.recordings.types import is_static
-from quadlog.recordings.unread import nearest_role
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
 POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "gnss", "twist", "fixed")

@@ -15,8 +15,8 @@ from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import look_at_frames
 from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.topics.unread import unread
 from quadlog.recordings.types import is_static
-from quadlog.recordings.unread import unread
 
 Kind = TypeVar("Kind")
 

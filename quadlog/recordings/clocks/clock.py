@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from quadlog.errors import ClocksDiffer
 from quadlog.messages import Int
-from quadlog.recordings.clock_offsets import BY_LOG, FAR_APART_NS, LATE_NS, OneClock
+from quadlog.recordings.clocks.clock_offsets import BY_LOG, FAR_APART_NS, LATE_NS, OneClock
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.formatting import instant, several, stamps_go_back
 

@@ -16,7 +16,7 @@ from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.topic_names import name_words
+from quadlog.recordings.topics.topic_names import name_words
 from quadlog.recordings.types import REFUSED, last_part
 
 NEAREST_ROLE: dict[type[Message], str] = {
