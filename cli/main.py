@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import platform
 import sys
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> 
     from quadlog.config.version import package_versions
 
     click.echo(f"quadlog, version {__version__}")
-    versions = {"python": platform.python_version(), **package_versions()}
+    versions = {"python": sys.version.split()[0], **package_versions()}
     for name, version in versions.items():
         click.echo(f"{name:{max(map(len, versions))}}  {version}")
     for each in all_plugins():

@@ -18,7 +18,6 @@ from quadlog.cli.progress import say
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import UsageError
 from quadlog.results import STAGES
-from quadlog.storage.remote_path import to_path
 from quadlog.storage.urls import is_url
 
 if TYPE_CHECKING:
@@ -81,6 +80,8 @@ class PathType(click.Path):
             return cast(Path, super().convert(value, param, ctx))
         if not self._urls:
             self.fail("a local path is required here, not a URL", param, ctx)
+        from quadlog.storage.remote_path import to_path  # which help and completion do without
+
         return to_path(value)
 
 

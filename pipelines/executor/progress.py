@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from socket import gethostname
 from typing import Any, Self
 
 _send: Callable[[Any], None] | None = None
@@ -33,7 +32,7 @@ def send_to(send: Callable[[Any], None] | None, name: str | None = None) -> None
 
 def worker_name() -> str:
     """Name of this worker: the address of a Dask worker, else host and process id."""
-    return _name or f"{gethostname()}:{os.getpid()}"
+    return _name or f"{os.uname().nodename}:{os.getpid()}"
 
 
 class Progress:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from quadlog.errors import NotARun, QuadlogError, UnknownName, UsageError, csv_cell
 from quadlog.storage.atomic_write import new_folder, whole_file, write_whole
-from quadlog.storage.remote_path import RemotePath
+from quadlog.storage.urls import is_url
 
 if TYPE_CHECKING:
     from quadlog.results.run import Run
@@ -113,7 +113,7 @@ def _drawings(sources: Sequence[Path]) -> dict[str, Drawing]:
         summary = summarise_sweep(read_sweep_table(sources[0]))
         named = zip(summary.varying, sweep_panels(summary), strict=True)
         drawings |= {f"swept_{name}": [panel] for name, panel in named}
-    places = [found for path in sources for found in ([path] if isinstance(path, RemotePath) else find_runs([path]))]
+    places = [found for path in sources for found in ([path] if is_url(str(path)) else find_runs([path]))]
     if len(places) > MOST_RUNS and not drawings:
         raise UsageError(f"{len(places)} runs in one figure cannot be read: name at most {MOST_RUNS}")
     if len(places) > MOST_RUNS:
