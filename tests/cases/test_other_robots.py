@@ -222,6 +222,21 @@ def unoriented(log: Log, room: Room) -> None:
     add_scans(log, room, 8.0)
 
 
+def points_beside_odometry(log: Log, room: Room) -> None:
+    """A tracker that counts as true and sends places alone."""
+    odometry(log, room)
+    for t_s in instants_s(8.0, 20):
+        place = message("geometry_msgs/msg/Point", *map(float, room.at(t_s)[:2]), 0.0)
+        log.add("/vicon/dog", ns(t_s), message("geometry_msgs/msg/PointStamped", header(ns(t_s), "odom"), place))
+
+
+class Westward(Room):
+    """A room without a turn."""
+
+    def at(self, t_s: float) -> tuple[float, float, float]:
+        return -0.5 * max(t_s - 1.0, 0.0), 0.0, np.pi
+
+
 def reset(log: Log, room: Room) -> None:
     """Odometry that starts at zero again in the middle of the walk."""
     odometry(log, room)
@@ -348,6 +363,15 @@ CASES = {
     ),
     "pose-and-truth": Case(
         pose_topics("/slam/pose", "/mocap/pose"), 0, "pose", says=("against the reference",), never=("no position",)
+    ),
+    "truth-of-points": Case(
+        points_beside_odometry, 0, "odometry", says=("the reference has no orientation",), never=("its course,",)
+    ),
+    "truth-of-points-straight": Case(
+        lambda log, _: points_beside_odometry(log, Westward(6.0)),
+        *(0, "odometry", np.inf),
+        says=("the reference has no orientation",),
+        never=("its course,",),
     ),
     "truth-switched-off": Case(
         pose_topics("/slam/pose", "/mocap/pose"), 0, "pose", never=("ate_", "rpe_"), settings=("topics.reference=none",)

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog import geometry
 from quadlog.config.schema import Config
 from quadlog.errors import MissingInput, set_flag
-from quadlog.geometry import roll_pitch_from_quat, seconds_since, wrap_angle, yaw_from_quat
+from quadlog.geometry import quat_from_euler, roll_pitch_from_quat, seconds_since, wrap_angle, yaw_from_quat
 from quadlog.lidar.levelling import tilt_at, tilt_of, up_in_base
 from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.metrics.alignment import find_frame_offset
@@ -39,7 +39,7 @@ from quadlog.storage.formats.tum import read_tum, write_tum_poses
 STOOD_M = 0.1
 """A robot that never was farther from its start stood still: there is no way ahead of it to plan."""
 LEAST_TURN_RAD = 1.0
-"""A walk that turns by more, while its poses' yaw is the same to the last bit, has no orientation in them."""
+"""A walk that turns by more, or from yaw 0, while its poses' yaw is the same to the last bit, has no orientation."""
 LIDAR_FRAME = "lidar_start"
 """The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
@@ -263,14 +263,25 @@ def _from_poses(poses: PoseSeries | None, source: str, journal: Journal) -> Robo
         journal.warn(
             f"positions are integrated velocities: their error grows all the time; if the robot stood:  {flag}"
         )
+    poses = _oriented(poses, "poses have", journal)
     yaw_rad, tilt_rad = yaw_from_quat(poses.quat_xyzw), roll_pitch_from_quat(poses.quat_xyzw)
     xy_m, z_m = poses.position_m[:, :2], poses.position_m[:, 2]
-    if np.ptp(yaw_rad) == 0:
-        course_rad = _course(poses.t_ns, xy_m)
-        if np.ptp(np.unwrap(course_rad)) > LEAST_TURN_RAD:
-            journal.warn("the poses have no orientation: the heading is the direction of travel")
-            yaw_rad = wrap_angle(course_rad)
     return RobotTrack(poses.t_ns, xy_m, yaw_rad, source, poses.frame_id, z_m=z_m, tilt_rad=tilt_rad)
+
+
+def _oriented(poses: PoseSeries, which: str, journal: Journal) -> PoseSeries:
+    """The poses; where they have no orientation, with the yaw of their course and a warning."""
+    yaw_rad = yaw_from_quat(poses.quat_xyzw)
+    if len(poses) == 0 or np.ptp(yaw_rad) > 0:
+        return poses
+    course_rad = _course(poses.t_ns, poses.position_m[:, :2])
+    # No orientation is read as yaw 0, which a straight walk another way shows as well as a turn does.
+    ways_rad = course_rad if yaw_rad[0] else np.append(0.0, course_rad)
+    if np.ptp(np.unwrap(ways_rad)) <= LEAST_TURN_RAD:
+        return poses
+    journal.warn(f"the {which} no orientation: the heading is the direction of travel")
+    roll_rad, pitch_rad = roll_pitch_from_quat(poses.quat_xyzw).T
+    return replace(poses, quat_xyzw=quat_from_euler(wrap_angle(course_rad), pitch_rad, roll_rad))
 
 
 def _course(t_ns: Int, xy_m: Float) -> Float:
@@ -349,7 +360,7 @@ def settled_reference(data: LogData, journal: Journal, robot: RobotTrack) -> Pos
             apart_m = apart.after_m if aligned else apart.before_m
             how = " once aligned" if aligned else ""
             journal.note(f"differs from {topic} by {apart_m:.2f} m rms{how} (another estimate, not a reference)")
-    return reference
+    return reference and _oriented(reference, "reference has", journal)
 
 
 def _is_source(robot: RobotTrack, topic: str, poses: PoseSeries) -> bool:

@@ -129,8 +129,10 @@ def one_clock(
     sides = {key: f"{abs(key[0]) * 1e-9:.2f} s {'behind' if key[0] < 0 else 'ahead of'}" for key in groups}
     warnings = [f"header stamps of {some_of(groups[key])} lie {sides[key]} {those}; {key[1]}" for key in groups]
     # A stray is outvoted in its block.
-    blocks = np.array_split(np.array(base[:2]), len(base.log_ns) // FEWEST, axis=1)
-    log_ns, offset_ns = np.array([np.median(block, axis=1) for block in blocks]).astype(np.int64).T
+    width, longer = divmod(len(base.log_ns), len(base.log_ns) // FEWEST)
+    parts = zip(np.split(np.array(base[:2]), [longer * (width + 1)], axis=1), (width + 1, width), strict=True)
+    medians_ns = [np.median(part.reshape(2, -1, each), axis=2) for part, each in parts]
+    log_ns, offset_ns = np.concatenate(medians_ns, axis=1).astype(np.int64)
     reads_ns = np.concatenate([span_ns[:1] + offset_ns[:1], log_ns + offset_ns, span_ns[1:] + offset_ns[-1:]])
     within_ns = int(reads_ns.min()) - slack_ns, int(reads_ns.max()) + slack_ns
     return OneClock(log_ns, offset_ns, within_ns, shift_ns, tuple(warnings))
