@@ -335,6 +335,13 @@ CASES = {
     "topics that are mapped": Case(
         on_topics("/uwb/range/{}", "abcd"), config=f"{site()}range_topics = [{MAPPED}]\n", rms_m=0.06
     ),
+    "mapped under names that are not there": Case(
+        on_topics("/uwb/anchor_{}/range"), rms_m=0.06, info=("/uwb/anchor_x/range is not", "/plaice is not"),
+        says=("[[uwb.range_topics]]: /uwb/anchor_x/range is not in the recording", "mean /uwb/anchor_",
+              "recording: /uwb/anchor_0", "[[topics.poses]]: /plaice is not in the recording"),
+        config=f'{site()}range_topics = [{{topic="/uwb/anchor_x/range", tag=0, anchor=1}}]\n'
+        '[[topics.poses]]\ntopic = "/plaice"\nfields = ["x", "y", "z"]\n',
+    ),
     **{
         f"{kind} of any type": Case(
             own(kind), config=f'{site()}range_topics = [{{topic="/own", {keys}}}]\n', source="uwb", rms_m=0.06, links=4,
