@@ -82,8 +82,9 @@ def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), s
 
 def _misnamed_warnings(recording: Recording, config: Config) -> list[str]:
     """Of topics that the configuration says how to read and that the recording does not have."""
-    keys = {"uwb.range_topics": config.uwb.range_topics, "topics.poses": config.topics.poses}
-    named = [(key, row.topic) for key, rows in keys.items() for row in rows if not recording.channels_of(row.topic)]
+    rows = [("uwb.range_topics", row.topic) for row in config.uwb.range_topics]
+    rows += [("topics.poses", row.topic) for row in config.topics.poses]
+    named = [(key, topic) for key, topic in rows if not recording.channels_of(topic)]
     there = sorted({channel.topic for channel in recording.channels})
     topics = f"topics of the recording: {some_of(there) or 'none'}"
     near = {topic: get_close_matches(topic, there) for _, topic in named}
