@@ -112,7 +112,7 @@ class Look:
             "lidar": lambda: failed.get(source, roles.why_none(source)),
             "odometry": lambda: roles.why_none(source),
         }
-        return reasons.get(source, lambda: "it holds no poses")()
+        return reasons.get(source, str)() or "it holds no poses"
 
     def ways_out(self, tree: TransformTree, used: Collection[str] = (), failed: Mapping[str, str] = {}) -> str:
         """The chains of tf and the topics that could give a position, and why nothing else does, in one line.
@@ -125,6 +125,7 @@ class Look:
         ]
         taken = {self.config.topics.position, *used, *self.unheard}
         flags += [set_flag("topics.position", [each]) for each in position_topics(self.recording) if each not in taken]
+        flags += [set_flag("topics.position", ["lidar"])] if self.lidars and "lidar" not in failed else []
         words = {
             "what could give it:  ": "  or  ".join(flags[:MAX_LISTED]),
             "legs: ": failed.get("legs", self.roles.why_unfit("joints")),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from difflib import get_close_matches
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.errors import DecodeError, UnknownTopic, some_of
+from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
 from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
@@ -75,14 +76,28 @@ def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), s
     )
     recording.range_units = {r.topic: r.unit for r in rows if r.unit is not None}
     recording.mapped = own_types(config)
+    recording.misnamed = _misnamed_warnings(recording, config)
     return recording
+
+
+def _misnamed_warnings(recording: Recording, config: Config) -> list[str]:
+    """Of topics that the configuration says how to read and that the recording does not have."""
+    rows = [("uwb.range_topics", row.topic) for row in config.uwb.range_topics]
+    rows += [("topics.poses", row.topic) for row in config.topics.poses]
+    named = [(key, topic) for key, topic in rows if not recording.channels_of(topic)]
+    there = sorted({channel.topic for channel in recording.channels})
+    topics = f"topics of the recording: {some_of(there) or 'none'}"
+    near = {topic: get_close_matches(topic, there) for _, topic in named}
+    hints = {t: f"did you mean {some_of(each)}?" if each else topics for t, each in near.items()}
+    return [f"[[{k}]]: {clipped(t)} is not in the recording, nothing is read by it; {hints[t]}" for k, t in named]
 
 
 class Recording(ClosedOnExit):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
     range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
-    is read by configuration. glimpsed: the stamps of all that a glimpse shows, where somebody has read it already.
+    is read by configuration. misnamed: warnings of topics that only the configuration has. glimpsed: the stamps of all
+    that a glimpse shows, where somebody has read it already.
     """
 
     def __init__(
@@ -100,6 +115,7 @@ class Recording(ClosedOnExit):
         self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
         self.range_units: dict[str, str] = {}
         self.mapped: dict[str, Type] = {}
+        self.misnamed: list[str] = []
         self.glimpsed: list[Stamps] | None = None
         self._glimpsed_topics = frozenset(channel.topic for channel in container.channels)
         self.joints = joints or JointOrder()
@@ -143,7 +159,7 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        own = [*tagless, *plugin_notes(self.channels), *self._mended]
+        own = [*self.misnamed, *tagless, *plugin_notes(self.channels), *self._mended]
         return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:

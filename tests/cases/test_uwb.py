@@ -83,7 +83,9 @@ def set_back(back_s: float) -> Write:
     return restamped(slice(60, None), lambda t_ns: t_ns - round(back_s * 1e9))
 
 
-def on_topics(pattern: str, names: Sequence[object] = range(4), odd: Sequence[float] = (), slow: bool = False) -> Write:
+def on_topics(
+    pattern: str, names: Sequence[object] = range(4), odd: Sequence[float] = (), slow: bool = False, scans: int = 0
+) -> Write:
     """Single ranges of four anchors in turns, a topic for each anchor; some ranges replaced by odd ones."""
 
     def write(path: Path) -> Path:
@@ -92,6 +94,8 @@ def on_topics(pattern: str, names: Sequence[object] = range(4), odd: Sequence[fl
         for i, (t, row) in enumerate(zip(t_ns.tolist(), range_m, strict=True)):
             value = odd[i - 100] if 100 <= i < 100 + len(odd) else row[i % 4]
             log.range(t, pattern.format(names[i % 4]), float(value))
+        for t in t_ns[:scans].tolist():
+            log.scan(t, np.full(90, 5.0), 2 * np.pi)
         return log.write(path)
 
     return write
@@ -335,6 +339,13 @@ CASES = {
     "topics that are mapped": Case(
         on_topics("/uwb/range/{}", "abcd"), config=f"{site()}range_topics = [{MAPPED}]\n", rms_m=0.06
     ),
+    "mapped under names that are not there": Case(
+        on_topics("/uwb/anchor_{}/range"), rms_m=0.06, info=("/uwb/anchor_x/range is not", "/plaice is not"),
+        says=("[[uwb.range_topics]]: /uwb/anchor_x/range is not in the recording", "mean /uwb/anchor_",
+              "recording: /uwb/anchor_0", "[[topics.poses]]: /plaice is not in the recording"),
+        config=f'{site()}range_topics = [{{topic="/uwb/anchor_x/range", tag=0, anchor=1}}]\n'
+        '[[topics.poses]]\ntopic = "/plaice"\nfields = ["x", "y", "z"]\n',
+    ),
     **{
         f"{kind} of any type": Case(
             own(kind), config=f'{site()}range_topics = [{{topic="/own", {keys}}}]\n', source="uwb", rms_m=0.06, links=4,
@@ -361,6 +372,10 @@ CASES = {
     "slow rounds cut short": Case(
         on_topics("/uwb/anchor_{}/range", slow=True), ("fewer than three ranges give no fix",),
         flags=("--set", "uwb.epoch_s=0.05"), never=("make one fix", "a longer walk"), source="fixed",
+    ),
+    "slow rounds cut short, beside a lidar": Case(
+        on_topics("/uwb/anchor_{}/range", slow=True, scans=5), ("--set 'topics.position=\"lidar\"'",),
+        flags=("--set", "uwb.epoch_s=0.05"), never=("no topic is fit to be the lidar",), source="fixed",
     ),
     "negative": Case(
         written(frames_of(measure()[0], np.where(np.arange(4) == 3, np.nan, -measure()[1]))),

@@ -106,7 +106,9 @@ class Roles:
         return self.choices(role) or "; ".join([*unfit[:MAX_LISTED], *more])
 
     def why_none(self, role: str) -> str:
-        """The message for a role that no topic has."""
+        """The message for a role that no topic has; empty for one that some topic has."""
+        if role in self.found:
+            return ""
         words = "" if role in self.ambiguous else f"no topic is fit to be the {role}"
         return "; ".join(filter(None, [words, self.why_unfit(role)]))
 

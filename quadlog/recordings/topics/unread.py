@@ -67,7 +67,7 @@ TABLE = (
     Unread("^sensor_msgs/PointCloud$", "lidar", "is the old PointCloud", "record PointCloud2 (point_cloud_converter)"),
     Unread("Image|CameraInfo|CompressedVideo|Theora", "", "quadlog reads no camera images"),
     Unread("/Sentence$|GPSFix|NavPVT|BestPos", "", "of satellites quadlog reads NavSatFix", "record NavSatFix"),
-    Unread("NavSat|Gps|GPS", "", "quadlog reads no satellite positions"),
+    Unread("NavSat|Gps|GPS", "", "of satellites quadlog reads NavSatFix"),
     Unread("Log|Diagnostic|Rosout|ParameterEvent", "", "quadlog reads no logs and diagnostics"),
     Unread("Twist|Cmd|Command|Joy", "", "quadlog reads no commands"),
     Unread("Path|OccupancyGrid|GridMap|Marker|Map", "", "quadlog reads no results of other programs"),
@@ -115,11 +115,14 @@ def _table(key: str, channel: Channel, **values: str) -> str:
 RANGE_WORDS = {"range", "ranges", "dist", "dis", "distance", "distances"}
 TAG_WORDS = {"tag", "initiator", "requester", "source", "src", "from", "sender"}
 ID_WORDS = {"id", "ids", "address", "addr", "anchor", "responder", "destination", "dest", "dst", "to", "node", "peer"}
+NO_RANGE = {"min", "max", "minimum", "maximum", "limit", "std", "stddev", "sigma", "variance", "error", "bias", "num"}
+"""In names of fields about ranges that hold none."""
 
 
 def _ranges(channel: Channel, paths: dict[str, str]) -> str:
     """The keys for a message with a distance and ids, by the names of its fields."""
     distances = [path for path in paths if _words(path) & RANGE_WORDS and not _words(path) & ID_WORDS]
+    distances = [path for path in distances if not name_words(path.rpartition(".")[2]) & NO_RANGE]
     if not distances:
         return ""
     place = distances[0].rpartition(".")[0]

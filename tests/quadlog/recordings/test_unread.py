@@ -30,6 +30,8 @@ VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
         (NODES, {"tag": "id", "anchor": "nodes[].id", "field": "nodes[].dis", "unit": "m"}),
         ("uint16 anchor\nuint32 range_mm\n", {"tag": 0, "anchor": "anchor", "field": "range_mm", "unit": "mm"}),
         ("uint16 initiator\nuint16 responder\nfloat64 distance\n", {"tag": "initiator", "anchor": "responder"}),
+        ("uint16 anchor\nfloat32 range_min\nfloat32 maxRange\nfloat32 range\n", {"anchor": "anchor", "field": "range"}),
+        ("uint16 anchor\nfloat32 min_range\nfloat32 range_max\nfloat32 distance_std\n", {}),
         ("float64 distance\nfloat64 quality\n", {}),
         ("float32 linear_x\nfloat32 linear_y\n", {}),
         ("Header header\n", {}),
@@ -69,3 +71,8 @@ def test_drivers_for_raw_data_and_nothing_for_what_no_replay_needs(type_name, ro
     said, row = hint(channel), unread(channel)
     assert (bool(said), words in said, nearest_role(channel)) == (bool(words), True, role)
     assert row is None or not row.role or said in row.words
+
+
+@pytest.mark.parametrize("type_name", ["px4_msgs/msg/SensorGps", "gps_msgs/msg/GPSStatus", "gps_msgs/msg/GPSFix"])
+def test_for_satellites_the_type_that_is_read_is_named(type_name):
+    assert "NavSatFix" in unread(Channel("/a", type_name, "cdr", "", b"")).words
