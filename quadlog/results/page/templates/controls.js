@@ -64,12 +64,12 @@ const openScene = (place, scene, block) => {
   });
   addPointer(stage, view, changed, moves && clock);
   if (!moves) return null;
-  // An open moment: its words and those of what is drawn; the list has all; the view goes there, or stays for the first one.
+  // An open moment: claims at its instant, as many as fit above the map; the view goes there, or stays for the first one.
   const openMoment = (moment, closely = true) => {
     const same = scene.moments.filter(({ seconds }) => Math.abs(seconds - moment.seconds) < 0.0015);
     const drawn = [moment, ...same].find(({ line }) => line.length) ?? moment;
-    const first = same.length > 2 ? [...new Set([moment, drawn])] : same;
-    const words = [...first.map(wordsOf), ...(first.length < same.length ? [`and ${same.length - first.length} more`] : [])];
+    const all = same.map(wordsOf), few = all.findIndex((_, index) => index && all.slice(0, index + 1).join("; ").length > 140);
+    const words = few < 0 ? all : [...all.slice(0, few), `and ${all.length - few} more`];
     opened = { ...drawn, words: words.join("; "), ...(closely ? {} : { shows: [] }) };
     if (closely) (view.open(drawn), ([fitted, own] = [false, false]));
     clock.pause();
