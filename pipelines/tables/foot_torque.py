@@ -56,7 +56,7 @@ def swing_hip_reaction(gravity_mps2: float, period_s: float = PERIOD_S) -> Float
     """
     cycle = FootCycle(period_s, STRIDE_M, LIFT_M)
     t_s = np.linspace(0.0, cycle.swing_share * period_s, SWING_POINTS)
-    feet = cycle.at(t_s)[0] + [0.0, RIGHT * ROBOT.lengths_m[0], -HEIGHT_M]
+    feet = cycle.at(t_s) + np.array([0.0, RIGHT * ROBOT.lengths_m[0], -HEIGHT_M])
     joints = legs.stance_joints(feet, RIGHT, ROBOT.lengths, legs.KNEE_BEHIND)
     # Straight under the leg's plane, the hip's axis is the body's -y.
     return -legs.swing_reaction(ROBOT, RIGHT, t_s, joints, gravity_mps2)[:, 1]
