@@ -17,7 +17,7 @@ from quadlog.results.find_runs import PICTURES, PLOTS
 from quadlog.results.run import Run
 from quadlog.results.scenes import is_late, line, walk_scene
 from quadlog.results.tables import CONTACTS, FOOT_FORCES, FORCES
-from quadlog.results.view import Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps
+from quadlog.results.view import Drawing, Figure, Layer, Marks, Panel, Scene, Series, break_gaps, in_gaps, rows_within
 from quadlog.storage.atomic_write import write_whole, writing
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def with_rates(table: DataFrame) -> DataFrame:
     seconds, yaw_rad = table["seconds"].to_numpy(), table["yaw_rad"].to_numpy(float, copy=True)
     known, rows = np.isfinite(yaw_rad), np.arange(len(table))
     yaw_rad[known] = np.unwrap(yaw_rad[known])
-    side = max(1, round(RATE_OVER_S / 2 / max(np.median(np.diff(seconds)), 1e-3))) if len(rows) > 1 else 1
+    side = rows_within(np.diff(seconds), RATE_OVER_S / 2)
     before, after = np.maximum(rows - side, 0), np.minimum(rows + side, len(rows) - 1)
     step_s = seconds[after] - seconds[before]
     step_s[in_gaps(step_s) | (step_s <= 0)] = np.nan

@@ -266,6 +266,12 @@ def in_gaps(steps_s: Array, longest_s: float = GAP_S) -> Array:
     return steps_s > (max(longest_s, 5 * float(np.median(steps_s))) if len(steps_s) else longest_s)
 
 
+def rows_within(steps_s: Array, lasting_s: float) -> int:
+    """How many steps (N,) between rows take so long, 1 at least: by their mean, as rounds of ranges come in bursts."""
+    steps_s = steps_s[~in_gaps(steps_s)]
+    return max(1, round(lasting_s / max(float(steps_s.mean()), 1e-9))) if len(steps_s) else 1
+
+
 def thin_evenly(length: int, most: int) -> Array:
     """Indices of at most `most` of so many rows, the first and the last among them."""
     return np.arange(length) if length <= most else np.unique(np.linspace(0, length - 1, most).astype(int))

@@ -15,7 +15,7 @@ from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
 from quadlog.results.scenes import SCALE_95, STANDS_M, columns_of
 from quadlog.results.text import STATES, State, bounds_of, count, is_alarming, label_of, percent, sig
-from quadlog.results.view import GAP_S, in_gaps
+from quadlog.results.view import GAP_S, in_gaps, rows_within
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -75,7 +75,7 @@ def walked_m(track: DataFrame) -> float:
     if len(rows) < 2:
         return 0.0
     steps_s = np.diff(seconds)
-    lag = max(round(NOISE_OVER_S / max(float(np.median(steps_s)), 1e-9)), 1)
+    lag = rows_within(steps_s, NOISE_OVER_S)
     third_m = np.abs(places[3 * lag :] - 3 * places[2 * lag : -lag] + 3 * places[lag : -2 * lag] - places[: -3 * lag])
     # Of white noise of each axis their variance is 20 times its; the median of a Rayleigh variable is √(2 ln 2) stds.
     noise_m = float(np.median(third_m)) / math.sqrt(40 * math.log(2)) if len(third_m) else 0.0

@@ -192,13 +192,22 @@ def test_all_bounds_that_were_not_measured_are_shown(tiny_run: Path) -> None:
     assert all((rows[name][2].text, rows[name][2].state) == ("not measured", "bad") for name in names[:-1])
 
 
-@given(st.floats(4, 60) | st.just(0.0), st.sampled_from([0.0, 0.005, 0.05, 0.15]), st.integers(0, 2**32 - 1))
-def test_noise_of_positions_adds_little_to_the_length_of_a_walk(length_m: float, std_m: float, seed: int) -> None:
-    """Along an arc, for 60 s and with a day between its halves; noise that lasts for some rows, as in matched scans."""
-    seconds, share = np.arange(1200) / 20, np.linspace(0, 1, 1200)
+@given(
+    st.floats(4, 60) | st.just(0.0), st.sampled_from([0.0, 0.005, 0.05, 0.15]), st.integers(0, 2**32 - 1), st.booleans()
+)
+def test_noise_of_positions_adds_little_to_the_length_of_a_walk(
+    length_m: float, std_m: float, seed: int, bursts: bool
+) -> None:
+    """Along an arc, for 60 s and with a day between its halves; noise that lasts for some rows, as in matched scans.
+
+    bursts: four rows within 6 ms, as a round of ranges gives them.
+    """
+    rows = np.arange(1200)
+    seconds = rows // 4 / 5 + rows % 4 / 500 if bursts else rows / 20
+    share = seconds / seconds[-1]
     noise_m = np.random.default_rng(seed).normal(0, std_m, (2, 1203))
     noise_m = (noise_m[:, :-3] + noise_m[:, 1:-2] + noise_m[:, 2:-1] + noise_m[:, 3:]) / 2
-    x_m, y_m = 10 * np.sin(share * length_m / 10) + noise_m[0], 10 * np.cos(share * length_m / 10) + noise_m[1]
+    x_m, y_m = 2 * np.sin(share * length_m / 2) + noise_m[0], 2 * np.cos(share * length_m / 2) + noise_m[1]
     x_m[5] = np.nan
     track = DataFrame({"seconds": seconds + 86400 * (share > 0.5), "x_m": x_m, "y_m": y_m})
     assert walked_m(track) == pytest.approx(length_m, rel=0.1, abs=0.1 if length_m == 0 else 16 * std_m)
