@@ -17,7 +17,7 @@ from quadlog.errors import NothingReadable, printable
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
-from quadlog.pipelines.stages.outlook import Look, locates_by_uwb, unless_ambiguous
+from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb, unless_ambiguous
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
@@ -116,7 +116,7 @@ def _uwb(
 
 
 def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) -> dict[str, Any]:
-    look = Look(recording, roles, config, locates_by_uwb(recording, roles, config))
+    look = Outlook(recording, roles, config, locates_by_uwb(recording, roles, config))
     return {
         "path": str(recording.path),
         "messages": seen.messages,

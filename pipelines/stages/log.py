@@ -21,7 +21,7 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.stages.outlook import Look, locates_by_uwb
+from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
@@ -43,7 +43,7 @@ READING = (
 
 
 @dataclass(frozen=True)
-class Log(Look):
+class Log(Outlook):
     """What a replay knows of its recording before it reads it; path: as it was given."""
 
     path: Path

@@ -26,7 +26,7 @@ LOOKED_AT = 20
 
 
 @dataclass(frozen=True)
-class Look:
+class Outlook:
     """An open recording, which topic plays which role, and whether there are ranges and anchors to locate by.
 
     config: without what reading does not depend on.

@@ -131,7 +131,7 @@ class Steered(NamedTuple):
 
 
 class Driver:
-    """Steers a robot along paths by pure pursuit, every so many ticks of its simulation."""
+    """Steers a robot along paths by pure pursuit, once in a fixed number of ticks of its simulation."""
 
     def __init__(
         self,

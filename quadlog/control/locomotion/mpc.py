@@ -109,16 +109,8 @@ class Mpc:
 
 
 @kernel
-def _condense(  # type: ignore[no-untyped-def]
-    state, reference, arms, contacts, axes, inverse_in_body, mass, weights, alpha, dt, inverse, errors, pull, effects,
-    steps, hessian, gradient,
-):  # fmt: skip
-    """Writes H, row by row, and g: how many forces there are.
-
-    The model is nilpotent: of a force's components each has six numbers, the angular acceleration, in the heading's
-    frame for Theta, and the acceleration that it gives. At the end of step i a force of step s <= i has made dt times
-    these of omega and v, and (i - s) dt^2 times these of Theta and p. So no powers of A are needed.
-    """
+def _free_errors(state, reference, dt, errors):  # type: ignore[no-untyped-def]
+    """Writes what the states would be without forces, less the reference: cosine and sine of the model's yaw."""
     horizon = len(reference)
     # Yaws are unwrapped along the way, so that the reference may jump by whole turns.
     turned, yaw_sum = 0.0, 0.0
@@ -129,7 +121,6 @@ def _condense(  # type: ignore[no-untyped-def]
         errors[i, 2] = -turned
     cos, sin = math.cos(state[2] + yaw_sum / horizon), math.sin(state[2] + yaw_sum / horizon)
 
-    # What the states would be without forces, less the reference.
     for i in range(horizon):
         t = (i + 1) * dt
         for k in range(12):
@@ -142,6 +133,22 @@ def _condense(  # type: ignore[no-untyped-def]
             errors[i, 3 + axis] += t * state[9 + axis]
         errors[i, 5] -= GRAVITY_MPS2 * dt * dt * i * (i + 1) / 2  # Euler's fall
         errors[i, 11] -= GRAVITY_MPS2 * t
+    return cos, sin
+
+
+@kernel
+def _condense(  # type: ignore[no-untyped-def]
+    state, reference, arms, contacts, axes, inverse_in_body, mass, weights, alpha, dt, inverse, errors, pull, effects,
+    steps, hessian, gradient,
+):  # fmt: skip
+    """Writes H, row by row, and g: how many forces there are.
+
+    The model is nilpotent: of a force's components each has six numbers, the angular acceleration, in the heading's
+    frame for Theta, and the acceleration that it gives. At the end of step i a force of step s <= i has made dt times
+    these of omega and v, and (i - s) dt^2 times these of Theta and p. So no powers of A are needed.
+    """
+    horizon = len(reference)
+    cos, sin = _free_errors(state, reference, dt, errors)
 
     # The inverse inertia in map, T_z I^-1 T_z^T.
     for i in range(3):
@@ -184,7 +191,7 @@ def _condense(  # type: ignore[no-untyped-def]
             for k in range(6):
                 of_place += effects[u, k] * effects[v, k]
                 of_rate += effects[u, 6 + k] * effects[v, 6 + k]
-            # Over the states after both steps, of which there are `ends`: sums of 1 and of (i - s) (i - s').
+            # Sums over the states after both steps, `ends` in number: of 1 and of (i - s) (i - s').
             ends, apart = horizon - steps[v], steps[v] - steps[u]
             products = (ends - 1) * ends * (2 * ends - 1) / 6 + apart * (ends - 1) * ends / 2
             both = dt * dt * (ends * of_rate + products * dt * dt * of_place)

@@ -206,7 +206,7 @@ class ChunkedReader(ChunkFile):
             return None
 
     def _examine(self, chunk: Chunk, rows: Rows, counts: Mapping[int, int]) -> None:
-        """Record what is odd about a chunk's messages, of which there are so many for each channel id."""
+        """Record what is odd about a chunk's messages. counts: how many there are, by channel id."""
         if not len(t_ns := rows["t_ns"]):
             return
         earliest_ns, latest_ns, jump_ns = int(t_ns.min()), int(t_ns.max()), 0

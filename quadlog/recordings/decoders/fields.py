@@ -49,7 +49,7 @@ class Columns:
         self.sound, self.why = np.ones(self.n, dtype=np.bool_), ""
 
     def __contains__(self, column: str) -> bool:
-        return column in self._known or column in self._layout.grids
+        return column in self._known or column in self._layout.strides
 
     def __getitem__(self, column: str) -> Any:
         if column not in self._known:
@@ -230,7 +230,7 @@ class Walk(PayloadReader):
         return count
 
 
-class Grid(NamedTuple):
+class Strides(NamedTuple):
     """Where the numbers (T, K) of a leaf lie: runs of rows at even distances."""
 
     dtype: np.dtype[Any]
@@ -238,7 +238,7 @@ class Grid(NamedTuple):
     runs: list[tuple[int, int, int]]
 
     @classmethod
-    def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Grid:
+    def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Strides:
         """found: as Walk has it; first: K, 0 for one. Raises ValueError for shorter arrays."""
         dtype = np.dtype(found[0][1] if found else "f8")
         if any(count < first for *_, count in found):
@@ -250,14 +250,14 @@ class Grid(NamedTuple):
         return cls(dtype, first or 1, runs)
 
     @classmethod
-    def of_all(cls, grids: list[Grid]) -> list[Grid]:
-        """The grids of leaves as one (T, K) where they lie side by side."""
-        (dtype, _, runs), size = grids[0], grids[0].dtype.itemsize
+    def of_all(cls, strides: list[Strides]) -> list[Strides]:
+        """The strides of leaves as one (T, K) where they lie side by side."""
+        (dtype, _, runs), size = strides[0], strides[0].dtype.itemsize
         alike = all(
             each == (dtype, 1, [(at + i * size, count, step) for at, count, step in runs])
-            for i, each in enumerate(grids)
+            for i, each in enumerate(strides)
         )
-        return [cls(dtype, len(grids), runs)] if alike else grids
+        return [cls(dtype, len(strides), runs)] if alike else strides
 
     def read(self, payloads: np.ndarray, dtype: str) -> np.ndarray:
         """(N, T, K) numbers of C-contiguous payloads (N, size) uint8."""
@@ -284,12 +284,12 @@ class Layout:
         arrays = {array for path in paths.values() for array in path.arrays}
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
-        self.grids: dict[str, tuple[Path, str, list[Grid]]] = {}
+        self.strides: dict[str, tuple[Path, str, list[Strides]]] = {}
         for column, path in paths.items():
             if not path.text:
-                grids = Grid.of_all([Grid.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
-                dtype = "f8" if any(each.dtype.kind == "f" for each in grids) else "i8"
-                self.grids[column] = path, dtype, grids
+                strides = Strides.of_all([Strides.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
+                dtype = "f8" if any(each.dtype.kind == "f" for each in strides) else "i8"
+                self.strides[column] = path, dtype, strides
 
     def _take(self, payload: bytes, channel: Channel) -> None:
         reader, texts = PayloadReader(payload, channel.message_encoding, channel.topic), dict[str, tuple[str, ...]]()
@@ -312,8 +312,8 @@ class Layout:
 
     def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
         """A column of numbers of payloads (N, size) that fit."""
-        path, dtype, grids = self.grids[column]
-        each = [grid.read(payloads, dtype) for grid in grids]
+        path, dtype, strides = self.strides[column]
+        each = [grid.read(payloads, dtype) for grid in strides]
         values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
         values = values if path.arrays else values[:, 0]
         return values if path.first or len(path.leaves) > 1 else values[..., 0]
