@@ -21,7 +21,7 @@ VERSIONS = "Show the versions of quadlog, packages and plug-ins, and exit."
 
 
 def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:
-    """As VERSIONS says."""
+    """Print the versions of quadlog, packages and plug-ins, and exit."""
     if not asked or ctx.resilient_parsing:
         return
     from quadlog.config.plugins import all_plugins

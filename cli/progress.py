@@ -39,11 +39,14 @@ def print_json(value: object) -> None:
     click.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
-def table_lines(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str], most: int = 40) -> Iterator[str]:
+MOST_ROWS = 40
+
+
+def table_lines(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> Iterator[str]:
     """The first rows as a table that fits the terminal."""
-    for lines in laid_out(rows[:most], columns):
+    for lines in laid_out(rows[:MOST_ROWS], columns):
         yield from lines
-    yield from left_out(len(rows) - most)
+    yield from left_out(len(rows) - MOST_ROWS)
 
 
 def laid_out(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> list[list[str]]:

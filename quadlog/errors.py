@@ -24,8 +24,8 @@ _NUMBER = re.compile(r"[+-][0-9]+(\.[0-9]+)?(e[+-]?[0-9]+)?")
 
 def printable(text: object) -> str:
     """One line without control characters, which a terminal would obey: white space becomes a space."""
-    harmless = {each: " " if each.isspace() else "\N{REPLACEMENT CHARACTER}" for each in str(text)}
-    return "".join(each if each.isprintable() else harmless[each] for each in str(text))
+    other = "\N{REPLACEMENT CHARACTER}"
+    return "".join(c if c.isprintable() else " " if c.isspace() else other for c in str(text))
 
 
 def clipped(text: object, most: int = 200) -> str:
@@ -188,7 +188,7 @@ class AmbiguousTopic(QuadlogError):
     """Several topics, or several groups of topics, could play one role. Lists the choices as flags to paste."""
 
     def __init__(self, role: str, choices: Iterable[Sequence[str]]) -> None:
-        self.role, self.choices = role, [tuple(topics) for topics in choices]
+        self.choices = [tuple(topics) for topics in choices]
         several = "topics" if all(len(topics) == 1 for topics in self.choices) else "groups of topics"
         what = f"{len(self.choices)} {several}" if len(self.choices) != 1 else "one topic"
         flags = [set_flag(f"topics.{role}", topics) for topics in self.choices[:MAX_LISTED]]

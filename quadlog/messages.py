@@ -2,7 +2,8 @@
 
 Single messages are small frozen dataclasses with the header's stamp (or None
 where the message has none); `Timed` adds the instant on the clock the user
-chose. Whole topics of small messages are gathered into column series.
+chose. Small messages are read as rows, many at once (`Batch`); `gather`
+makes series over time of them.
 """
 
 from __future__ import annotations

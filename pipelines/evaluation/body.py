@@ -34,7 +34,7 @@ from quadlog.results.tables import (
 if TYPE_CHECKING:
     from quadlog.control.locomotion.robot import Robot
 
-_ANGLES, _RATES, _TORQUES = JOINT_COLUMNS
+_, _RATES, _TORQUES = JOINT_COLUMNS
 _CONTACT = 0.5
 
 

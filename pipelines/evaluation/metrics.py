@@ -8,6 +8,7 @@ from pathlib import Path
 
 from quadlog.config.file import read_bounds
 from quadlog.errors import ExitCode, NotARun, QuadlogError, printable
+from quadlog.messages import NS_PER_S
 from quadlog.metrics.catalogue import CATALOGUE, Condition
 from quadlog.metrics.summary import MeasuredRun, Metric, Metrics, Samples, detail_of, metrics_of, worst_of
 from quadlog.pipelines.evaluation import reference as references
@@ -20,8 +21,6 @@ from quadlog.results.run import Run
 from quadlog.results.tables import start_ns
 from quadlog.results.text import explain_text, print_table
 from quadlog.storage.atomic_write import new_folder, write_whole
-
-_NS = 1_000_000_000
 
 
 def explain_runs(name: str, runs: Sequence[MeasuredRun], reference: references.Reference | None) -> str:
@@ -43,7 +42,7 @@ def _at_worst(name: str, run: MeasuredRun, reference: references.Reference | Non
     worst = [(int(samples.t_ns[at]), float(samples.values[at])) for at in worst_of(name, samples)]
     if not worst:
         return [f"{known}; never above zero"]
-    rows = [(t_ns, f"{(t_ns - first_ns) / _NS:.3f}", f"{value:.6g}") for t_ns, value in worst]
+    rows = [(t_ns, f"{(t_ns - first_ns) / NS_PER_S:.3f}", f"{value:.6g}") for t_ns, value in worst]
     table = print_table(("t_ns", "s from start", f"sample {unit}".rstrip()), rows).splitlines()
     return [f"{known}; worst, at least 1 s apart:", *table]
 

@@ -13,7 +13,7 @@ from quadlog.config.file import load_config
 from quadlog.config.schema import Config, UwbConfig
 from quadlog.errors import NoCommonTime, NotARun, UnreadableFile, UsageError
 from quadlog.geometry import poses_in_space
-from quadlog.messages import Int, PoseSeries
+from quadlog.messages import NS_PER_S, Int, PoseSeries
 from quadlog.metrics.positioning import fix_error_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS, compare_trajectories, estimate_time_offset
 from quadlog.metrics.summary import Samples
@@ -45,7 +45,6 @@ def robot_tag_of(run: Path) -> RobotTag:
 
 
 REFERENCE_METRICS = ("uwb_rmse_m", "uwb_bias_m", *TRAJECTORY_METRICS)
-_NS = 1_000_000_000
 _SEEN_M = 1e-3
 _LONGEST_S = 9_000_000_000  # what int64 nanoseconds hold
 
@@ -219,14 +218,14 @@ def compare_fixes(run: Path, reference: Reference, robot: RobotTag) -> dict[str,
     fixes = read_table(run, "fixes", ["t_ns", "tag", "x_m", "y_m"])
     own = fixes["tag"] == robot.id
     t_ns = fixes["t_ns"][own]
-    truth_m = tag_truth(t_ns + round(reference.how.offset_s * _NS), reference.poses, robot.lever_m)
+    truth_m = tag_truth(t_ns + round(reference.how.offset_s * NS_PER_S), reference.poses, robot.lever_m)
     samples = fix_error_samples(t_ns, np.column_stack([fixes["x_m"][own], fixes["y_m"][own]]) - truth_m)
     return {name: each for name, each in samples.items() if len(each.values)}
 
 
 def _ranges(truth_ns: Int, estimate_ns: Int, how: OnTime) -> str:
-    offset_ns = round(how.offset_s * _NS)
+    offset_ns = round(how.offset_s * NS_PER_S)
     first, last = int(estimate_ns[0]) + offset_ns, int(estimate_ns[-1]) + offset_ns
-    overlap_s = max(0, min(int(truth_ns[-1]), last) - max(int(truth_ns[0]), first)) / _NS
-    reference = f"{truth_ns[0] / _NS:.3f} to {truth_ns[-1] / _NS:.3f} s"
-    return f"reference {reference}, run {first / _NS:.3f} to {last / _NS:.3f} s, overlap {overlap_s:.3f} s"
+    overlap_s = max(0, min(int(truth_ns[-1]), last) - max(int(truth_ns[0]), first)) / NS_PER_S
+    reference = f"{truth_ns[0] / NS_PER_S:.3f} to {truth_ns[-1] / NS_PER_S:.3f} s"
+    return f"reference {reference}, run {first / NS_PER_S:.3f} to {last / NS_PER_S:.3f} s, overlap {overlap_s:.3f} s"

@@ -148,7 +148,7 @@ class Outlook:
         return "; ".join(reasons[:MAX_LISTED]) or "no message of a type that quadlog uses"
 
     def topics_to_read(self) -> dict[str, Any]:
-        """The topics by role, as the gatherer takes them. Raises AmbiguousTopic for a role that is needed."""
+        """The topics by role, as `gather` takes them. Raises AmbiguousTopic for a role that is needed."""
         roles, config, position = self.roles, self.config, self.config.topics.position
         chosen = position if self.recording.channels_of(position) else None
         # Odometry may be the position (auto) or the heading (UWB); tf goes before it, and needs no choice of one.

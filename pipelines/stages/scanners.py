@@ -82,9 +82,9 @@ class Scanners:
         scanner_of = {scanner.topic: scanner for scanner in self.each}
         size, waiting, turn = np.bincount(self.turn), dict[int, list[tuple[int, PointCloud]]](), 0
         turns = iter(self.turn.tolist())
-        clouds = (each for each in logged if isinstance(each.message, PointCloud))
+        clouds = ((t_ns, topic, cloud) for t_ns, topic, cloud in logged if isinstance(cloud, PointCloud))
         for (t_ns, topic, cloud), kept in zip(clouds, self.kept, strict=False):
-            if kept and isinstance(cloud, PointCloud):
+            if kept:
                 waiting.setdefault(next(turns), []).append((t_ns, scanner_of[topic].in_base(t_ns, cloud)))
             while turn < len(size) and len(waiting.get(turn, ())) == size[turn]:
                 yield int(self.t_ns[turn]), _as_one(waiting.pop(turn), int(self.t_ns[turn]))

@@ -79,11 +79,6 @@ class Pass:
         """What can be given out with the next message. order: grows from message to message."""
         return (self._takers.get(id(raw.channel)) or self._taker(raw.channel))(order, raw)
 
-    @property
-    def waiting(self) -> int:
-        """How many messages wait."""
-        return sum(len(each.messages) for each in self._waiting)
-
     def rest(self) -> Iterator[Batch]:
         """All that waits."""
         for waiting in self._waiting:
@@ -172,7 +167,7 @@ def picked(batch: Batch, rows: Mask) -> Batch:
 
 
 def stamps_of(each: Batch | Timed) -> tuple[str, Int, Int]:
-    """The stream, a topic or a transform, (N,) log times, of a reading on these, and (N,) header stamps, 0 without."""
+    """The stream (a topic or a transform), log times (N,), header stamps (N,), 0 without; of a reading on log times."""
     if isinstance(each, Timed):
         return each.topic, np.array([each.t_ns]), np.array([each.message.stamp_ns or 0])
     named = each.kind is Transforms

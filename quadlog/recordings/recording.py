@@ -56,7 +56,7 @@ def open_recording(
     return Recording(
         open_container(to_path(path)),
         stamp=stamp,
-        definitions=Definitions([Path(folder) for folder in msg_path]),
+        definitions=Definitions(msg_path),
         range_topics=range_topics or {},
         anchor_ids=anchor_ids,
         joints=joints,
@@ -219,7 +219,7 @@ class Recording(ClosedOnExit):
             found = [*reading.take(order, raw)]
             waiting += [each for each in found if isinstance(each, Batch)]
             clouds = [each for each in found if isinstance(each, Timed)]
-            if clouds or reading.waiting >= UNPACKED_AT_ONCE:
+            if clouds or order % UNPACKED_AT_ONCE == UNPACKED_AT_ONCE - 1:
                 yield from _in_order([*waiting, *reading.rest()])
                 yield from clouds
                 waiting = []
@@ -273,7 +273,7 @@ class Recording(ClosedOnExit):
         return np.stack([log_ns, t_ns])[:, usual]
 
     def _glimpsed(self, topics: Collection[str]) -> list[Stamps]:
-        """The stamps of topics, and maybe others, in a glimpse, read at most once."""
+        """The stamps of topics, and maybe others, in a glimpse; read again if the last one left some out."""
         known = self.glimpsed
         if known is None or not self._glimpsed_topics >= {*topics}:
             known = [(each.topic, *stamps_of(each)) for each in self.glimpse().batches(topics)]

@@ -19,13 +19,13 @@ from quadlog.messages import NO_ID, Batch, Int, JointStates, Timed, Transforms, 
 from quadlog.recordings.containers.container import Channel, Container, RawMessage
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.decoders.payload import PayloadReader
+from quadlog.recordings.decoders.pose_fields import HEADER_TYPE
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.reading import Pass, stamps_of
 from quadlog.recordings.recording import Recording, Stamps
 from quadlog.recordings.types import is_static
 
-HEADER_TYPE = "std_msgs/msg/Header"
 HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+")
 IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")
 IDL_HEADER = re.compile(r"\s*+(?:@\w+\s*+(?:\([^()]*\))?+\s*+)*+std_msgs::msg::Header")

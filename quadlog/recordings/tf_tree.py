@@ -199,9 +199,13 @@ class TransformTree:
 
     def span_between_ns(self, child: str, frame: str) -> tuple[int, int] | None:
         """The first and the last instant that all transforms between two frames cover; None where none moves."""
+        changing = self._changing(child, frame)
+        return (int(max(e.t_ns[0] for e in changing)), int(min(e.t_ns[-1] for e in changing))) if changing else None
+
+    def _changing(self, child: str, frame: str) -> list[Edge]:
+        """Those that move between two frames; where all stand still, all."""
         moving = self.moving(child, frame)
-        changing = [edge for edge in moving if not edge.is_still] or moving
-        return (int(max(e.t_ns[0] for e in changing)), int(min(e.t_ns[-1] for e in changing))) if moving else None
+        return [edge for edge in moving if not edge.is_still] or moving
 
     def span_ns(self) -> tuple[int, int] | None:
         """The first and the last instant of all transforms but the static ones; None without one."""
@@ -228,10 +232,9 @@ class TransformTree:
         """
         from scipy.spatial.transform import Rotation  # slow to import, and few recordings need it
 
-        path, moving = self._path(child, frame, still_only=False), self.moving(child, frame)
-        if path is None or not moving:
+        path, changing = self._path(child, frame, still_only=False), self._changing(child, frame)
+        if path is None or not changing:
             return None
-        changing = [edge for edge in moving if not edge.is_still] or moving
         t_ns = max((edge.t_ns for edge in changing), key=len) if at_ns is None else at_ns
         for edge in changing:
             t_ns = t_ns[(t_ns >= edge.t_ns[0]) & (t_ns <= edge.t_ns[-1])]

@@ -201,9 +201,9 @@ def _frame(run: Run, name: str) -> DataFrame:
         return DataFrame(seven, columns=[*"xyz", "qx", "qy", "qz", "qw"]).assign(t_ns=poses.t_ns)
     if stem == "maps" and (maps := run.maps) is not None:
         places = DataFrame(maps.origin_m, columns=["origin_x_m", "origin_y_m"]).assign(t_ns=maps.t_ns)
-        packed = (hashlib.blake2b(np.packbits(of).tobytes(), digest_size=8).hexdigest() for *_, of in maps)
+        seen = [(of.sum(), hashlib.blake2b(np.packbits(of).tobytes(), digest_size=8).hexdigest()) for *_, of in maps]
         same: dict[str, Any] = {"cell_m": maps.cell_m, "shape": f"{maps.shape[0]} by {maps.shape[1]}"}
-        return places.assign(occupied=[int(of.sum()) for *_, of in maps], cells=list(packed), **same)
+        return places.assign(occupied=[int(n) for n, _ in seen], cells=[digest for _, digest in seen], **same)
     if name == "metrics.json":
         kept = ((f"{key}.{part}", getattr(of, part)) for key, of in run.metrics.items() for part in ("value", "n")
                 if key not in TIMINGS)  # fmt: skip

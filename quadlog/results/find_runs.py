@@ -127,7 +127,7 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
     """
     failed: dict[Path, str] = {}
     for path in folders:
-        folder = path.parent if path.name == "summary.parquet" and path.is_file() else path
+        folder = path.parent if path.name == _SUMMARY and path.is_file() else path
         if is_run(folder) or not has_table(folder, "summary"):
             continue
         try:

@@ -292,7 +292,7 @@ def _describe_remote(path: RemotePath, files: list[RemotePath]) -> InputRecord:
         found = [each.info() for each in files]
     except FileNotFoundError:
         raise RecordingNotFound(str(path), "no such file on the server") from None
-    size, marks = sum(each.size_bytes or 0 for each in found), [each.etag or each.last_modified for each in found]
+    size, marks = sum(each.st_size for each in found), [each.etag or each.last_modified for each in found]
     if None in marks or any(each.size_bytes is None for each in found):  # files of one date may differ in size
         return InputRecord(path=str(path), size_bytes=size)
     if len(found) == 1 and not path.is_dir():

@@ -44,7 +44,7 @@ def copy_object(remote: RemotePath, target: Path) -> None:
     """
     # Half of what is free: the rest of the machine lives there too.
     room = shutil.disk_usage(target.parent).free // 2
-    info, what = info_of(remote.url), f"{remote}: bytes to copy to {target.parent}"
+    info, what = remote.info(), f"{remote}: bytes to copy to {target.parent}"
     if info.st_size > room:
         raise TooLarge(what, info.st_size, room)
     with target.open("xb") as file:
@@ -201,7 +201,7 @@ class RemotePath:
     def read_bytes(self) -> bytes:
         """All of a small file. Raises TooLarge."""
         data = bytearray()
-        for block in RemoteBytes(self.url, info_of(self.url)).stream():
+        for block in RemoteBytes(self.url, self.info()).stream():
             data += block
             if len(data) > MAX_WHOLE_BYTES:
                 raise TooLarge(f"{self}: bytes to read at once", len(data), MAX_WHOLE_BYTES)

@@ -21,17 +21,16 @@ from rosbags.interfaces import Nodetype
 from quadlog.errors import DecodeError, some_of
 from quadlog.messages import NS_PER_S, Int
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, PayloadReader
-from quadlog.recordings.decoders.type_definitions import BadDefinition, Types
+from quadlog.recordings.decoders.payload import Payload, PayloadReader, frame_name
+from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types
 
 TEXTS = ("frame", "child", "names")
 """Columns of texts; all others are of numbers."""
 DTYPES = dict.fromkeys(("bool", "byte", "char", "octet"), "u1") | {"float32": "f4", "float64": "f8"}
 DTYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)}
-ARRAYS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
 KEPT_LAYOUTS, LARGEST_BYTES = 16, 1 << 20
-MOST_SENT = 1 << 16
-"""Fields of a payload, each number in an array apart."""
+MOST_FIELDS = 1 << 16
+"""Fields of a payload; an array of numbers counts as one."""
 
 
 class Columns:
@@ -77,7 +76,7 @@ class Columns:
     def frames(self, index: int = 0) -> tuple[str, str]:
         """Names of frame and child frame, without the leading slash of old ROS 1."""
         frame, child = (self.get(name, ())[index : index + 1] for name in ("frame", "child"))
-        return "".join(frame).removeprefix("/"), "".join(child).removeprefix("/")
+        return frame_name("".join(frame)), frame_name("".join(child))
 
     def beside(self, column: str, deeper: str) -> np.ndarray:
         """A column (N, T), repeated for all numbers of one in the same arrays or in arrays within them.
@@ -163,12 +162,14 @@ NOTHING = np.zeros(1)
 class Walk(PayloadReader):
     """A walk along one payload that notes where wanted fields are; raises DecodeError for one that does not fit.
 
-    left: how many fields it may have, each number in an array apart. fixed: begin and end of what is the same in all
+    left: how many fields it may have, an array of numbers as one. fixed: begin and end of what is the same in all
     payloads of a layout. By path, each time it was met: begin and size of wanted texts; found: offset, dtype and count
     of wanted numbers; lengths of arrays.
     """
 
-    def __init__(self, payload: Payload, channel: Channel, leaves: Collection[str] = (), left: int = MOST_SENT) -> None:
+    def __init__(
+        self, payload: Payload, channel: Channel, leaves: Collection[str] = (), left: int = MOST_FIELDS
+    ) -> None:
         super().__init__(bytes(payload), channel.message_encoding, channel.topic)
         self.fixed: list[tuple[int, int]] = [] if self.ros1 else [(0, 2)]
         self.texts: dict[str, list[tuple[int, int]]] = {}
@@ -313,7 +314,7 @@ class Layout:
     def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
         """A column of numbers of payloads (N, size) that fit."""
         path, dtype, strides = self.strides[column]
-        each = [grid.read(payloads, dtype) for grid in strides]
+        each = [one.read(payloads, dtype) for one in strides]
         values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
         values = values if path.arrays else values[:, 0]
         return values if path.first or len(path.leaves) > 1 else values[..., 0]

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadlog.errors import DecodeError, UnknownJoints, set_flag
 from quadlog.messages import Float, Int
+from quadlog.recordings.formatting import listed
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 JOINT_NAMES = ("hip", "thigh", "calf")
@@ -96,7 +97,7 @@ class JointOrder:
     def of_motors(self, motors: int, feet: int, topic: str) -> Order:
         """The order of a message of Unitree's with so many motors and feet. Raises DecodeError."""
         if (motors, feet) not in self._motors:
-            # Names are those of another topic.
+            # Configured names are for a topic that names its joints; places count here.
             numbered = self._joints and all(each.removeprefix("-").isdecimal() for each in self._joints)
             order = Order(np.array(UNITREE_MOTORS), np.ones(12))
             if numbered:
@@ -115,7 +116,9 @@ class JointOrder:
             name = each.removeprefix("-")
             place = places.get(name, int(name) if name.isdecimal() and int(name) < len(names) else None)
             if place is None:
-                raise DecodeError(topic, f"has no joint {name!r} of robot.joints; its joints: {_listed(names)}")
+                raise DecodeError(
+                    topic, f"has no joint {name!r} of robot.joints; its joints: {listed([n[:40] for n in names], 16)}"
+                )
             if names.count(names[place]) > 1:
                 raise DecodeError(topic, f"names {names[place][:40]!r} twice")
             if place in index:
@@ -138,7 +141,7 @@ def _by_name(names: tuple[str, ...], topic: str) -> Order:
             continue
         joint = 3 * kind[0] + (hip or 0 if kind[1] == _HIP else kind[1])
         if joint in found:
-            raise DecodeError(topic, f"names {JOINTS[joint]} twice: {_listed((names[found[joint]], names[i]))}")
+            raise DecodeError(topic, f"names {JOINTS[joint]} twice: {names[found[joint]][:40]}, {names[i][:40]}")
         found[joint] = i
     if not found:
         raise _no_legs(names, topic)
@@ -147,7 +150,7 @@ def _by_name(names: tuple[str, ...], topic: str) -> Order:
         raise DecodeError(
             topic,
             f"{len(found)} of a quadruped's 12 joints are known by name; unknown: {', '.join(missing)}; its joints: "
-            f"{_listed(names)}; {ASK_FOR_ORDER}",
+            f"{listed([name[:40] for name in names], 16)}; {ASK_FOR_ORDER}",
         )
     return Order(np.array([found[joint] for joint in range(12)]), np.ones(12))
 
@@ -193,8 +196,3 @@ def _feet_of(names: tuple[str, ...]) -> Int | None:
     """Some drivers add four entries `FL_foot` whose effort is the foot's force."""
     feet = {_leg_of(_words(name)): i for i, name in enumerate(names) if _words(name)[1:] == ["foot"]}
     return np.array([feet[leg] for leg in range(4)]) if {0, 1, 2, 3} <= feet.keys() else None
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 16} more" if len(names) > 16 else ""
-    return ", ".join(name[:40] for name in names[:16]) + more

@@ -13,13 +13,12 @@ from functools import lru_cache, partial
 from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Pose
-from quadlog.recordings.decoders.fields import ARRAYS
 from quadlog.recordings.decoders.poses import pose, pose_at
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types, needed_types, parse_definition
 
-HEADER = "std_msgs/msg/Header"
+HEADER_TYPE = "std_msgs/msg/Header"
 POINT, QUATERNION = "geometry_msgs/msg/Point", "geometry_msgs/msg/Quaternion"
 WHOLE_POSES = {
     "geometry_msgs/msg/Pose": ("position", "orientation"),
@@ -73,13 +72,15 @@ def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schem
 def _find(types: Types, type_name: str) -> PoseField | str:
     """types: as needed_types gives them."""
     found = list(_poses(types, type_name))
-    below = [(name, inner) for name, inner in _structures(types, type_name) if inner != HEADER]
+    below = [(name, inner) for name, inner in _structures(types, type_name) if inner != HEADER_TYPE]
     if not found:
         found = [each for name, inner in below for each in _poses(types, inner, f"{name}.")]
-    headers = [name for name, inner in _structures(types, type_name) if inner == HEADER]
+    headers = [name for name, inner in _structures(types, type_name) if inner == HEADER_TYPE]
     if not headers and len(found) == 1:
         parent = found[0][2].partition(".")[0]
-        headers = [f"{parent}.{name}" for name, inner in _structures(types, dict(below)[parent]) if inner == HEADER]
+        headers = [
+            f"{parent}.{name}" for name, inner in _structures(types, dict(below)[parent]) if inner == HEADER_TYPE
+        ]
     if not headers:
         return ""
     if len(found) == 1:

@@ -32,7 +32,7 @@ HEADER_FIELD = "std_msgs/Header header\n"
 class Definitions:
     """Where definitions are looked up. msg_path: folders of .msg files."""
 
-    def __init__(self, msg_path: Sequence[Path] = ()) -> None:
+    def __init__(self, msg_path: Sequence[Path | str] = ()) -> None:
         self.folders = [Path(folder) for folder in msg_path]
 
     def deserialiser(self, channel: Channel) -> Callable[[Payload], SimpleNamespace]:

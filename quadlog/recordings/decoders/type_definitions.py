@@ -33,6 +33,8 @@ IDL_ASIDE = re.compile(f"(?P<literal>{IDL_LITERAL})|{IDL_COMMENT}|{IDL_ANNOTATIO
 Types = dict[str, tuple[list, list]]
 Lookup = Callable[[str], Types]
 
+ARRAYS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
+
 
 class BadDefinition(ValueError):
     """A definition that cannot be used; says why."""
@@ -80,7 +82,7 @@ def needed_types(types: Types, type_name: str, elsewhere: Lookup) -> Types:
         for field, (kind, detail) in found[1]:
             if kind == Nodetype.ARRAY and detail[1] <= 0:
                 raise BadDefinition(f"{name}.{field} is an array of {str(detail[1])[:20]}")
-            kind, detail = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
+            kind, detail = detail[0] if kind in ARRAYS else (kind, detail)
             if kind == Nodetype.NAME:
                 visit(detail, depth + 1)
             flat[name] += 1 + (flat[detail] if kind == Nodetype.NAME else 0)

@@ -9,6 +9,7 @@ from functools import cached_property
 from quadlog.config.schema import Topics
 from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Pose
+from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
 from quadlog.recordings.topics.judges import JUDGES, KINDS, fits, why_no_joints
@@ -144,7 +145,7 @@ def _compare_clocks(recording: Recording, roles: Roles, topics: Topics) -> None:
     lone = topics.position in LONE_SOURCES or not {"uwb", "tf", "odometry"} & roles.found.keys()
     names = {"reference"} if lone else {"reference", *LONE_SOURCES}
     reported = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
-    compared = {*roles.played, *(f"{edge.parent} -> {edge.child} of {edge.topic}" for edge in moving[:1])} - reported
+    compared = {*roles.played, *(stream_name(edge.topic, edge.parent, edge.child) for edge in moving[:1])} - reported
     recording.compare_clocks(roles.played, tf, compared, reported)
 
 

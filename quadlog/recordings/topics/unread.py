@@ -11,10 +11,10 @@ from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.pose_fields import HEADER
+from quadlog.recordings.decoders.pose_fields import HEADER_TYPE
 from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoders.type_definitions import BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types, needed_types, parse_definition
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.topics.topic_names import name_words
 from quadlog.recordings.types import REFUSED, last_part
@@ -175,10 +175,10 @@ def _numbers(channel: Channel) -> Iterator[tuple[str, str]]:
 
     def inside(name: str, path: str) -> Iterator[tuple[str, str]]:
         for field, (kind, detail) in types[name][1]:
-            many = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            many = kind in ARRAYS
             kind, detail = detail[0] if many else (kind, detail)
             here = f"{path}{field}{'[]' if many else ''}"
-            if kind == Nodetype.NAME and detail != HEADER:
+            if kind == Nodetype.NAME and detail != HEADER_TYPE:
                 yield from inside(detail, f"{here}.")
             elif kind == Nodetype.BASE and detail[0] not in ("string", "wstring", "bool"):
                 yield here, detail[0]

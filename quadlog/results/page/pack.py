@@ -2,7 +2,8 @@
 
 A column is stored as whole numbers of a unit, each as its difference from the one before: 0 for no value, else the
 zigzag code of the difference plus 1, in four planes of bytes, lowest first, so that small steps make long runs of
-zeros. Cells follow the columns. templates/unpack.js reads it. Curves keep every sample; only what follows is thinned.
+zeros. Cells follow the columns. templates/unpack.js reads it. What is more than the
+limits below is thinned, with a note.
 """
 
 from __future__ import annotations

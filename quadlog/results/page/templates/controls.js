@@ -126,7 +126,7 @@ const swatchOf = (glyph, color) => {
 const legendOf = (layers, draw) => {
   const entries = layers.map((layer) => {
     const { kind, shape, variant, color, label } = layer;
-    const swatch = swatchOf(GLYPHS[kind] ?? GLYPHS[shape] ?? (variant ? "╍" : "━"), color);
+    const swatch = swatchOf(GLYPHS[kind] ?? GLYPHS[shape] ?? "━╍┅┉"[(variant ?? 0) % 4], color);
     return element("button", { type: "button", onclick: () => ((layer.hidden = !layer.hidden), legend.mark(), draw()) }, swatch, label);
   });
   const legend = element("div", { class: "layers", role: "group", "aria-label": "layers" }, ...entries);
@@ -213,7 +213,7 @@ const addTransport = (place, scene, clock, groups, openMoment, step) => {
   const share = (instant) => `${(100 * (Math.min(Math.max(instant, from), until) - from)) / (until - from)}%`;
   const row = (label, marks) => {
     const jump = (event) => event.target.matches(".strip") && seek(from + ((until - from) * event.offsetX) / event.target.clientWidth);
-    return [element("span", { class: "role" }, label), element("div", { class: "strip", onclick: jump }, ...marks)];
+    return [element("span", {}, label), element("div", { class: "strip", onclick: jump }, ...marks)];
   };
   const mark = (attributes, style) => {
     const made = element("i", attributes);
