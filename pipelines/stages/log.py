@@ -170,7 +170,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     found = [mounts.find_mount(recording, roles, config, topic, topics["odometry"]) for topic in log.lidars]
     mount = found[0] if found else mounts.find_mount(recording, roles, config, None, None)
     streams = mounts.poses_in_base(streams, frames.base or "", mount, topics)
-    streams.warnings.extend(_keep_one_sender(log, streams))
+    streams.warnings.extend(_sender_warnings(log, streams))
     imu = streams.imu
     if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
         streams.warnings.append(wrong)
@@ -259,7 +259,7 @@ def tell_recording(data: LogData, journal: Journal) -> None:
         journal.warn(f"{topic}: its joints are not used: it {why}")
 
 
-def _keep_one_sender(log: Log, streams: Streams) -> list[str]:
+def _sender_warnings(log: Log, streams: Streams) -> list[str]:
     """Leaves the poses of one of two nodes that send a transform above base in turns; returns the warnings."""
     others = [*position_topics(log.recording), *(["lidar"] if log.lidars else [])]
     flags = "  or  ".join(set_flag("topics.position", [each]) for each in others[:MAX_LISTED]) or "none"

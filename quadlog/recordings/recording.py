@@ -23,10 +23,18 @@ from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoding import CloudReader, RowReader, found_pose, kinds_of, plugin_notes, reader_of
+from quadlog.recordings.decoding import (
+    CloudReader,
+    RowReader,
+    found_pose,
+    kinds_of,
+    plugged_decoder,
+    plugin_notes,
+    reader_of,
+)
 from quadlog.recordings.plugged import messages_of
 from quadlog.recordings.reading import Pass, picked, stamps_of
-from quadlog.recordings.types import is_static, own_types
+from quadlog.recordings.types import is_static, own_types, type_of
 from quadlog.storage.remote_path import to_path
 
 UNPACKED_AT_ONCE = 64
@@ -420,8 +428,8 @@ class Recording(ClosedOnExit):
         """Bring rows of ranges into metres, and name their ends where only the topic does."""
         topic = channel.topic
         if topic in self.range_units:
-            own = "mm" if channel.type_name == "gtec_msgs/msg/Ranging" else "m"
-            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[own]
+            kind = None if plugged_decoder(channel.type_name) else type_of(channel.type_name)
+            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[kind.unit if kind else "m"]
         nameless = rows["tag"] == NO_ID
         if nameless.any():
             named = rows["anchor"] != NO_ID

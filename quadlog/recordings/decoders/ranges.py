@@ -94,7 +94,8 @@ UWB_DRIVER |= {"place": "responder_location:xyz ?"}
 def type_of_ranges(unmeasured: Any = lambda _: {}, **fields: Any) -> Type:
     """fields: columns by their paths, and what `ranges` takes."""
     wanted = {name: fields.pop(name) for name in list(fields) if name not in ("unit", "zero_is_none", "ids")}
-    return Type((UwbRanges,), HEADER | wanted, partial(ranges, unmeasured=unmeasured, **fields))
+    unit = fields.get("unit", "m")
+    return Type((UwbRanges,), HEADER | wanted, partial(ranges, unmeasured=unmeasured, **fields), unit)
 
 
 TWO_WAY = ("poll_tx", "poll_rx", "response_tx", "response_rx", "final_tx", "final_rx")

@@ -31,12 +31,13 @@ class Part(NamedTuple):
 class Type(NamedTuple):
     """kinds: what a message becomes, the main one first; wanted: column -> path; rows: from columns to parts.
 
-    rows raises DecodeError, or what a definition of another shape makes numpy raise.
+    rows raises DecodeError, or what a definition of another shape makes numpy raise. unit: of its ranges.
     """
 
     kinds: tuple[type[Message], ...]
     wanted: Mapping[str, str]
     rows: Callable[[Columns, JointOrder], Iterator[Part]]
+    unit: str = "m"
 
 
 HEADER = {"sec": "header.stamp.sec ?", "nanosec": "header.stamp.nanosec ?", "frame": "header.frame_id ?"}

@@ -62,6 +62,17 @@ def test_a_json_type_of_ones_own_becomes_ranges_with_a_role_and_failures_are_a_l
     assert [(link.tag, link.anchor, link.messages) for link in links] == [(3, 5, 2), (3, 7, 2)]
 
 
+@pytest.mark.parametrize("unit", ["m", "cm", "mm"])
+def test_a_unit_that_is_configured_is_that_of_the_plugins_numbers(install, log, unit):
+    """Also of a type whose messages quadlog itself takes for mm."""
+    plug_in(install, "gtec_msgs/msg/Ranging", *RANGES)
+    add_json(log, "/beacons", "gtec_msgs/msg/Ranging", t=T0, m=[1.5, 2.5])
+    recording = Recording(log.container)
+    recording.range_units = {"/beacons": unit}
+    (timed,) = recording.messages("/beacons")
+    assert timed.message.range_m == pytest.approx(np.array([1.5, 2.5]) * {"m": 1, "cm": 0.01, "mm": 0.001}[unit])
+
+
 def test_a_ros_type_comes_with_its_fields(install, log):
     """A standard type that quadlog has no use for, with the definition the recording embeds."""
     plug_in(install, "geometry_msgs/msg/PointStamped", *POSE)
