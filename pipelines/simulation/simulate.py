@@ -14,9 +14,9 @@ import numpy as np
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import UsageError
-from quadlog.messages import Float
+from quadlog.messages import GRAVITY_MPS2, Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
-from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_samples
+from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
