@@ -295,7 +295,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     walk = simulated.walk
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
-    columns = {name: control[name] for name in (*errors, *(["fallen"] if simulated.model is not None else []))}
+    columns = {name: control[name] for name in (*errors, *(["fallen"] if walk.effort is not None else []))}
     metrics = metrics_of(tracking_samples(columns))
     if walk.completed_ns is not None:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9

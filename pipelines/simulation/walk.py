@@ -80,10 +80,9 @@ _DISTURBS = 1
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """model: None without a body. counts: see Walker.counts. seconds: spent walking."""
+    """counts: see Walker.counts. seconds: spent walking."""
 
     walk: CourseWalk
-    model: QuadrupedModel | None
     counts: dict[str, int]
     seconds: float
 
@@ -107,16 +106,14 @@ def walk_once(
     disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
     pursuit = config.pursuit
     robot: WalkingRobot | UnicycleRobot
-    model = None
     if not config.simulation.has_body:
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
-        model = robot_model(config, ground)
-        robot = WalkingRobot(model, walker_settings(config), course.start_pose, rng, disturbances)
+        robot = WalkingRobot(robot_model(config, ground), walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
     walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
     seconds = time.perf_counter() - started
-    return SimulatedWalk(walk, model, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
+    return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
 
 
 CURVES = ("baseline", "3d-curve")
@@ -137,11 +134,10 @@ class PlannedTrot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrottedCurve:
-    """A walk, what was planned, the model that walked, and the seconds that simulating took."""
+    """A walk, what was planned, and the seconds that simulating took."""
 
     walk: trotting.TrotWalk
     planned: PlannedTrot
-    model: QuadrupedModel
     seconds: float
 
 
@@ -151,7 +147,7 @@ def trot_once(simulation: Simulation, curve: str, seed: int) -> TrottedCurve:
     model = trotting.trot_model(planned.robot)
     started = time.perf_counter()
     walk = trotting.walk_trot(model, planned.targets_rad, planned.posture_rad)
-    return TrottedCurve(walk, planned, model, time.perf_counter() - started)
+    return TrottedCurve(walk, planned, time.perf_counter() - started)
 
 
 def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
