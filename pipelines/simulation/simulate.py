@@ -25,7 +25,7 @@ from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memor
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
-from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
@@ -206,8 +206,7 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str,
         write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
         results = Run(folder, record)
         if planned.course is not None:
-            write_derived(results)
-            write_layout(results)
+            write_foxglove(results)
         drawings = drawings_of(results)
         if planned.request.plots:
             write_plots(folder, drawings)
