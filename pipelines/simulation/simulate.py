@@ -14,7 +14,7 @@ import numpy as np
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import UsageError
-from quadlog.messages import GRAVITY_MPS2, Float
+from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
@@ -283,7 +283,7 @@ def walked_results(
         record={
             "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
             "counts": {"ticks": len(control["t_ns"])} | simulated.counts,
-            "warnings": _warnings(simulated, request.config.mpc.f_max_n),
+            "warnings": walking.walk_warnings(simulated.counts, simulated.walk.mass_kg, request.config.mpc.f_max_n),
             "notes": [],
         },
     )
@@ -321,14 +321,3 @@ def _input(name: str, values: Float) -> InputRecord:
     """What a course or trot of quadlog's own is made of."""
     content = np.ascontiguousarray(values, np.float64).tobytes()
     return InputRecord(path=name, size_bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-
-
-def _warnings(simulated: walking.SimulatedWalk, most_n: float | None) -> list[str]:
-    warnings = []
-    if simulated.failed_solves:
-        warnings.append(f"{simulated.failed_solves} QPs failed; simpler forces were used: see counts")
-    weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
-    # Two feet carry in a trot, and have to push harder than the weight to go up.
-    if most_n is not None and weight_n > 1.5 * most_n:
-        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
-    return warnings

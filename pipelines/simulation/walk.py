@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from quadlog.control.locomotion.mpc import MpcSettings
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
-from quadlog.messages import NS_PER_S, Float
+from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float
 from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import drift_metrics
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
@@ -92,11 +93,6 @@ class SimulatedWalk:
         t_ns = self.walk.control["t_ns"]
         return float(t_ns[-1] - t_ns[0]) / NS_PER_S
 
-    @property
-    def failed_solves(self) -> int:
-        """How often simpler forces had to do."""
-        return sum(count for name, count in self.counts.items() if name.endswith("_failed"))
-
 
 def walk_once(
     course: Course, config: Config, ground: HeightField, seed: int, most_s: float | None = None
@@ -114,6 +110,18 @@ def walk_once(
     walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
     seconds = time.perf_counter() - started
     return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
+
+
+def walk_warnings(counts: Mapping[str, int], mass_kg: float, most_n: float | None) -> list[str]:
+    """What to look at: counts as Walker has them; mass_kg NaN without a body; most_n as MpcSettings has f_max_n."""
+    warnings = []
+    if failed := sum(count for name, count in counts.items() if name.endswith("_failed")):
+        warnings.append(f"{failed} QPs failed; simpler forces were used: see counts")
+    weight_n = mass_kg * GRAVITY_MPS2
+    # Two feet carry in a trot, and have to push harder than the weight to go up.
+    if most_n is not None and weight_n > 1.5 * most_n:
+        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
+    return warnings
 
 
 CURVES = ("baseline", "3d-curve")
