@@ -21,6 +21,7 @@ Float32 = NDArray[np.float32]
 Int = NDArray[np.int64]
 
 NS_PER_S = 1_000_000_000
+GRAVITY_MPS2 = 9.81
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Metres in each unit that ranges come in."""
 

@@ -16,7 +16,7 @@ from quadlog.config.schema import Config
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
-from quadlog.metrics.walking import GRAVITY_MPS2, effort_metrics, tracking_samples
+from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
 from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
@@ -25,7 +25,7 @@ from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memor
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
-from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
@@ -206,8 +206,7 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str,
         write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
         results = Run(folder, record)
         if planned.course is not None:
-            write_derived(results)
-            write_layout(results)
+            write_foxglove(results)
         drawings = drawings_of(results)
         if planned.request.plots:
             write_plots(folder, drawings)
@@ -284,7 +283,7 @@ def walked_results(
         record={
             "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
             "counts": {"ticks": len(control["t_ns"])} | simulated.counts,
-            "warnings": _warnings(simulated, request.config.mpc.f_max_n),
+            "warnings": walking.walk_warnings(simulated.counts, simulated.walk.mass_kg, request.config.mpc.f_max_n),
             "notes": [],
         },
     )
@@ -295,7 +294,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     walk = simulated.walk
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
-    columns = {name: control[name] for name in (*errors, *(["fallen"] if simulated.model is not None else []))}
+    columns = {name: control[name] for name in (*errors, *(["fallen"] if walk.effort is not None else []))}
     metrics = metrics_of(tracking_samples(columns))
     if walk.completed_ns is not None:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9
@@ -322,14 +321,3 @@ def _input(name: str, values: Float) -> InputRecord:
     """What a course or trot of quadlog's own is made of."""
     content = np.ascontiguousarray(values, np.float64).tobytes()
     return InputRecord(path=name, size_bytes=len(content), sha256=hashlib.sha256(content).hexdigest())
-
-
-def _warnings(simulated: walking.SimulatedWalk, most_n: float | None) -> list[str]:
-    warnings = []
-    if simulated.failed_solves:
-        warnings.append(f"{simulated.failed_solves} QPs failed; simpler forces were used: see counts")
-    weight_n = simulated.walk.mass_kg * GRAVITY_MPS2
-    # Two feet carry in a trot, and have to push harder than the weight to go up.
-    if most_n is not None and weight_n > 1.5 * most_n:
-        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
-    return warnings

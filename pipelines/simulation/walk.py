@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from quadlog.control.locomotion.mpc import MpcSettings
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
-from quadlog.messages import NS_PER_S, Float
+from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float
 from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import drift_metrics
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
@@ -80,10 +81,9 @@ _DISTURBS = 1
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """model: None without a body. counts: see Walker.counts. seconds: spent walking."""
+    """counts: see Walker.counts. seconds: spent walking."""
 
     walk: CourseWalk
-    model: QuadrupedModel | None
     counts: dict[str, int]
     seconds: float
 
@@ -92,11 +92,6 @@ class SimulatedWalk:
         """Simulated seconds."""
         t_ns = self.walk.control["t_ns"]
         return float(t_ns[-1] - t_ns[0]) / NS_PER_S
-
-    @property
-    def failed_solves(self) -> int:
-        """How often simpler forces had to do."""
-        return sum(count for name, count in self.counts.items() if name.endswith("_failed"))
 
 
 def walk_once(
@@ -107,16 +102,26 @@ def walk_once(
     disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
     pursuit = config.pursuit
     robot: WalkingRobot | UnicycleRobot
-    model = None
     if not config.simulation.has_body:
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
-        model = robot_model(config, ground)
-        robot = WalkingRobot(model, walker_settings(config), course.start_pose, rng, disturbances)
+        robot = WalkingRobot(robot_model(config, ground), walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
     walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
     seconds = time.perf_counter() - started
-    return SimulatedWalk(walk, model, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
+    return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
+
+
+def walk_warnings(counts: Mapping[str, int], mass_kg: float, most_n: float | None) -> list[str]:
+    """What to look at: counts as Walker has them; mass_kg NaN without a body; most_n as MpcSettings has f_max_n."""
+    warnings = []
+    if failed := sum(count for name, count in counts.items() if name.endswith("_failed")):
+        warnings.append(f"{failed} QPs failed; simpler forces were used: see counts")
+    weight_n = mass_kg * GRAVITY_MPS2
+    # Two feet carry in a trot, and have to push harder than the weight to go up.
+    if most_n is not None and weight_n > 1.5 * most_n:
+        warnings.append(f"the robot weighs {weight_n:.0f} N; two feet of mpc.f_max_n = {most_n:g} N may not carry it")
+    return warnings
 
 
 CURVES = ("baseline", "3d-curve")
@@ -137,11 +142,10 @@ class PlannedTrot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrottedCurve:
-    """A walk, what was planned, the model that walked, and the seconds that simulating took."""
+    """A walk, what was planned, and the seconds that simulating took."""
 
     walk: trotting.TrotWalk
     planned: PlannedTrot
-    model: QuadrupedModel
     seconds: float
 
 
@@ -151,7 +155,7 @@ def trot_once(simulation: Simulation, curve: str, seed: int) -> TrottedCurve:
     model = trotting.trot_model(planned.robot)
     started = time.perf_counter()
     walk = trotting.walk_trot(model, planned.targets_rad, planned.posture_rad)
-    return TrottedCurve(walk, planned, model, time.perf_counter() - started)
+    return TrottedCurve(walk, planned, time.perf_counter() - started)
 
 
 def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:

@@ -78,6 +78,7 @@ def resimulate(
     if not isinstance(robot, WalkingRobot):
         return None
     journal.counts |= robot.counts
+    journal.warn(*walks.walk_warnings(robot.counts, robot.mass_kg, config.mpc.f_max_n))
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
 

@@ -24,7 +24,7 @@ from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
 from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
-from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import PluginRecord, RunRecord, StageRecord, TopicRecord, location_of
 from quadlog.results.run import Run, create_run, finish_run, write_result
@@ -77,8 +77,7 @@ def finish(folder: Path, done: Finished) -> dict[str, dict[str, Any]]:
         journal.progress.advance()
         results = Run(folder, _record(done))
         if request.draws and done.tracks is not None:
-            write_derived(results)
-            write_layout(results)
+            write_foxglove(results)
         journal.progress.advance()
         drawings = drawings_of(results) if request.draws else {}
         if request.plots:

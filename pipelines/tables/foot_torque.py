@@ -6,8 +6,8 @@ import numpy as np
 
 from quadlog.control.locomotion import leg_dynamics as legs
 from quadlog.control.locomotion.foot_trajectory import FootCycle
-from quadlog.control.locomotion.robot import GRAVITY_MPS2, ROBOTS
-from quadlog.messages import Float
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.messages import GRAVITY_MPS2, Float
 from quadlog.pipelines.tables.claims import Claim, Figures, Group, Study, StudyTable
 from quadlog.pipelines.tables.judge import EXACT, always, beyond, number, rests
 

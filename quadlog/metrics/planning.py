@@ -96,7 +96,8 @@ def compare_planners(
     paired = {name: {column: each[solved] for column, each in own.items()} for name, own in of.items()}
     comparison = Comparison(str(table["source"][0]), [], baseline, counted, paired, {})
     ratios = {name: ratio for name in names if (ratio := comparison.ratio(counted, baseline, name)) is not None}
-    rows = [_row(name, of[name], paired[name], ratios.get(name), name in incremental) for name in names]
+    compared = {"baseline": baseline, "counted": counted}
+    rows = [_row(name, of[name], paired[name], ratios.get(name), name in incremental) | compared for name in names]
     return Comparison(comparison.source, rows, baseline, counted, paired, ratios)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import NS_PER_S, Float, Int
+from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, Int
 from quadlog.metrics.positioning import positions_at
 from quadlog.metrics.summary import Metric, Metrics, Samples, Statistic, finite_samples
 from quadlog.planning.protocol import Bool
@@ -39,7 +39,6 @@ def drift_metrics(position_m: Float, rpy_rad: Float, fallen: Bool, rest: int, pe
     } | {f"{axis}_range_deg": Metric(of, len(angles_deg), "deg") for axis, of in ranges_deg.items()}
 
 
-GRAVITY_MPS2 = 9.81
 LEGS = ("FL", "FR", "RL", "RR")
 JOINTS = tuple(f"{leg} {joint}" for leg in LEGS for joint in ("hip", "thigh", "calf"))
 

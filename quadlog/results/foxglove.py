@@ -35,11 +35,19 @@ if TYPE_CHECKING:
 
 Table = Any  # columns by name: a DataFrame, or arrays
 Stream = Iterator[tuple[int, Any]]  # (t_ns, message), in time order
+Numbers = dict[str, Any]  # DataFrames by topic
 Logs = Iterator[tuple[int, Any, Callable[..., None]]]  # the same, each with what writes it
 
 STEP_NS = 100_000_000
 """Of frames, which Foxglove interpolates, and of lines of errors, one in each such step."""
 _LINE_M, _ANCHOR_M, _LABEL_PX = 0.05, 0.3, 14.0
+
+
+def write_foxglove(run: Run) -> None:
+    """`derived.mcap` and its `foxglove-layout.json`, both in the run's folder. Raises as write_derived does."""
+    numbers = dict(_numbers(run))
+    _write_mcap(run, run.path / "derived.mcap", numbers)
+    _write_layout(run, numbers)
 
 
 def write_derived(run: Run, path: Path | None = None) -> Path:
@@ -49,14 +57,20 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
     path the course. The same results give the same bytes.
     Raises NotARun for damaged files and for times that Foxglove cannot show, TooLarge, CannotWrite.
     """
-    path, context = path or run.path / "derived.mcap", Context()
+    path = path or run.path / "derived.mcap"
+    _write_mcap(run, path, dict(_numbers(run)))
+    return path
+
+
+def _write_mcap(run: Run, path: Path, numbers: Numbers) -> None:
+    context = Context()
     # Not as many threads as there are cores, which would show in the bytes. The name is known to `is_recording`.
     options = MCAPWriteOptions(profile="quadlog", compression_level=1, compression_threads=0)
     with whole_file(path) as part, _Steady(part, "wb") as file:
         try:
             with open_mcap(file, context=context, writer_options=options):
                 logs = [_log_typed(topic, messages, context) for topic, messages in _topics(run)]
-                logs += [_log_numbers(topic, table, context) for topic, table in _numbers(run)]
+                logs += [_log_numbers(topic, table, context) for topic, table in numbers.items()]
                 # Merged as streams, so that the maps of a long run are not in memory at once.
                 for t_ns, message, log in heapq.merge(*logs, key=itemgetter(0)):
                     log(message, log_time=t_ns)
@@ -67,7 +81,6 @@ def write_derived(run: Run, path: Path | None = None) -> Path:
             raise NotARun(run.path, words) from error
         if file.error is not None:
             raise file.error
-    return path
 
 
 class _Steady(FileIO):
@@ -256,8 +269,8 @@ def _color(color: str) -> fox.Color:
     return fox.Color(r=red, g=green, b=blue, a=1.0)
 
 
-def write_layout(run: Run) -> Path:
-    """`foxglove-layout.json` in the run's folder, a layout as the app exports it. Raises NotARun, CannotWrite.
+def _write_layout(run: Run, numbers: Numbers) -> None:
+    """A layout as the app exports it.
 
     The camera follows `base` from above. Foxglove leaves out topics that are absent, so only the UWB tags depend on the
     run.
@@ -268,10 +281,8 @@ def write_layout(run: Run) -> Path:
         form = {"visible": True, "type": "axis", "axisScale": 0.2, "color": COLORS["fix"]}
         topics[f"/quadlog/uwb/fix/{tag}"] = form
     plots = (config["paths"] for name, config in layout["configById"].items() if name.startswith("Plot!"))
-    numbers = {topic: [name for name in table if name != "t_ns"] for topic, table in _numbers(run)}
+    names = {topic: [name for name in table if name != "t_ns"] for topic, table in numbers.items()}
     for paths in plots:  # a topic stands for all its numbers
-        every = [f"{topic}.{name}" for of in paths for topic in [of["value"]] for name in numbers.get(topic, [])]
+        every = [f"{topic}.{name}" for of in paths for topic in [of["value"]] for name in names.get(topic, [])]
         paths[:] = [{"value": value, "enabled": True, "timestampMethod": "receiveTime"} for value in every]
-    path = run.path / "foxglove-layout.json"
-    write_whole(path, f"{json.dumps(layout, indent=2)}\n".encode())
-    return path
+    write_whole(run.path / "foxglove-layout.json", f"{json.dumps(layout, indent=2)}\n".encode())

@@ -191,7 +191,7 @@ def resimulate(
         t_ns = first_ns + np.rint(np.arange(tick, until) * (NS_PER_S / settings.rate_hz)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
-        rows.append(_follow(walk, instant, next_ns, t_ns, settings))
+        rows.append(_follow(walk, instant, next_ns, t_ns))
     return _gathered(walk, np.concatenate(ticks_ns), np.concatenate(rows), target_xy_at)
 
 
@@ -233,10 +233,10 @@ def _replan(
             walk.driver.lookahead.reset()
 
 
-def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings: PursuitSettings) -> Float:
+def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int) -> Float:
     """Lets the robot follow its plan over the ticks t_ns (N,): rows (N, len(TICK_COLUMNS) + 1)."""
     driver, robot, rows = walk.driver, walk.driver.robot, np.full((len(t_ns), len(TICK_COLUMNS) + 1), np.nan)
-    body, centres_m = _touchable(walk, instant, next_ns, settings)
+    body, centres_m = walk.cells.body, _touchable(walk, instant, next_ns)
     for row, now_ns in zip(rows, t_ns.tolist(), strict=True):
         pose = robot.pose
         if instant.window.contains(instant.window.cell_of(pose[:2])):
@@ -254,9 +254,9 @@ def _follow(walk: _State, instant: MapInstant, next_ns: int, t_ns: Int, settings
     return rows
 
 
-def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: PursuitSettings) -> tuple[Footprint, Float]:
-    """The body, and the centres (N, 2) of the cells that it can touch on a map; those inside of it are listed."""
-    body, pose = Footprint(settings.body_length_m, settings.body_width_m), walk.driver.robot.pose
+def _touchable(walk: _State, instant: MapInstant, next_ns: int) -> Float:
+    """The centres (N, 2) of the cells that the body can touch on a map; those that appear inside of it are listed."""
+    body, pose = walk.cells.body, walk.driver.robot.pose
     solid = instant.occupied if instant.standing is None else instant.occupied | instant.standing
     centres_m, appeared_m = walk.cells.renew(instant.window, solid, pose)
     if len(appeared_m):
@@ -264,7 +264,7 @@ def _touchable(walk: _State, instant: MapInstant, next_ns: int, settings: Pursui
         nearest_m = nearest_cell(pose, body, appeared_m, cell_m)
         clearance_m = body_gaps(pose, body.length_m, body.width_m, nearest_m[None], cell_m)
         walk.contacts.appeared(instant.t_ns, next_ns, nearest_m, float(clearance_m[0]))
-    return body, centres_m
+    return centres_m
 
 
 def _where_and_why(

@@ -26,7 +26,7 @@ def test_json_is_a_list_of_flat_objects_and_all_there_is_on_stdout(quadlog, tmp_
     for row in rows:
         assert list(row) == [name for name in PLANNERS.names if name in row]
         assert {name for name in row if type(row[name]) is int} == {"episodes", "replans", *totals}
-        assert {name for name in row if type(row[name]) is str} == {"source", "planner"}
+        assert {name for name in row if type(row[name]) is str} == {"source", "planner", "baseline", "counted"}
         assert {type(value) for value in row.values()} == {int, float, str}
     assert ["fallback_share" in row for row in rows] == [False, True, True]
     assert "Rules of astar" in done.err

@@ -198,6 +198,16 @@ def test_what_was_seen_stays_in_the_map_until_it_is_seen_through(replayed):
     assert kept["log_odds"] > 0.9 > kept["scan"]
 
 
+def test_a_resimulated_walk_on_simpler_forces_says_so(replayed, monkeypatch):
+    """A solver without an answer, and feet that may not carry the robot."""
+    monkeypatch.setattr("quadlog.control.locomotion.force_qp._OPTIMAL", None)
+    run = replayed("mpc.f_max_n=21.0", until="control", duration_s=0.5).run
+    record = json.loads((run / "run.json").read_text())
+    failed = record["counts"]["mpc_failed"] + record["counts"]["wbc_failed"]
+    assert f"{failed} QPs failed; simpler forces were used: see counts" in record["warnings"]
+    assert any("two feet of mpc.f_max_n = 21 N may not carry it" in text for text in record["warnings"])
+
+
 NO_WALK = "simulation.controller=none"
 TAGS = "uwb.tags=[{id=0, role='robot', x_m=-0.07}, {id=1, role='person', height_m=1.3}]"
 CONFIGURATIONS = {

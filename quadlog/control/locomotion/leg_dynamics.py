@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.kinematics import leg_inverse, leg_jacobian, leg_position
-from quadlog.control.locomotion.robot import GRAVITY_MPS2, Robot
-from quadlog.messages import Float
+from quadlog.control.locomotion.robot import Robot
+from quadlog.messages import GRAVITY_MPS2, Float
 
 KNEE_BEHIND, KNEE_IN_FRONT = 1.0, -1.0
 """Where the knee is, seen from the line between hip and foot: behind as an elbow, or in front."""

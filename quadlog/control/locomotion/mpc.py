@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from quadlog.compiled import kernel
 from quadlog.control.locomotion.force_qp import Pyramid
-from quadlog.messages import Float
+from quadlog.messages import GRAVITY_MPS2, Float
 
-GRAVITY_MPS2 = 9.81
 STATES = 12
 LEVEL: Float = np.eye(3)
 """Level ground, seen along map's axes."""

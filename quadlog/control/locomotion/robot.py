@@ -19,7 +19,6 @@ LEGS = ("left_fore", "right_fore", "left_hind", "right_hind")
 JOINTS = ("abduction", "hip", "knee")
 SIDES: Float = np.array([1.0, -1.0, 1.0, -1.0])
 """+1 for a left leg, -1 for a right one."""
-GRAVITY_MPS2 = 9.81
 
 # How the links' mass is spread, ours, after common robots: the motors of hip and knee sit about the hip.
 _ABDUCTION_BALL_M, _THIGH_RADIUS_M, _SHANK_RADIUS_M = 0.045, 0.045, 0.012

@@ -32,9 +32,9 @@ REPLANS = table_schema(
 PLANNERS = table_schema(
     "source:text planner:text episodes:int replans:int success_rate expanded_total:int generated_total:int "
     "touched_total:int expanded_mean ratio_expanded ratio_low ratio_high suboptimality_mean suboptimality_p95 "
-    "fallback_share us_median us_p95 length_m_total turn_rad_total"
+    "fallback_share us_median us_p95 length_m_total turn_rad_total baseline:text counted:text"
 )
-"""One row per planner and source."""
+"""One row per planner and source; older ones lack the last two columns: what the ratio is to, and of."""
 
 SCENARIOS = table_schema(
     "map:text planner:text start_col:int start_row:int goal_col:int goal_row:int listed_cost cost expanded:int us "
@@ -47,8 +47,8 @@ Row = Mapping[str, Any]
 """The columns of planners.parquet with plain values; None where there is none."""
 _HEADER = ("planner", "found %", "cells", "ratio", "95 %", "excess %", "time us", "p95 us")
 _KEY = (
-    "cells: expanded per replan; ratio: cells of the baseline / cells of this planner, above 1 is better; excess: of "
-    "the path's cost over the optimal one; all columns: --format csv"
+    "cells: expanded per replan; ratio: {} by {} / by this planner, above 1 is better; excess: of the path's cost over "
+    "the optimal one; all columns: --format csv"
 )
 
 
@@ -68,7 +68,8 @@ def format_rows(rows: Sequence[Row], to: str, notes: Sequence[str] = ()) -> str:
         title = f"{row['source']}: {', '.join(counts)}"
         tables.setdefault(title, []).append([*cells, row["us_median"], row["us_p95"]])
     titled = [TitledTable(title, _HEADER, lines) for title, lines in tables.items()]
-    return print_tables(titled, to, [_KEY, *notes], terminal_width())
+    key = _KEY.format(_what(rows[0]["counted"]), rows[0]["baseline"])
+    return print_tables(titled, to, [key, *notes], terminal_width())
 
 
 MOST_DRAWN = 8
@@ -179,13 +180,13 @@ def ratio_panel(comparison: Comparison) -> Panel | None:
             ratios = comparison.ratios[row["planner"]].of_episodes
             spreads[row["planner"]] = Spread(row["ratio_expanded"], _interval(row), ratios, look(number)["color"])
     spreads = dict(sorted(spreads.items(), key=lambda item: -item[1].value))
-    what = f"times fewer {_what(comparison)} than {comparison.baseline}"
+    what = f"times fewer {_what(comparison.counted)} than {comparison.baseline}"
     x, marks = f"{comparison.baseline} / planner", {comparison.baseline: 1.0}
     return forest(what, spreads, x, marks, log=True) if spreads else None
 
 
-def _what(comparison: Comparison) -> str:
-    return "neighbours tested" if comparison.counted == "touched" else f"cells {comparison.counted}"
+def _what(counted: str) -> str:
+    return "neighbours tested" if counted == "touched" else f"cells {counted}"
 
 
 def answer_panels(source: ComparedSource) -> list[Panel]:
@@ -194,7 +195,7 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
     names = list(dict.fromkeys(table["planner"].tolist()))
     style: Any = "line" if source.scenarios is None else "points"
     panels = []
-    for column, what in ((counted, _what(source.comparison)), ("us", "time (µs)")):
+    for column, what in ((counted, _what(counted)), ("us", "time (µs)")):
         values = [table[column][table["planner"] == name].astype(float) for name in names]
         series = [
             Series(name, x=np.arange(1.0, len(of) + 1), y=of, style=style, **look(number))
@@ -211,9 +212,10 @@ def saved_figures(folder: Path) -> dict[str, list[Panel]]:
     columns = {name: column.to_numpy() for name, column in zip(replans.column_names, replans.columns, strict=True)}
     for number, source in enumerate(dict.fromkeys(row["source"] for row in listed), 1):
         own = [row for row in listed if row["source"] == source]
-        baseline = next((row["planner"] for row in own if row["ratio_expanded"] == 1.0), "astar")
+        guess = next((row["planner"] for row in own if row["ratio_expanded"] == 1.0), "astar")
+        baseline, counted = own[0].get("baseline", guess), own[0].get("counted", "expanded")
         ratios = dict.fromkeys((row["planner"] for row in own), Ratio(1.0, np.empty(0), None))
-        comparison = Comparison(source, own, baseline, "expanded", {}, ratios)
+        comparison = Comparison(source, own, baseline, counted, {}, ratios)
         table = {name: values[columns["source"] == source] for name, values in columns.items()}
         drawn = figures_of(ComparedSource(comparison, table))
         figures |= {f"source-{number}-{name}": panels for name, panels in drawn.items()}
@@ -225,7 +227,7 @@ def planner_table(comparison: Comparison, number: int) -> Table:
     columns = [
         Column("planner"), Column(f"times fewer than {comparison.baseline}", True), Column("time (µs)", True),
         Column("solved", True), Column("extra cost", True, help="above the cheapest path, mean"),
-        Column(_what(comparison), True, True), Column("per replan", True, True, help="cells, mean"),
+        Column(_what(comparison.counted), True, True), Column("per replan", True, True, help="cells, mean"),
         Column("p95 (µs)", True, True), Column("length", True, True),
         Column("from scratch", True, True, help="replans that an incremental planner could not build on the last"),
     ]  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from quadlog.control.locomotion.body_reference import fit_plane, slope_angles
 from quadlog.control.locomotion.kinematics import foot_positions, joints_for
 from quadlog.control.locomotion.robot import JOINTS, LEGS, SIDES, Link, Robot
-from quadlog.messages import Float, Int
+from quadlog.messages import GRAVITY_MPS2, Float, Int
 from quadlog.simulation.robot.height_field import FRICTION, HeightField
 
 TIMESTEP_S = 0.002
@@ -166,7 +166,7 @@ def add_world(spec: mujoco.MjSpec, ground: HeightField, friction: float, timeste
     """Put a robot's specification into our world: the ground, and how time passes."""
     spec.option.timestep, spec.option.integrator = timestep_s, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
-    spec.option.gravity = [0.0, 0.0, -9.81]
+    spec.option.gravity = [0.0, 0.0, -GRAVITY_MPS2]
     geom = spec.worldbody.add_geom(name="ground", friction=[friction, *_OTHER_FRICTION], contype=1, conaffinity=0)
     geom.rgba = [0.62, 0.6, 0.55, 1.0]
     spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 10], dir=[0.3, 0.2, -1])

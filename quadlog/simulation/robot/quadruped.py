@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from quadlog.compiled import inner, kernel
-from quadlog.control.locomotion.wbc import WholeBodyState
+from quadlog.control.locomotion.wbc import BASE, SIZE, WholeBodyState
 from quadlog.messages import Float
 from quadlog.simulation.robot.model import QuadrupedModel
 
@@ -74,7 +74,6 @@ def _cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-BASE, DOF = 6, 18
 UNBIASED: Float = np.zeros(3)
 
 
@@ -94,7 +93,7 @@ class Quadruped:
         # The leg of each geom, 4 for those of none.
         self._leg_of_geom = np.full(model.model.ngeom, 4)
         self._leg_of_geom[model.foot_geoms] = range(4)
-        self._state, self._mass, self._force = WholeBodyState(), np.zeros((DOF, DOF)), np.zeros(6)
+        self._state, self._mass, self._force = WholeBodyState(), np.zeros((SIZE, SIZE)), np.zeros(6)
         # A robot of the user's may have its legs in another order.
         order = np.concatenate([np.arange(BASE), model.joint_qvel])
         self._places = order, model.model.dof_jntid[model.joint_qvel].reshape(4, 3), model.foot_sites
@@ -142,9 +141,9 @@ def _read(  # type: ignore[no-untyped-def]
         for j in range(3):
             to.rotation_body_to_map[axis, j] = rotation[axis, j]
     to.rpy[0], to.rpy[1], to.rpy[2] = roll_pitch_yaw(rotation)
-    for i in range(DOF):
+    for i in range(SIZE):
         to.qvel[i], to.bias[i] = qvel[order[i]], bias[order[i]]
-        for j in range(DOF):
+        for j in range(SIZE):
             to.mass_matrix[i, j] = mass[order[i], order[j]]
     for axis in range(3):
         to.velocity_mps[axis] = qvel[axis]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from quadlog.control.locomotion.foot_trajectory import PARABOLA, FootCycle
 from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
-from quadlog.control.locomotion.robot import GRAVITY_MPS2, JOINTS, LEGS, ROBOTS, SIDES, Robot
+from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES, Robot
 from quadlog.geometry import roll_pitch_from_quat, rotation_from_quat, yaw_from_quat
-from quadlog.messages import NS_PER_S, Float, Int
+from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, Int
 from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf

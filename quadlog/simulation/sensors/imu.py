@@ -9,10 +9,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from quadlog.geometry import quat_from_euler, quat_from_yaw, seconds_since
-from quadlog.messages import Float, Imu, Int, Odometry
+from quadlog.messages import GRAVITY_MPS2, Float, Imu, Int, Odometry
 from quadlog.simulation.sensors.trajectory import Motion, Walk, turned_from_level
 
-GRAVITY_MPS2 = 9.81
 _TILT_STEP_S = 0.02
 
 

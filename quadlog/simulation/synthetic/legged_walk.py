@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.control.locomotion.robot import GRAVITY_MPS2, ROBOTS, Robot
+from quadlog.control.locomotion.robot import ROBOTS, Robot
 from quadlog.errors import QuadlogError
 from quadlog.geometry import wrap_angle
-from quadlog.messages import NS_PER_S, Float, JointStates
+from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, JointStates
 from quadlog.simulation.sensors.scene import FLAT, Terrain
 from quadlog.simulation.sensors.trajectory import Motion, Walk, turned_from_level
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadlog.config.file import load_config
-from quadlog.control.locomotion.robot import GRAVITY_MPS2
+from quadlog.messages import GRAVITY_MPS2
 from quadlog.metrics.walking import JOINTS, gait
 from quadlog.pipelines.evaluation.body import resimulated_body
 from quadlog.pipelines.evaluation.metrics import measure_runs

@@ -65,6 +65,8 @@ def test_by_hand() -> None:
             "us_p95": np.percentile([9, 1, 2, 8, 3, 4, 5], 95),
             "length_m_total": 28,
             "turn_rad_total": 5,
+            "baseline": "astar",
+            "counted": "expanded",
         }
     )
     assert sorted(row) == sorted(PLANNERS.names)

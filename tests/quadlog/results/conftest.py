@@ -18,7 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from quadlog.config.schema import Config
 from quadlog.recordings.containers.container import Loss
 from quadlog.results.arrays import MapsWriter, write_arrays
-from quadlog.results.foxglove import write_derived, write_layout
+from quadlog.results.foxglove import write_foxglove
 from quadlog.results.record import InputRecord, RunRecord, StageRecord, TopicRecord
 from quadlog.results.run import create_run, finish_run, write_result
 from quadlog.results.tables import TABLES, write_table
@@ -95,8 +95,7 @@ def write_run(tiny_record: RunRecord) -> Callable[[Path], Path]:
         eta_m, fallen = {"value": np.float64(0.123), "n": 200, "unit": "m"}, {"value": 0, "n": 1, "unit": ""}
         none = {"value": float("nan"), "n": 0, "unit": "m"}
         write_result(run, "metrics", {"eta_m": eta_m, "fallen": fallen, "ate_rmse_m": none})
-        write_derived(run)
-        write_layout(run)
+        write_foxglove(run)
         finish_run(run, tiny_record)
         return path
 

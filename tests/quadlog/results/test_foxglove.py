@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite, NotARun
 from quadlog.results.arrays import load_maps
-from quadlog.results.foxglove import STEP_NS, write_derived, write_layout
+from quadlog.results.foxglove import STEP_NS, write_derived
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
 from quadlog.results.tables import TABLES, read_table, write_table
@@ -158,7 +158,7 @@ def test_the_layout_has_settings_that_foxglove_knows_and_fields_that_the_message
     def placed(node: Any) -> list[str]:
         return [node] if isinstance(node, str) else placed(node["first"]) + placed(node["second"])
 
-    layout = json.loads(write_layout(Run(tiny_run)).read_bytes())
+    layout = json.loads((tiny_run / "foxglove-layout.json").read_bytes())
     assert set(layout) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
     panels = layout["configById"]
     assert sorted(placed(layout["layout"])) == sorted(panels)

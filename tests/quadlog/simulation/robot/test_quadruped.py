@@ -4,9 +4,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.wbc import SIZE
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
-from quadlog.simulation.robot.quadruped import DOF, Quadruped, roll_pitch_yaw
+from quadlog.simulation.robot.quadruped import Quadruped, roll_pitch_yaw
 
 ROBOT = ROBOTS["tracking"]
 
@@ -23,7 +24,7 @@ def tumbling(model: QuadrupedModel, seed: int) -> Quadruped:
     data.qpos[:3] = rng.uniform([-1, -1, 2], [1, 1, 4])
     data.qpos[3:7] = Rotation.from_rotvec(rng.uniform(-2, 2, 3)).as_quat()[[3, 0, 1, 2]]
     data.qpos[7:] += rng.uniform(-0.5, 0.5, 12)
-    data.qvel[:] = rng.uniform(-3, 3, DOF)
+    data.qvel[:] = rng.uniform(-3, 3, SIZE)
     return quadruped
 
 
@@ -43,7 +44,7 @@ def moved(model: QuadrupedModel, qpos: np.ndarray, qvel: np.ndarray, dt_s: float
 def jacobians_at(model: QuadrupedModel, qpos: np.ndarray) -> np.ndarray:
     """(4, 3, 18) by central differences of the feet's positions."""
     h = 1e-5
-    ways = [feet_at(model, moved(model, qpos, e, h)) - feet_at(model, moved(model, qpos, e, -h)) for e in np.eye(DOF)]
+    ways = [feet_at(model, moved(model, qpos, e, h)) - feet_at(model, moved(model, qpos, e, -h)) for e in np.eye(SIZE)]
     return np.stack(ways, axis=-1) / (2 * h)
 
 
@@ -90,11 +91,11 @@ def test_mass_and_bias_are_mujocos_inverse_dynamics(model, seed):
     np.testing.assert_allclose(state.bias, data.qfrc_bias, atol=1e-12)
     assert data.ncon == 0
     # M qddot + bias is what it takes to accelerate so, one column of M after the other.
-    for row, e in enumerate(np.eye(DOF)):
+    for row, e in enumerate(np.eye(SIZE)):
         data.qacc[:] = e
         mujoco.mj_inverse(model.model, data)
         np.testing.assert_allclose(state.mass_matrix[:, row] + state.bias, data.qfrc_inverse, atol=1e-10)
-    full = np.zeros((DOF, DOF))
+    full = np.zeros((SIZE, SIZE))
     mujoco.mj_fullM(model.model, data, full)
     np.testing.assert_allclose(state.mass_matrix, full, atol=1e-12)
 
