@@ -116,7 +116,7 @@ class Quadruped:
 
     def act(self, torques_nm: Float, push_n: Float | None = None) -> None:
         """Hold the joint torques (12,) for one tick, and push the trunk by a force (3,) in map."""
-        self._ctrl[self.model.actuators] = torques_nm
+        self._ctrl[:] = torques_nm
         if push_n is not None or self._is_pushed:
             self._push_n[:], self._is_pushed = 0.0 if push_n is None else push_n, push_n is not None
         mujoco.mj_step2(self.model.model, self.data)

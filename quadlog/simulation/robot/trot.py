@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from quadlog.control.locomotion.foot_trajectory import PARABOLA, FootCycle
 from quadlog.control.locomotion.kinematics import joints_for
-from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES, Robot
 from quadlog.geometry import roll_pitch_from_quat, rotation_from_quat, yaw_from_quat
 from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, Int
 from quadlog.simulation.course_walk import EFFORT, FALLEN, POSE, REFERENCE, TICK_COLUMNS
 from quadlog.simulation.robot.height_field import FRICTION, flat
-from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, mjcf
+from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, quadruped_spec
 from quadlog.simulation.robot.model_files import without_log
 from quadlog.simulation.robot.walking_robot import FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD
 
@@ -95,7 +94,7 @@ class TrotRobot:
 def trot_model(robot: TrotRobot) -> QuadrupedModel:
     """The world of one such robot on level ground. Sensors: the torques of joints (12,), then the feet's loads (4,)."""
     body = replace(robot.plan, trunk_mass_kg=TRUNK_KG, foot_radius_m=robot.foot_radius_m)
-    spec = mujoco.MjSpec.from_string(mjcf(body, robot.friction))
+    spec = quadruped_spec(body, robot.friction)
     add_world(spec, flat(), robot.friction, TIMESTEP_S)
     for leg, side in zip(LEGS, SIDES.tolist(), strict=True):
         _weigh(spec, leg, (1 + side * robot.leg_mass_spread) * LEG_KG / 2, body)
@@ -108,12 +107,15 @@ def trot_model(robot: TrotRobot) -> QuadrupedModel:
 
 
 def gravity_moment_nm(model: QuadrupedModel) -> float:
-    """M: gravity's moment about x on the standing body while left fore and right hind foot carry [Foot, eq. 8]."""
+    """M: gravity's moment about x on the standing body while left fore and right hind foot carry [Foot, eq. 8].
+
+    It is the part along x of the moment about the support diagonal, of D^2 = length^2 + width^2.
+    """
     data, robot = _standing(model), model.robot
     ahead_m = float(data.subtree_com[model.trunk_body][0] - data.xpos[model.trunk_body][0])
     length_m, width_m = (float(np.ptp(robot.standing_feet_m[:, axis])) for axis in (0, 1))
     weight_n = float(model.model.body_subtreemass[0]) * GRAVITY_MPS2
-    return float(diagonal_moment(weight_n, ahead_m, length_m, width_m, LEFT_FORE_RIGHT_HIND)[0])
+    return weight_n * ahead_m * width_m * length_m / (length_m**2 + width_m**2)
 
 
 def hip_inertia_kgm2(model: QuadrupedModel) -> float:
@@ -135,11 +137,11 @@ def _standing(model: QuadrupedModel) -> mujoco.MjData:
 def _weigh(spec: mujoco.MjSpec, leg: str, rod_kg: float, body: Robot) -> None:
     """Thigh and shank of rod_kg each, and an abduction link of next to nothing."""
     abduction = spec.body(f"{leg}_abduction")
-    abduction.mass, abduction.inertia = _ABDUCTION_KG, np.full(3, _ABDUCTION_KGM2)
+    abduction.explicitinertial, abduction.mass, abduction.inertia = True, _ABDUCTION_KG, np.full(3, _ABDUCTION_KGM2)
     for name, length_m in zip(("thigh", "shank"), body.lengths_m[1:], strict=True):
         across = rod_kg * (3 * _ROD_RADIUS_M**2 + length_m**2) / 12
         rod = spec.body(f"{leg}_{name}")
-        rod.mass, rod.ipos = rod_kg, np.array([0.0, 0.0, -length_m / 2])
+        rod.explicitinertial, rod.mass, rod.ipos = True, rod_kg, np.array([0.0, 0.0, -length_m / 2])
         rod.inertia = np.array([across, across, rod_kg * _ROD_RADIUS_M**2 / 2])
 
 
@@ -149,8 +151,6 @@ def _load(spec: mujoco.MjSpec, robot: TrotRobot, body: Robot) -> None:
     # The default would be the body's origin.
     payload.ipos = np.zeros(3)
     payload.inertia = np.full(3, 0.4 * robot.payload_kg * _PAYLOAD_RADIUS_M**2)
-    ball = payload.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[_PAYLOAD_RADIUS_M, 0, 0], contype=0, conaffinity=0)
-    ball.mass, ball.rgba = 0.0, [0.84, 0.37, 0.0, 1.0]
 
 
 def _drive(spec: mujoco.MjSpec, foot_radius_m: float) -> None:
@@ -250,13 +250,11 @@ def walk_trot(model: QuadrupedModel, targets: Float, posture_rad: Float) -> Trot
     """
     data, world = mujoco.MjData(model.model), model.model
     data.qpos[:] = start_qpos(model, targets[0] + posture_rad)
-    controls = np.zeros_like(targets)
-    controls[:, model.actuators] = targets
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.empty(mujoco.mj_stateSize(world, full))
     mujoco.mj_getState(world, data, start, full)
     with without_log():
-        states, sensors = rollout.rollout(world, data, start, controls)
+        states, sensors = rollout.rollout(world, data, start, targets)
     return sampled(model, start, states[0], sensors[0])
 
 
@@ -279,7 +277,7 @@ def sampled(model: QuadrupedModel, start: Float, states: Float, sensors: Float) 
         rpy_rad=np.column_stack([tilt, yaw]),
         velocity_mps=np.column_stack([cos * vx + sin * vy, cos * vy - sin * vx]),
         yaw_rate_radps=(upward * qvel[:, 3:6]).sum(axis=1),
-        torques_nm=felt[:, model.actuators],
+        torques_nm=felt[:, :12],
         loads_n=felt[:, 12:16],
         fallen=np.logical_or.accumulate(down),
         qpos=qpos,
