@@ -130,8 +130,8 @@ _FOOT = Robot(
     standing_height_m=0.20,
 )
 
-# [unitree_ros, const.xacro]: masses, lengths, hips, the trunk's box, and of the joints' torque limits the least. Ours:
-# standing heights, about 0.7 of the leg's length, as these robots stand.
+# [unitree_ros, const.xacro]: masses, lengths, hips, the trunk's box, centre and inertia, and of the torque limits
+# the least. Ours: standing heights, about 0.7 of the leg's length, as these robots stand.
 _GO1 = Robot(
     name="go1",
     trunk_mass_kg=4.8,
@@ -142,6 +142,8 @@ _GO1 = Robot(
     link_masses_kg=(0.510299, 0.898919, 0.158015, 0.06),
     torque_limit_nm=33.5,
     standing_height_m=0.29,
+    trunk_centre_m=(0.011611, 0.004437, 0.000108),
+    trunk_inertia_kgm2=(0.016130741919, 0.036507810812, 0.044693872053, 0.000593180607, 7.324662e-06, 2.0969537e-05),
 )
 _GO2 = Robot(
     name="go2",
@@ -153,6 +155,8 @@ _GO2 = Robot(
     link_masses_kg=(0.678, 1.152, 0.154, 0.06),
     torque_limit_nm=23.7,
     standing_height_m=0.29,
+    trunk_centre_m=(0.021112, 0.0, -0.005366),
+    trunk_inertia_kgm2=(0.02448, 0.098077, 0.107, 0.00012166, 0.0014849, -3.12e-05),
 )
 _A1 = Robot(
     name="a1",
@@ -164,6 +168,8 @@ _A1 = Robot(
     link_masses_kg=(0.595, 0.888, 0.151, 0.06),
     torque_limit_nm=33.5,
     standing_height_m=0.27,
+    trunk_centre_m=(0.0, 0.0041, -0.0005),
+    trunk_inertia_kgm2=(0.0158533, 0.0377999, 0.0456542, -3.66e-05, -6.11e-05, -2.75e-05),
 )
 _B1 = Robot(
     name="b1",
@@ -176,6 +182,8 @@ _B1 = Robot(
     torque_limit_nm=100.0,
     standing_height_m=0.48,
     foot_radius_m=0.04,
+    trunk_centre_m=(-0.01, 0.0, 0.0),
+    trunk_inertia_kgm2=(0.174426, 0.7001, 0.785955, 0.005544, 0.003278, 7e-06),
 )
 
 ROBOTS = {robot.name: robot for robot in (_TRACKING, _FOLLOWING, _FOOT, _GO1, _GO2, _A1, _B1)}

@@ -77,6 +77,18 @@ def test_links_are_even_balls_and_rods():
     np.testing.assert_allclose(shank.inertia, [across, across, 0.151 * 0.012**2 / 2 + 0.4 * 0.06 * 0.02**2], rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["go1", "go2", "a1", "b1"])
+def test_trunks_are_as_their_maker_prints_them_where_it_does(name):
+    robot = ROBOTS[name]
+    trunk = quadruped_model(robot, flat()).model.body("trunk")
+    turn = Rotation.from_quat(np.roll(trunk.iquat, -1)).as_matrix()
+    xx, yy, zz, xy, xz, yz = robot.trunk_inertia_kgm2
+    printed = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    np.testing.assert_allclose(turn @ np.diag(trunk.inertia) @ turn.T, printed, atol=1e-12)
+    np.testing.assert_array_equal(trunk.ipos, robot.trunk_centre_m)
+    assert trunk.mass == robot.trunk_mass_kg
+
+
 @robots
 def test_feet_are_where_our_kinematics_have_them(robot):
     quadruped = quadruped_model(robot, flat())
