@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from quadlog.control.locomotion.foot_trajectory import FootCycle
 from quadlog.control.locomotion.kinematics import leg_inverse, leg_jacobian
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.messages import GRAVITY_MPS2, Float
+from quadlog.pipelines.simulation.trot import FootCycle
 from quadlog.pipelines.tables.claims import Claim, Figures, Group, Study, StudyTable
 from quadlog.pipelines.tables.judge import EXACT, always, beyond, number, rests
 from quadlog.simulation.robot.height_field import flat

@@ -9,10 +9,10 @@ import pytest
 
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.pipelines.simulation.trot import TrotRobot, trot_model
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import quadruped_model
-from quadlog.simulation.robot.trot import TrotRobot, trot_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 ROBOT = ROBOTS["tracking"]
