@@ -77,7 +77,7 @@ class QuadrupedModel:
         return qpos
 
     def _lift_clear(self, qpos: Float) -> None:
-        """Raise the robot until nothing penetrates: MuJoCo's triangles differ a little from the bilinear surface."""
+        """Raise the robot until nothing penetrates: a ball may rest on an edge between the points that were tried."""
         data = mujoco.MjData(self.model)
         for _ in range(4):
             data.qpos[:] = qpos
@@ -162,9 +162,6 @@ def describe(model: mujoco.MjModel, robot: Robot, ground: HeightField) -> Quadru
     """
     if not (model.dof_damping.any() or model.actuator_biasprm[:, 2].any()):
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    if not ground.is_plane:
-        low, height = _lowest_and_range(ground)
-        model.hfield_data[:] = ((ground.height_m.astype(np.float64) - low) / height).astype(np.float32).ravel()
     joints = [model.joint(name) for name in JOINT_NAMES]
     joint_qpos = np.array([int(joint.qposadr[0]) for joint in joints])
     centre_m, inertia_kgm2 = _rigid_body(model, joint_qpos, robot.standing_joints_rad)
@@ -201,20 +198,18 @@ def add_world(spec: mujoco.MjSpec, ground: HeightField, friction: float, timeste
     spec.option.gravity = [0.0, 0.0, -GRAVITY_MPS2]
     geom = spec.worldbody.add_geom(name="ground", friction=[friction, *_OTHER_FRICTION], contype=1, conaffinity=0)
     if ground.is_plane:
-        rise_x, rise_y, level = ground.plane_at(0.0, 0.0)
+        (low, right), (left, _) = ground.height_m.astype(np.float64).tolist()
+        level = float(ground.height_at(np.zeros((1, 2)))[0])
         geom.type, geom.size, geom.pos = mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1], [0, 0, level]
         turn = np.empty(4)
-        mujoco.mju_quatZ2Vec(turn, np.array([-rise_x, -rise_y, 1.0]))
+        mujoco.mju_quatZ2Vec(turn, np.array([low - right, low - left, ground.cell_m]))
         geom.quat = turn
         return
     rows, cols = ground.height_m.shape
     half_m = np.array([cols - 1, rows - 1]) * ground.cell_m / 2
-    low, height = _lowest_and_range(ground)
-    spec.add_hfield(name="ground", nrow=rows, ncol=cols, size=[*half_m, height, 1.0], userdata=np.zeros(rows * cols))
+    low, high = float(ground.height_m.min()), float(ground.height_m.max())
+    size = [*half_m, high - low or 1.0, 1.0]
+    # MuJoCo scales heights to 0..1 by itself.
+    spec.add_hfield(name="ground", nrow=rows, ncol=cols, size=size, userdata=ground.height_m.ravel())
     geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "ground"
     geom.pos = [*(np.array(ground.origin_m) + half_m), low]
-
-
-def _lowest_and_range(ground: HeightField) -> tuple[float, float]:
-    low, high = float(ground.height_m.min()), float(ground.height_m.max())
-    return low, max(high - low, 1e-3)

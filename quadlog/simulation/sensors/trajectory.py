@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from quadlog.geometry import wrap_angle
 from quadlog.messages import Float
-from quadlog.simulation.sensors.scene import Terrain
+from quadlog.simulation.robot.height_field import HeightField
 
 _TABLE_STEP_M = 0.01
 
@@ -138,7 +138,7 @@ class OnTerrain:
     """
 
     walk: Walk
-    terrain: Terrain
+    terrain: HeightField
     feet_m: tuple[float, float] | None = None
 
     def at(self, t_s: Float) -> Motion:

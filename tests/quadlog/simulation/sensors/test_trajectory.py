@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.simulation.sensors.scene import slope
+from quadlog.simulation.robot.height_field import slope
 from quadlog.simulation.sensors.trajectory import (
     ROBOT_FEET_M,
     OnTerrain,
