@@ -23,7 +23,7 @@ from quadlog.messages import Float, Int
 from quadlog.simulation.robot.height_field import FLAT, Extent, HeightField, slope, undulating
 from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, TruePointClass, sweep
 from quadlog.simulation.sensors.scene import Box, Cylinder, Obstacle, RayCaster
-from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Standing, Walk
+from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Walk
 from quadlog.simulation.synthetic import corridor, forest
 
 _GAIT_TILT_STD_RAD = float(np.deg2rad(2.0))
@@ -31,6 +31,23 @@ _BAND_M, _CORRELATION_M, _HALF_WIDTH_M = 0.12, 1.0, 25.0
 _RAMP_RUN_M = 4.0
 # Nothing stands nearer to the robot than it could have walked.
 _NEAREST_M, _FARTHEST_M = 1.2, 18.0
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """At one place of map all the time, tilted or level."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+
+    def at(self, t_s: Float) -> Motion:
+        """See Walk."""
+        place_m = np.tile([self.x_m, self.y_m], (len(t_s), 1))
+        pose = (self.yaw_rad, 0.0, 0.0, 0.0, 0.0, self.roll_rad, self.pitch_rad)
+        return Motion(place_m, *(np.full(len(t_s), value) for value in pose))
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,6 @@ class Robot:
     torque_limit_nm: float
     standing_height_m: float
     foot_radius_m: float = 0.02
-    armature_kgm2: float = 0.01
     trunk_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     trunk_inertia_kgm2: tuple[float, ...] | None = None
     hip_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -10,10 +10,10 @@ from quadlog.simulation.sensors.trajectory import (
     PacingWalk,
     Route,
     RouteWalk,
-    Standing,
     turned_into_map,
 )
 from quadlog.simulation.synthetic import follow
+from tests.lab.labelled_scans import Standing
 
 STEP_S = 1e-4
 
