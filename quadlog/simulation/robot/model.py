@@ -125,9 +125,8 @@ def quadruped_spec(robot: Robot, friction: float = FRICTION) -> mujoco.MjSpec:
         for k, (link, end, radius_m, centre) in enumerate(zip(_LINKS, ends, _RADII_M, _CENTRES, strict=True)):
             parent = parent.add_body(name=f"{leg}_{link}", pos=place)
             parent.add_joint(name=f"{leg}_{JOINTS[k]}", axis=AXES[k], armature=ARMATURE_KGM2)
-            size = [radius_m, np.linalg.norm(end) / 2, 0]
-            weight = {"mass": robot.link_masses_kg[k], "contype": 0, "conaffinity": 0}
-            parent.add_geom(type=form, size=size, pos=centre * end, **weight)
+            even = {"type": form, "size": [radius_m, np.linalg.norm(end) / 2, 0], "mass": robot.link_masses_kg[k]}
+            parent.add_geom(pos=centre * end, contype=0, conaffinity=0, **even)
             place, form = end, shapes.mjGEOM_CYLINDER
         add_foot(parent, leg, place, robot.foot_radius_m, friction).mass = robot.link_masses_kg[3]
     add_motors(spec, [robot.torque_limit_nm] * 12)
