@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.mapping.goal_projection import INFLATIONS
+from quadlog.planning.grid_search import GridSearch
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.planning.search.heap_search import Danger, HeapSearch
 
 
 def danger_levels(blocked: Bool, rings: int) -> NDArray[np.int8]:
@@ -50,12 +50,11 @@ class EAStar:
     def __init__(self, rules: Rules = USUAL, rings: int = 3) -> None:
         self.rules = rules
         self._rings = rings
-        self._search = HeapSearch(rules)
+        self._search = GridSearch(rules, self._charges)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The first path that the search finds with these charges."""
-        danger = Danger(danger_levels(blocked, self._rings), *self._charges)
-        return self._search.search(blocked, start, goal, danger)
+        return self._search.search(blocked, start, goal, danger_levels(blocked, self._rings))
 
     def reset(self) -> None:
         """Nothing to forget."""

@@ -28,10 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inlined, kernel
+from quadlog.planning.grid_search import FIRST_DIAGONAL, STEP_COL, STEP_ROW, around, has_step, is_less, legal_steps
 from quadlog.planning.protocol import Bool, Cell, Plan, is_usable, no_plan
 from quadlog.planning.rules import Rules
-from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
-from quadlog.planning.search.heap_search import is_less
 
 CostType = np.dtype[np.int32] | np.dtype[np.int64]
 # Dearer than any way, by the type of the costs: 14 for each cell of a map of 8192 by 8192 is less.
@@ -84,7 +83,7 @@ def _step_cost(state, k):  # type: ignore[no-untyped-def]
 @kernel
 def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
     """Compiled once for its four callers."""
-    return legal_steps(padded, cell, width, cutting)
+    return legal_steps(around(padded, cell, width), cutting)
 
 
 @kernel
@@ -155,7 +154,7 @@ def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # t
         best = state[FAR]
         legal = _legal(padded, cell, state[WIDTH], cutting)
         for k in range(8):
-            if (legal >> k) & 1:
+            if has_step(legal, k):
                 state[TOUCHED] += 1
                 best = min(best, records[cell + steps[k], G] + _step_cost(state, k))
         records[cell, RHS] = best
@@ -175,7 +174,7 @@ def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: 
     _settle(records, keys, heap, state, cell)
     legal = _legal(padded, cell, state[WIDTH], cutting)
     for k in range(8):
-        if not (legal >> k) & 1:
+        if not has_step(legal, k):
             continue
         state[TOUCHED] += 1
         neighbour = cell + steps[k]
@@ -199,7 +198,7 @@ def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type
         for k in range(8):
             if is_supported:
                 break
-            if (legal >> k) & 1:
+            if has_step(legal, k):
                 state[TOUCHED] += 1
                 is_supported = records[cell + steps[k], G] + _step_cost(state, k) == g
         if not is_supported:
@@ -225,7 +224,7 @@ def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyp
             return length
         legal, best, nearest = _legal(padded, cell, width, cutting), state[FAR], cell
         for k in range(8):
-            if (legal >> k) & 1 and records[cell + steps[k], G] + _step_cost(state, k) < best:
+            if has_step(legal, k) and records[cell + steps[k], G] + _step_cost(state, k) < best:
                 nearest = cell + steps[k]
                 best = records[nearest, G] + _step_cost(state, k)
         cell = nearest
