@@ -21,7 +21,6 @@ from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import RobotTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.planning.replan import Replanner
 from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
@@ -62,7 +61,7 @@ def resimulate(
     journal.progress.begin("control", len(maps_ns))
     with journal.clock.stage("control"):
         starts = _starts(np.sort(maps_ns), tracks.robot, config.lidar.pose_gap_s)
-        replanner = Replanner(planning.configured_planner(config), planning.replan_settings(config, target))
+        replanner = planning.replanner_of(config, target)
         instants = _counted(_with_what_stands(maps, starts), journal.progress)
         robot = _robot(journal, config, maps, starts.pop(int(maps_ns.min())), seed)
         resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))

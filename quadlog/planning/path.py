@@ -31,25 +31,8 @@ def turning(points: Float) -> tuple[float, float]:
     """(length, sum of the changes of heading in radians, left or right alike) of a polyline (K, 2) without repeats."""
     steps = np.diff(np.asarray(points, dtype=np.float64), axis=0)
     length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    return length, float(np.abs(_turns(steps)).sum())
-
-
-def largest_curvature(points: Float) -> float:
-    """Of a polyline (K, 2) without repeats: the change of heading at a point by half the length of its two sides.
-
-    On the points of a smooth curve that is its curvature; a corner has the more the closer the points lie.
-    """
-    steps = np.diff(points, axis=0)
-    if len(steps) < 2:
-        return 0.0
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    return float((np.abs(_turns(steps)) / ((lengths[1:] + lengths[:-1]) / 2)).max())
-
-
-def _turns(steps: Float) -> Float:
-    """(K - 1,) angles between steps (K, 2), positive to the left."""
     (x, y), (next_x, next_y) = steps[:-1].T, steps[1:].T
-    return np.arctan2(x * next_y - y * next_x, x * next_x + y * next_y)
+    return length, float(np.abs(np.arctan2(x * next_y - y * next_x, x * next_x + y * next_y)).sum())
 
 
 @kernel

@@ -168,7 +168,7 @@ def resimulate(
 
     instants: in time order; only two are held at a time.
     target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
-    replanner: plans between the maps; see ReplanSettings for stopping short.
+    replanner: plans between the maps; see Replanner for stopping short.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
     body = Footprint(settings.body_length_m, settings.body_width_m)
@@ -223,7 +223,7 @@ def _replan(
         walk.paths.append(replan.path)
         space = None
         if settings.clear_chord and replan.query is not None:
-            blocked = passable(replan.query, instant.occupied, replanner.settings.dilation)
+            blocked = passable(replan.query, instant.occupied, replanner.growth.shape)
             origin_x_m, origin_y_m = instant.window.origin_m.tolist()
             space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
         walk.plan = FollowedPath(replan.path.smooth_xy_m, space)

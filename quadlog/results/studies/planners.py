@@ -25,7 +25,7 @@ from quadlog.storage.atomic_write import uninterrupted, write_whole, writing
 REPLANS = table_schema(
     "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
     "touched:int cost optimal_cost from_scratch:bool reused_cells:int start_col:int start_row:int goal_col:int "
-    "goal_row:int goal_projected:bool length_m turn_rad curvature_max_1pm us"
+    "goal_row:int goal_projected:bool length_m turn_rad us"
 )
 """One row per planner and replan; cells are those of the lattice, costs in the units of --costs."""
 

@@ -11,8 +11,9 @@ from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import window_around
+from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.planning.replan import Replanner
 from quadlog.results.tables import TABLES
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 from quadlog.simulation.robot.height_field import flat
@@ -40,7 +41,7 @@ def fixed(x, y):
 def run(
     maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, lookahead=None, lookahead_m=2.0, **settings
 ):
-    replanner = Replanner(make_planner(planner), ReplanSettings(stop_short_m=stop_short_m))
+    replanner = Replanner(make_planner(planner), Growth(), stop_short_m)
     pursuit = PursuitSettings(**settings)
     robot = UnicycleRobot(np.array(pose), 1 / pursuit.rate_hz, np.random.default_rng(0))
     return resimulate(maps, target, robot, lookahead or FixedLookahead(lookahead_m), replanner, pursuit)
@@ -113,7 +114,7 @@ def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body)
         rng = np.random.default_rng(0)
         made = UnicycleRobot(pose, 1 / rate_hz, rng)
         robot = WalkingRobot(model, WalkerSettings(), pose, rng) if has_body else made
-        replanner = Replanner(make_planner("d_star_lite"), ReplanSettings())
+        replanner = Replanner(make_planner("d_star_lite"), Growth(), 1.0)
         return resimulate(maps, fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings())
 
     first, second = list(instants(8)), list(instants(8, wall=True))
@@ -135,7 +136,7 @@ def test_a_robot_with_a_body_walks_as_the_plan_goes():
     model = quadruped_model(ROBOTS["tracking"], flat())
     settings = WalkerSettings()
     robot = WalkingRobot(model, settings, np.array([0.0, 0.0, 0.3]), np.random.default_rng(0))
-    replanner = Replanner(make_planner("astar"), ReplanSettings(stop_short_m=1.0))
+    replanner = Replanner(make_planner("astar"), Growth(), 1.0)
     walk = resimulate(
         instants(30, wall=True), fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings(speed_mps=0.5)
     )
