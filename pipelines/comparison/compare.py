@@ -22,10 +22,10 @@ from quadlog.metrics.planning import compare_planners
 from quadlog.pipelines.comparison.sources import CompareOptions, ProblemSource, Question, open_sources
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.planning.path import turning
-from quadlog.planning.protocol import Plan
+from quadlog.planning.protocol import Bool, Cell, Plan, is_usable
 from quadlog.planning.query import NoQuery
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
-from quadlog.planning.replan import Panel, why_no_path
+from quadlog.planning.replan import Panel
 from quadlog.planning.rules import Rules
 from quadlog.results.studies.planners import REPLANS, ComparedSource, earlier_files, write_comparison
 from quadlog.storage.atomic_write import new_folder
@@ -158,7 +158,7 @@ def _row(question: Question, plan: Plan, optimum: Plan) -> dict[str, Any]:
         if plan.found:
             length_m, turn_rad = turning(plan.cells * query.window.cell_m)
         else:
-            why_not = "missed" if optimum.found else why_no_path(query.blocked, query.start, query.goal)
+            why_not = "missed" if optimum.found else _why_no_path(query.blocked, query.start, query.goal)
     counts = ("found", "expanded", "generated", "touched", "from_scratch", "reused_cells")
     return {
         "t_ns": question.t_ns,
@@ -171,6 +171,16 @@ def _row(question: Question, plan: Plan, optimum: Plan) -> dict[str, Any]:
         "length_m": length_m,
         "turn_rad": turn_rad,
     }
+
+
+def _why_no_path(blocked: Bool, start: Cell, goal: Cell) -> str:
+    """In two words, for a query that has no answer."""
+    for name, (col, row) in (("start", start), ("goal", goal)):
+        if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
+            return f"{name} outside"
+        if not is_usable(blocked, (col, row)):
+            return f"{name} blocked"
+    return "unreachable"
 
 
 def scenarios_of(source: ProblemSource, columns: Columns) -> Columns | None:

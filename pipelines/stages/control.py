@@ -91,8 +91,8 @@ def _write_walk(folder: Path, resim: Resimulation) -> None:
     write_table(folder / "contacts.parquet", TABLES["contacts"], dict(zip(Contact._fields, contacts, strict=True)))
     with planning.plan_tables(folder, "resim_plans", "resim_paths") as add:
         paths = {path.t_ns: path for path in resim.paths}
-        for record in resim.plans:
-            add(record, paths.get(record.t_ns))
+        for row in resim.plans:
+            add(row, paths.get(row["t_ns"]))
 
 
 def _starts(maps_ns: Int, robot: RobotTrack, gap_s: float) -> dict[int, Float]:

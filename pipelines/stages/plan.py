@@ -17,7 +17,7 @@ from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
+from quadlog.planning.replan import PlannedPath, Replanner, Row
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, TableWriter
@@ -51,8 +51,8 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
                 journal.count("maps_without_target")
                 continue
             plan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
-            add(plan.record, plan.path)
-            astar.add_row({"t_ns": instant.t_ns, "expanded": plan.record.astar_expanded})
+            add(plan.row, plan.path)
+            astar.add_row({"t_ns": instant.t_ns, "expanded": plan.astar_expanded})
             journal.progress.advance((instant.t_ns - first_ns) / NS_PER_S)
     if lost := journal.counts.get("maps_without_target", 0):
         journal.warn(
@@ -61,16 +61,16 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
 
 
 @contextmanager
-def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[PlanRecord, PlannedPath | None], None]]:
-    """A table of replans and one of their paths; yields a function that adds a replan, and its path if any."""
+def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[Row, PlannedPath | None], None]]:
+    """A table of replans and one of their paths; yields a function that adds a row and its path if any."""
     with (
         TableWriter(run / f"{plans}.parquet", TABLES[plans]) as replans,
         TableWriter(run / f"{paths}.parquet", TABLES[paths]) as found,
     ):
         waiting: list[PlannedPath] = []
 
-        def add(record: PlanRecord, path: PlannedPath | None) -> None:
-            replans.add_row({name: getattr(record, name) for name in TABLES[plans].names})
+        def add(row: Row, path: PlannedPath | None) -> None:
+            replans.add_row(row)
             if path is not None:
                 waiting.append(path)
             if len(waiting) == PATHS_AT_ONCE:

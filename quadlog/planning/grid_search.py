@@ -86,9 +86,9 @@ class GridSearch:
         if len(self._kept) < len(route) + ROOM_CELLS:
             self._kept = np.empty((2 * len(route) + ROOM_CELLS, 2), dtype=np.int32)
         self._prepare(blocked)
-        cutting, units = self._rules.corner_cutting, self._rules.step_units
-        asked = (blocked, route, *shift, *start, *goal, cutting, *units, self._kept, from_end, *self._work)
-        found = _bucket_extension(*asked) if self._has_buckets else _heap_extension(*asked, self._prices)
+        asked = (*shift, *start, *goal, self._rules.corner_cutting, *self._rules.step_units, from_end)
+        work = (blocked, route, asked, self._kept, *self._work)
+        found = _bucket_extension(*work) if self._has_buckets else _heap_extension(*work, self._prices)
         length, diagonals, expanded, generated, touched, reused = found
         if length <= 0:
             return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
@@ -258,21 +258,16 @@ def _bucket_search(state, records, heads, stack, way, width, start, goal, cuttin
 
 
 @kernel
-def _bucket_extension(  # type: ignore[no-untyped-def]
-    blocked, route, dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, cells, from_end,
-    state, records, heads, stack, way,
-):  # fmt: skip
+def _bucket_extension(blocked, route, asked, cells, state, records, heads, stack, way):  # type: ignore[no-untyped-def]
     """See GridSearch.extend; one call from Python, for two take longer than the search on a small map.
 
     Returns what _bucket_search gives, for the whole path, and its cells that are the route's; -1 cells when none is
     kept.
     """
-    kept, linking, more, first, last = kept_route(
-        blocked, route, dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, cells, from_end
-    )
+    kept, linking, more, first, last = kept_route(blocked, route, asked, cells)
     if kept == 0:
         return -1, 0, 0, 0, 0, 0
-    width = blocked.shape[1] + 2
+    width, cutting = blocked.shape[1] + 2, asked[6]
     length, diagonals, expanded, generated, touched = _bucket_search(
         state, records, heads, stack, way, width, first, last, cutting
     )
@@ -365,17 +360,12 @@ def _heap_search(state, levels, best_g, heap, keys, way, prices, width, start, g
 
 
 @kernel
-def _heap_extension(  # type: ignore[no-untyped-def]
-    blocked, route, dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, cells, from_end,
-    state, levels, best_g, heap, keys, way, prices,
-):  # fmt: skip
+def _heap_extension(blocked, route, asked, cells, state, levels, best_g, heap, keys, way, prices):  # type: ignore[no-untyped-def]
     """As _bucket_extension."""
-    kept, linking, more, first, last = kept_route(
-        blocked, route, dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, cells, from_end
-    )
+    kept, linking, more, first, last = kept_route(blocked, route, asked, cells)
     if kept == 0:
         return -1, 0, 0, 0, 0, 0
-    width = blocked.shape[1] + 2
+    width, cutting = blocked.shape[1] + 2, asked[6]
     length, diagonals, expanded, generated, touched = _heap_search(
         state, levels, best_g, heap, keys, way, prices, width, first, last, cutting
     )

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import Float
 from quadlog.planning.path import resample, smooth_path, straight_path
 from quadlog.planning.planners.astar import AStar
-from quadlog.planning.protocol import Bool, Cell, Plan, Planner, is_usable, no_plan
+from quadlog.planning.protocol import Bool, Plan, Planner, no_plan
 from quadlog.planning.query import Growth, NoQuery, Query, make_query
 from quadlog.planning.registry import CheckedPlanner
 from quadlog.planning.settings import SmoothingSettings
@@ -87,44 +88,8 @@ class Panel:
         return self._reference.ask(query)[0], [plans[at] for at in range(count)], us
 
 
-def why_no_path(blocked: Bool, start: Cell, goal: Cell) -> str:
-    """In two words, for a query that has no answer."""
-    for name, (col, row) in (("start", start), ("goal", goal)):
-        if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
-            return f"{name} outside"
-        if not is_usable(blocked, (col, row)):
-            return f"{name} blocked"
-    return "unreachable"
-
-
-@dataclass(frozen=True, slots=True)
-class PlanRecord:
-    """A row of plans.parquet, and A*'s counts on the same query.
-
-    cost, optimal_cost and length_m are NaN when no path was found.
-    length_m is that of the path before smoothing, as far as it is to be walked.
-    The goal is the point planned to: the target, or the centre of the cell that stands for it.
-    us: microseconds in the planner alone, NaN when it was not asked: see NoQuery.
-    """
-
-    t_ns: int
-    planner: str
-    found: bool
-    expanded: int
-    generated: int
-    cost: float
-    length_m: float
-    optimal_cost: float
-    from_scratch: bool
-    reused_cells: int
-    start_x_m: float
-    start_y_m: float
-    goal_x_m: float
-    goal_y_m: float
-    goal_projected: bool
-    us: float
-    astar_expanded: int
-    astar_generated: int
+Row = dict[str, Any]
+"""The columns of plans.parquet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +106,16 @@ class PlannedPath:
 
 @dataclass(frozen=True, slots=True)
 class Replan:
-    """What one replan gives; path is None when no way was found, query where there was nothing to plan."""
+    """What one replan gives; path is None when no way was found, query where there was nothing to plan.
 
-    record: PlanRecord
+    row: costs and length_m are NaN when no path was found; length_m is that of the path before
+    smoothing, as far as it is to be walked. The goal is the point planned to: the target, or the centre of the cell
+    that stands for it. us: microseconds in the planner alone, NaN when it was not asked, see NoQuery.
+    astar_expanded: cells that A* closes on the same query.
+    """
+
+    row: Row
+    astar_expanded: int
     path: PlannedPath | None
     query: Query | None
 
@@ -180,27 +152,22 @@ class Replanner:
         if known is not None and plan.found:
             raw_m = _stopped_short(_walkable(plan, known, start_xy_m, goal_m), goal_xy_m, self._stop_short_m)
             path, length_m = self._path(t_ns, raw_m, known), float(arc_lengths(raw_m)[-1])
-        record = PlanRecord(
-            t_ns=t_ns,
-            planner=self._asker.planner.name,
-            found=plan.found,
-            expanded=plan.expanded,
-            generated=plan.generated,
-            cost=plan.cost if plan.found else math.nan,
-            length_m=length_m,
-            optimal_cost=optimum.cost if optimum.found else math.nan,
-            from_scratch=plan.from_scratch,
-            reused_cells=plan.reused_cells,
-            start_x_m=float(start_xy_m[0]),
-            start_y_m=float(start_xy_m[1]),
-            goal_x_m=float(goal_m[0]),
-            goal_y_m=float(goal_m[1]),
-            goal_projected=is_projected,
-            us=us,
-            astar_expanded=optimum.expanded,
-            astar_generated=optimum.generated,
-        )
-        return Replan(record, path, known)
+        row = {
+            "t_ns": t_ns,
+            "planner": self._asker.planner.name,
+            "found": plan.found,
+            "expanded": plan.expanded,
+            "generated": plan.generated,
+            "cost": plan.cost if plan.found else math.nan,
+            "length_m": length_m,
+            "optimal_cost": optimum.cost if optimum.found else math.nan,
+            "from_scratch": plan.from_scratch,
+            "reused_cells": plan.reused_cells,
+            **dict(zip(("start_x_m", "start_y_m", "goal_x_m", "goal_y_m"), (*start_xy_m, *goal_m), strict=True)),
+            "goal_projected": is_projected,
+            "us": us,
+        }
+        return Replan(row, optimum.expanded, path, known)
 
     def _path(self, t_ns: int, raw_m: Float, query: Query) -> PlannedPath:
         how, window, blocked = self._smoothing, query.window, query.blocked

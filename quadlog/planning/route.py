@@ -76,9 +76,7 @@ def _anchor(blocked, route, dcol, drow, col, row, cutting, straight, diagonal, c
 
 
 @kernel
-def kept_route(  # type: ignore[no-untyped-def]
-    blocked, route, dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, cells, from_end
-):
+def kept_route(blocked, route, asked, cells):  # type: ignore[no-untyped-def]
     """(cells kept, those of them that are new, their diagonal steps, the last of them, the goal); 0 when the route is
     of no use. The last two are flat indices in the grid with a border of one cell.
 
@@ -87,9 +85,11 @@ def kept_route(  # type: ignore[no-untyped-def]
     f = g + (|dx| + |dy|) straight steps [Planning, eq. 2-4, with the unit of eq. 3 as the erratum has it: without it f
     rises at every step, and nothing would ever be kept]: the cell of least f, among equals the last; from_end: the
     cell that is reached by walking back from the end while f falls.
-    (col, row), goal: in the window; straight, diagonal: costs of steps; cells: the kept ones are written to its first
-    rows, of which there must be len(route) + ROOM_CELLS.
+    asked: (dcol, drow, start's col and row, goal's col and row, whether corners are cut, costs of a straight and a
+    diagonal step, from_end); cells: the kept ones are written to its first rows, of which there must be len(route) +
+    ROOM_CELLS.
     """
+    dcol, drow, col, row, goal_col, goal_row, cutting, straight, diagonal, from_end = asked
     rows, cols = blocked.shape
     for at_col, at_row in ((col, row), (goal_col, goal_row)):
         if at_col < 0 or at_row < 0 or at_col >= cols or at_row >= rows or blocked[at_row, at_col]:

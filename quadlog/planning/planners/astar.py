@@ -18,10 +18,13 @@ class AStar:
     name: ClassVar[str] = "astar"
     incremental: ClassVar[bool] = False
     _heuristic: ClassVar[str] = "octile"
+    """Empty: that of the rules."""
+    _charges: ClassVar[tuple[int, int, int]] = (0, 0, 0)
+    """See GridSearch."""
 
     def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic=self._heuristic)
-        self._search = GridSearch(self.rules)
+        self.rules = replace(rules, heuristic=self._heuristic or rules.heuristic)
+        self._search = GridSearch(self.rules, self._charges)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path; where the window was before does not matter."""
