@@ -19,6 +19,8 @@ Each search is one kernel with its helpers inlined: compiled apart, they would t
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,6 +62,7 @@ class GridSearch:
         dear = [each * units[0] // 1000 for each in charges]
         self._prices = np.array([*units, *dear, -1 if rules.ties == "larger_g" else 1], dtype=np.int64)
         self._state = np.ones((0, 0), dtype=np.uint8)
+        self._work: tuple[NDArray[Any], ...] = ()
         self._kept: Cells = np.empty((0, 2), dtype=np.int32)
 
     def search(self, blocked: Bool, start: Cell, goal: Cell, levels: NDArray[np.int8] | None = None) -> Plan:
@@ -72,11 +75,11 @@ class GridSearch:
         self._prepare(blocked)
         if levels is not None:
             self._levels[1:-1, 1:-1] = levels
-        length, diagonals, *counts = self._run(start, goal)
+        length, diagonals, expanded, generated, touched = self._run(start, goal)
         if length == 0:
-            return no_plan(*counts)
+            return no_plan(expanded, generated, touched)
         cost = self._rules.cost_of(length - 1 - diagonals, diagonals)
-        return Plan(True, self._way[-length:].copy(), cost, *counts, True, 0)
+        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
 
     def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool) -> Plan | None:
         """What is kept of a route (L, 2), see kept_route, and the cheapest path from there; None when nothing is kept.
@@ -154,6 +157,12 @@ def has_step(steps, k):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _number_of(steps):  # type: ignore[no-untyped-def]
+    """How many steps a word has: the top byte of this product is the sum of all bytes."""
+    return np.int64(steps * _BLOCKED_8 >> np.uint64(56))
+
+
+@inlined
 def _walk_back(state, way, width, start, goal):  # type: ignore[no-untyped-def]
     """Writes the path to the last rows of way, (col, row) from start to goal: (its cells, diagonal steps)."""
     cell, first, diagonals = goal, len(way), 0
@@ -220,8 +229,7 @@ def _bucket_search(state, records, heads, stack, way, width, start, goal, cuttin
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)
         near = around(state, cell, width)
         legal = legal_steps(near, cutting)
-        # The top byte of this product is the sum of all bytes.
-        touched += np.int64(legal * _BLOCKED_8 >> np.uint64(56))
+        touched += _number_of(legal)
         useful = legal & ~(near >> _TO_CLOSED)
         for k in range(8):
             if not has_step(useful, k):
@@ -329,7 +337,7 @@ def _heap_search(state, levels, best_g, heap, keys, way, prices, width, start, g
         row_to_go, col_to_go = goal_row - row, goal_col - (cell - row * width)
         near = around(state, cell, width)
         legal = legal_steps(near, cutting)
-        touched += np.int64(legal * _BLOCKED_8 >> np.uint64(56))
+        touched += _number_of(legal)
         useful = legal & ~(near >> _TO_CLOSED)
         for k in range(8):
             if not has_step(useful, k):
@@ -342,7 +350,7 @@ def _heap_search(state, levels, best_g, heap, keys, way, prices, width, start, g
             if near >> np.uint64(8 * k) & _OPENED:
                 if g >= best_g[neighbour]:
                     continue
-                place = np.int64(heap[neighbour, PLACE])
+                place = heap[neighbour, PLACE]
             else:
                 generated += 1
                 size += 1

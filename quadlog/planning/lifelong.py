@@ -21,8 +21,7 @@ is compiled for either when it is first needed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +42,7 @@ SIZE, CALL, WIDTH, ROOT, TARGET, KM, FAR, STRAIGHT, DIAGONAL, PUBLISHED, EXPANDE
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """The work arrays of a grid with its border of blocked cells, n cells in all: 49 bytes a cell, 65 where exact."""
 
     padded: NDArray[np.uint8]
@@ -319,8 +317,7 @@ class LifelongSearch:
         field, opened, changed = self._start_afresh(padded) if is_fresh else self._carry_over(padded, target, shift)
         orphans = NO_CELLS if is_fresh or root_before == self._root else _by_cost(field, self._state[FAR])
         self._field, self._shape, self._root, self._target = field, padded.shape, root, target
-        work = (field.padded, field.records, field.keys, field.heap, field.way, field.steps)
-        length = repair(*work, state, opened, orphans, changed, self._rules.corner_cutting)
+        length = repair(*field, state, opened, orphans, changed, self._rules.corner_cutting)
         expanded, generated, touched, reused = (int(count) for count in state[EXPANDED:])
         if length == 0:
             return no_plan(expanded, generated, touched, is_fresh)

@@ -18,8 +18,7 @@ from quadlog.planning.planners import PLANNER_CLASSES
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
 
-_MEMBERS = {"name": str, "incremental": bool}
-_METHODS = ("plan", "reset")
+_MEMBERS = ("name", "incremental", "plan", "reset")
 _COUNTS = ("expanded", "generated", "touched", "reused_cells")
 
 
@@ -27,9 +26,7 @@ def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
     """What an entry point names, as the class it has to be. Raises QuadlogError, which says what it lacks."""
     if not isinstance(found, type):
         raise plugin.unusable(f"is no class but {type(found).__name__}")
-    lacks = [f"{name} ({kind.__name__})" for name, kind in _MEMBERS.items() if not _has(found, name, kind)]
-    lacks += [f"{name}()" for name in _METHODS if not callable(getattr(found, name, None))]
-    if lacks:
+    if lacks := [name for name in _MEMBERS if not hasattr(found, name)]:
         raise plugin.unusable(f"is no planner: it lacks {', '.join(lacks)}")
     if found.name != plugin.name:  # type: ignore[attr-defined]
         raise plugin.unusable(f"calls itself {found.name!r}; name and entry point must agree")  # type: ignore[attr-defined]
@@ -75,10 +72,6 @@ class CheckedPlanner:
 
     def _doing(self, task: str) -> AbstractContextManager[None]:
         return foreign_code(lambda failure: self._plugin.unusable(f"could not {task}: {failure}"))
-
-
-def _has(found: type, name: str, kind: type) -> bool:
-    return isinstance(getattr(found, name, None), kind)
 
 
 def _in_our_types(plan: Plan) -> Plan:

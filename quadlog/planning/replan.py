@@ -51,12 +51,12 @@ class Asker:
             self.forget()
         shift = (0, 0) if self._last is None else self._last.shift_to(query.window)
         self._last, asked = query.window, (query.blocked, query.start, query.goal)
-        is_plugin = isinstance(self.planner, CheckedPlanner)
-        plan = self.planner.unchecked if is_plugin else self.planner.plan
+        plugin = self.planner if isinstance(self.planner, CheckedPlanner) else None
+        plan = plugin.unchecked if plugin else self.planner.plan
         began_ns = time.perf_counter_ns()
         answer = plan(*asked, shift)
         us = (time.perf_counter_ns() - began_ns) / 1000
-        return (self.planner.checked(answer, *asked) if is_plugin else answer), us
+        return (plugin.checked(answer, *asked) if plugin else answer), us
 
 
 class Panel:
