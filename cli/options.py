@@ -15,8 +15,8 @@ import click
 from click.shell_completion import CompletionItem
 
 from quadlog.cli.progress import say
-from quadlog.config.planners import PLANNER_NAMES
 from quadlog.errors import UsageError
+from quadlog.planning.planners import PLANNER_NAMES
 from quadlog.results import STAGES
 from quadlog.storage.urls import is_url
 

@@ -21,7 +21,6 @@ from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import RobotTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.planning.replan import Replanner
 from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
@@ -62,7 +61,7 @@ def resimulate(
     journal.progress.begin("control", len(maps_ns))
     with journal.clock.stage("control"):
         starts = _starts(np.sort(maps_ns), tracks.robot, config.lidar.pose_gap_s)
-        replanner = Replanner(planning.configured_planner(config), planning.replan_settings(config, target))
+        replanner = planning.replanner_of(config, target)
         instants = _counted(_with_what_stands(maps, starts), journal.progress)
         robot = _robot(journal, config, maps, starts.pop(int(maps_ns.min())), seed)
         resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))
@@ -92,8 +91,8 @@ def _write_walk(folder: Path, resim: Resimulation) -> None:
     write_table(folder / "contacts.parquet", TABLES["contacts"], dict(zip(Contact._fields, contacts, strict=True)))
     with planning.plan_tables(folder, "resim_plans", "resim_paths") as add:
         paths = {path.t_ns: path for path in resim.paths}
-        for record in resim.plans:
-            add(record, paths.get(record.t_ns))
+        for row in resim.plans:
+            add(row, paths.get(row["t_ns"]))
 
 
 def _starts(maps_ns: Int, robot: RobotTrack, gap_s: float) -> dict[int, Float]:

@@ -16,8 +16,9 @@ from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Ratio
 from quadlog.pipelines.tables.judge import MEAN, SHARE, SIZE, always, beyond, not_comparable, runs, share_of
 from quadlog.pipelines.tables.planning_2 import DENSITIES_PER_M2, FAST_PRESETS, PRESETS, forest_of
 from quadlog.planning.protocol import Planner
+from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.planning.replan import Replanner
 from quadlog.simulation.robot.unicycle_robot import unicycle_step
 from quadlog.simulation.worlds import replanning_walk as walks
 from quadlog.simulation.worlds.world import SPEED_MPS, World, body_clearance, occupied_centres
@@ -36,7 +37,7 @@ def pursue(world: World, planner: Planner) -> Figures:
     The goal must stand still. Whether it arrived and whether its body touched an obstacle; of one that arrived, length
     and time of the way really walked.
     """
-    replanner = Replanner(planner, ReplanSettings(world.dilation_m, world.dilation, stop_short_m=0.0))
+    replanner = Replanner(planner, Growth(world.dilation_m, world.dilation))
     goal_m = world.goal.at(0)
     to_goal_m = goal_m - world.start_xy_m
     pose = (float(world.start_xy_m[0]), float(world.start_xy_m[1]), math.atan2(to_goal_m[1], to_goal_m[0]))

@@ -8,27 +8,19 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
-from quadlog.config.planners import PLANNER_NAMES
-from quadlog.config.plugins import PLANNERS, plugin_names
 from quadlog.config.robots import with_robot_preset
 from quadlog.config.section import Metres, Section, in_order
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.planning.settings import PlannerSettings, SmoothingSettings
 
 
 def _as_list(value: object) -> object:
     """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it; "" is none."""
     return list(filter(None, [value])) if isinstance(value, str) else value
-
-
-def _is_planner(name: str) -> str:
-    """The name, if a planner has it; plug-ins are looked for only when none of quadlog's own has."""
-    if name not in PLANNER_NAMES and name not in (others := plugin_names(PLANNERS)):
-        raise ValueError(f"there is no such planner; choose one of: {', '.join((*PLANNER_NAMES, *others))}")
-    return name
 
 
 Id = Annotated[int, Field(ge=0)]
@@ -315,30 +307,6 @@ class Grid(Section):
         return in_order(self, "min_height_m", "max_height_m")
 
 
-class PlannerConfig(Section):
-    """Who plans, and on what."""
-
-    name: Annotated[str, AfterValidator(_is_planner)] = Field(
-        "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
-    )
-    stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")
-    corner_cutting: bool = Field(False, description="allow diagonal steps between two obstacles' corners")
-
-
-class SmoothingConfig(Section):
-    """From cells to a curve [Planning, eq. 14]."""
-
-    enabled: bool = Field(True, description="false: the robot follows the path from cell to cell")
-    merge_m: float = Field(
-        0.6,
-        ge=0,
-        le=100,
-        description="inflection points closer than this become one where the line between them is free; [Planning] "
-        "prints no distance",
-    )
-    spacing_m: float = Field(0.05, ge=0.005, le=10, description="distance of the points along the smooth path")
-
-
 class Results(Section):
     """What the run folder keeps."""
 
@@ -389,8 +357,8 @@ class Config(Section):
     lidar: LidarConfig = LidarConfig()
     ground: GroundConfig = GroundConfig()
     grid: Grid = Grid()
-    planner: PlannerConfig = PlannerConfig()
-    smoothing: SmoothingConfig = SmoothingConfig()
+    planner: PlannerSettings = PlannerSettings()
+    smoothing: SmoothingSettings = SmoothingSettings()
     pursuit: Pursuit = Pursuit()
     robot: RobotConfig = RobotConfig()
     mpc: MpcConfig = MpcConfig()

@@ -32,7 +32,7 @@ from quadlog.mapping.grid import Window
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.planning.protocol import Bool
 from quadlog.planning.query import passable
-from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner
+from quadlog.planning.replan import PlannedPath, Replanner, Row
 from quadlog.simulation.contacts import (
     Contact,
     ContactLog,
@@ -125,7 +125,7 @@ class Resimulation:
     clearance_m: Float
     target_distance_m: Float
     contacts: list[Contact]
-    plans: list[PlanRecord]
+    plans: list[Row]
     paths: list[PlannedPath]
     outside_ticks: int
     outside_replans: int
@@ -142,7 +142,7 @@ class _State:
     command: Command | None = None
     plan: FollowedPath | None = None
     planned_at_ns: int = 0
-    plans: list[PlanRecord] = field(default_factory=list)
+    plans: list[Row] = field(default_factory=list)
     paths: list[PlannedPath] = field(default_factory=list)
     outside_ticks: int = 0
     outside_replans: int = 0
@@ -168,7 +168,7 @@ def resimulate(
 
     instants: in time order; only two are held at a time.
     target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
-    replanner: plans between the maps; see ReplanSettings for stopping short.
+    replanner: plans between the maps; see Replanner for stopping short.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
     body = Footprint(settings.body_length_m, settings.body_width_m)
@@ -218,12 +218,12 @@ def _replan(
         walk.outside_replans += 1
         return
     replan = replanner.replan(instant.t_ns, instant.window, instant.occupied, here.copy(), target_m)
-    walk.plans.append(replan.record)
+    walk.plans.append(replan.row)
     if replan.path is not None:
         walk.paths.append(replan.path)
         space = None
         if settings.clear_chord and replan.query is not None:
-            blocked = passable(replan.query, instant.occupied, replanner.settings.dilation)
+            blocked = passable(replan.query, instant.occupied, replanner.growth.shape)
             origin_x_m, origin_y_m = instant.window.origin_m.tolist()
             space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
         walk.plan = FollowedPath(replan.path.smooth_xy_m, space)

@@ -11,8 +11,9 @@ from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import window_around
+from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import Replanner, ReplanSettings
+from quadlog.planning.replan import Replanner
 from quadlog.results.tables import TABLES
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
 from quadlog.simulation.robot.height_field import flat
@@ -40,7 +41,7 @@ def fixed(x, y):
 def run(
     maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, lookahead=None, lookahead_m=2.0, **settings
 ):
-    replanner = Replanner(make_planner(planner), ReplanSettings(stop_short_m=stop_short_m))
+    replanner = Replanner(make_planner(planner), Growth(), stop_short_m)
     pursuit = PursuitSettings(**settings)
     robot = UnicycleRobot(np.array(pose), 1 / pursuit.rate_hz, np.random.default_rng(0))
     return resimulate(maps, target, robot, lookahead or FixedLookahead(lookahead_m), replanner, pursuit)
@@ -59,7 +60,7 @@ def test_walks_to_a_metre_from_a_standing_person(planner):
     assert walk.target_distance_m[-1] == pytest.approx(1.0, abs=0.07)
     assert walk.target_distance_m.min() > 0.9
     assert len(walk.plans) == 100
-    assert [plan.t_ns for plan in walk.plans[:2]] == [START_NS, START_NS + 100_000_000]
+    assert [plan["t_ns"] for plan in walk.plans[:2]] == [START_NS, START_NS + 100_000_000]
     assert walk.outside_ticks == walk.outside_replans == 0
 
 
@@ -113,7 +114,7 @@ def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body)
         rng = np.random.default_rng(0)
         made = UnicycleRobot(pose, 1 / rate_hz, rng)
         robot = WalkingRobot(model, WalkerSettings(), pose, rng) if has_body else made
-        replanner = Replanner(make_planner("d_star_lite"), ReplanSettings())
+        replanner = Replanner(make_planner("d_star_lite"), Growth(), 1.0)
         return resimulate(maps, fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings())
 
     first, second = list(instants(8)), list(instants(8, wall=True))
@@ -127,7 +128,7 @@ def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body)
     for name in TABLES["control"].names:
         if name not in ("t_ns", "energy_j"):
             np.testing.assert_array_equal(both.control[name][ticks:], alone.control[name], name)
-    assert [plan.expanded for plan in both.plans[8:]] == [plan.expanded for plan in alone.plans]
+    assert [plan["expanded"] for plan in both.plans[8:]] == [plan["expanded"] for plan in alone.plans]
 
 
 def test_a_robot_with_a_body_walks_as_the_plan_goes():
@@ -135,7 +136,7 @@ def test_a_robot_with_a_body_walks_as_the_plan_goes():
     model = quadruped_model(ROBOTS["tracking"], flat())
     settings = WalkerSettings()
     robot = WalkingRobot(model, settings, np.array([0.0, 0.0, 0.3]), np.random.default_rng(0))
-    replanner = Replanner(make_planner("astar"), ReplanSettings(stop_short_m=1.0))
+    replanner = Replanner(make_planner("astar"), Growth(), 1.0)
     walk = resimulate(
         instants(30, wall=True), fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings(speed_mps=0.5)
     )
@@ -159,7 +160,7 @@ def test_a_robot_with_a_body_walks_as_the_plan_goes():
 def test_a_plan_is_the_reference_for_as_long_as_walking_it_takes():
     """Turned by a radian the robot leaves a plan of 3 m; no newer plan, which starts where it is, hides that."""
     walk = run(instants(40, period_s=0.25), fixed(4.0, 0.0), "astar", pose=(0.0, 0.0, 1.0))
-    control, until_s = walk.control, math.ceil(walk.plans[0].length_m / 0.6 / 0.25) * 0.25
+    control, until_s = walk.control, math.ceil(walk.plans[0]["length_m"] / 0.6 / 0.25) * 0.25
     assert until_s == pytest.approx(5.0, abs=0.3)
     t_s = (control["t_ns"] - control["t_ns"][0]) * 1e-9
     held = t_s < until_s
@@ -168,7 +169,7 @@ def test_a_plan_is_the_reference_for_as_long_as_walking_it_takes():
     np.testing.assert_allclose(control["error_m"][held], np.abs(here[held, 1]), atol=0.051)
     assert control["error_m"][held].max() > 0.2
     assert control["plan_error_m"].max() < 0.25 * 0.6
-    reference = np.column_stack([np.minimum(0.6 * t_s, walk.plans[0].length_m), np.zeros(len(t_s))])
+    reference = np.column_stack([np.minimum(0.6 * t_s, walk.plans[0]["length_m"]), np.zeros(len(t_s))])
     np.testing.assert_allclose(
         control["time_error_m"][held], np.hypot(*(reference - here)[held].T), atol=0.06, err_msg="0.6 m/s along x"
     )
