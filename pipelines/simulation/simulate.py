@@ -38,7 +38,7 @@ from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
 DISTURBED_OVERRIDES = tuple(
-    f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
+    f"simulation.disturbances.{name}={value!r}" for name, value in DISTURBED.model_dump().items()
 )
 """What --disturbed is short for, as --set takes it."""
 
@@ -113,7 +113,6 @@ def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     controller = request.config.simulation.controller
     if controller == NO_CONTROLLER:
         raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
-    walking.check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,11 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from quadlog.config.control import Simulation
 from quadlog.config.schema import Config
-from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
-from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
-from quadlog.control.locomotion.mpc import MpcSettings
+from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, LookaheadControl
+from quadlog.control.locomotion.foot_trajectory import lateral_peak_m
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
@@ -23,12 +20,12 @@ from quadlog.metrics.summary import Metric, Metrics
 from quadlog.metrics.walking import drift_metrics
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot import trot as trotting
-from quadlog.simulation.robot.disturbances import DisturbanceSettings
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel, quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.user_model import load_user_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.simulation.settings import Simulation
 
 MODEL_FILES = (".xml", ".mjcf", ".urdf")
 
@@ -50,29 +47,15 @@ def walker_settings(config: Config) -> WalkerSettings:
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
-        mpc_every_s=config.mpc.every_s,
-        turning_share=config.mpc.turning_share,
-        mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
+        mpc=config.mpc,
     )
 
 
 def lookahead_control(config: Config) -> LookaheadControl:
     """The controller's. A new one for every walk: it remembers its last error."""
-    parts, l0_m = config.simulation.parts, config.pursuit.lookahead_m
-    if parts is None or not parts.fuzzy:
-        return FixedLookahead(l0_m)
-    fuzzy = config.pursuit.fuzzy.model_dump()
-    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
-    return FuzzyLookahead(FuzzySettings(l0_m=l0_m, **lambdas, **fuzzy))
-
-
-def check_rate(rate_hz: float) -> None:
-    """Control ticks with the simulation: every whole number of its steps. Raises InvalidConfigValue."""
-    steps = 1 / (rate_hz * TIMESTEP_S)
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
-        own_hz = round(1 / TIMESTEP_S)
-        reason = f"must divide the simulation's {own_hz} Hz, as 50, 100 or {own_hz} do (got {rate_hz:g})"
-        raise InvalidConfigValue("pursuit.rate_hz", reason, "simulate")
+    parts = config.simulation.parts
+    is_fuzzy = parts is not None and parts.fuzzy
+    return FuzzyLookahead(config.pursuit) if is_fuzzy else FixedLookahead(config.pursuit.lookahead_m)
 
 
 # Beside the seed itself, which draws the ground.
@@ -99,15 +82,14 @@ def walk_once(
 ) -> SimulatedWalk:
     """Walk the course; the seed draws what disturbs. Raises what a user's robot model raises."""
     rng = np.random.default_rng([seed, _DISTURBS])
-    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
-    pursuit = config.pursuit
+    disturbances = config.simulation.disturbances
     robot: WalkingRobot | UnicycleRobot
     if not config.simulation.has_body:
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
         robot = WalkingRobot(robot_model(config, ground), walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
-    walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
+    walk = walk_course(course, robot, lookahead_control(config), config.pursuit.max_yaw_rate_radps, most_s)
     seconds = time.perf_counter() - started
     return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
 
@@ -126,8 +108,6 @@ def walk_warnings(counts: Mapping[str, int], mass_kg: float, most_n: float | Non
 
 CURVES = ("baseline", "3d-curve")
 """Swings without and with y(t): experiments one and two of the paper."""
-SHAPES = {"parabola": PARABOLA, "eased": EASED}
-FIRST_PAIRS = ("left_fore", "right_fore")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,33 +140,23 @@ def trot_once(simulation: Simulation, curve: str, seed: int) -> TrottedCurve:
 
 def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
     """What a seed draws, and the curve for it. Raises InvalidConfigValue for one that is out of the legs' reach."""
-    trot = simulation.trot
-    draw = trotting.draw_trot(
-        seed, trot.friction_spread, trot.foot_radius_spread, math.radians(trot.posture_spread_deg)
-    )
-    plan = trotting.TrotRobot(height_m=trot.height_m)
+    trot, draw, plan = simulation.trot, trotting.draw_trot(seed), trotting.TrotRobot()
     robot = replace(
         plan,
         friction=simulation.friction * (1 + draw.friction_share),
         foot_radius_m=plan.foot_radius_m * (1 + draw.radius_share),
-        payload_kg=trot.payload_kg,
-        payload_x_m=trot.payload_x_m,
-        payload_y_m=trot.payload_y_m,
-        leg_mass_spread=trot.leg_mass_spread,
-        hip_offset_m=trot.hip_offset_m,
+        **trot.model_dump(exclude={"foot_curve_k"}),
     )
     peak_m = 0.0
     if curve == "3d-curve":  # of right fore and left hind leg, by the planned robot, which does not know its payload
         model, k = trotting.trot_model(plan), trot.foot_curve_k
         inertia_kgm2 = trotting.hip_inertia_kgm2(model)
         peak_m = lateral_peak_m(trotting.gravity_moment_nm(model), k, inertia_kgm2, trotting.PERIOD_S)
-    first = FIRST_PAIRS.index(trot.first_pair)
     try:
-        asides_m = np.where((trotting.PAIRS == 1) | (trot.lateral == "same"), peak_m, -peak_m)
-        targets = trotting.joint_targets(plan.plan, asides_m, SHAPES[trot.lateral_shape], first)
+        targets = trotting.joint_targets(plan.plan, np.where(trotting.PAIRS == 1, peak_m, -peak_m))
     except trotting.OutOfReach as error:
         raise InvalidConfigValue("simulation.trot.foot_curve_k", str(error), "simulate trot-32s") from None
-    return PlannedTrot(robot, targets, draw.of_pair(first), peak_m)
+    return PlannedTrot(robot, targets, draw.postures_rad, peak_m)
 
 
 def trot_metrics(trotted: TrottedCurve) -> Metrics:

@@ -26,7 +26,7 @@ from quadlog.simulation.resimulation import MapInstant
 
 PLANNING = (
     *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
-    *("robot.length_m", "robot.width_m"),
+    *("robot.model", "robot.length_m", "robot.width_m"),
 )
 
 
@@ -132,5 +132,5 @@ def planned_as(config: Config) -> ReplanSettings:
 def growth_of(config: Config) -> tuple[float, str]:
     """(metres by which obstacles grow, one of `goal_projection.INFLATIONS`) as the section grid has it."""
     if config.grid.dilation == "body":
-        return math.hypot(config.robot.length_m, config.robot.width_m) / 2, "euclidean"
+        return math.hypot(*config.robot.body_m[:2]) / 2, "euclidean"
     return config.grid.dilation_m, config.grid.dilation

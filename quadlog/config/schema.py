@@ -11,12 +11,13 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, plugin_names
-from quadlog.config.robots import with_robot_preset
+from quadlog.config.robots import RobotConfig
 from quadlog.config.section import Metres, Section, in_order
+from quadlog.control.settings import MpcSettings, PursuitSettings
 from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.simulation.settings import Simulation
 
 
 def _as_list(value: object) -> object:
@@ -391,14 +392,9 @@ class Config(Section):
     grid: Grid = Grid()
     planner: PlannerConfig = PlannerConfig()
     smoothing: SmoothingConfig = SmoothingConfig()
-    pursuit: Pursuit = Pursuit()
+    pursuit: PursuitSettings = PursuitSettings()
     robot: RobotConfig = RobotConfig()
-    mpc: MpcConfig = MpcConfig()
+    mpc: MpcSettings = MpcSettings()
     simulation: Simulation = Simulation()
     results: Results = Results()
     expect: Expect = Expect()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _of_the_preset(cls, data: object) -> object:
-        return with_robot_preset(data)

@@ -2,8 +2,7 @@
 cycloid on and up, and a bulge aside.
 
 A swing has the phases 0..1. On: s - sin(2 pi s) / (2 pi). Up: the same at twice the pace, to the middle and back.
-Aside: b = 4 s (1 - s), which is eq. 12's y(t) over its peak: its speed is not 0 at the ends, as that of the other two
-is. b^3 has the same peak, and neither speed nor acceleration at its ends.
+Aside: 4 s (1 - s), which is eq. 12's y(t) over its peak: its speed is not 0 at the ends, as that of the other two is.
 """
 
 from __future__ import annotations
@@ -15,15 +14,12 @@ import numpy as np
 from quadlog.compiled import inner
 from quadlog.messages import Float
 
-PARABOLA, EASED = 1, 3
-"""The power of b: as printed, or at rest at both ends. Any whole number of at least 1 goes."""
-
 
 @dataclass(frozen=True, slots=True)
 class FootCycle:
     """A foot's whole cycle: a swing for swing_share (lambda) of period_s, then a stance back along the line.
 
-    step_m: S, how far it is carried on; lift_m: H; aside_m: the peak of y(t), left positive; power: of b.
+    step_m: S, how far it is carried on; lift_m: H; aside_m: the peak of y(t), left positive.
     """
 
     period_s: float
@@ -31,7 +27,6 @@ class FootCycle:
     lift_m: float
     swing_share: float = 0.5
     aside_m: float = 0.0
-    power: int = PARABOLA
 
     def at(self, t_s: Float) -> Float:
         """Positions (N, 3) at times (N,) from a lift-off on, about the middle of the step, level with the ground."""
@@ -39,7 +34,7 @@ class FootCycle:
         swings = cycle < self.swing_share
         s = np.where(swings, cycle / self.swing_share, (cycle - self.swing_share) / (1.0 - self.swing_share))
         on_m = self.step_m * _cycloid(s) - 0.5 * self.step_m
-        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)) ** self.power, _cycloid(2.0 * np.minimum(s, 1.0 - s))
+        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)), _cycloid(2.0 * np.minimum(s, 1.0 - s))
         return np.column_stack([np.where(swings, on_m, -on_m), swings * aside_m, swings * (self.lift_m * up_m)])
 
 

@@ -4,6 +4,7 @@ walks.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from quadlog.control.locomotion.foot_trajectory import PARABOLA, FootCycle
+from quadlog.control.locomotion.foot_trajectory import FootCycle
 from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.leg_dynamics import LEFT_FORE_RIGHT_HIND, diagonal_moment
 from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES, Robot
@@ -27,29 +28,23 @@ from quadlog.simulation.robot.walking_robot import FALLEN_HEIGHT_SHARE, FALLEN_T
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """friction_share, radius_share: by how much these are off, as shares. postures_rad: (4, 3) by leg, see of_pair."""
+    """friction_share, radius_share: by how much these are off, as shares. postures_rad: (12,) how far joints are."""
 
     friction_share: float
     radius_share: float
     postures_rad: Float
 
-    def of_pair(self, first_pair: int) -> Float:
-        """(12,) how far the joints are off: mirrored where the right fore leg (1) swings first, and not the left (0).
 
-        So a symmetric robot that starts with the other pair does all that it does mirrored.
-        """
-        if first_pair == 0:
-            return self.postures_rad.ravel()
-        mirrored = self.postures_rad[[1, 0, 3, 2]] * [-1.0, 1.0, 1.0]
-        return mirrored.ravel()
+FRICTION_SPREAD, RADIUS_SPREAD, POSTURE_SPREAD_RAD = 0.25, 0.1, math.radians(1.0)
+"""Within which of 0 a seed draws each number of a Draw, evenly; ours."""
 
 
-def draw_trot(seed: int, friction_spread: float, radius_spread: float, posture_spread_rad: float) -> Draw:
-    """Each number evenly within its spread about 0."""
+def draw_trot(seed: int) -> Draw:
+    """What a seed draws."""
     rng = np.random.default_rng([seed, _TROTS])
     friction, radius = rng.uniform(-1.0, 1.0, 2).tolist()
-    postures = rng.uniform(-1.0, 1.0, (len(LEGS), len(JOINTS)))
-    return Draw(friction_spread * friction, radius_spread * radius, posture_spread_rad * postures)
+    postures = rng.uniform(-1.0, 1.0, len(LEGS) * len(JOINTS))
+    return Draw(FRICTION_SPREAD * friction, RADIUS_SPREAD * radius, POSTURE_SPREAD_RAD * postures)
 
 
 # Beside the seed itself, which draws grounds; 1 draws disturbances.
@@ -220,18 +215,17 @@ class TrotWalk:
         }
 
 
-def joint_targets(plan: Robot, asides_m: Float, power: int = PARABOLA, first_pair: int = 0) -> Float:
+def joint_targets(plan: Robot, asides_m: Float, first_pair: int = 0) -> Float:
     """(N, 12) target angle of every joint at each tick; raises OutOfReach.
 
-    asides_m: (4,) the peak of each leg's y(t), left positive, and power of its shape; first_pair: of PAIRS, which
-    swings first. While it rests the robot already stands as the first step begins, the first pair's feet half a step
-    behind.
+    asides_m: (4,) the peak of each leg's y(t), left positive; first_pair: of PAIRS, which swings first. While it rests
+    the robot already stands as the first step begins, the first pair's feet half a step behind.
     """
     ticks = round(PERIOD_S / TIMESTEP_S)
     t_s = np.arange(ticks) * TIMESTEP_S
     feet = np.repeat(plan.standing_feet_m[None], ticks, axis=0)
     for leg in range(4):
-        cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]), power=power)
+        cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]))
         later_s = 0.0 if PAIRS[leg] == first_pair else PERIOD_S / 2
         feet[:, leg] += cycle.at(t_s + later_s)
     joints = np.empty((ticks, 12))
