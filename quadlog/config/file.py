@@ -44,23 +44,22 @@ PRESETS: dict[str, dict[str, Any]] = {
 """What the papers did, where quadlog's own default may differ."""
 
 RETIRED = {
-    "results.frames": "the player shows the simulated robot",
-    "grid.decay_s": "log_odds clears what is seen through, after grid.clear_s",
-    "robot.preset": "use robot.model, which brings the body's size",
-    "wbc": "constant now, with friction and force of [mpc]",
-    **dict.fromkeys(("simulation.swing", "simulation.swing_aside_m"), "feet swing by the quintic"),
+    "results.frames": "now the player shows the walk",
+    "grid.decay_s": "now log_odds clears what is seen through, after grid.clear_s",
+    "robot.preset": "now robot.model, which brings the body's size",
+    "wbc": "now constant, but for friction and force, which are those of [mpc]",
     **dict.fromkeys(
         (
-            *("pursuit.rate_hz", "pursuit.fuzzy.k_v0", "pursuit.fuzzy.k_w0", "mpc.horizon", "mpc.dt_s", "mpc.every_s"),
-            *("mpc.weight_rpy", "mpc.weight_position", "mpc.weight_omega", "mpc.weight_velocity"),
-            *("mpc.turning_share", "mpc.alpha", "mpc.f_min_n", "simulation.trot.height_m", "simulation.trot.lateral"),
-            *("simulation.trot.lateral_shape", "simulation.trot.first_pair", "simulation.trot.friction_spread"),
-            *("simulation.trot.foot_radius_spread", "simulation.trot.posture_spread_deg"),
+            *("simulation.swing", "simulation.swing_aside_m", "pursuit.rate_hz", "pursuit.fuzzy.k_v0"),
+            *("pursuit.fuzzy.k_w0", "mpc.horizon", "mpc.dt_s", "mpc.every_s", "mpc.weight_rpy", "mpc.weight_position"),
+            *("mpc.weight_omega", "mpc.weight_velocity", "mpc.turning_share", "mpc.alpha", "mpc.f_min_n"),
+            *(f"simulation.trot.{key}" for key in ("height_m", "lateral", "lateral_shape", "first_pair")),
+            *(f"simulation.trot.{key}" for key in ("friction_spread", "foot_radius_spread", "posture_spread_deg")),
         ),
-        "constant now",
+        "now constant",
     ),
 }
-"""Keys and sections of earlier versions, which are ignored with a note, and what replaces them."""
+"""Keys and sections of earlier versions, which files may still have, with a note, and what stands for them."""
 
 
 class Layer(NamedTuple):
@@ -176,7 +175,7 @@ def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
                 kept["robot"] = without_preset(robot)
             found.setdefault(why, []).append(f"[{key}]" if isinstance(of.pop(name), dict) else key)
     gone = "; ".join(f"{', '.join(keys)} ({why})" for why, keys in found.items())
-    return kept, f"keys of an earlier version are ignored: {gone}" if gone else ""
+    return kept, f"keys of an earlier version: {gone}" if gone else ""
 
 
 SCHEMA = Path(__file__).with_name("quadlog.schema.json")

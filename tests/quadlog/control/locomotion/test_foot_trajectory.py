@@ -7,13 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_bvp
 from scipy.interpolate import BPoly
 
-from quadlog.control.locomotion.foot_trajectory import (
-    EASED,
-    PARABOLA,
-    FootCycle,
-    lateral_peak_m,
-    swing_state,
-)
+from quadlog.control.locomotion.foot_trajectory import FootCycle, lateral_peak_m, swing_state
 
 T, S, H = 1.0, 0.04, 0.02
 START, END = np.array([0.1, -0.2, 0.03]), np.array([0.3, -0.1, 0.05])
@@ -73,15 +67,6 @@ def test_a_foot_lifts_off_and_touches_down_without_speed_and_acceleration(phase)
     _, velocity, acceleration = _state(phase)
     np.testing.assert_allclose(velocity, 0.0, atol=1e-14)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize(("power", "speed"), [(PARABOLA, 0.08), (EASED, 0.0)])
-def test_the_eased_bulge_begins_and_ends_without_speed(power, speed):
-    """The parabola of 1 cm and half a second begins at 4 x 1 cm / 0.5 s."""
-    cycle = FootCycle(T, S, H, aside_m=0.01, power=power)
-    for ends_s in ([0.0, 1e-6], [0.5 * T - 1e-9, 0.5 * T - 1e-6]):
-        aside_m = cycle.at(np.array(ends_s))[:, 1]
-        assert abs(np.diff(aside_m) / np.diff(ends_s))[0] == pytest.approx(speed, abs=1e-4)
 
 
 def test_the_bulge_solves_eq_11():
