@@ -15,7 +15,6 @@ from quadlog.control.following.pure_pursuit import (
     FINISHED_M,
     PathFollower,
     checked_path,
-    pure_pursuit,
 )
 
 CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
@@ -83,23 +82,9 @@ def test_the_look_ahead_does_not_leave_out_a_turn():
     command = follower.pursue(9.0, 0.0, 0.0, state, 2.0, 0.5, 1.5)
     assert command.lookahead_y_m == pytest.approx(0.1)
     assert command.lookahead_x_m == pytest.approx(10.0 - (math.pi - 1.1))
-    unbounded = pure_pursuit(9.0, 0.0, 0.0, path, nearest_on_path(path, 9.0, 0.0), 2.0, 0.5, 1.5)
-    assert unbounded.lookahead_x_m == pytest.approx(9.0 - math.sqrt(4 - 0.01))
     # Progress may go as far as the robot was sent, not farther.
     assert follower.step(9.0, 0.1, 0.0).progress_m == pytest.approx(11.1)
     assert PathFollower(path, start_m=9.0).step(9.0, 0.1, 0.0).progress_m == pytest.approx(9.0)
-
-
-@given(x=st.floats(-1, 3), y=st.floats(-1, 1), yaw=st.floats(-3.2, 3.2), lookahead_m=st.floats(1.2, 3))
-def test_commands_are_pure_pursuits(x, y, yaw, lookahead_m):
-    """On a path that does not come near itself both see the same."""
-    path = np.array([[0.0, 0.0], [3.0, 0.0], [9.0, 1.0]])
-    follower = PathFollower(path, start_m=max(x, 0.0))
-    state = follower.step(x, y, yaw)
-    near = nearest_on_path(path, x, y)
-    assert state.near == pytest.approx(near, abs=1e-9)
-    mine = follower.pursue(x, y, yaw, state, lookahead_m, 0.6, 1.5)
-    assert mine == pytest.approx(pure_pursuit(x, y, yaw, path, near, lookahead_m, 0.6, 1.5), abs=1e-9)
 
 
 def test_finished_only_at_the_end():
