@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.control import Simulation
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.errors import UsageError
@@ -37,11 +36,12 @@ from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.simulation.settings import Simulation
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
 DISTURBED_OVERRIDES = tuple(
-    f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
+    f"simulation.disturbances.{name}={value!r}" for name, value in DISTURBED.model_dump().items()
 )
 """What --disturbed is short for, as --set takes it."""
 
@@ -116,7 +116,6 @@ def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     controller = request.config.simulation.controller
     if controller == NO_CONTROLLER:
         raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
-    walking.check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))

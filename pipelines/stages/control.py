@@ -24,11 +24,10 @@ from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
-from quadlog.simulation.contacts import Contact
-from quadlog.simulation.course_walk import SPEED_MPS
-from quadlog.simulation.resimulation import MapInstant, PursuitSettings, Resimulation
+from quadlog.simulation.contacts import Contact, Footprint
+from quadlog.simulation.course_walk import RATE_HZ, SPEED_MPS, Driver
+from quadlog.simulation.resimulation import MapInstant, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
-from quadlog.simulation.robot.disturbances import DisturbanceSettings
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -64,7 +63,10 @@ def resimulate(
         replanner = planning.replanner_of(config, target)
         instants = _counted(_with_what_stands(maps, starts), journal.progress)
         robot = _robot(journal, config, maps, starts.pop(int(maps_ns.min())), seed)
-        resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))
+        pursuit, body = config.pursuit, Footprint(*config.robot.body_m[:2])
+        speed_mps = pursuit.speed_mps or SPEED_MPS
+        driver = Driver(robot, walks.lookahead_control(config), speed_mps, pursuit.max_yaw_rate_radps)
+        resim = walk(instants, target.at, driver, replanner, body, pursuit.clear_chord)
         _write_walk(folder, resim)
     if np.any(resim.control["fallen"]):
         journal.warn("the re-simulated robot fell, and lay from there on")
@@ -129,18 +131,11 @@ def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[Map
 def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
     """A robot with a body, on the run's own ground where feet can stand on it, else on a plane; or one without."""
     rng = np.random.default_rng([seed, *b"resimulation"])
-    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
+    disturbances = config.simulation.disturbances
     if not config.simulation.has_body:
-        return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
-    walks.check_rate(config.pursuit.rate_hz)
+        return UnicycleRobot(start_pose, 1 / RATE_HZ, rng, disturbances)
     ground, why_plane = walkable_ground(maps, config.simulation.friction)
     if why_plane:
         journal.warn(why_plane)
     model = walks.robot_model(config, ground)
     return WalkingRobot(model, walks.walker_settings(config), start_pose, rng, disturbances)
-
-
-def _settings(config: Config) -> PursuitSettings:
-    speed_mps = SPEED_MPS if config.pursuit.speed_mps is None else config.pursuit.speed_mps
-    same = {name: getattr(config.pursuit, name) for name in ("max_yaw_rate_radps", "rate_hz", "clear_chord")}
-    return PursuitSettings(speed_mps, body_length_m=config.robot.length_m, body_width_m=config.robot.width_m, **same)

@@ -121,7 +121,7 @@ def _of_bodies(run: Path, done: Finished, effort: Metrics) -> Metrics:
         return {}
     known, body = known_robot(done.config), done.body
     if known is None:
-        done.journal.note("no logged_cost_of_transport: set robot.preset or robot.model")
+        done.journal.note("no logged_cost_of_transport: set robot.model")
     masses_kg = {
         "logged": math.nan if known is None else known.mass_kg,
         "resimulated": math.nan if body is None else body.mass_kg,

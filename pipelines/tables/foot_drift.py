@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from quadlog.config.control import Simulation
 from quadlog.pipelines.simulation.trot import plan_trot, trot_metrics, trot_model, walk_trot
 from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import NEGLIGIBLE, SIZE, Judge, beyond, not_comparable, number
+from quadlog.simulation.settings import Simulation
 
 K = 175.0
 """Of the curve as it is derived, in 1/m; ours: 10 mm aside."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 
 from quadlog.config.schema import Config
@@ -44,7 +42,7 @@ def config_of(terrain: str, steering: str, disturbed: bool) -> Config:
     return Config.model_validate(
         {
             "pursuit": {"lookahead_m": LOOKAHEAD_M, "fuzzy": {"tables": "printed"}},
-            "simulation": {**simulation, "disturbances": asdict(DISTURBED) if disturbed else {}},
+            "simulation": {**simulation, "disturbances": DISTURBED.model_dump() if disturbed else {}},
         }
     )
 

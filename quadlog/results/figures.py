@@ -227,7 +227,7 @@ def scan_scene(run: Run) -> Scene | None:
     ]  # fmt: skip
     if not layers:
         return None
-    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
+    half_m = np.array(run.config.robot.body_m[:2]) / 2
     layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
     return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))

@@ -212,7 +212,7 @@ NO_WALK = "simulation.controller=none"
 TAGS = "uwb.tags=[{id=0, role='robot', x_m=-0.07}, {id=1, role='person', height_m=1.3}]"
 CONFIGURATIONS = {
     "kinematic": (None, "plan", ["simulation.controller=kinematic"]),
-    "fpmw": (None, "control", ["pursuit.rate_hz=50.0", "simulation.disturbances.push_n=60.0"]),
+    "fpmw": (None, "control", ["simulation.disturbances.push_n=60.0"]),
     "fpm": (None, "control", ["simulation.controller=fpm", "simulation.gait=walk", "grid.extent=run"]),
     "odometry": (None, "control", ["topics.position=odometry", "topics.target=ahead", "grid.memory=scan", NO_WALK]),
     "fixed": (None, "control", ["topics.position=fixed", "topics.target=fixed", "lidar.level=false", NO_WALK]),

@@ -45,7 +45,7 @@ LIDAR_FRAME = "lidar_start"
 
 
 LOCATING = (
-    *("topics", "uwb", "robot.preset", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
+    *("topics", "uwb", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
     *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m", "pose_gap_s")),
 )
 

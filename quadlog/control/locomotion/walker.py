@@ -9,14 +9,20 @@ import numpy as np
 
 from quadlog.compiled import inlined, kernel
 from quadlog.control.locomotion.body_reference import BodyReference, follow, states_ahead
+from quadlog.control.locomotion.force_qp import Pyramid
 from quadlog.control.locomotion.gait import GAITS, Stride, advance, contact_schedule
-from quadlog.control.locomotion.mpc import STATES, Mpc, MpcSettings
+from quadlog.control.locomotion.mpc import DT_S, HORIZON, STATES, Mpc
 from quadlog.control.locomotion.robot import Robot
 from quadlog.control.locomotion.wbc import WholeBodyControl, WholeBodyState, WholeBodyTargets
+from quadlog.control.settings import MpcSettings
 from quadlog.messages import Float
 
 # How fast commands may change: pure pursuit's jump where a path begins and bends.
 ACCELERATION_MPS2, YAW_ACCELERATION_RADPS2 = 1.0, 4.0
+TURNING_SHARE = 0.6
+"""Of the standing robot's inertia, what the MPC takes to turn with the trunk, ours: shanks and feet stay where they
+stand. With all of it the MPC asks for half as much moment again as is needed; without whole-body control that tips the
+robot over, as fpm on the s-curve."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,18 +30,12 @@ class WalkerSettings:
     """gait: of GAITS. clearance_m: how high feet are lifted. whole_body: False pushes by the MPC's forces alone.
 
     mass_error: share by which the MPC is wrong.
-    turning_share: of the standing robot's inertia, what the MPC takes to turn with the trunk: shanks and feet stay
-    where they stand. With all of it the MPC asks for half as much moment again as is needed; without whole-body control
-    that tips the robot over.
-    mpc_every_s: how often forces are planned again; besides, whenever another set of feet carries.
     """
 
     gait: str = "trot"
     clearance_m: float = 0.09
     whole_body: bool = True
-    mpc_every_s: float = 0.03
     mass_error: float = 0.0
-    turning_share: float = 0.6
     mpc: MpcSettings = field(default_factory=MpcSettings)
 
 
@@ -43,20 +43,20 @@ class Walker:
     """The controller of one robot, tick after tick. wanted (2,): the speed and yaw rate that it is walking at."""
 
     def __init__(self, robot: Robot, settings: WalkerSettings, state: WholeBodyState) -> None:
-        self.settings, mpc = settings, settings.mpc
+        self.settings = settings
         self.stride = Stride(robot, GAITS[settings.gait], settings.clearance_m, state.feet_m)
         # The plane lies under the feet's centres.
         height_m = robot.standing_height_m - robot.foot_radius_m
         self.reference = BodyReference(state.position_m, float(state.rpy[2]), height_m)
-        mass_kg, inertia_kgm2 = robot.mass_kg * (1 + settings.mass_error), settings.turning_share * robot.inertia_kgm2
-        self.mpc = Mpc(mass_kg, inertia_kgm2, mpc, mpc.pyramid(robot.mass_kg))
-        self.wbc = WholeBodyControl(mpc.pyramid(robot.mass_kg), robot.torque_limit_nm)
+        mass_kg, inertia_kgm2 = robot.mass_kg * (1 + settings.mass_error), TURNING_SHARE * robot.inertia_kgm2
+        self.mpc = Mpc(mass_kg, inertia_kgm2, Pyramid(settings.mpc, robot.mass_kg))
+        self.wbc = WholeBodyControl(Pyramid(settings.mpc, robot.mass_kg), robot.torque_limit_nm)
         self.wanted: Float = np.zeros(2)
         self._targets = WholeBodyTargets()
         self._centre_m, self._due_s = robot.centre_of_mass_m, 0.0
-        shapes = (STATES,), (mpc.horizon, STATES), (mpc.horizon, 4, 3)
+        shapes = (STATES,), (HORIZON, STATES), (HORIZON, 4, 3)
         self._now, self._ahead, self._arms_m = (np.empty(shape) for shape in shapes)
-        self._contacts = np.empty((mpc.horizon, 4), dtype=np.bool_)
+        self._contacts = np.empty((HORIZON, 4), dtype=np.bool_)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -77,9 +77,9 @@ class Walker:
         changed = _aim(t_s, dt_s, speed_mps, yaw_rate_radps, self.wanted, *records)
         if changed or t_s >= self._due_s:
             problem = self._now, self._ahead, self._arms_m, self._contacts
-            _look_ahead(t_s, self.settings.mpc.dt_s, self._centre_m, *records, *problem)
+            _look_ahead(t_s, DT_S, self._centre_m, *records, *problem)
             targets.forces_n[:] = self.mpc.solve(*problem, targets.rotation_body_to_map)[0]
-            self._due_s = t_s + self.settings.mpc_every_s
+            self._due_s = t_s + DT_S
         return wbc.step(state, targets) if self.settings.whole_body else wbc.mpc_only_step(state, targets)
 
 

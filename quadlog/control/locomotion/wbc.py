@@ -63,7 +63,7 @@ _TARGETS = np.dtype(
 )
 _CONTROL = np.dtype(
     [
-        ("pyramid", "f8", 3),
+        ("pyramid", "f8", 2),
         ("limits_nm", "f8", JOINTS),
         ("out", "f8", (SIZE, 3)),
         ("hessian", "f8", (JOINTS, JOINTS)),
@@ -141,7 +141,7 @@ class WholeBodyControl(Record):
     def __init__(self, pyramid: Pyramid, limits_nm: float | Float) -> None:
         super().__init__(_CONTROL)
         self.pyramid = pyramid
-        self.record["pyramid"] = pyramid.mu, pyramid.f_min_n, pyramid.f_max_n
+        self.record["pyramid"] = pyramid.mu, pyramid.f_max_n
         self.record["limits_nm"] = limits_nm
 
     def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> Float:
@@ -172,8 +172,8 @@ def free_torques(state, targets, control):  # type: ignore[no-untyped-def]
     now, to, own = state[0], targets[0], control[0]
     commands(state, targets, control)
     n = _free_forces(now, to, own)
-    mu, f_min, f_max = own.pyramid
-    if not is_allowed(own.stance_n[0, :n], mu, f_min, f_max):
+    mu, f_max = own.pyramid
+    if not is_allowed(own.stance_n[0, :n], mu, f_max):
         return False
     _joint_torques(now, to, own)
     return True

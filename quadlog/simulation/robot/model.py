@@ -125,7 +125,7 @@ def quadruped_spec(robot: Robot, friction: float = FRICTION) -> mujoco.MjSpec:
         for k, (link, end, radius_m, centre) in enumerate(zip(_LINKS, ends, _RADII_M, _CENTRES, strict=True)):
             parent = parent.add_body(name=f"{leg}_{link}", pos=place)
             parent.add_joint(name=f"{leg}_{JOINTS[k]}", axis=AXES[k], armature=ARMATURE_KGM2)
-            size = [radius_m, np.linalg.norm(end) / 2, 0]
+            size = np.array([radius_m, np.linalg.norm(end) / 2, 0])
             weight = {"mass": robot.link_masses_kg[k], "contype": 0, "conaffinity": 0}
             parent.add_geom(type=form, size=size, pos=centre * end, **weight)
             place, form = end, shapes.mjGEOM_CYLINDER

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.simulation.robot.disturbances import NONE, Disturbances, DisturbanceSettings
+from quadlog.simulation.robot.disturbances import NONE, Disturbances
+from quadlog.simulation.settings import DisturbanceSettings
 
 
 def unicycle_step(

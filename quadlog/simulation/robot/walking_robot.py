@@ -13,10 +13,11 @@ from quadlog.control.locomotion.walker import Walker, WalkerSettings
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
-from quadlog.simulation.robot.disturbances import NONE, Disturbances, DisturbanceSettings
+from quadlog.simulation.robot.disturbances import NONE, Disturbances
 from quadlog.simulation.robot.model import QuadrupedModel
 from quadlog.simulation.robot.model_files import without_log
 from quadlog.simulation.robot.quadruped import Quadruped
+from quadlog.simulation.settings import DisturbanceSettings
 
 # Lower than this share of its height above its feet, or tilted farther, it has fallen.
 FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD = 0.45, 1.0
