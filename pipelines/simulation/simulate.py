@@ -13,6 +13,7 @@ import numpy as np
 
 from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
@@ -25,9 +26,10 @@ from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memor
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.find_runs import run_name
 from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.record import InputRecord, PluginRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
 from quadlog.results.tables import TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
@@ -117,7 +119,7 @@ def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))
-    folder = request.output / f"{course.name}-{controller}"
+    folder = request.output / f"{course.name}-{run_name(controller)}"
     return [PlannedWalk(request, course, controller, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
 
 
@@ -231,6 +233,7 @@ def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecor
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
         startup_s=compiling_s(),
         realtime_factor=walked.lasted_s / walked.walking_s,
+        plugins=PluginRecord.of([] if planned.course is None else [controller_plugin(planned.controller)]),
         **walked.record | {"warnings": warnings},
     )
 

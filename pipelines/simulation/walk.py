@@ -15,6 +15,7 @@ from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
 from quadlog.control.locomotion.foot_trajectory import EASED, PARABOLA, lateral_peak_m
 from quadlog.control.locomotion.mpc import MpcSettings
+from quadlog.control.locomotion.plugged import plugged_controller
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import InvalidConfigValue, UnknownName
@@ -44,7 +45,7 @@ def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
 
 
 def walker_settings(config: Config) -> WalkerSettings:
-    """Gait, MPC and whole-body control."""
+    """Gait, MPC and whole-body control, or a plug-in. Raises QuadlogError for one that cannot be used."""
     simulation = config.simulation
     return WalkerSettings(
         gait=simulation.gait,
@@ -53,6 +54,7 @@ def walker_settings(config: Config) -> WalkerSettings:
         mpc_every_s=config.mpc.every_s,
         turning_share=config.mpc.turning_share,
         mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
+        controller=plugged_controller(simulation.controller),
     )
 
 

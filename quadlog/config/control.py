@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, ControllerParts
+from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, OF_PLUGIN, ControllerParts
+from quadlog.config.plugins import CONTROLLERS as PLUGGED
+from quadlog.config.plugins import known_name
 from quadlog.config.robots import ROBOT_PRESETS
 from quadlog.config.section import Section, in_order
 
@@ -230,10 +233,11 @@ class Trot(Section):
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
-    controller: Literal[(*CONTROLLERS, NO_CONTROLLER)] = Field(  # type: ignore[valid-type]
+    controller: Annotated[str, AfterValidator(partial(known_name, PLUGGED, own=(*CONTROLLERS, NO_CONTROLLER)))] = Field(
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
-        "kinematic: a point that follows every command, fixed look-ahead; none leaves the control stage out",
+        "kinematic: a point that follows every command, fixed look-ahead; a plug-in: fuzzy look-ahead, its torques; "
+        "none leaves the control stage out",
     )
     gait: Literal["walk", "trot", "flying_trot", "pronk", "bound"] = Field(
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
@@ -251,7 +255,7 @@ class Simulation(Section):
     @property
     def parts(self) -> ControllerParts | None:
         """What drives the robot; None where nothing does."""
-        return CONTROLLERS.get(self.controller)
+        return None if self.controller == NO_CONTROLLER else CONTROLLERS.get(self.controller, OF_PLUGIN)
 
     @property
     def has_body(self) -> bool:

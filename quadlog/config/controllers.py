@@ -19,5 +19,7 @@ CONTROLLERS = {
     "pmw": ControllerParts(fuzzy=False, body=True, whole_body=True),
     "kinematic": ControllerParts(fuzzy=False, body=False, whole_body=False),
 }
+OF_PLUGIN = ControllerParts(fuzzy=True, body=True, whole_body=False)
+"""Of every other name: a plug-in turns the commands of fpmw's pursuit into torques."""
 NO_CONTROLLER = "none"
 """Leaves the control stage out."""

@@ -6,6 +6,7 @@ configuration of a run is this model dumped as TOML.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
@@ -13,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
 from quadlog.config.planners import PLANNER_NAMES
-from quadlog.config.plugins import PLANNERS, plugin_names
+from quadlog.config.plugins import PLANNERS, known_name
 from quadlog.config.robots import with_robot_preset
 from quadlog.config.section import Metres, Section, in_order
 from quadlog.metrics.catalogue import CATALOGUE
@@ -22,13 +23,6 @@ from quadlog.metrics.catalogue import CATALOGUE
 def _as_list(value: object) -> object:
     """A lone name where a list of names is wanted, as `--set topics.uwb=/ranges` gives it; "" is none."""
     return list(filter(None, [value])) if isinstance(value, str) else value
-
-
-def _is_planner(name: str) -> str:
-    """The name, if a planner has it; plug-ins are looked for only when none of quadlog's own has."""
-    if name not in PLANNER_NAMES and name not in (others := plugin_names(PLANNERS)):
-        raise ValueError(f"there is no such planner; choose one of: {', '.join((*PLANNER_NAMES, *others))}")
-    return name
 
 
 Id = Annotated[int, Field(ge=0)]
@@ -318,7 +312,7 @@ class Grid(Section):
 class PlannerConfig(Section):
     """Who plans, and on what."""
 
-    name: Annotated[str, AfterValidator(_is_planner)] = Field(
+    name: Annotated[str, AfterValidator(partial(known_name, PLANNERS, own=PLANNER_NAMES))] = Field(
         "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
     )
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")

@@ -114,18 +114,19 @@ class WalkingRobot:
         return Effort(energy_j, torque_max_nm, cut / (12 * ticks), *rms)
 
     @without_log()
-    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
-        """Walk for a number of ticks towards a speed and a yaw rate; a robot that has fallen does not move."""
+    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float, left_mps: float = 0.0) -> None:
+        """Walk for a number of ticks towards a twist; a robot that has fallen does not move."""
+        twist = float(speed_mps), float(left_mps), float(yaw_rate_radps)
         for done in range(ticks):
             if self.fallen:
                 self.ticks += ticks - done
                 return
-            self._tick(speed_mps, yaw_rate_radps, weigh=done == ticks - 1)
+            self._tick(twist, weigh=done == ticks - 1)
 
-    def _tick(self, speed_mps: float, yaw_rate_radps: float, weigh: bool) -> None:
+    def _tick(self, twist: tuple[float, float, float], weigh: bool) -> None:
         quadruped, state, walker, tick_s = self._quadruped, self._state, self.walker, self.tick_s
         walked_s = (self.ticks - self._began) * tick_s
-        torques_nm = walker.step(walked_s, tick_s, state, speed_mps, yaw_rate_radps)
+        torques_nm = walker.step(walked_s, tick_s, state, twist)
         _sum_up(self._sums, walker.wbc.record, state.record, walker.reference.record, tick_s)
         quadruped.act(torques_nm, self.disturbances.push_at(self.t_s, state.rpy))
         if weigh:
