@@ -19,7 +19,7 @@ from quadlog.metrics.summary import Samples, finite_samples
 from quadlog.metrics.walking import body_samples, clearance_samples, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
-from quadlog.results.tables import read_table
+from quadlog.results.tables import BODY_COLUMNS, read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
 _COMPARED_GAP_S = 0.5
@@ -113,7 +113,7 @@ def _plans(run: _Run) -> dict[str, Samples]:
 
 def _control(run: _Run) -> dict[str, Samples]:
     errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
-    table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
+    table = read_table(run.path, "control", ["t_ns", "tau_00_nm", *BODY_COLUMNS, *errors])
     if not np.isfinite(table["tau_00_nm"]).any():
         del table["fallen"]  # a robot without joints cannot fall
     return tracking_samples(table)
@@ -143,7 +143,7 @@ _SOURCES = (
         ("control.parquet",),
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
-            *("heading_rmse_rad", "plan_error_m", "fallen"),
+            *("heading_rmse_rad", "plan_error_m", "fallen", "force_error_rms_n", "us_step_median", "us_step_p95"),
         ),
         _control,
     ),

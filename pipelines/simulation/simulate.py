@@ -31,7 +31,7 @@ from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
 from quadlog.results.record import InputRecord, PluginRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
-from quadlog.results.tables import TABLES
+from quadlog.results.tables import BODY_COLUMNS, TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.simulation.robot.height_field import HeightField
@@ -297,7 +297,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     walk = simulated.walk
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
-    columns = {name: control[name] for name in (*errors, *(["fallen"] if walk.effort is not None else []))}
+    columns = {name: control[name] for name in (*errors, *(BODY_COLUMNS if walk.effort is not None else ()))}
     metrics = metrics_of(tracking_samples(columns))
     if walk.completed_ns is not None:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9

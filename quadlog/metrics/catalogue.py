@@ -180,6 +180,9 @@ _OF_BODY = (
     MetricEntry("height_rms_m", "m", "height error",
         "root mean square of the body's height less the height that the ground asks for",
         "√( 1/N Σ (z_i − wanted_i)² )", _OURS, _BODY),
+    MetricEntry("force_error_rms_n", "N", "forces beside the MPC's",
+        "root mean square of the normal forces that the MPC plans less those on the feet",
+        "√( 1/N Σ 1/4 Σ_j (wanted_ij − fz_ij)² )", _OURS, "control ticks with planned forces", better=""),
     *_RESIMULATED,
     *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
@@ -193,6 +196,11 @@ _COMPUTING = (
     MetricEntry("realtime_factor", "", "times real time",
         "recorded seconds per second of computing, start-up and compilation apart", "recorded_s / Σ stage seconds",
         _OURS, "runs: 1", kind="factor", better="higher"),
+    MetricEntry("us_step_median", "µs", "time of a controller's step",
+        "median time that the controller takes for a tick of the simulation, with the MPC when it is due",
+        "median us_median_i", _OURS, "control ticks"),
+    MetricEntry("us_step_p95", "µs", "longest step in 95 % of the ticks",
+        "95th percentile of the longest step within a control tick", "p95 us_max_i", _OURS, "control ticks"),
 )  # fmt: skip
 _BY_THEME = {
     "Position": _POSITION, "Planning": _PLANNING, "Walking": _WALKING, "Body": _OF_BODY, "Computing": _COMPUTING

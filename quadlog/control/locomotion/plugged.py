@@ -93,7 +93,7 @@ class BodyWanted:
 
 
 class Controller(Protocol):
-    """What an entry point of the group `quadlog.controllers` names: a class, made anew for each walk.
+    """What an entry point of the group `quadlog.controllers` names: a class; each walk has its own.
 
     robot: masses, lengths, limits and how it stands; gait: period, duty and offsets of the legs.
     """

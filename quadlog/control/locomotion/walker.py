@@ -81,6 +81,12 @@ class Walker:
         limits = {f"{name}_{what}": getattr(of, what) for name, of in qps.items() for what in ("limited", "failed")}
         return {"mpc_solves": self.mpc.solves, **limits}
 
+    @property
+    def wanted_loads_n(self) -> Float:
+        """(4,) what the MPC has the feet push with along the ground's normal; NaN of a plug-in, which says nothing."""
+        targets = self._targets
+        return targets.forces_n @ targets.rotation_body_to_map[:, 2] if self._plugged is None else np.full(4, np.nan)
+
     def step(self, t_s: float, dt_s: float, state: WholeBodyState, twist: tuple[float, float, float]) -> Float:
         """Torques (12,) for the tick at t_s, within the limits; overwritten by the next tick.
 
