@@ -16,7 +16,7 @@ from quadlog.metrics.planning import search_samples
 from quadlog.metrics.positioning import ellipse_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples, finite_samples
-from quadlog.metrics.walking import body_samples, clearance_samples, tracking_samples
+from quadlog.metrics.walking import body_samples, clearance_samples, speed_difference, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
 from quadlog.results.tables import BODY_COLUMNS, read_table
@@ -119,6 +119,13 @@ def _control(run: _Run) -> dict[str, Samples]:
     return tracking_samples(table)
 
 
+def _speed_difference(run: _Run) -> dict[str, Samples]:
+    walk = read_table(run.path, "control", ["t_ns", "x_m", "y_m", "cmd_vy_mps"])
+    poses = read_table(run.path, "poses", ["t_ns", "x_m", "y_m", "source"])
+    by_commands = np.isfinite(walk["cmd_vy_mps"]).any()  # others had another way than the log
+    return {"speed_difference_rms_mps": speed_difference(walk, poses)} if by_commands else {}
+
+
 _SOURCES = (
     _Source(
         ("fixes.parquet", "reference.tum"),
@@ -147,6 +154,7 @@ _SOURCES = (
         ),
         _control,
     ),
+    _Source(("control.parquet", "poses.parquet"), ("speed_difference_rms_mps",), _speed_difference),
     _Source(
         ("clearances.parquet",),
         ("clearance_min_m", "collisions", "following_distance_mean_m"),

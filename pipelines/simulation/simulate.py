@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
+from quadlog.config.controllers import COMMAND, CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
 from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.errors import UsageError
@@ -113,8 +113,9 @@ def _shown(run: SimulatedRun, progress: Progress) -> SimulatedRun:
 def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     """One along the course for each seed."""
     controller = request.config.simulation.controller
-    if controller == NO_CONTROLLER:
-        raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
+    if controller in (NO_CONTROLLER, COMMAND):
+        lacks = "commands of a log" if controller == COMMAND else "a controller"
+        raise UsageError(f"there is nothing to simulate without {lacks}; use --controller {'|'.join(CONTROLLERS)}")
     walking.check_rate(request.config.pursuit.rate_hz)
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, OF_PLUGIN, ControllerParts
-from quadlog.config.plugins import CONTROLLERS as PLUGGED
-from quadlog.config.plugins import known_name
+from quadlog.config.controllers import CONTROLLER_NAMES, ControllerParts, parts_of
+from quadlog.config.plugins import CONTROLLERS, known_name
 from quadlog.config.robots import ROBOT_PRESETS
 from quadlog.config.section import Section, in_order
 
@@ -233,11 +232,14 @@ class Trot(Section):
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
-    controller: Annotated[str, AfterValidator(partial(known_name, PLUGGED, own=(*CONTROLLERS, NO_CONTROLLER)))] = Field(
+    controller: Annotated[str, AfterValidator(partial(known_name, CONTROLLERS, own=CONTROLLER_NAMES))] = Field(
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
         "kinematic: a point that follows every command, fixed look-ahead; a plug-in: fuzzy look-ahead, its torques; "
-        "none leaves the control stage out",
+        "command: open loop by the log's own commands, see topics.command; none leaves the control stage out",
+    )
+    command_hold_s: float = Field(
+        0.5, gt=0, le=3600, description="a command of the log holds for so long without another; then the robot stops"
     )
     gait: Literal["walk", "trot", "flying_trot", "pronk", "bound"] = Field(
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
@@ -255,7 +257,7 @@ class Simulation(Section):
     @property
     def parts(self) -> ControllerParts | None:
         """What drives the robot; None where nothing does."""
-        return None if self.controller == NO_CONTROLLER else CONTROLLERS.get(self.controller, OF_PLUGIN)
+        return parts_of(self.controller)
 
     @property
     def has_body(self) -> bool:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_v
 from pydantic_core import PydanticCustomError
 
 from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
+from quadlog.config.controllers import with_commands
 from quadlog.config.planners import PLANNER_NAMES
 from quadlog.config.plugins import PLANNERS, known_name
 from quadlog.config.robots import with_robot_preset
@@ -60,6 +61,11 @@ class Topics(Section):
     reference: str = Field(
         "",
         description='true pose; empty: a pose topic named truth, gt, mocap, vicon, ...; "none": no reference',
+    )
+    command: str = Field(
+        "",
+        description='commands that simulation.controller = "command" walks by: Twist, TwistStamped, or how the robot '
+        "moved by its odometry, sportmodestate or a pose; auto, and empty with that controller: the only commands",
     )
     position: str = Field(
         "auto",
@@ -395,4 +401,4 @@ class Config(Section):
     @model_validator(mode="before")
     @classmethod
     def _of_the_preset(cls, data: object) -> object:
-        return with_robot_preset(data)
+        return with_robot_preset(with_commands(data))

@@ -179,6 +179,12 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
     return np.where(known, np.hypot(*(after_m - before_m).T) / np.maximum(over_s, LEAST_OVER_S), np.nan)
 
 
+def speed_difference(walk: Mapping[str, NDArray[Any]], poses: Mapping[str, NDArray[Any]]) -> Samples:
+    """Speed of a walk less that of the log, over SPEED_OVER_S, from t_ns, x_m, y_m of each (T,), (N,)."""
+    speeds = (ground_speed(walk["t_ns"], of["t_ns"], np.column_stack([of["x_m"], of["y_m"]])) for of in (walk, poses))
+    return finite_samples(walk["t_ns"], np.subtract(*speeds), "rms")
+
+
 def uneven_share(t_ns: Int) -> float:
     """Share of the time, pauses apart, in which SHORTEST_PHASE_S's usual number of rows takes another time by half."""
     usual_s = _usual_s(t_ns)

@@ -263,7 +263,7 @@ FIGURES = (
     Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
            curves("control", {
                "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
-               "speed to the left (m/s)": "vy_mps, reached, resim",
+               "speed to the left (m/s)": "vy_mps, reached, resim; cmd_vy_mps, commanded, robot",
                "yaw rate (rad/s)": "yaw_rate_radps, reached, resim; cmd_yaw_rate_radps, commanded, robot",
            })),
     Figure("lookahead", "Look-ahead", "Of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",

@@ -94,7 +94,7 @@ TICK_COLUMNS = (
     *(f"fz_{leg}_n" for leg in range(4)),
     *("fallen", "energy_j"),
     *(f"wanted_fz_{leg}_n" for leg in range(4)),
-    *("us_median", "us_max"),
+    *("us_median", "us_max", "cmd_vy_mps"),
 )
 """Columns of control.parquet without the times, in this order."""
 POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY, WANTED = (
@@ -173,7 +173,7 @@ class Driver:
         row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
         if (effort := robot.effort) is not None:
             row[ENERGY] = effort.energy_j
-            row[WANTED:] = *robot.wanted_loads_n.tolist(), *robot.step_us
+        row[WANTED:-1] = *robot.wanted_loads_n.tolist(), *robot.step_us
         return Steered(command, on_path, on_reference)
 
 

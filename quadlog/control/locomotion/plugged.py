@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.controllers import CONTROLLERS as OWN
+from quadlog.config.controllers import CONTROLLER_NAMES
 from quadlog.config.plugins import CONTROLLERS, Plugin, find_plugin
 from quadlog.control.locomotion.body_reference import BodyReference
 from quadlog.control.locomotion.gait import Gait, Stride
@@ -134,45 +134,25 @@ class CheckedController:
 def state_of(state: WholeBodyState) -> BodyState:
     """A copy for a plug-in: the next tick overwrites the record."""
     now = state.record[0].copy()
-    return BodyState(
-        position_m=now["position_m"],
-        rotation_body_to_map=now["rotation_body_to_map"],
-        rpy_rad=now["rpy"],
-        velocity_mps=now["qvel"][:3],
-        angular_radps=now["qvel"][3:6],
-        joints_rad=now["joints_rad"],
-        joint_rates_radps=now["qvel"][6:],
-        contacts=now["touches"].astype(np.bool_),
-        feet_m=now["feet_m"],
-        mass_matrix=now["mass_matrix"],
-        bias=now["bias"],
-        foot_jacobians=now["foot_jacobians"],
-        foot_jacobian_rates=now["foot_jacobian_rates"],
-    )
+    qvel, dynamics = now["qvel"], ("mass_matrix", "bias", "foot_jacobians", "foot_jacobian_rates")
+    pose = now["position_m"], now["rotation_body_to_map"], now["rpy"]
+    moves = qvel[:3], qvel[3:6], now["joints_rad"], qvel[6:]
+    return BodyState(*pose, *moves, now["touches"].astype(np.bool_), now["feet_m"], *(now[name] for name in dynamics))
 
 
 def wanted_of(twist: Float, reference: BodyReference, stride: Stride) -> BodyWanted:
     """The same of what is wanted; twist (3,): forward, left, yaw rate."""
     body, legs = reference.record[0].copy(), stride.record[0].copy()
+    forward_mps, left_mps, yaw_rate_radps = twist.tolist()
     feet_m, feet_mps, feet_mps2 = legs["swing"]
-    return BodyWanted(
-        *twist.tolist(),
-        height_m=float(body["height_m"]),
-        position_m=body["position_m"],
-        rpy_rad=body["rpy"],
-        velocity_mps=body["velocity_mps"],
-        stance=legs["stands"].astype(np.bool_),
-        phase=legs["phase"],
-        feet_m=feet_m,
-        feet_mps=feet_mps,
-        feet_mps2=feet_mps2,
-        landings_m=legs["landings_m"],
-    )
+    way = float(body["height_m"]), body["position_m"], body["rpy"], body["velocity_mps"]
+    steps = legs["stands"].astype(np.bool_), legs["phase"], feet_m, feet_mps, feet_mps2, legs["landings_m"]
+    return BodyWanted(forward_mps, left_mps, yaw_rate_radps, *way, *steps)
 
 
 def controller_plugin(name: str) -> Plugin | None:
     """The plug-in that controls under a name, None for quadlog's own and none. Raises QuadlogError."""
-    return find_plugin(CONTROLLERS, name, taken=name in OWN)
+    return find_plugin(CONTROLLERS, name, taken=name in CONTROLLER_NAMES)
 
 
 def plugged_controller(name: str) -> Callable[[Robot, Gait], CheckedController] | None:
