@@ -12,6 +12,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
+from quadlog.config.controllers import COMMAND
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOptions, ReplayOutcome, ReplayRequest
@@ -43,7 +44,7 @@ class StageResults(NamedTuple):
 
 def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> StageResults:
     """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
-    from quadlog.pipelines.stages.control import resimulate
+    from quadlog.pipelines.stages.control import resimulate, walk_by_commands
     from quadlog.pipelines.stages.log import ingest
     from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
     from quadlog.pipelines.stages.plan import replan
@@ -53,11 +54,14 @@ def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, las
     facts = do(ingest, log)
     data = Keyed(facts.key, lambda: log.get()())
     tracks = do(locate, data)
+    by_command = request.config.simulation.controller == COMMAND
+    if by_command and last == "control":  # which needs no maps
+        return StageResults(facts, tracks, do(walk_by_commands, data, tracks, seed))
     # Only the papers' fit of the ground draws numbers.
     drawn = seed if request.config.lidar.method == "paper" else 0
     maps = do(filter_scans if last == "filter" else filter_and_map, data, tracks, drawn)
     do(replan, maps, tracks)
-    body = do(resimulate, maps, tracks, seed)
+    body = do(walk_by_commands, data, tracks, seed) if by_command else do(resimulate, maps, tracks, seed)
     return StageResults(facts, tracks, body)
 
 
@@ -154,9 +158,9 @@ def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) ->
         do = Doing(store, run, request.config, last, journal, before)
         read = cache(partial(read_log, log, journal.progress))
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
-    if request.options.until != last == "position":
+    if request.options.until == "report" != last:
         why = log.roles.choices("lidar") or log.roles.why_none("lidar")
-        journal.warn(f"stopped after position: {why}")
+        journal.warn(f"stopped after {last}: {why}")
     return do, made, compiling_s() - compiled_s
 
 

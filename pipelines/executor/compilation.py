@@ -20,7 +20,7 @@ import numpy as np
 from numba.core import event
 from numba.core.registry import cpu_target
 
-from quadlog.config.controllers import CONTROLLERS
+from quadlog.config.controllers import CONTROLLERS, parts_of
 from quadlog.config.schema import Config
 from quadlog.open3d import import_open3d
 from quadlog.pipelines.executor.machine import cores
@@ -135,7 +135,7 @@ def main(controller: str) -> None:
     from quadlog.simulation.robot.walking_robot import WalkingRobot
 
     gc.disable()  # not worth the time in a process that ends soon
-    settings = WalkerSettings(whole_body=CONTROLLERS[controller].whole_body)
+    settings = WalkerSettings(whole_body=(parts_of(controller) or CONTROLLERS["fpmw"]).whole_body)
     robot = WalkingRobot(quadruped_model(ROBOTS["tracking"], flat()), settings, np.zeros(3), np.random.default_rng(0))
     robot.walk(50, 0.3, 0.1)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from quadlog.config.schema import Config
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, LookaheadControl
+from quadlog.control.locomotion.plugged import plugged_controller
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import UnknownName
@@ -36,13 +37,14 @@ def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
 
 
 def walker_settings(config: Config) -> WalkerSettings:
-    """Gait, MPC and whole-body control."""
+    """Gait, MPC and whole-body control, or a plug-in. Raises QuadlogError for one that cannot be used."""
     simulation = config.simulation
     return WalkerSettings(
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
         mpc=config.mpc,
+        controller=plugged_controller(simulation.controller),
     )
 
 

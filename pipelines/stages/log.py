@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from quadlog.config.controllers import COMMAND
 from quadlog.config.schema import Config, Mount
 from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
 from quadlog.lidar.levelling import UpSeries
@@ -48,15 +49,18 @@ class Log(Outlook):
 
     path: Path
     options: ReplayOptions
+    by_command: bool = False
 
     def last_stage(self) -> str:
-        """The last stage that was asked for, or `position` where it was not by its name and there is no lidar.
+        """The last stage that was asked for, or of those that need no lidar where it was not by its name.
 
-        Raises MissingInput and AmbiguousTopic.
+        by_command: commands drive the simulated robot, which needs no map. Raises MissingInput and AmbiguousTopic.
         """
-        until = self.options.until
-        if until == "report" and "lidar" not in self.roles.found:
-            return "position"
+        until, may_walk = self.options.until, self.by_command and self.options.until in ("control", "report")
+        if may_walk and self.roles.topic("command") is None:
+            raise MissingInput("control", self.roles.why_none("command"), "choose another  --controller")
+        if (until == "report" or may_walk) and "lidar" not in self.roles.found:
+            return "control" if may_walk else "position"
         if STAGES.index(until) >= STAGES.index("filter") and self.roles.topic("lidar") is None:
             raise MissingInput("filter", self.roles.why_none("lidar"), "stop before it with  --until position")
         return until
@@ -102,12 +106,12 @@ class Log(Outlook):
 @contextmanager
 def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log]:
     """Open a recording and detect the roles of its topics; only its index and a few messages are read."""
-    config = only(config, READING)
+    by_command, config = config.simulation.controller == COMMAND, only(config, READING)
     with open_configured(path, config, options.msg_path, options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
         if config.lidar.mount != Mount():
             roles.frames.bodies.clear()  # base is what the mount is given in, not what odometry is of
-        yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options)
+        yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options, by_command)
 
 
 @dataclass(frozen=True)

@@ -162,6 +162,7 @@ class Outlook:
             "odometry": chosen or odometry,
             "imu": roles.topic("imu") if self.by_uwb and position in ("auto", "uwb") else upright,
             "joints": unless_ambiguous(roles, "joints"),
+            "command": roles.topic("command"),
             "reference": unless_ambiguous(roles, "reference"),
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),

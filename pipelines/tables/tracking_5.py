@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.metrics.catalogue import THEMES
 from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.simulate import walk_metrics
 from quadlog.pipelines.simulation.walk import walk_once
@@ -54,7 +55,7 @@ def track(course: str, terrain: str, steering: str, condition: str, seed: int) -
     simulated = walk_once(found, config, make_ground(course, found, config, seed), seed)
     control = simulated.walk.control
     metrics = walk_metrics(simulated)
-    figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
+    figures = {name: metric.value for name, metric in metrics.items() if name not in THEMES["Computing"]}
     return figures | {
         "lookahead_range_m": float(np.ptp(control["lookahead_m"])),
         "speed_mean_mps": float(np.mean(control["vx_mps"])),

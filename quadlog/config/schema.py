@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from quadlog.config.controllers import with_commands
 from quadlog.config.robots import RobotConfig
 from quadlog.config.section import Metres, Section, in_order
 from quadlog.control.settings import MpcSettings, PursuitSettings
@@ -60,6 +61,11 @@ class Topics(Section):
     reference: str = Field(
         "",
         description='true pose; empty: a pose topic named truth, gt, mocap, vicon, ...; "none": no reference',
+    )
+    command: str = Field(
+        "",
+        description='commands that simulation.controller = "command" walks by: Twist, TwistStamped, or how the robot '
+        "moved by its odometry, sportmodestate or a pose; auto, and empty with that controller: the only commands",
     )
     position: str = Field(
         "auto",
@@ -318,3 +324,8 @@ class Config(Section):
     simulation: Simulation = Simulation()
     results: Results = Results()
     expect: Expect = Expect()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _reads_commands(cls, data: object) -> object:
+        return with_commands(data)

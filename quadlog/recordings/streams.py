@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.geometry import quat_from_yaw, turned
+from quadlog.geometry import quat_from_yaw, turned, yaw_from_quat
 from quadlog.messages import (
     NO_ID,
+    NS_PER_S,
     UNPLACED,
     Batch,
     Float,
@@ -29,6 +30,8 @@ from quadlog.messages import (
     RangeSeries,
     Timed,
     Transforms,
+    Twist,
+    TwistSeries,
     UwbRanges,
 )
 from quadlog.recordings.clocks.bursts import spread
@@ -71,6 +74,7 @@ class Streams:
     clouds_of: Int
     repeated_clouds: Mask
     joints: JointSeries | None = None
+    commands: TwistSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
 
 
@@ -84,20 +88,26 @@ class Wanted(NamedTuple):
     target: str | None = None
     tf: Sequence[str] = ()
     joints: str | None = None
+    command: str | None = None
     estimates: Sequence[str] = ()
     lidar: Sequence[str] = ()
 
     def topics(self, *, static: bool) -> list[str]:
         """Those of static transforms, which hold before any window too, or all others, each once."""
-        single = (self.odometry, self.imu, self.joints, self.reference, self.target)
+        single = (self.odometry, self.imu, self.joints, self.reference, self.target, self.command)
         topics = dict.fromkeys([*self.uwb, *filter(None, single), *self.estimates, *self.lidar, *self.tf])
         return [topic for topic in topics if (topic in self.tf and is_static(topic)) == static]
 
     def kinds(self) -> dict[type[Message], set[str | None]]:
         """The topics of each kind of rows."""
-        poses = {self.odometry, self.reference, self.target, *self.estimates}
+        poses = {self.odometry, self.reference, self.target, self.command, *self.estimates}
         kinds: dict[type[Message], set[str | None]] = {Pose: poses, Odometry: poses, Imu: {self.imu}}
-        return kinds | {JointStates: {self.joints}, UwbRanges: {*self.uwb}, Transforms: {*self.tf}}
+        return kinds | {
+            Twist: {self.command},
+            JointStates: {self.joints},
+            UwbRanges: {*self.uwb},
+            Transforms: {*self.tf},
+        }
 
 
 def gather(
@@ -236,6 +246,7 @@ class _Logged:
             clouds_of=clouds[0],
             repeated_clouds=repeated_clouds,
             joints=self._joints(tracks),
+            commands=_commands(tracks, wanted.command),
             estimates={topic: series for topic in wanted.estimates if (series := poses[topic]) is not None},
         )
 
@@ -348,6 +359,28 @@ class _Logged:
             if not np.nan_to_num(parts[what]).any():
                 parts[what][:] = np.nan
         return JointSeries(track.t_ns.copy(), *parts.values())
+
+
+MOVED_OVER_S = 0.2
+"""Speeds that a pose does not come with are its differences over so long."""
+
+
+def _commands(tracks: Mapping[_Key, _Track], topic: str | None) -> TwistSeries | None:
+    """Velocities in the body: as they are wanted or were measured; without any the differences of poses."""
+    kinds = ((kind, str(topic), "") for kind in (Twist, Odometry, Pose))
+    track = next((tracks[key] for key in kinds if key in tracks), None)
+    if track is None:
+        return None
+    t_ns, rows, names = track.t_ns.copy(), track.rows, track.rows.dtype.names or ()
+    placed = "position_m" in names and not np.isnan(rows["position_m"]).any()
+    if "linear_mps" in names and (rows["linear_mps"].any() or not placed):
+        return TwistSeries(t_ns, np.column_stack([rows["linear_mps"][:, :2], rows["angular_radps"][:, 2]]))
+    yaw_rad = np.unwrap(yaw_from_quat(rows["quat_xyzw"]))
+    ends_ns = [np.clip(t_ns + sign * MOVED_OVER_S / 2 * NS_PER_S, t_ns[0], t_ns[-1]) for sign in (-1, 1)]
+    poses = (*rows["position_m"].T[:2], yaw_rad)
+    before, after = (np.column_stack([np.interp(at_ns, t_ns, each) for each in poses]) for at_ns in ends_ns)
+    moved = (after - before) / np.maximum(ends_ns[1] - ends_ns[0], 1)[:, None] * NS_PER_S
+    return TwistSeries(t_ns, np.column_stack([turned(-yaw_rad, moved[:, :2]), moved[:, 2]]))
 
 
 VELOCITY_FRAME = "velocity_start"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from quadlog.config.schema import Config
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms
+from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, Twist
 from quadlog.recordings.decoders import body, poses, ranges
 from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, laser_scan
 from quadlog.recordings.decoders.rows import HEADER, Type
@@ -16,6 +16,7 @@ TYPES: dict[str, Type] = {
     "geometry_msgs/msg/PoseStamped": Type((Pose,), poses.pose_at("pose"), poses.pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), poses.pose_at("pose.pose"), poses.pose),
     "geometry_msgs/msg/TransformStamped": Type((Pose,), poses.TRANSFORM, poses.pose),
+    "geometry_msgs/msg/Twist": Type((Twist,), poses.COMMAND, poses.command),
     "geometry_msgs/msg/TwistStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
     "geometry_msgs/msg/TwistWithCovarianceStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
     "gtec_msgs/msg/Ranging": ranges.type_of_ranges(

@@ -40,6 +40,9 @@ CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
 FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
 DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
 FORCES, _TORQUES = tuple(f"fz_{leg}_n" for leg in range(4)), JOINT_COLUMNS[2]
+WANTED_FORCES = tuple(f"wanted_{name}" for name in FORCES)
+BODY_COLUMNS = ("fallen", *FORCES, *WANTED_FORCES, "us_median", "us_max")
+"""Of control, what only a robot with a body has, and metrics are made of."""
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
     "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
@@ -75,7 +78,7 @@ TABLES: dict[str, pa.Schema] = {
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
         "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
-        f"{' '.join((*_TORQUES, *FORCES))} fallen:bool energy_j"
+        f"{' '.join((*_TORQUES, *FORCES))} fallen:bool energy_j {' '.join(WANTED_FORCES)} us_median us_max cmd_vy_mps"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
@@ -90,8 +93,8 @@ TABLES: dict[str, pa.Schema] = {
 }
 
 # Columns that may be left out when writing, and are then null.
-OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"}
-OPTIONAL |= {*_TORQUES, *FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
+OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "us_median", "us_max", "cmd_vy_mps", "worker"}
+OPTIONAL |= {*_TORQUES, *FORCES, *WANTED_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""

@@ -95,12 +95,15 @@ TICK_COLUMNS = (
     *(f"tau_{joint:02d}_nm" for joint in range(12)),
     *(f"fz_{leg}_n" for leg in range(4)),
     *("fallen", "energy_j"),
+    *(f"wanted_fz_{leg}_n" for leg in range(4)),
+    *("us_median", "us_max", "cmd_vy_mps"),
 )
 """Columns of control.parquet without the times, in this order."""
-POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY = (
+POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY, WANTED = (
     TICK_COLUMNS.index(name)
     for name in (
         *("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen", "energy_j"),
+        "wanted_fz_0_n",
     )
 )
 
@@ -167,6 +170,7 @@ class Driver:
         row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
         if (effort := robot.effort) is not None:
             row[ENERGY] = effort.energy_j
+        row[WANTED:-1] = *robot.wanted_loads_n.tolist(), *robot.step_us
         return Steered(command, on_path, on_reference)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from functools import partial
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER, ControllerParts
+from quadlog.config.controllers import CONTROLLER_NAMES, ControllerParts, parts_of
+from quadlog.config.plugins import CONTROLLERS, known_name
 from quadlog.config.section import Section
 
 
@@ -53,10 +55,14 @@ class TrotSettings(Section):
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
-    controller: Literal[(*CONTROLLERS, NO_CONTROLLER)] = Field(  # type: ignore[valid-type]
+    controller: Annotated[str, AfterValidator(partial(known_name, CONTROLLERS, own=CONTROLLER_NAMES))] = Field(
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
-        "kinematic: a point that follows every command, fixed look-ahead; none leaves the control stage out",
+        "kinematic: a point that follows every command, fixed look-ahead; a plug-in: fuzzy look-ahead, its torques; "
+        "command: open loop by the log's own commands, see topics.command; none leaves the control stage out",
+    )
+    command_hold_s: float = Field(
+        0.5, gt=0, le=3600, description="a command of the log holds for so long without another; then the robot stops"
     )
     gait: Literal["walk", "trot", "flying_trot", "pronk", "bound"] = Field(
         "trot", description="which legs swing when [Following, Table 1]; [Tracking] trots"
@@ -74,7 +80,7 @@ class Simulation(Section):
     @property
     def parts(self) -> ControllerParts | None:
         """What drives the robot; None where nothing does."""
-        return CONTROLLERS.get(self.controller)
+        return parts_of(self.controller)
 
     @property
     def has_body(self) -> bool:

@@ -42,6 +42,7 @@ _STATE = np.dtype(
         ("position_m", "f8", 3),
         ("velocity_mps", "f8", 3),
         ("qvel", "f8", SIZE),
+        ("joints_rad", "f8", JOINTS),
         ("feet_m", "f8", (4, 3)),
         ("foot_jacobians", "f8", (4, 3, SIZE)),
         ("foot_jacobian_rates", "f8", (4, 3)),
@@ -84,7 +85,7 @@ class WholeBodyState(Record):
     """Where the robot is, and its dynamics there, as its controller knows them.
 
     rotation_body_to_map (3, 3), its angles rpy (3,), position_m (3,) of the base, qvel (18,); velocity_mps (3,) is the
-    base's true one, where that in qvel is biased. feet_m (4, 3) in map, foot_jacobians (4, 3, 18) and
+    base's true one, where that in qvel is biased. joints_rad (12,). feet_m (4, 3) in map, foot_jacobians (4, 3, 18) and
     foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,) of Coriolis forces and
     gravity; touches (4,): which feet are in contact with anything.
     """
@@ -94,6 +95,7 @@ class WholeBodyState(Record):
     position_m: Float
     velocity_mps: Float
     qvel: Float
+    joints_rad: Float
     feet_m: Float
     foot_jacobians: Float
     foot_jacobian_rates: Float

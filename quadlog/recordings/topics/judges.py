@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from quadlog.errors import set_flag, some_of
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, Twist, UwbRanges
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoding import kinds_of
@@ -35,6 +35,7 @@ KINDS: dict[str, tuple[tuple[type[Message], ...], str]] = {
     "reference": ((Pose, Odometry), "a pose"),
     "target": ((Pose, Odometry), "a pose"),
     "tf": ((Transforms,), "transforms"),
+    "command": ((Twist, Odometry, Pose), "commands"),
 }
 """Role -> what the configuration can name for it, in words."""
 
@@ -192,6 +193,16 @@ def judge_velocities(look: Look) -> list[Candidate]:
     return [*unfit, *_together([t for t in topics if t not in wanted], alone, "topics of velocities")]
 
 
+def judge_commands(look: Look) -> list[Candidate]:
+    """Every topic of velocities that are wanted, where commands are read."""
+    stamped = [t for t, n in look.of_kind(Odometry).items() if n in VELOCITY_TYPES and not is_measured(t)]
+    topics = [*look.of_kind(Twist), *stamped]
+    if not look.topics.command:
+        unread = "a command; a simulated robot walks by it with  --controller command"
+        return [Candidate((topic,), 0, unread) for topic in topics if topic not in look.unused]
+    return [Candidate((topic,), 1, f"the only {look.free[topic]} of commands") for topic in topics]
+
+
 def _together(topics: Sequence[str], alone: str, several: str) -> list[Candidate]:
     """All topics as one candidate, and why: of one alone, or of several."""
     why = f"one of {len(topics)} {several}; topics.position takes one as the robot's position"
@@ -215,5 +226,6 @@ JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
     "pose": judge_estimates,
     "gnss": judge_fixes,
     "twist": judge_velocities,
+    "command": judge_commands,
 }
 """Role -> its candidates, in the order in which roles are settled."""

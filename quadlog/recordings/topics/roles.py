@@ -160,6 +160,7 @@ def configured_topics(recording: Recording, topics: Topics) -> dict[str, tuple[s
     named: dict[str, list[str]] = {role: [getattr(topics, role)] for role in ("odometry", "imu", "joints")}
     named["reference"] = [] if topics.reference == NO_REFERENCE else [topics.reference]
     named |= {"lidar": topics.lidar, "uwb": topics.uwb, "tf": topics.tf}
+    named["command"] = [] if topics.command == "auto" else [topics.command]
     named["target"] = [] if topics.target in TARGET_WORDS else [topics.target]
     by_topic = topics.position not in POSITION_WORDS and recording.types_of(topics.position)
     named["position"] = [topics.position] if by_topic else []

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, Twist, UwbRanges
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.pose_fields import HEADER_TYPE
 from quadlog.recordings.decoders.ros_messages import standard_types
@@ -23,6 +23,7 @@ NEAREST_ROLE: dict[type[Message], str] = {
     PointCloud: "lidar",
     UwbRanges: "uwb",
     Odometry: "odometry",
+    Twist: "command",
     Imu: "imu",
     Pose: "reference",
     Transforms: "tf",
