@@ -24,7 +24,7 @@ from quadlog.config.controllers import CONTROLLERS
 from quadlog.config.schema import Config
 from quadlog.open3d import import_open3d
 from quadlog.pipelines.executor.machine import cores
-from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.executor.progress import Progress, start_up
 
 SAID = "compiling for the first time on this machine, 3 to 20 s depending on the log; later starts use the cache"
 LONGEST_S = 600.0
@@ -33,9 +33,9 @@ NOTHING = subprocess.DEVNULL
 
 
 class _Clock(event.Listener):
-    """Seconds that this process has compiled, and what to call when it does so next, and each time. They nest."""
+    """Adds what this process compiles to its start-up, and what to call at the next time and each time. They nest."""
 
-    seconds, began_s, depth, kernels = 0.0, 0.0, 0, 0
+    began_s, depth, kernels = 0.0, 0, 0
     on_next: Callable[[], None] | None = None
     on_each: Callable[[int], None] | None = None
 
@@ -50,7 +50,7 @@ class _Clock(event.Listener):
     def on_end(self, event: Any) -> None:
         self.depth -= 1
         if self.depth == 0:
-            self.seconds += time.perf_counter() - self.began_s
+            start_up.seconds += time.perf_counter() - self.began_s
             self.kernels += 1
             if self.on_each is not None:
                 self.on_each(self.kernels)
@@ -58,11 +58,6 @@ class _Clock(event.Listener):
 
 _clock = _Clock()
 event.register("numba:compile", _clock)  # type: ignore[no-untyped-call]
-
-
-def compiling_s() -> float:
-    """Seconds that this process has compiled so far, loaded libraries for it, or waited for the second process."""
-    return _clock.seconds
 
 
 @cache
@@ -102,18 +97,17 @@ def compilation(stages: Collection[str], config: Config, progress: Progress) -> 
 
     def before(name: str) -> None:
         nonlocal is_shared
-        began_s = time.perf_counter()
         gc.freeze()  # what is loaded by now lives on; searching it for garbage takes a tenth of a second each time
-        if name not in ("ingest", "position"):
-            load_compiler()
-        if name == "filter" and config.lidar.method == "paper":
-            import_open3d()
-        if name == "control":
-            is_shared = False
-            with suppress(subprocess.TimeoutExpired):
-                for process in second:
-                    process.wait(LONGEST_S)
-        _clock.seconds += time.perf_counter() - began_s
+        with start_up.loading():
+            if name not in ("ingest", "position"):
+                load_compiler()
+            if name == "filter" and config.lidar.method == "paper":
+                import_open3d()
+            if name == "control":
+                is_shared = False
+                with suppress(subprocess.TimeoutExpired):
+                    for process in second:
+                        process.wait(LONGEST_S)
 
     with on_first_compilation(start):
         try:

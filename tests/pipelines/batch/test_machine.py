@@ -17,9 +17,9 @@ from quadlog.config.file import load_config
 from quadlog.errors import NotARun
 from quadlog.pipelines.executor import compilation as module
 from quadlog.pipelines.executor import machine as interrupts
-from quadlog.pipelines.executor.compilation import SAID, compilation, compiling_s
+from quadlog.pipelines.executor.compilation import SAID, compilation
 from quadlog.pipelines.executor.machine import is_out_of_memory
-from quadlog.pipelines.executor.progress import StageClock
+from quadlog.pipelines.executor.progress import StageClock, start_up
 
 
 @pytest.mark.parametrize(
@@ -87,13 +87,13 @@ def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
     monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Mock())
-    clock, before_s, began_s = StageClock(), compiling_s(), time.perf_counter()
+    clock, before_s, began_s = StageClock(), start_up.seconds, time.perf_counter()
     with compilation(("position", "map", "control"), CONFIG, shown) as before, clock.stage("map"):
         before("map")
         compile_something()
         compile_something()
         before("control")
-    compiled_s, whole_s = compiling_s() - before_s, time.perf_counter() - began_s
+    compiled_s, whole_s = start_up.seconds - before_s, time.perf_counter() - began_s
     assert counted == [1, 2]
     assert (said, started) == ([SAID], ["fpmw"] if helps else [])
     assert 0.01 < compiled_s < whole_s
