@@ -10,14 +10,15 @@ from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
 from quadlog.pipelines.executor.progress import Progress, start_up
+from quadlog.pipelines.executor.second_process import second_process
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, not_done, run_key
+from quadlog.pipelines.store import Do, Doing, Keyed, Keys, R, Stage, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
 from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
 from quadlog.results.record import InputRecord, describe_input, read_metrics, read_record, write_record
@@ -158,8 +159,11 @@ def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) ->
 
     last, store = log.last_stage(), Store(request.run.parent)
     missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
-    with _compiling(missing, log, request.config, journal.progress) as before:
-        do = Doing(store, run, request.config, last, journal, before)
+    with ExitStack() as stack:
+        second = stack.enter_context(second_process(missing, request, journal.progress))
+        before = stack.enter_context(_compiling(missing, log, request.config, journal.progress))
+        made_there = (lambda _: False) if second is None else second.made
+        do = Doing(store, run, request.config, last, journal, before, made_there)
         read = cache(partial(read_log, log, journal.progress))
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
     if request.options.until != last == "position":
@@ -179,7 +183,18 @@ def _compiling(
     with start_up.loading():
         from quadlog.pipelines.executor.compilation import compilation
 
-    return compilation(stages, config, progress)
+    return compilation(config, progress)
+
+
+def control_alone(request: ReplayRequest, scratch: Path, progress: Progress) -> None:
+    """Fill the store with the result of stage `control`, which needs none of `plan`; what is before it is there."""
+
+    def do_without_plan(stage: Stage[R], *inputs: Any) -> Keyed[R]:
+        return Keyed("", partial(not_done, stage.names)) if stage.names == ("plan",) else do(stage, *inputs)
+
+    do = Doing(Store(request.run.parent), scratch, request.config, "control", Journal(progress))
+    read = partial(not_done, ("ingest",))
+    steps(do_without_plan, Keyed(log_key(request.recording, request.options), read), request, "control")
 
 
 def planned_keys(request: ReplayRequest, last: str | None = None) -> dict[str, str]:

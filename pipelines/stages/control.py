@@ -9,7 +9,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from quadlog.config.controllers import CONTROLLERS
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.mapping.grid import crop, window_at
 from quadlog.mapping.memory import OCCUPIED
 from quadlog.messages import NS_PER_S, Float, Int
@@ -30,6 +33,8 @@ from quadlog.simulation.course_walk import SPEED_MPS
 from quadlog.simulation.resimulation import MapInstant, PursuitSettings, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
 from quadlog.simulation.robot.disturbances import DisturbanceSettings
+from quadlog.simulation.robot.height_field import flat
+from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -81,6 +86,13 @@ def resimulate(
     journal.warn(*walks.walk_warnings(robot.counts, robot.mass_kg, config.mpc.f_max_n))
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
+
+
+def warm_up(controller: str) -> None:
+    """Load what a robot with a body needs, and compile it at the first start, by a tenth of a second of one."""
+    settings = WalkerSettings(whole_body=CONTROLLERS[controller].whole_body)
+    model = quadruped_model(ROBOTS["tracking"], flat())
+    WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
 
 
 def _write_walk(folder: Path, resim: Resimulation) -> None:
