@@ -21,10 +21,10 @@ from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
+from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
-from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
+from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb, start_up
 from quadlog.pipelines.simulation import trot as trotting
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
@@ -228,7 +228,7 @@ def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecor
         seed=planned.seed,
         recorded_s=walked.lasted_s,
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
-        startup_s=compiling_s(),
+        startup_s=start_up.seconds,
         realtime_factor=walked.lasted_s / walked.walking_s,
         plugins=PluginRecord.of([] if planned.course is None else [controller_plugin(planned.controller)]),
         **walked.record | {"warnings": warnings},

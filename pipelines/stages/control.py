@@ -9,7 +9,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from quadlog.config.controllers import CONTROLLERS, parts_of
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import crop, window_at
 from quadlog.mapping.memory import OCCUPIED
@@ -32,6 +35,7 @@ from quadlog.simulation.course_walk import RATE_HZ, SPEED_MPS, Driver
 from quadlog.simulation.resimulation import MAX_TICKS, MapInstant, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
 from quadlog.simulation.robot.height_field import HeightField, flat
+from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -131,6 +135,13 @@ def _body_of(
     journal.warn(*walks.walk_warnings(robot.counts, robot.mass_kg, config.mpc.f_max_n))
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
+
+
+def warm_up(controller: str) -> None:
+    """Load what a robot with a body needs, and compile it at the first start, by a tenth of a second of one."""
+    settings = WalkerSettings(whole_body=(parts_of(controller) or CONTROLLERS["fpmw"]).whole_body)
+    model = quadruped_model(ROBOTS["tracking"], flat())
+    WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
 
 
 def _write_walk(folder: Path, resim: Resimulation) -> None:

@@ -217,3 +217,12 @@ def may_use_uwb(config: Config) -> bool:
 def unless_ambiguous(roles: Roles, role: str) -> str | None:
     """The topic of an optional role; None if there is a choice."""
     return roles.found[role].topics[0] if role in roles.found else None
+
+
+def wants_lidar_track(log: Outlook, config: Config) -> bool:
+    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position."""
+    position = config.topics.position
+    if "lidar" not in log.roles.found:
+        return False
+    by_both = log.by_uwb and config.lidar.odometry
+    return position == "lidar" or by_both or (position == "auto" and log.position() == "lidar")

@@ -36,7 +36,7 @@ CHOSEN = "chosen in the configuration"
 
 
 class Finished:
-    """All that is known at the end of a replay. startup_s: spent on compiling.
+    """All that is known at the end of a replay. startup_s: as StartUp has it.
 
     tracks, body: None where no stage gave them. results: keys of what the stages left.
     """

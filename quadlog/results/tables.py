@@ -121,7 +121,7 @@ class TableWriter(ExitStack[bool | None]):
         super().__init__()
         self.path, self.schema = path, schema
         self._rows: list[Mapping[str, Any]] = []
-        self._pending = schema.empty_table()
+        self._pending = pa.Table.from_batches([], schema)
 
     def __enter__(self) -> Self:
         texts = [field.name for field in self.schema if field.type == pa.string()]
@@ -253,7 +253,10 @@ def _table(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.Table:
 
 
 def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Array:
-    """One column, NaN as no value; never an int from a float, which would have lost nanoseconds on the way."""
+    """One column, NaN as no value; never an int from a float, which would have lost nanoseconds on the way.
+
+    From buffers: pa.array imports pandas, a third of a second, to see whether it has a Series.
+    """
     if values is None and field.type != pa.string():
         return pa.nulls(rows, field.type)
     values = np.broadcast_to(np.array("") if values is None else values, rows)
@@ -262,8 +265,14 @@ def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Arr
         raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
     if field.type == pa.string():
         # File names may hold bytes that are no text; the table must not fail for it.
-        return pa.array([text.encode("utf-8", "replace") for text in values.tolist()], pa.string())
-    return pa.array(np.ascontiguousarray(values, _NUMPY[field.type]), field.type, from_pandas=True)
+        texts = [text.encode("utf-8", "replace") for text in values.tolist()]
+        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        return pa.Array.from_buffers(field.type, rows, [None, pa.py_buffer(ends), pa.py_buffer(b"".join(texts))])
+    values = np.ascontiguousarray(values, _NUMPY[field.type])
+    known = None if field.type != pa.float64() else ~np.isnan(values)
+    missing = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+    held = np.packbits(values, bitorder="little") if field.type == pa.bool_() else values
+    return pa.Array.from_buffers(field.type, rows, [missing, pa.py_buffer(held)])
 
 
 # The earliest instant of these, so that all figures share one time axis.
