@@ -150,7 +150,7 @@ class BagReader(ChunkedReader):
         except Damaged as damage:
             self._connections, self._chunks = {}, []
             detail = f"{damage.reason}; everything was read from the first byte on instead"
-            self._index_losses.append(Loss("index", detail))
+            self._losses.append(Loss("index", detail))
             self._walk(len(MAGIC))
         self._chunks = [chunk for chunk in self._chunks if not chunk.is_empty]
 

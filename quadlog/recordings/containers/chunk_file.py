@@ -152,7 +152,6 @@ class ChunkFile(Container):
         self._definitions: dict[int, int] = {}
         self._definition_room = MAX_DEFINITION_BYTES
         self._trusted = 0
-        self._index_losses: list[Loss] = []
         self._walk_losses: list[Loss] = []
         # By offset: a damaged chunk, and why.
         self._lost: dict[int, tuple[Chunk, Damaged]] = {}
@@ -196,19 +195,23 @@ class ChunkFile(Container):
 
     # Opening:
 
-    def _walk(self, position: int) -> None:
-        """Take in all records from this offset on. Where they make no sense, go on at the next chunk behind the last
-        one whose end is certain (_trusted).
+    def _walk(self, position: int, end: int | None = None) -> None:
+        """Take in all records from this offset on, up to a chunk that the index describes, if any. Where they make no
+        sense, go on there, or else at the next chunk behind the last one whose end is certain (_trusted).
         """
+        following: int | None = position
         self._trusted = position
-        while True:
+        while following is not None and following != end:
+            position = following
             try:
                 following = self._step(position)
+                if end is not None and (following is None or following > end):
+                    raise Damaged("a record, or the end of the data, overlaps a chunk of the index")
             except Damaged as damage:
+                if end is not None:
+                    self._lose_stretch(position, end, damage)
+                    return
                 following = self._resume(position, damage)
-            if following is None:
-                return
-            position = following
 
     def _resume(self, position: int, damage: Damaged) -> int | None:
         """Where to go on after damage; what lies before is a loss. None where nothing follows."""

@@ -216,6 +216,4 @@ def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Itera
             continue
         yield RawMessage(message.channel, message.log_time_ns, payload)
     for topic, count in sorted(unreadable.items()):
-        loss = Loss("compression", f"{several(count, 'message')} cannot be decompressed", topic, count)
-        if loss not in losses:
-            losses.append(loss)
+        losses.append(Loss("compression", f"{several(count, 'message')} cannot be decompressed", topic, count))

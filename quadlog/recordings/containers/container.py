@@ -133,7 +133,7 @@ class ClosedOnExit(ABC):
 
 
 class Container(ClosedOnExit):
-    """One recording, open for reading. `losses` and `warnings` grow while it is read, always in place.
+    """One recording, open for reading.
 
     channels: every topic and type. span_ns: log times of the first and the last message, None when there is none or no
     index has it. resources: what is closed with it.
@@ -143,9 +143,19 @@ class Container(ClosedOnExit):
     span_ns: tuple[int, int] | None = None
 
     def __init__(self, path: Path, warnings: Sequence[str] = ()) -> None:
-        self.path, self.warnings = path, list(warnings)
-        self.losses: list[Loss] = []
-        self.resources = ExitStack()
+        self.path, self.resources = path, ExitStack()
+        self._losses: list[Loss] = []
+        self._warnings = list(warnings)
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What could not be read so far, each once however often it was met."""
+        return list(dict.fromkeys(self._losses))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is odd about what was read so far."""
+        return list(dict.fromkeys(self._warnings))
 
     @abstractmethod
     def messages(
@@ -170,11 +180,6 @@ class Container(ClosedOnExit):
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
         self.resources.close()
-
-    def report(self, loss: Loss) -> None:
-        """Record a loss, once however often it is met."""
-        if loss not in self.losses:
-            self.losses.append(loss)
 
 
 Identity = tuple[str, str, str, str, bytes]
@@ -205,6 +210,7 @@ def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterat
     """Messages of all streams in order of log time; of equal times, those of the earlier stream come first.
 
     Each comes with a time before which it has none, and is not touched earlier: memory holds only what overlaps.
+    Streams are touched in order of these times, of equal ones in the given order.
     """
     heap: list[tuple[int, int, RawMessage | None, Iterator[RawMessage]]] = [
         (start_ns, order, None, stream) for order, (start_ns, stream) in enumerate(streams)
@@ -214,8 +220,13 @@ def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterat
         _, order, waiting, stream = heapq.heappop(heap)
         if waiting is not None:
             yield waiting
+        if not heap:
+            yield from stream
+            return
+        # From here on the next stream may have an earlier one.
+        turn_ns = heap[0][0] + (order < heap[0][1])
         for message in stream:
-            if heap and (message.log_time_ns, order) > heap[0][:2]:
+            if message.log_time_ns >= turn_ns:
                 heapq.heappush(heap, (message.log_time_ns, order, message, stream))
                 break
             yield message

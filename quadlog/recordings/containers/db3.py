@@ -109,13 +109,13 @@ class SqliteReader(Container):
         self._channel_of = shared_channels(identities, counts.__getitem__)
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
         if orphans := sum(count for number, count in counts.items() if number not in self._channel_of):
-            self.report(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
+            self._losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
         keys = keys[keys[:, 0] >= 0]
         t_ns = keys[:, 0]
         self.span_ns = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
         if (back_ns := int((np.maximum.accumulate(t_ns) - t_ns).max(initial=0))) > JUMP_NS:
             back_s = back_ns / 1e9
-            self.warnings.append(
+            self._warnings.append(
                 f"log time goes back in the file, by up to {back_s:.3f} s; messages come in order of log time"
             )
         self._keys = keys[np.argsort(t_ns, kind="stable")]
@@ -126,13 +126,13 @@ class SqliteReader(Container):
         page_bytes, missing_bytes = _measure(place)
         self._size = place.stat().st_size
         if missing_bytes and not pending:
-            self.report(Loss("truncated", f"the last {several(missing_bytes, 'byte')} are missing"))
+            self._losses.append(Loss("truncated", f"the last {several(missing_bytes, 'byte')} are missing"))
         where, parameters = str(place.resolve()), "mode=ro&immutable=1"
         if pending or (missing_bytes and self._size % page_bytes):
             where, parameters = self._copied(place, pending), "mode=rw"
             if pending:
                 names = " and ".join(source.name for source in pending.values())
-                self.warnings.append(
+                self._warnings.append(
                     f"{names} holds changes that {place.name} does not have yet; both were copied and read together"
                 )
             else:
@@ -190,7 +190,7 @@ class SqliteReader(Container):
         if unusable:
             first = clipped(repr(unusable[0]))
             detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
-            self.report(Loss("damaged", detail))
+            self._losses.append(Loss("damaged", detail))
         return identities
 
     def _require_tables(self) -> None:
@@ -216,7 +216,9 @@ class SqliteReader(Container):
                     values.extend(row)
                 return values
             except _FAILURES as error:
-                self.report(Loss("damaged", f"rows cannot be reached ({error}); those behind them were searched for"))
+                self._losses.append(
+                    Loss("damaged", f"rows cannot be reached ({error}); those behind them were searched for")
+                )
             behind = self._behind_damage(max(start, values[-2] if values else 0))
             if behind is None:
                 return values
@@ -249,7 +251,7 @@ class SqliteReader(Container):
         foreign = [channel for channel in used if channel.message_encoding != "cdr"]
         for channel in foreign:
             detail = f"its messages are serialised as {channel.message_encoding!r}, which quadlog does not read (cdr)"
-            self.report(Loss("serialization", detail, channel.topic, channel.count))
+            self._losses.append(Loss("serialization", detail, channel.topic, channel.count))
         if foreign and len(foreign) == len(used):
             raise NothingReadable(self.path, f"{foreign[0].topic}: {self.losses[-1].detail}")
 
@@ -276,7 +278,7 @@ class SqliteReader(Container):
             yield RawMessage(wanted[number], t_ns, row[0])
         is_whole = start_ns is None and end_ns is None
         for channel, count in damaged.items():
-            self.report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
+            self._losses.append(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
         if damaged and not read and topics is None and is_whole:
             raise NothingReadable(self.path, f"no message of {several(damaged.total(), 'row')} can be read")
         if is_whole and not self._is_excerpt:
@@ -296,7 +298,7 @@ class SqliteReader(Container):
         for channel in self.channels:
             if channel in wanted and (missing := (channel.count or 0) - had[channel]) > 0:
                 detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
-                self.report(Loss("count", detail, channel.topic, missing))
+                self._losses.append(Loss("count", detail, channel.topic, missing))
 
     def log_times(self) -> Iterator[LogTimes]:
         """See Container."""

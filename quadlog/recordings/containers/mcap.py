@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from array import array
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -93,26 +92,28 @@ class McapReader(ChunkedReader):
         self._schemas: dict[int, tuple[str, str, bytes]] = {}
         # Schema, topic and message encoding.
         self._ids: dict[int, tuple[int, str, str]] = {}
-        self._known: dict[int, Chunk] = {}
-        self._offsets: list[int] = []
         self._walked: Chunk | None = None
         self._data_end: tuple[int, int] | None = None
         self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
-        statistics, complete = self._read_summary()
-        self._walk(len(MAGIC))
-        self._known, self._offsets = {}, []
+        statistics, indexed = self._read_summary()
+        position = len(MAGIC)
+        for chunk in indexed or ():
+            self._walk(position, chunk.offset)
+            self._chunks.append(chunk)
+            position = chunk.index_end
+        self._walk(position)
         self._report_lost_records()
         if read_at(self._file, 0, len(MAGIC)) != MAGIC:
             detail = "the file's first 8 bytes are not MCAP's magic, the last 8 are"
             self._walk_losses.append(Loss("damaged", detail))
         self._check_loose_messages()
-        if statistics is not None and (complete or statistics.counts):
+        if statistics is not None and (indexed is not None or statistics.counts):
             self._declared = statistics.counts
-        if statistics is not None and complete and statistics.messages:
+        if statistics is not None and indexed is not None and statistics.messages:
             self.span_ns = statistics.start_ns, statistics.end_ns
 
-    def _read_summary(self) -> tuple[_Statistics | None, bool]:
-        """The statistics, and whether every message can be found through the summary, which then is known."""
+    def _read_summary(self) -> tuple[_Statistics | None, list[Chunk] | None]:
+        """The statistics, and all chunks in order; None where not every message can be found through the summary."""
         indexed: list[Chunk] = []
         statistics = None
         why = "the summary is not complete"
@@ -130,20 +131,21 @@ class McapReader(ChunkedReader):
             self._schemas, self._ids = {}, {}
             detail = f"{damage.reason}; everything was read from the first byte on instead"
             truncated = damage.cause == "truncated"
-            self._index_losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
-            return None, False
-        known = {chunk.offset: chunk for chunk in indexed}
+            self._losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
+            return None, None
+        indexed.sort(key=lambda chunk: chunk.offset)
+        ends = [len(MAGIC), *(chunk.index_end for chunk in indexed)]
+        begins = [*(chunk.offset for chunk in indexed), self._file.size]
         if (
             statistics is None
             or statistics[1:4] != (len(self._schemas), len(self._ids), len(indexed))
             or statistics.messages != statistics.counts.total()
             or not self._ids.keys() >= statistics.counts.keys()
-            or len(known) != len(indexed)
+            or any(end > begin for end, begin in zip(ends, begins, strict=True))
         ):
-            self.warnings.append(f"{why}; the whole file was read to open it")
-            return statistics, False
-        self._known, self._offsets = known, sorted(known)
-        return statistics, True
+            self._warnings.append(f"{why}; the whole file was read to open it")
+            return statistics, None
+        return statistics, indexed
 
     def _summary_section(self) -> bytes:
         """Empty where none was written. Raises Damaged."""
@@ -167,34 +169,12 @@ class McapReader(ChunkedReader):
         for number, (schema_id, topic, encoding) in sorted(self._ids.items()):
             schema = self._schemas.get(schema_id)
             if schema is None and schema_id:
-                self.warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
+                self._warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
             name, schema_encoding, definition = schema or ("", "", b"")
             name = ros2_type_name(name) if schema_encoding in _ROS_SCHEMAS else name
             yield number, (topic, name, encoding, schema_encoding, definition)
 
     def _step(self, position: int) -> int | None:
-        known = self._known.get(position)
-        end = self._take_record(position) if known is None else self._take_indexed(known)
-        if end is not None and (overrun := self._next_known(position)) is not None and end > overrun:
-            raise Damaged("a record overlaps a chunk of the index")
-        return end
-
-    def _resume(self, position: int, damage: Damaged) -> int | None:
-        if (resume := self._next_known(position)) is None:
-            return super()._resume(position, damage)
-        self._lose_stretch(position, resume, damage)
-        return resume
-
-    def _take_indexed(self, chunk: Chunk) -> int:
-        # Chunks never overlap, so no index can make quadlog read a byte twice.
-        if chunk.index_end > (self._next_known(chunk.offset) or self._file.size):
-            raise Damaged("the index gives a chunk more room than there is")
-        self._trusted = chunk.index_end
-        self._chunks.append(chunk)
-        return chunk.index_end
-
-    def _take_record(self, position: int) -> int | None:
-        """As `_step`, of a record that the index does not describe."""
         opcode, length = FRAME.unpack(read_at(self._file, position, FRAME.size))
         begin = position + FRAME.size
         end = begin + length
@@ -213,13 +193,11 @@ class McapReader(ChunkedReader):
         elif opcode == MESSAGE_INDEX and self._walked is not None and self._walked.index_end == position:
             self._walked.index_end = end
         elif opcode == DATA_END and length == _DATA_END_BYTES:
-            if self._next_known(position) is not None:
-                raise Damaged("the data section's end mark stands before its last chunk")
             self._data_end = position, _Fields(read_at(self._file, begin, length)).number(4)
             return None
         elif opcode == FOOTER:
             raise Damaged("the data section has no end mark")
-        elif opcode == DATA_END or (not self._known and self._begin_of(position) is not None):
+        elif opcode == DATA_END or self._begin_of(position) is not None:
             raise Damaged("the kind of a record is damaged")
         return end
 
@@ -276,10 +254,6 @@ class McapReader(ChunkedReader):
             self._lose_record("damaged", "message", "its log time is beyond 63 bits", position)
         else:
             self._take_loose(position, end, t_ns, number)
-
-    def _next_known(self, position: int) -> int | None:
-        place = bisect_right(self._offsets, position)
-        return self._offsets[place] if place < len(self._offsets) else None
 
     def _define(self, kind: int, content: memoryview) -> None:
         fields = _Fields(content)

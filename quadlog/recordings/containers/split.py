@@ -6,6 +6,7 @@ import resource
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from copy import copy
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
@@ -185,7 +186,7 @@ class SplitReader(Container):
         self._parts = parts
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
-        self._own_losses, self._own_warnings = losses, warnings
+        self._losses, self._warnings = losses, warnings
         own = ((channel, channel.identity) for part in parts for channel in part.channels)
         # Each part's channels to the recording's.
         self._merged = shared_channels(own, lambda channel: channel.count)
@@ -194,29 +195,34 @@ class SplitReader(Container):
         self.span_ns = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
         self._compare_with_metadata()
         self._look_for_overlap()
-        self._collect()
+
+    @property
+    def losses(self) -> list[Loss]:
+        """Own and parts' losses."""
+        parts = ((part.path.name, loss) for part in self._parts for loss in part.losses)
+        theirs = [replace(loss, detail=f"{name}: {loss.detail}") for name, loss in parts]
+        return [*super().losses, *theirs]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Own and parts' warnings."""
+        return [*super().warnings, *(f"{part.path.name}: {each}" for part in self._parts for each in part.warnings)]
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         self._empty_parts.clear()
-        try:
-            yield from merge_by_time(
-                (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
-                for part in self._parts
-            )
-        finally:
-            self._collect()
+        yield from merge_by_time(
+            (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
+            for part in self._parts
+        )
         if len(self._empty_parts) == len(self._parts):
             raise self._empty_parts[0]
 
     def log_times(self) -> Iterator[LogTimes]:
-        try:
-            for part in self._parts:
-                for channel, t_ns in part.log_times():
-                    yield LogTimes(self._merged[channel], t_ns)
-        finally:
-            self._collect()
+        for part in self._parts:
+            for channel, t_ns in part.log_times():
+                yield LogTimes(self._merged[channel], t_ns)
 
     def excerpt(self, budget: Budget) -> SplitReader | None:
         count = min(budget.places, len(self._parts))
@@ -235,14 +241,13 @@ class SplitReader(Container):
         try:
             messages = part.messages(topics, start_ns, end_ns)
             if self._metadata is not None and self._metadata.compressed_messages:
-                messages = unpack_messages(messages, self._own_losses)
+                messages = unpack_messages(messages, self._losses)
             for message in messages:
                 yield RawMessage(self._merged[message.channel], message.log_time_ns, message.payload)
         except NothingReadable as error:
             self._empty_parts.append(error)
             # One part with nothing left in it must not cost the others.
-            if (loss := Loss("missing-split", str(error))) not in self._own_losses:
-                self._own_losses.append(loss)
+            self._losses.append(Loss("missing-split", str(error)))
 
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:
@@ -252,7 +257,7 @@ class SplitReader(Container):
         for channel in self.channels:
             said_encoding = encodings.get(channel.topic) or channel.message_encoding
             if said_encoding != channel.message_encoding:
-                self._own_warnings.append(
+                self._warnings.append(
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
                     f"{channel.message_encoding!r}, which is taken"
                 )
@@ -271,10 +276,10 @@ class SplitReader(Container):
     def _compare_one(self, topic: str | None, said: int, had: int) -> None:
         differing = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
         if had < said:
-            self._own_losses.append(Loss("count", differing, topic, said - had))
+            self._losses.append(Loss("count", differing, topic, said - had))
         elif had > said:
             differing = f"{topic}: {differing}" if topic else differing
-            self._own_warnings.append(differing)
+            self._warnings.append(differing)
 
     def _look_for_overlap(self) -> None:
         latest_ns = 0
@@ -283,23 +288,8 @@ class SplitReader(Container):
                 continue
             if part.span_ns[0] < latest_ns - JUMP_NS:
                 back_s = (latest_ns - part.span_ns[0]) / 1e9
-                self._own_warnings.append(
+                self._warnings.append(
                     f"{part.path.name} starts {back_s:.3f} s before the files ahead of it end; "
                     "messages come in order of log time"
                 )
             latest_ns = max(latest_ns, part.span_ns[1])
-
-    def _collect(self) -> None:
-        """Own and parts' losses and warnings, in place: others hold these lists."""
-        self.losses[:] = [
-            *self._own_losses,
-            *(
-                Loss(loss.cause, f"{part.path.name}: {loss.detail}", loss.topic, loss.count)
-                for part in self._parts
-                for loss in part.losses
-            ),
-        ]
-        self.warnings[:] = [
-            *self._own_warnings,
-            *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
-        ]
