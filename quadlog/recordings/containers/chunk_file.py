@@ -33,6 +33,7 @@ from quadlog.storage.byte_source import ByteSource, Span
 ROW = np.dtype([("t_ns", "<i8"), ("channel", "<i8"), ("begin", "<i8"), ("end", "<i8")])
 """A message of a chunk: its log time, its channel's id, and where its payload lies in the decompressed chunk."""
 Rows = np.ndarray[Any, np.dtype[np.void]]
+Buffer = bytes | memoryview
 
 _LEAST_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
@@ -116,15 +117,25 @@ class Chunk:
 
 
 class Body(NamedTuple):
-    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others.
-
-    stored_bytes: what it takes in the file.
-    """
+    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others."""
 
     data: memoryview
-    stored_bytes: int
     rows: Rows
     definitions: Sequence[tuple[Any, memoryview]] = ()
+
+
+def listed_rows(runs: Sequence[tuple[int, Buffer]], entry: np.dtype[np.void]) -> tuple[Rows, Rows]:
+    """A row for each entry of a chunk's message indexes, one a channel, with the channel alone; and the entries.
+
+    Raises Damaged where a channel has two.
+    """
+    numbers = [number for number, _ in runs]
+    if len(set(numbers)) < len(numbers):
+        raise Damaged("the message index of a chunk names a channel twice")
+    entries = np.frombuffer(b"".join(run for _, run in runs), entry)
+    rows = np.zeros(len(entries), ROW)
+    rows["channel"] = np.repeat(np.array(numbers, np.int64), [len(run) // entry.itemsize for _, run in runs])
+    return rows, entries
 
 
 def counts_of(rows: Rows) -> Counter[int]:
@@ -167,8 +178,10 @@ class ChunkFile(Container):
         """Channel ids of the file, in order, and what makes them a Channel."""
 
     @abstractmethod
-    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
-        """The chunk, checked and decompressed; None for one of more than at_most bytes. Raises Damaged."""
+    def _load(self, chunk: Chunk, at_most: int | None) -> tuple[memoryview, int] | None:
+        """A chunk's data, checked and decompressed, and how many bytes it takes in the file; None for one of more than
+        at_most bytes. Raises Damaged.
+        """
 
     @abstractmethod
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[Any, memoryview]]]:
@@ -244,7 +257,7 @@ class ChunkFile(Container):
     def _take_walked(self, chunk: Chunk) -> None:
         """A chunk that no index describes: it is read to learn what it holds."""
         try:
-            body = self._load(chunk)
+            body = self._body(chunk)
             assert body is not None
             for definition in body.definitions:
                 self._define(*definition)
@@ -283,20 +296,22 @@ class ChunkFile(Container):
             Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}")
         )
 
-    def _body(self, data: memoryview, stored_bytes: int) -> Body:
-        """What the chunk's records hold, which took so many bytes of the file. Raises Damaged.
+    def _body(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
+        """What the chunk holds; None for one of more than at_most bytes. Raises Damaged.
 
         Time and memory are spent in proportion to what was read: a message takes some bytes of the file, because its
         time and its sequence number change.
         """
+        if chunk.loose:
+            found = memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length
+        elif (found := self._load(chunk, at_most)) is None:
+            return None
+        data, stored_bytes = found
         most = _LEAST_RECORDS + stored_bytes
         rows, records, definitions = self._parse(data, most)
         if records > most:
             raise Damaged(f"it holds more than {most} records", "too-large")
-        return Body(data, stored_bytes, rows, definitions)
-
-    def _loose_body(self, chunk: Chunk) -> Body:
-        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length)
+        return Body(data, rows, definitions)
 
     def _lose(self, chunk: Chunk, damage: Damaged) -> None:
         """Record a damaged chunk."""

@@ -29,6 +29,7 @@ from quadlog.recordings.containers.container import (
     places_within,
     shared_channels,
     spread,
+    starts_back_ns,
 )
 from quadlog.recordings.formatting import instant, several
 from quadlog.storage.byte_source import ByteSource, Kept
@@ -136,7 +137,8 @@ class ChunkedReader(ChunkFile):
         declared = self._declared = declared if self._declared is None else Counter(self._declared)
         self._channel_of = shared_channels(self._identities(), declared.__getitem__)
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
-        self._jumps_between = _jumps_between(self._chunks)
+        spans = [(chunk.start_ns, chunk.end_ns) for chunk in sorted(held, key=_OFFSET) if chunk.end_ns]
+        self._jumps_between = [back_ns for back_ns in starts_back_ns(spans) if back_ns]
         for chunk, _ in self._lost.values():
             chunk.counts = self._counts(chunk)
         self._opening_losses = self.losses
@@ -199,11 +201,11 @@ class ChunkedReader(ChunkFile):
                 del body
 
     def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
-        """As `_load`; the file's first few are kept until a reading comes to its end."""
+        """As `_body`; the file's first few are kept until a reading comes to its end."""
         if (body := self._first.get(chunk.offset)) is not None:
             return body
         try:
-            body = self._load(chunk, at_most)
+            body = self._body(chunk, at_most)
         except Damaged as damage:
             return damage
         kept = [*self._first.values()]
@@ -342,14 +344,3 @@ class ChunkedReader(ChunkFile):
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
-
-
-def _jumps_between(chunks: Sequence[Chunk]) -> list[int]:
-    """By how many ns log time falls back, in file order, at each chunk where that is more than a second."""
-    jumps_ns, latest_ns = [], 0
-    for chunk in sorted(chunks, key=_OFFSET):
-        if not chunk.is_empty and chunk.end_ns:
-            if chunk.start_ns < latest_ns - JUMP_NS:
-                jumps_ns.append(latest_ns - chunk.start_ns)
-            latest_ns = max(latest_ns, chunk.end_ns)
-    return jumps_ns

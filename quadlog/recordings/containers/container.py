@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Self, TypeVar
 
+import numpy as np
+
 from quadlog.messages import Int
 
 # Far above what recorders write (chunks of 1 to 16 MB), far below the memory of any machine.
@@ -180,6 +182,13 @@ class Container(ClosedOnExit):
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
         self.resources.close()
+
+
+def starts_back_ns(spans: Sequence[tuple[int, int]]) -> list[int]:
+    """By how much each span of log times starts before those ahead of it end; 0 where it is no more than JUMP_NS."""
+    begin_ns, end_ns = np.array(spans, np.int64).reshape(-1, 2).T
+    back_ns = np.maximum.accumulate(np.append(0, end_ns))[:-1] - begin_ns
+    return np.where(back_ns > JUMP_NS, back_ns, 0).tolist()
 
 
 Identity = tuple[str, str, str, str, bytes]

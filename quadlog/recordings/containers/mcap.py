@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from isal.isal_zlib import crc32
 
-from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
+from quadlog.recordings.containers.chunk_file import ROW, Chunk, Rows, listed_rows, name_of, read_at, read_each_at
 from quadlog.recordings.containers.chunked import ChunkedReader
 from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
@@ -24,6 +24,7 @@ MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x07, 0
 FRAME = struct.Struct("<BQ")
 # Frame, channel, sequence, log time (signed: what does not fit into 63 bits is negative) and publish time.
 _MESSAGE_HEAD = struct.Struct("<BQHIqQ")
+_INDEX_ENTRY = np.dtype([("t_ns", "<i8"), ("offset", "<i8")])
 _HEAD_BYTES = 128
 _BEHIND_CHUNKS = (CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
 _FOOTER_BYTES = FRAME.size + 20
@@ -288,9 +289,7 @@ class McapReader(ChunkedReader):
             detail = f"the data section's checksum (CRC) does not match; {any_of}"
             self._walk_losses.append(Loss("crc", detail))
 
-    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
-        if chunk.loose:
-            return self._loose_body(chunk)
+    def _load(self, chunk: Chunk, at_most: int | None) -> tuple[memoryview, int] | None:
         record = memoryview(read_at(self._file, chunk.offset, chunk.length))
         if len(record) < FRAME.size or record[0] != CHUNK:
             raise Damaged("the index names a chunk where there is no chunk")
@@ -308,7 +307,7 @@ class McapReader(ChunkedReader):
                 raise
             # Of the two lengths one is damaged.
             data = self._checked(scheme, stored, size, crc, chunk)
-        return self._body(data, len(fields.data))
+        return data, len(fields.data)
 
     def _checked(self, scheme: str, stored: memoryview, size: int, crc: int, chunk: Chunk) -> memoryview:
         data = decompress(scheme, stored, size, self._spare_bytes, chunk.offset)
@@ -347,10 +346,8 @@ class McapReader(ChunkedReader):
     def _listed(self, chunks: Sequence[Chunk]) -> list[Rows]:
         spans = [(chunk.end, max(chunk.index_end - chunk.end, 0)) for chunk in chunks]
         indexes = read_each_at(self._file, spans)
-        return [
-            self._loose_body(chunk).rows if chunk.loose else _indexed_rows(index)
-            for chunk, index in zip(chunks, indexes, strict=True)
-        ]
+        loose = ((chunk.loose and self._body(chunk)) or None for chunk in chunks)
+        return [body.rows if body else _indexed_rows(index) for body, index in zip(loose, indexes, strict=True)]
 
 
 def _indexed_chunk(content: memoryview) -> Chunk:
@@ -380,19 +377,15 @@ def _chunk_length(head: bytes) -> int:
 
 def _indexed_rows(index: bytes) -> Rows:
     """The messages of a chunk by the message index records behind it. Raises Damaged."""
-    runs: dict[int, memoryview] = {}
+    runs = list[tuple[int, memoryview]]()
     for opcode, content in _records(index):
         fields = _Fields(content)
         number, size = fields.number(2), fields.number(4)
         if opcode != MESSAGE_INDEX or size % 16:
             raise Damaged("the index names a message index where there is none")
-        if number in runs:
-            raise Damaged("the message index of a chunk names a channel twice")
-        runs[number] = fields.take(size)
-    pairs = np.frombuffer(b"".join(runs.values()), "<i8").reshape(-1, 2)
-    if pairs.min(initial=0) < 0:
+        runs.append((number, fields.take(size)))
+    rows, entries = listed_rows(runs, _INDEX_ENTRY)
+    rows["t_ns"], rows["begin"] = entries["t_ns"], entries["offset"]
+    if min(rows["t_ns"].min(initial=0), rows["begin"].min(initial=0)) < 0:
         raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
-    rows = np.zeros(len(pairs), ROW)
-    rows["t_ns"], rows["begin"] = pairs.T
-    rows["channel"] = np.repeat(np.array(list(runs), np.int64), [len(run) // 16 for run in runs.values()])
     return rows

@@ -15,7 +15,6 @@ from pydantic import AliasPath, BaseModel, Field, ValidationError
 from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped, some_of
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
-    JUMP_NS,
     MAX_NAME_BYTES,
     NOTHING,
     Budget,
@@ -26,6 +25,7 @@ from quadlog.recordings.containers.container import (
     merge_by_time,
     shared_channels,
     spread,
+    starts_back_ns,
 )
 from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.formatting import several
@@ -191,10 +191,16 @@ class SplitReader(Container):
         # Each part's channels to the recording's.
         self._merged = shared_channels(own, lambda channel: channel.count)
         self.channels = tuple(dict.fromkeys(self._merged.values()))
-        spans = [part.span_ns for part in parts if part.span_ns is not None]
-        self.span_ns = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
         self._compare_with_metadata()
-        self._look_for_overlap()
+        spans = {part.path.name: part.span_ns for part in parts if part.span_ns is not None}
+        if spans:
+            self.span_ns = min(start for start, _ in spans.values()), max(end for _, end in spans.values())
+        for name, back_ns in zip(spans, starts_back_ns([*spans.values()]), strict=True):
+            if back_ns:
+                warnings.append(
+                    f"{name} starts {back_ns / 1e9:.3f} s before the files ahead of it end; "
+                    "messages come in order of log time"
+                )
 
     @property
     def losses(self) -> list[Loss]:
@@ -280,16 +286,3 @@ class SplitReader(Container):
         elif had > said:
             differing = f"{topic}: {differing}" if topic else differing
             self._warnings.append(differing)
-
-    def _look_for_overlap(self) -> None:
-        latest_ns = 0
-        for part in self._parts:
-            if part.span_ns is None:
-                continue
-            if part.span_ns[0] < latest_ns - JUMP_NS:
-                back_s = (latest_ns - part.span_ns[0]) / 1e9
-                self._warnings.append(
-                    f"{part.path.name} starts {back_s:.3f} s before the files ahead of it end; "
-                    "messages come in order of log time"
-                )
-            latest_ns = max(latest_ns, part.span_ns[1])
