@@ -87,7 +87,7 @@ class _Reading:
         self.counts: dict[int, Counter[int]] = {}
         self._held_bytes, self._disk = 0, Kept()
 
-    def chosen(self, rows: Rows) -> Rows:
+    def _chosen(self, rows: Rows) -> Rows:
         """Those that are wanted, in order of log time."""
         keep = np.fromiter(map(self.wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
         if self._start_ns is not None:
@@ -98,13 +98,13 @@ class _Reading:
         t_ns = rows["t_ns"]
         return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
 
-    def messages(self, rows: Rows, data: memoryview) -> Iterator[RawMessage]:
-        """Those of a chunk with this data, which is held until the last one is given. Raises Damaged."""
+    def messages(self, body: Body) -> Iterator[RawMessage]:
+        """Those of a chunk, whose data is held until the last one is given. Raises Damaged."""
+        rows, data, size = self._chosen(body.rows), body.data, len(body.data)
         held: memoryview | _OnDisk = data
-        if self._held_bytes and self._held_bytes + len(data) > _HELD_BYTES:
-            held = _OnDisk(self._disk, data)
-        del data
-        size = len(held) if isinstance(held, memoryview) else 0
+        if self._held_bytes and self._held_bytes + size > _HELD_BYTES and len(rows):
+            held, size = _OnDisk(self._disk, data), 0
+        del body, data
         self._held_bytes += size
         for at in range(0, len(rows), _BLOCK):
             t_ns, numbers, begins, ends = rows[at : at + _BLOCK].view(np.int64).reshape(-1, 4).T.tolist()
@@ -177,10 +177,9 @@ class ChunkedReader(ChunkFile):
             counts = reading.counts[chunk.offset] = counts_of(body.rows)
             self._examine(chunk, body.rows, counts)
             self._read_something |= len(body.rows) > 0
-            rows, data = reading.chosen(body.rows), body.data
+            messages = reading.messages(body)
             del body
-            if len(rows):
-                yield from reading.messages(rows, data)
+            yield from messages
         except Damaged as damage:
             chunk.counts = self._counts(chunk)
             self._lose(chunk, damage)

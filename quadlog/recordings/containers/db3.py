@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import sqlite3
 import tempfile
 from array import array
@@ -19,13 +18,14 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from copy import copy as copied
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
-from quadlog.errors import NotARecording, NothingReadable, TooLarge, clipped
+from quadlog.errors import NotARecording, NothingReadable, clipped
 from quadlog.recordings.containers.container import (
     JUMP_NS,
     MAX_CHUNK_BYTES,
@@ -44,6 +44,7 @@ from quadlog.recordings.containers.container import (
     spread,
 )
 from quadlog.recordings.formatting import ros2_type_name, several
+from quadlog.storage.byte_source import fill
 
 MAGIC = b"SQLite format 3\0"
 _FAILURES = (sqlite3.Error, OverflowError, MemoryError)
@@ -155,12 +156,9 @@ class SqliteReader(Container):
     def _copied(self, place: Path, pending: dict[str, Path]) -> str:
         copy = Path(self.resources.enter_context(tempfile.TemporaryDirectory(prefix="quadlog-"))) / "copy.db3"
         sources = {"": place, **pending}
-        needed, free = sum(source.stat().st_size for source in sources.values()), shutil.disk_usage(copy.parent).free
-        if needed > free:
-            with_pending = "".join(f" with its {suffix}" for suffix in pending)
-            raise TooLarge(f"{self.path}: copying it{with_pending} to {tempfile.gettempdir()}", needed, free)
         for suffix, source in sources.items():
-            shutil.copyfile(source, f"{copy}{suffix}")
+            with source.open("rb") as file:
+                fill(Path(f"{copy}{suffix}"), iter(partial(file.read, 1 << 20), b""), self.path, source.stat().st_size)
         return str(copy)
 
     def _rows(self, query: str) -> list[tuple[Any, ...]]:
