@@ -303,10 +303,11 @@ class ChunkFile(Container):
         time and its sequence number change.
         """
         if chunk.loose:
-            found = memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length
-        elif (found := self._load(chunk, at_most)) is None:
+            data, stored_bytes = memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length
+        elif found := self._load(chunk, at_most):
+            data, stored_bytes = found
+        else:
             return None
-        data, stored_bytes = found
         most = _LEAST_RECORDS + stored_bytes
         rows, records, definitions = self._parse(data, most)
         if records > most:

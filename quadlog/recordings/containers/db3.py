@@ -91,8 +91,6 @@ class SqliteReader(Container):
     no message can be read, TooLarge when a copy is needed and there is no room.
     """
 
-    _is_excerpt = False
-
     def __init__(self, path: Path, place: Path, warnings: Sequence[str] = ()) -> None:
         super().__init__(path, warnings)
         with ExitStack() as on_error:
@@ -112,6 +110,13 @@ class SqliteReader(Container):
         if orphans := sum(count for number, count in counts.items() if number not in self._channel_of):
             self._losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
         keys = keys[keys[:, 0] >= 0]
+        known, usable = Counter(keys[:, 2].tolist()), Counter[Channel]()
+        for number, channel in self._channel_of.items():
+            usable[channel] += known[number]
+        for channel, count in usable.items():
+            if missing := (channel.count or 0) - count:
+                detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
+                self._losses.append(Loss("count", detail, channel.topic, missing))
         t_ns = keys[:, 0]
         self.span_ns = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
         if (back_ns := int((np.maximum.accumulate(t_ns) - t_ns).max(initial=0))) > JUMP_NS:
@@ -274,13 +279,10 @@ class SqliteReader(Container):
                 continue
             read[wanted[number]] += 1
             yield RawMessage(wanted[number], t_ns, row[0])
-        is_whole = start_ns is None and end_ns is None
         for channel, count in damaged.items():
             self._losses.append(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
-        if damaged and not read and topics is None and is_whole:
+        if damaged and not read and topics is None and start_ns is None and end_ns is None:
             raise NothingReadable(self.path, f"no message of {several(damaged.total(), 'row')} can be read")
-        if is_whole and not self._is_excerpt:
-            self._compare_counts(dict.fromkeys(wanted.values()), read + damaged)
 
     def _chosen(self, wanted: Collection[int], start_ns: int | None, end_ns: int | None) -> Iterator[list[int]]:
         """Keys of the messages of these topics with start_ns <= log time < end_ns, in order."""
@@ -292,18 +294,10 @@ class SqliteReader(Container):
         for at in range(0, len(keys), _AT_ONCE):
             yield from keys[at : at + _AT_ONCE].tolist()
 
-    def _compare_counts(self, wanted: Collection[Channel], had: Counter[Channel]) -> None:
-        for channel in self.channels:
-            if channel in wanted and (missing := (channel.count or 0) - had[channel]) > 0:
-                detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
-                self._losses.append(Loss("count", detail, channel.topic, missing))
-
     def log_times(self) -> Iterator[LogTimes]:
         """See Container."""
         if self.losses:
             raise Damaged(self.losses[0].detail)
-        if len(self._keys) < sum(channel.count or 0 for channel in self.channels):
-            raise Damaged("not every row has a usable time")
         for number, channel in self._channel_of.items():
             yield LogTimes(channel, self._keys[self._keys[:, 2] == number, 0])
 
@@ -318,5 +312,4 @@ class SqliteReader(Container):
         chosen = [in_file[place : place + rows] for place in spread(messages, budget.places)]
         excerpt = copied(self)
         excerpt._keys = self._keys[np.unique(np.concatenate([np.empty(0, np.int64), *chosen]))]
-        excerpt._is_excerpt = True
         return excerpt

@@ -7,7 +7,6 @@ import struct
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from isal.isal_zlib import crc32
@@ -49,6 +48,9 @@ class _Fields:
     def number(self, size: int) -> int:
         return int.from_bytes(self.take(size), "little")
 
+    def numbers(self, layout: str) -> Sequence[int]:
+        return struct.unpack(layout, self.take(struct.calcsize(layout)))
+
     def time_ns(self) -> int:
         return min(self.number(8), MAX_TIME_NS)
 
@@ -61,18 +63,6 @@ class _Fields:
         if len(pairs) % 10:
             raise Damaged("a map is cut short")
         return Counter(dict(struct.iter_unpack("<HQ", pairs)))
-
-
-class _Statistics(NamedTuple):
-    """How much there is, as the writer counted it."""
-
-    messages: int
-    schemas: int
-    channels: int
-    chunks: int
-    start_ns: int
-    end_ns: int
-    counts: Counter[int]
 
 
 def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
@@ -96,9 +86,8 @@ class McapReader(ChunkedReader):
         self._walked: Chunk | None = None
         self._data_end: tuple[int, int] | None = None
         self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
-        statistics, indexed = self._read_summary()
         position = len(MAGIC)
-        for chunk in indexed or ():
+        for chunk in self._read_summary():
             self._walk(position, chunk.offset)
             self._chunks.append(chunk)
             position = chunk.index_end
@@ -108,15 +97,11 @@ class McapReader(ChunkedReader):
             detail = "the file's first 8 bytes are not MCAP's magic, the last 8 are"
             self._walk_losses.append(Loss("damaged", detail))
         self._check_loose_messages()
-        if statistics is not None and (indexed is not None or statistics.counts):
-            self._declared = statistics.counts
-        if statistics is not None and indexed is not None and statistics.messages:
-            self.span_ns = statistics.start_ns, statistics.end_ns
 
-    def _read_summary(self) -> tuple[_Statistics | None, list[Chunk] | None]:
-        """The statistics, and all chunks in order; None where not every message can be found through the summary."""
+    def _read_summary(self) -> Sequence[Chunk]:
+        """Take in what the writer counted. Chunks in order, none where not every message can be found through them."""
         indexed: list[Chunk] = []
-        statistics = None
+        counted: Sequence[int] = [0] * 8
         why = "the summary is not complete"
         try:
             section = self._summary_section()
@@ -127,26 +112,32 @@ class McapReader(ChunkedReader):
                 elif opcode == CHUNK_INDEX:
                     indexed.append(_indexed_chunk(content))
                 elif opcode == STATISTICS:
-                    statistics = _statistics(content)
+                    fields = _Fields(content)
+                    counted, self._declared = fields.numbers("<QHIIIIQQ"), fields.counts()
         except Damaged as damage:
-            self._schemas, self._ids = {}, {}
+            self._schemas, self._ids, self._declared = {}, {}, None
             detail = f"{damage.reason}; everything was read from the first byte on instead"
             truncated = damage.cause == "truncated"
             self._losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
-            return None, None
+            return ()
         indexed.sort(key=lambda chunk: chunk.offset)
         ends = [len(MAGIC), *(chunk.index_end for chunk in indexed)]
         begins = [*(chunk.offset for chunk in indexed), self._file.size]
+        messages, schemas, channels, _, _, chunks, *span_ns = counted
+        declared = Counter(self._declared or {})
         if (
-            statistics is None
-            or statistics[1:4] != (len(self._schemas), len(self._ids), len(indexed))
-            or statistics.messages != statistics.counts.total()
-            or not self._ids.keys() >= statistics.counts.keys()
+            self._declared is None
+            or (schemas, channels, chunks) != (len(self._schemas), len(self._ids), len(indexed))
+            or messages != declared.total()
+            or not self._ids.keys() >= declared.keys()
             or any(end > begin for end, begin in zip(ends, begins, strict=True))
         ):
             self._warnings.append(f"{why}; the whole file was read to open it")
-            return statistics, None
-        return statistics, indexed
+            self._declared = self._declared or None
+            return ()
+        if messages:
+            self.span_ns = min(span_ns[0], MAX_TIME_NS), min(span_ns[1], MAX_TIME_NS)
+        return indexed
 
     def _summary_section(self) -> bytes:
         """Empty where none was written. Raises Damaged."""
@@ -356,14 +347,6 @@ def _indexed_chunk(content: memoryview) -> Chunk:
     channels, index_bytes, compression = frozenset(fields.counts()), fields.number(8), fields.text()
     end = offset + max(length, 1) + index_bytes
     return Chunk(offset, length, start_ns, end_ns, channels or None, None, compression, end)
-
-
-def _statistics(content: memoryview) -> _Statistics:
-    fields = _Fields(content)
-    messages, schemas, channels = fields.number(8), fields.number(2), fields.number(4)
-    fields.take(8)  # attachments and metadata: nothing quadlog reads
-    chunks, start_ns, end_ns = fields.number(4), fields.time_ns(), fields.time_ns()
-    return _Statistics(messages, schemas, channels, chunks, start_ns, end_ns, fields.counts())
 
 
 def _chunk_length(head: bytes) -> int:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
-from pydantic import AliasPath, BaseModel, Field, ValidationError
+from pydantic import AliasPath, BaseModel, Field
 
-from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped, some_of
+from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, some_of
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
     MAX_NAME_BYTES,
@@ -29,7 +29,7 @@ from quadlog.recordings.containers.container import (
 )
 from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.formatting import several
-from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
+from quadlog.storage.plain_yaml import NotPlainYaml, read_model
 
 METADATA_NAME = "metadata.yaml"
 _MAX_BYTES = 1 << 20
@@ -75,26 +75,22 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if not path.is_file():
         return None, []
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise NotPlainYaml(f"is larger than {_MAX_BYTES} bytes")
-        document = mapping_of(parse_yaml(path.read_bytes()), "the document")
-        return BagMetadata.model_validate(mapping_of(document.get(_ROOT), _ROOT)), []
-    except ValidationError as error:
-        first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc']))} is {clipped(repr(first['input']), 50)}: {first['msg']}"
-    except (NotPlainYaml, OSError) as error:
-        reason = str(error)
-    return None, [f"{METADATA_NAME} is broken ({reason}); the files beside it were read without it"]
+        return read_model(path, BagMetadata, _MAX_BYTES, _ROOT), []
+    except NotPlainYaml as error:
+        return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
 
 
 def is_split(folder: Path) -> bool:
     """Whether a folder is one recording: its files are one `NAME_<n>` sequence, or its metadata names them."""
+    return bool(_files_of(folder)[0])
+
+
+def _files_of(folder: Path) -> tuple[list[Path], BagMetadata | None, list[str]]:
+    """The files of a folder that is one recording, none of another; its metadata, and what is wrong with that."""
     files = recording_files(folder)
-    return bool(split_sequence(files)) or _is_named(files, read_metadata(folder)[0] if files else None)
-
-
-def _is_named(files: list[Path], metadata: BagMetadata | None) -> bool:
-    return metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
+    metadata, warnings = read_metadata(folder) if files else (None, [])
+    named = metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
+    return files if named or split_sequence(files) else [], metadata, warnings
 
 
 def _by_name(files: list[Path]) -> dict[str, Path]:
@@ -104,9 +100,8 @@ def _by_name(files: list[Path]) -> dict[str, Path]:
 
 def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitReader:
     """Opens a ROS 2 bag folder. Raises RecordingNotFound for any other, or the first file's error when none opens."""
-    present = recording_files(folder)
-    metadata, warnings = read_metadata(folder)
-    if not split_sequence(present) and not _is_named(present, metadata):
+    present, metadata, warnings = _files_of(folder)
+    if not present:
         raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
     files, losses = _choose_files(present, metadata, warnings)
     _allow_open_files(folder, len(files))
