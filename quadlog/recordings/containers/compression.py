@@ -180,7 +180,8 @@ def unpack(path: Path, target: Path) -> list[str]:
     if damage and not written:
         raise NotARecording(path, f"it cannot be decompressed ({damage[0]})")
     read = several(written, "byte")
-    return [f"its compressed data is damaged ({each}); the {read} before that were read" for each in damage]
+    warnings = [f"its compressed data is damaged ({each}); the {read} before that were read" for each in damage]
+    return warnings
 
 
 def unpacked_name(path: Path) -> str:
