@@ -72,13 +72,10 @@ def _check(events: Iterator[Any]) -> None:
 def read_model(path: Path, model: type[Model], most_bytes: int, under: str = "") -> Model:
     """What a YAML file says, or the mapping under a key of it, as a model; null is as if it were not there.
 
-    Raises NotPlainYaml, also where the file cannot be read, is longer, or says what the model does not take.
+    Raises OSError, and NotPlainYaml, also where the file is longer, or says what the model does not take.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(most_bytes + 1)
-    except OSError as error:
-        raise NotPlainYaml(error.strerror or str(error)) from error
+    with path.open("rb") as file:
+        content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
         raise NotPlainYaml(f"is larger than {most_bytes} bytes")
     said = parse_yaml(content)

@@ -135,7 +135,7 @@ class ChunkedReader(ChunkFile):
             self.span_ns = min(map(_START, held)), max(chunk.end_ns for chunk in held)
         declared = sum((each.counts or Counter() for each in self._chunks), Counter[int]())
         declared = self._declared = declared if self._declared is None else Counter(self._declared)
-        self._channel_of = shared_channels(self._identities(), declared.__getitem__)
+        self._channel_of = shared_channels((n, identity, declared[n]) for n, identity in self._identities())
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
         spans = [(chunk.start_ns, chunk.end_ns) for chunk in sorted(held, key=_OFFSET) if chunk.end_ns]
         self._jumps_between = [back_ns for back_ns in starts_back_ns(spans) if back_ns]

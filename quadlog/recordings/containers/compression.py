@@ -167,7 +167,7 @@ def unpack(path: Path, target: Path) -> list[str]:
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
     Raises NotARecording when there is nothing, and what `fill` raises.
     """
-    damage = list[Exception]()
+    damage, warnings = list[Exception](), list[str]()
 
     def blocks() -> Iterator[bytes]:
         try:
@@ -179,8 +179,9 @@ def unpack(path: Path, target: Path) -> list[str]:
     written = fill(target, blocks(), path)
     if damage and not written:
         raise NotARecording(path, f"it cannot be decompressed ({damage[0]})")
-    read = several(written, "byte")
-    warnings = [f"its compressed data is damaged ({each}); the {read} before that were read" for each in damage]
+    if damage:
+        read = several(written, "byte")
+        warnings.append(f"its compressed data is damaged ({damage[0]}); the {read} before that were read")
     return warnings
 
 

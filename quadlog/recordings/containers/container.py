@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import heapq
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,7 @@ class Channel:
     protobuf and JSON schema names stay as they are (``foxglove.PointCloud``).
     message_encoding is ``ros1``, ``cdr``, ``protobuf`` or ``json``;
     schema_encoding ``ros1msg``, ``ros2msg``, ``ros2idl``, ``protobuf``, ``jsonschema`` or ``""``.
-    count is what the container's own index says, None where it says nothing.
+    count is what the container's own index says.
     """
 
     topic: str
@@ -51,7 +52,7 @@ class Channel:
     message_encoding: str
     schema_encoding: str
     schema: bytes
-    count: int | None = None
+    count: int = 0
 
     @property
     def identity(self) -> Identity:
@@ -196,23 +197,14 @@ Identity = tuple[str, str, str, str, bytes]
 Key = TypeVar("Key", bound=Hashable)
 
 
-def shared_channels(
-    identities: Iterable[tuple[Key, Identity]], count_of: Callable[[Key], int | None]
-) -> dict[Key, Channel]:
-    """Keys (ids in a file, or channels of its parts) to Channels; those that differ only in their count share one.
-
-    Its count is the sum, None where one of them is.
-    """
-    alike: dict[Identity, list[Key]] = {}
-    for key, identity in identities:
-        alike.setdefault(identity, []).append(key)
-    shared: dict[Key, Channel] = {}
-    for identity, keys in alike.items():
-        counts = [count_of(key) for key in keys]
-        known = [count for count in counts if count is not None]
-        channel = Channel(*identity, count=sum(known) if len(known) == len(counts) else None)
-        shared.update(dict.fromkeys(keys, channel))
-    return shared
+def shared_channels(counted: Iterable[tuple[Key, Identity, int]]) -> dict[Key, Channel]:
+    """Keys (ids in a file, or channels of its parts) to Channels; those that differ only in their count share one."""
+    identities, total = dict[Key, Identity](), Counter[Identity]()
+    for key, identity, count in counted:
+        identities[key] = identity
+        total[identity] += count
+    channels = {identity: Channel(*identity, count) for identity, count in total.items()}
+    return {key: channels[identity] for key, identity in identities.items()}
 
 
 def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterator[RawMessage]:

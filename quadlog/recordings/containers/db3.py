@@ -105,7 +105,7 @@ class SqliteReader(Container):
         # (N, 3): log time, row id and topic id; -1 for a time or a topic that is not usable.
         keys = np.frombuffer(self._read_keys(), np.int64).reshape(-1, 3)
         counts = Counter(keys[:, 2].tolist())
-        self._channel_of = shared_channels(identities, counts.__getitem__)
+        self._channel_of = shared_channels((n, identity, counts[n]) for n, identity in identities)
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
         if orphans := sum(count for number, count in counts.items() if number not in self._channel_of):
             self._losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
@@ -114,7 +114,7 @@ class SqliteReader(Container):
         for number, channel in self._channel_of.items():
             usable[channel] += known[number]
         for channel, count in usable.items():
-            if missing := (channel.count or 0) - count:
+            if missing := channel.count - count:
                 detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
                 self._losses.append(Loss("count", detail, channel.topic, missing))
         t_ns = keys[:, 0]

@@ -172,7 +172,10 @@ class McapReader(ChunkedReader):
         end = begin + length
         if opcode == CHUNK:
             end = self._trusted = self._chunk_end(position, begin, end)
-            self._take_chunk(position, end)
+            fields = _Fields(self._head(begin))
+            # Before the body is tried: a loss says from when to when.
+            self._walked = Chunk(position, end - position, fields.time_ns(), fields.time_ns(), index_end=end)
+            self._take_walked(self._walked)
         elif opcode == 0 or end > self._file.size:
             raise Damaged(_CUT_OFF)
         elif opcode == MESSAGE:
@@ -228,17 +231,6 @@ class McapReader(ChunkedReader):
         except Damaged:
             return None
         return mark if whole and mark + FRAME.size + length <= self._file.size else None
-
-    def _take_chunk(self, position: int, end: int) -> None:
-        chunk = self._walked = Chunk(position, end - position, 0, 0, index_end=end)
-        try:
-            # Before the body is tried: a loss says from when to when.
-            times = _Fields(read_at(self._file, position + FRAME.size, min(16, end - position - FRAME.size)))
-            chunk.start_ns, chunk.end_ns = times.time_ns(), times.time_ns()
-        except Damaged as damage:
-            self._lose(chunk, damage)
-        else:
-            self._take_walked(chunk)
 
     def _take_message(self, position: int, end: int) -> None:
         _, _, number, _, t_ns, _ = _MESSAGE_HEAD.unpack(read_at(self._file, position, _MESSAGE_HEAD.size))

@@ -76,7 +76,7 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
         return None, []
     try:
         return read_model(path, BagMetadata, _MAX_BYTES, _ROOT), []
-    except NotPlainYaml as error:
+    except (NotPlainYaml, OSError) as error:
         return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
 
 
@@ -182,9 +182,8 @@ class SplitReader(Container):
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
         self._losses, self._warnings = losses, warnings
-        own = ((channel, channel.identity) for part in parts for channel in part.channels)
         # Each part's channels to the recording's.
-        self._merged = shared_channels(own, lambda channel: channel.count)
+        self._merged = shared_channels((each, each.identity, each.count) for part in parts for each in part.channels)
         self.channels = tuple(dict.fromkeys(self._merged.values()))
         self._compare_with_metadata()
         spans = {part.path.name: part.span_ns for part in parts if part.span_ns is not None}
@@ -262,22 +261,16 @@ class SplitReader(Container):
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
                     f"{channel.message_encoding!r}, which is taken"
                 )
-        if any(channel.count is None for channel in self.channels):
-            return
-        said, had = Counter[str](), Counter[str]()
-        for channel in self.channels:
-            had[channel.topic] += channel.count or 0
+        said, had = Counter[str](), Counter[str]()  # by topic, or of all without one
+        for channel in self.channels if topics or self._metadata.messages is not None else ():
+            had[channel.topic if topics else ""] += channel.count
         for topic in topics:
             said[topic.name] += topic.messages
         if not topics and self._metadata.messages is not None:
-            self._compare_one(None, self._metadata.messages, had.total())
-        for name in sorted(said.keys() | had.keys() if topics else ()):
-            self._compare_one(name, said[name], had[name])
-
-    def _compare_one(self, topic: str | None, said: int, had: int) -> None:
-        differing = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
-        if had < said:
-            self._losses.append(Loss("count", differing, topic, said - had))
-        elif had > said:
-            differing = f"{topic}: {differing}" if topic else differing
-            self._warnings.append(differing)
+            said[""] = self._metadata.messages
+        for name in sorted(said.keys() | had.keys()):
+            differing = f"{METADATA_NAME} says {several(said[name], 'message')}, the files have {had[name]}"
+            if had[name] < said[name]:
+                self._losses.append(Loss("count", differing, name or None, said[name] - had[name]))
+            elif had[name] > said[name]:
+                self._warnings.append(f"{name}: {differing}" if name else differing)

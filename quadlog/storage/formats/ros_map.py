@@ -131,6 +131,8 @@ def read_rosmap(path: Path) -> RosMap:
     """
     try:
         about = read_model(path, _About, _MAX_YAML_BYTES)
+    except OSError as error:
+        raise UnreadableFile(path, error.strerror or str(error)) from error
     except NotPlainYaml as error:
         raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
     sums, opaque = read_picture(path.parent / about.image)
