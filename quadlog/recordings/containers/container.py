@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import heapq
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -121,21 +121,7 @@ class Loss:
     count: int | None = None
 
 
-class ClosedOnExit(ABC):
-    """A context manager that closes itself."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release what it holds."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class Container(ClosedOnExit):
+class Container(AbstractContextManager["Container"]):
     """One recording, open for reading.
 
     channels: every topic and type. span_ns: log times of the first and the last message, None when there is none or no
@@ -183,6 +169,9 @@ class Container(ClosedOnExit):
     def close(self) -> None:
         """Release the file. Reading again afterwards is an error of the caller."""
         self.resources.close()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 def starts_back_ns(spans: Sequence[tuple[int, int]]) -> list[int]:
