@@ -14,7 +14,7 @@ import numpy as np
 
 from quadlog.config.controllers import COMMAND
 from quadlog.config.schema import Config, Mount
-from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
+from quadlog.errors import MAX_LISTED, MissingInput, NothingToReplay, QuadlogError, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.lidar.point_times import AS_THEY_COME, TimeReading, find_reading
 from quadlog.messages import PointCloud
@@ -87,7 +87,7 @@ class Log(Outlook):
     def span_ns(self, streams: Streams) -> tuple[int, int]:
         """First and last instant of what was read, not of a reference alone.
 
-        Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
+        Raises QuadlogError when --start and --duration leave nothing, NothingToReplay when there never was anything.
         """
         series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.target]
         times_ns = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None]
@@ -99,7 +99,9 @@ class Log(Outlook):
             return int(t_ns.min()), int(t_ns.max())
         begin_ns = self._first_ns()
         if self.window != (None, None):
-            raise EmptyWindow(self.recording.path, self.recording.span_ns)
+            span_ns = self.recording.span_ns
+            length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
+            raise QuadlogError(f"{self.recording.path}: no message within --start and --duration{length}")
         return begin_ns, begin_ns
 
 
@@ -157,7 +159,7 @@ class LogData:
 def read_log(log: Log, progress: Progress) -> LogData:
     """The first reading of a log: the small topics, and the stamps of its clouds.
 
-    Raises AmbiguousTopic for a role that is needed, EmptyWindow, NothingToReplay and ClocksDiffer.
+    Raises AmbiguousTopic for a role that is needed, QuadlogError for an empty window, NothingToReplay and ClocksDiffer.
     """
     recording, roles, config = log.recording, log.roles, log.config
     described = describe_input_aside(log.path)

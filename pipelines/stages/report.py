@@ -205,7 +205,7 @@ def _topics(done: Finished) -> list[TopicRecord]:
             role=role,
             topic=topic,
             type=channels[topic].type_name,
-            messages=channels[topic].count or 0,
+            messages=channels[topic].count,
             why=whys.get(role, CHOSEN),
         )
         for role, topics in done.journal.topics.items()

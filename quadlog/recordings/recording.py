@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from copy import copy
 from difflib import get_close_matches
 from functools import cached_property
@@ -17,7 +18,7 @@ from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
 from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
-from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
@@ -100,7 +101,7 @@ def _misnamed_warnings(recording: Recording, config: Config) -> list[str]:
     return [f"[[{k}]]: {clipped(t)} is not in the recording, nothing is read by it; {hints[t]}" for k, t in named]
 
 
-class Recording(ClosedOnExit):
+class Recording(AbstractContextManager["Recording"]):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
     range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
@@ -390,6 +391,9 @@ class Recording(ClosedOnExit):
     def close(self) -> None:
         """Release the file."""
         self.container.close()
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""

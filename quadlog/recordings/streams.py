@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.geometry import quat_from_yaw, turned, yaw_from_quat
+from quadlog.geometry import quat_from_euler, turned, yaw_from_quat
 from quadlog.messages import (
     NO_ID,
     NS_PER_S,
@@ -393,7 +393,7 @@ def _integrated(t_ns: Int, linear_mps: Float, angular_radps: Float, frame: str) 
     yaw_rad = np.append(0.0, np.cumsum(mean_radps[:, 2:] * step_s))
     steps_m = turned((yaw_rad[1:] + yaw_rad[:-1]) / 2 * (not in_world), mean_mps * step_s)
     position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps_m, axis=0)])
-    return PoseSeries(t_ns, position_m, quat_from_yaw(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
+    return PoseSeries(t_ns, position_m, quat_from_euler(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
 
 
 def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | None:

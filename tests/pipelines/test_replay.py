@@ -13,7 +13,7 @@ from evo.core import sync
 from evo.tools import file_interface
 
 from quadlog.config.file import load_config
-from quadlog.errors import EmptyWindow, MissingInput
+from quadlog.errors import MissingInput, QuadlogError
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import finished_outcome, replay
 from quadlog.pipelines.request import Existing
@@ -144,7 +144,7 @@ def test_a_replay_that_cannot_work_says_so_and_harms_no_earlier_run(tmp_path):
     request = fixture_request(tmp_path / "run", duration_s=0.5, until="position")
     first = replay(request, Silent())
     nothing = replace(request, options=replace(request.options, start_s=100.0), existing=Existing.FORCE)
-    with pytest.raises(EmptyWindow, match=r"lasts 12\.0 s"):
+    with pytest.raises(QuadlogError, match=r"lasts 12\.0 s"):
         replay(nothing, Silent())
     without = load_config(FIXTURES / "follow.toml", ["topics.position=tf"])
     for folder in (tmp_path / "run", tmp_path / "new"):

@@ -373,7 +373,7 @@ class ColumnReader:
         self._channel, self._memory = channel, dict[str, Any]()
         self._known: dict[int, list[Layout]] = {}
         try:
-            self._plans = plans_of(tables, replace(channel, topic="", count=None), tuple(wanted.items()))
+            self._plans = plans_of(tables, replace(channel, topic="", count=0), tuple(wanted.items()))
         except BadDefinition as error:
             raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
 

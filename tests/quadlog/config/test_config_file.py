@@ -49,8 +49,7 @@ def test_nested_tables_are_reached_and_topic_names_need_no_quotes():
 def test_unknown_keys_are_refused_with_the_nearest(override, nearest):
     with pytest.raises(UnknownConfigKey) as caught:
         load_config(None, [override])
-    assert caught.value.nearest is not None
-    assert caught.value.nearest.startswith(nearest)
+    assert f"did you mean {nearest}" in str(caught.value)
     assert f"--set {override}" in str(caught.value)
 
 

@@ -31,7 +31,7 @@ def test_a_topic_that_is_not_there_is_refused_at_once(log, topics):
     log.container.add(RANGING, T0 + 1, RANGING_PAYLOAD)
     with pytest.raises(UnknownTopic) as raised:
         Recording(log.container).messages(topics)
-    assert raised.value.choices == ["/gtec", "/odom"]
+    assert str(raised.value).endswith("topics of the recording: /gtec, /odom")
 
 
 def test_zero_stamps_fall_back_to_log_time_with_a_warning(log):

@@ -199,4 +199,4 @@ def test_many_topics_are_looked_at_once_and_few_are_listed(log, monkeypatch):
     assert set(looks.values()) == {1}
     with pytest.raises(AmbiguousTopic, match="280 more") as raised:
         roles.topic("odometry")
-    assert len(raised.value.choices) == 300
+    assert str(raised.value).startswith("300 ")
