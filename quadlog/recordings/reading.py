@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import Batch, Int, PointCloud, Timed, Transforms, UwbRanges
+from quadlog.messages import Batch, Int, Timed, Transforms, UwbRanges
 from quadlog.recordings.clocks.clock import Mask
 from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.containers.container import Channel, RawMessage
 from quadlog.recordings.decoders.rows import Part
 from quadlog.recordings.decoding import CloudReader, RowReader
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import is_static
 
 if TYPE_CHECKING:
     from quadlog.recordings.recording import Recording
@@ -87,19 +87,17 @@ class Pass:
     def _taker(self, channel: Channel) -> Take:
         reader, take = self._recording.reader(channel), cast(Take, lambda *_: ())
         if isinstance(reader, CloudReader):
-            take = partial(self._cloud, reader.full if self._points else reader.checked)
+            take = partial(self._cloud, reader)
         elif reader is not None:
             self._waiting.append(_Waiting(channel, reader, self._rows))
             take = self._waiting[-1].take
         self._takers[id(channel)] = take
         return take
 
-    def _cloud(
-        self, decode: Callable[[bytes | memoryview], PointCloud | None], _: int, raw: RawMessage
-    ) -> Iterator[Timed]:
+    def _cloud(self, reader: CloudReader, _: int, raw: RawMessage) -> Iterator[Timed]:
         topic, self.log_ns = raw.channel.topic, raw.log_time_ns
         try:
-            cloud = decode(raw.payload)
+            cloud = reader.decode(raw.payload, self._points)
         except DecodeError as error:
             self._fail(topic, 1, error.reason)
             return

@@ -19,7 +19,7 @@ from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.pose_fields import PoseField
+from quadlog.recordings.decoders.pose_fields import FoundPose
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
@@ -28,13 +28,14 @@ from quadlog.recordings.decoding import (
     RowReader,
     found_pose,
     kinds_of,
-    plugged_decoder,
     plugin_notes,
     reader_of,
+    way_of,
 )
 from quadlog.recordings.plugged import messages_of
 from quadlog.recordings.reading import Pass, picked, stamps_of
-from quadlog.recordings.types import is_static, own_types, type_of
+from quadlog.recordings.tf_tree import is_static
+from quadlog.recordings.types import own_types
 from quadlog.storage.remote_path import to_path
 
 UNPACKED_AT_ONCE = 64
@@ -189,7 +190,7 @@ class Recording(ClosedOnExit):
         return {topic: tuple(channels) for topic, channels in found.items()}
 
     @cached_property
-    def found_poses(self) -> dict[str, PoseField | str]:
+    def found_poses(self) -> dict[str, FoundPose | str]:
         """Type -> its pose by its definition, or why that is not taken, of types without a decoder of their own."""
         found = {channel.type_name: found_pose(channel) for channel in self.channels}
         return {name: field for name, field in found.items() if field}
@@ -428,8 +429,8 @@ class Recording(ClosedOnExit):
         """Bring rows of ranges into metres, and name their ends where only the topic does."""
         topic = channel.topic
         if topic in self.range_units:
-            kind = None if plugged_decoder(channel.type_name) else type_of(channel.type_name)
-            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[kind.unit if kind else "m"]
+            unit = getattr(way_of(channel, self.mapped), "unit", "m")
+            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[unit]
         nameless = rows["tag"] == NO_ID
         if nameless.any():
             named = rows["anchor"] != NO_ID

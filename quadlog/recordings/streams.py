@@ -37,8 +37,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named, is_static
 
 MOST_OF_A_JOINT = 1e5
 """Larger angles, rates, torques and forces are no measurements."""

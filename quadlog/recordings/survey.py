@@ -24,7 +24,7 @@ from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.reading import Pass, stamps_of
 from quadlog.recordings.recording import Recording, Stamps
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import is_static
 
 HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+")
 IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")

@@ -31,6 +31,11 @@ def is_named(frame: str, names: Sequence[str]) -> bool:
     return frame.rsplit("/", 1)[-1] in names
 
 
+def is_static(topic: str) -> bool:
+    """Whether a topic of transforms carries static ones, by its name, as tf2 has it."""
+    return topic.rsplit("/", 1)[-1] == "tf_static"
+
+
 @dataclass(eq=False)
 class Edge:
     """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from quadlog.errors import DecodeError
 from quadlog.messages import PointCloud
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.payload import Payload, PayloadReader
+from quadlog.recordings.decoders.rows import Warn
 
 TIME_NAME = re.compile(r".*(time|stamp).*|d?ts?|(t_?)?offset(_?t)?|(t|offset)_?[mun]?s(ec)?", re.IGNORECASE)
 LARGEST_SHIFT_NS = 1_000_000_000
@@ -96,9 +98,6 @@ def cloud_from_block(
     )
 
 
-Warn = Callable[[str], object]
-
-
 def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
     """(N, 3): a view of the payload where the coordinates lie side by side in it, else a copy."""
     x, y, z = (fields[name] for name in "xyz")
@@ -126,9 +125,9 @@ POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = True) -> PointCloud:
+def decode_livox(channel: Channel, payload: Payload, points: bool = True) -> PointCloud:
     """One CustomMsg, whose line becomes ring; its size is checked before anything is allocated."""
-    reader = PayloadReader(payload, encoding, topic)
+    reader, topic = PayloadReader(payload, channel.message_encoding, channel.topic), channel.topic
     header = reader.header()
     timebase_ns = reader.whole("u8")
     reader.whole("u4")  # point_num, which the sequence's own length repeats
@@ -176,11 +175,11 @@ class PointCloud2Decoder:
     warn: gets what was put right, in the same words for each cloud.
     """
 
-    def __init__(self, topic: str, encoding: str, points: bool = True, warn: Warn = lambda _: None) -> None:
-        self.topic, self.encoding, self.points, self.warn = topic, encoding, points, warn
+    def __init__(self, channel: Channel, warn: Warn = lambda _: None) -> None:
+        self.topic, self.encoding, self.warn = channel.topic, channel.message_encoding, warn
         self.known: tuple[int, int, bytes, Layout] | None = None
 
-    def __call__(self, payload: Payload) -> PointCloud:
+    def __call__(self, payload: Payload, points: bool = True) -> PointCloud:
         """One PointCloud2; sizes are checked against the payload before anything is allocated."""
         reader = PayloadReader(payload, self.encoding, self.topic)
         header = reader.header()
@@ -199,7 +198,7 @@ class PointCloud2Decoder:
         block = Block(payload, begin, rows, columns, row_step, point_step)
         layout = _columns(fields, order)
         check_block(self.topic, block, size, layout)
-        cloud = cloud_from_block(self.topic, block, layout, *header, self.points)
+        cloud = cloud_from_block(self.topic, block, layout, *header, points)
         if _absurd_share(cloud.xyz_m) >= LEAST_ABSURD:
             swapped = cloud_from_block(self.topic, block, _columns(fields, other), *header)
             if _absurd_share(swapped.xyz_m) <= MOST_ABSURD:

@@ -7,8 +7,8 @@ PoseWithCovariance, a Transform, or a Point beside a Quaternion, all of geometry
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 
@@ -32,30 +32,15 @@ LOST_IF = {"occluded": True, "tracking_valid": False}
 MOST_NAMED = 3
 
 
-@dataclass(frozen=True, slots=True)
-class PoseField:
-    """Where messages of a type hold a header, a position and an orientation: paths of fields, as in `body.pose`.
+class FoundPose(NamedTuple):
+    """name: the field, or the two fields, in which a user would look for the pose. type: how messages are read."""
 
-    name: the field, or the two fields, in which a user would look for the pose. flag: path of one of LOST_IF, or empty.
-    """
-
-    header: str
-    position: str
-    orientation: str
     name: str
-    flag: str = ""
-
-    def type(self) -> Type:
-        """How messages are read; one that its flag says was not measured is refused."""
-        wanted = pose_at("", self.header) | {"position": f"{self.position}:xyz", "quat": f"{self.orientation}:xyzw"}
-        if not self.flag:
-            return Type((Pose,), wanted, pose)
-        lost_if = LOST_IF[self.flag.rpartition(".")[2]]
-        return Type((Pose,), wanted | {"lost": self.flag}, partial(pose, flag=self.flag, lost_if=lost_if))
+    type: Type
 
 
 @lru_cache(maxsize=1024)
-def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> PoseField | str:
+def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> FoundPose | str:
     """The one pose of a type by its definition, or why it is not taken; empty where it holds none, or is standard."""
     if not (b"Header" in schema or b"Stamped" in schema) or not any(sign in schema for sign in _SIGNS):
         return ""
@@ -69,7 +54,7 @@ def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schem
         return ""
 
 
-def _find(types: Types, type_name: str) -> PoseField | str:
+def _find(types: Types, type_name: str) -> FoundPose | str:
     """types: as needed_types gives them."""
     found = list(_poses(types, type_name))
     below = [(name, inner) for name, inner in _structures(types, type_name) if inner != HEADER_TYPE]
@@ -84,7 +69,12 @@ def _find(types: Types, type_name: str) -> PoseField | str:
     if not headers:
         return ""
     if len(found) == 1:
-        return PoseField(headers[0], *found[0], _flag(types, type_name, found[0][2].rpartition(".")[0]))
+        position, orientation, name = found[0]
+        wanted = pose_at("", headers[0]) | {"position": f"{position}:xyz", "quat": f"{orientation}:xyzw"}
+        if flag := _flag(types, type_name, name.rpartition(".")[0]):
+            rows = partial(pose, flag=flag, lost_if=LOST_IF[flag.rpartition(".")[2]])
+            return FoundPose(name, Type((Pose,), wanted | {"lost": flag}, rows))
+        return FoundPose(name, Type((Pose,), wanted, pose))
     if found:
         names = ", ".join(name for *_, name in found[:MOST_NAMED])
         return f"holds {len(found)} poses ({names}), and it is unknown which is the robot's"

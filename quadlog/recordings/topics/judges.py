@@ -11,10 +11,11 @@ from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
+from quadlog.recordings.tf_tree import is_static
 from quadlog.recordings.topics.lidar_topics import judge_clouds
 from quadlog.recordings.topics.look import Candidate, Look
 from quadlog.recordings.topics.topic_names import is_measured, name_words, names_truth
-from quadlog.recordings.types import is_static, last_part
+from quadlog.recordings.types import last_part
 
 RANGE_TYPE, FIX_TYPE = "sensor_msgs/msg/Range", "sensor_msgs/msg/NavSatFix"
 PLACES = {"geometry_msgs/msg/PointStamped", "geometry_msgs/msg/Pose2D"}

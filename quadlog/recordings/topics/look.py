@@ -10,13 +10,12 @@ from typing import TypeVar
 from quadlog.config.schema import Topics
 from quadlog.errors import some_of
 from quadlog.messages import Message, Odometry, PointCloud, Transforms
-from quadlog.recordings.decoders.pose_fields import PoseField
+from quadlog.recordings.decoders.pose_fields import FoundPose
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import look_at_frames
-from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.tf_tree import TransformTree, is_static
 from quadlog.recordings.topics.unread import unread
-from quadlog.recordings.types import is_static
 
 Kind = TypeVar("Kind")
 
@@ -108,7 +107,7 @@ class Look:
     def found_words(self, type_name: str) -> str:
         """The type and the field of a pose that was found by the definition; empty for other types."""
         field = self.recording.found_poses.get(type_name)
-        return f"{type_name}, its pose in {field.name}" if isinstance(field, PoseField) else ""
+        return f"{type_name}, its pose in {field.name}" if isinstance(field, FoundPose) else ""
 
     def frames_of(self, kind: type[Odometry | PointCloud]) -> set[str]:
         """The frames that messages of a kind are of, by the first of each topic; of chosen topics where there are."""

@@ -11,12 +11,11 @@ from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, s
 from quadlog.messages import Pose
 from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import TransformTree
+from quadlog.recordings.tf_tree import TransformTree, is_static
 from quadlog.recordings.topics.judges import JUDGES, KINDS, fits, why_no_joints
 from quadlog.recordings.topics.look import Look, Role
 from quadlog.recordings.topics.topic_names import is_measured, is_target_name, names_truth
 from quadlog.recordings.topics.unread import nearest_role
-from quadlog.recordings.types import is_static
 
 TARGET_WORDS = ("auto", "uwb", "ahead", "fixed")
 POSITION_WORDS = ("auto", "uwb", "tf", "odometry", "pose", "legs", "lidar", "gnss", "twist", "fixed")
