@@ -25,7 +25,7 @@ from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
-from quadlog.recordings.recording import open_configured
+from quadlog.recordings.recording import open_recording
 from quadlog.recordings.streams import Streams, gather
 from quadlog.recordings.topics.roles import detect_roles, position_topics
 from quadlog.results import STAGES
@@ -103,7 +103,7 @@ class Log(Outlook):
 def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log]:
     """Open a recording and detect the roles of its topics; only its index and a few messages are read."""
     config = only(config, READING)
-    with open_configured(path, config, options.msg_path, options.stamp) as recording:
+    with open_recording(path, config, msg_path=options.msg_path, stamp=options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
         if config.lidar.mount != Mount():
             roles.frames.bodies.clear()  # base is what the mount is given in, not what odometry is of

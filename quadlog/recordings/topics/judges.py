@@ -105,7 +105,7 @@ def judge_joints(look: Look) -> list[Candidate]:
 
 def why_no_joints(recording: Recording, topic: str) -> str | None:
     """Why a topic's first messages show no joints of four legs, None where they do."""
-    if any(isinstance(each, JointStates) for each in recording.sample(topic, SAMPLED_JOINTS)):
+    if recording.sample(topic, SAMPLED_JOINTS, JointStates):
         return None
     refused = recording.peek(topic, SAMPLED_JOINTS)[1] or recording.joints.refused.get(topic)
     return refused or "holds no joints"

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 from quadlog.config.schema import Topics
 from quadlog.errors import some_of
 from quadlog.messages import Message, Odometry, PointCloud, Transforms
 from quadlog.recordings.decoders.pose_fields import FoundPose
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.recording import Recording
+from quadlog.recordings.recording import Kind, Recording
 from quadlog.recordings.streams import look_at_frames
 from quadlog.recordings.tf_tree import TransformTree, is_static
 from quadlog.recordings.topics.unread import unread
-
-Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +97,7 @@ class Look:
 
     def first(self, kind: type[Kind], topics: Iterable[str], count: int = 1) -> dict[str, list[Kind]]:
         """What the first few messages of topics hold of a kind."""
-        return {
-            topic: [each for each in self.recording.sample(topic, count) if isinstance(each, kind)] for topic in topics
-        }
+        return {topic: self.recording.sample(topic, count, kind) for topic in topics}
 
     def found_words(self, type_name: str) -> str:
         """The type and the field of a pose that was found by the definition; empty for other types."""

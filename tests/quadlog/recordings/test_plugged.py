@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadlog.config.plugins import DECODERS
-from quadlog.config.schema import Topics
+from quadlog.config.schema import Config, Topics
 from quadlog.errors import DecodeError, QuadlogError
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.recordings.containers.container import Channel
@@ -67,8 +67,8 @@ def test_a_unit_that_is_configured_is_that_of_the_plugins_numbers(install, log, 
     """Also of a type whose messages quadlog itself takes for mm."""
     plug_in(install, "gtec_msgs/msg/Ranging", *RANGES)
     add_json(log, "/beacons", "gtec_msgs/msg/Ranging", t=T0, m=[1.5, 2.5])
-    recording = Recording(log.container)
-    recording.range_units = {"/beacons": unit}
+    row = {"topic": "/beacons", "unit": unit}
+    recording = Recording(log.container, Config.model_validate({"uwb": {"range_topics": [row]}}))
     (timed,) = recording.messages("/beacons")
     assert timed.message.range_m == pytest.approx(np.array([1.5, 2.5]) * {"m": 1, "cm": 0.01, "mm": 0.001}[unit])
 
