@@ -48,11 +48,9 @@ def fits(recording: Recording, role: str, channel: Channel) -> bool:
 def judge_ranges(look: Look) -> list[Candidate]:
     """One candidate for each type of ranges, with all its topics; none for a range whose ends nobody knows."""
     types: dict[str, list[str]] = {}
-    nameless = []
+    nameless, why = [], "is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
     for topic, name in look.of_kind(UwbRanges).items():
-        unnamed = name == RANGE_TYPE and topic not in look.recording.mapped
-        if unnamed and look.recording.ends_of(topic) is None:
-            why = "is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
+        if name == RANGE_TYPE and topic not in look.recording.mapped and look.recording.ends_of(topic) is None:
             nameless.append(Candidate((topic,), 0, why))
         else:
             types.setdefault(last_part(name), []).append(topic)
@@ -64,16 +62,10 @@ def judge_ranges(look: Look) -> list[Candidate]:
 
 def judge_odometry(look: Look) -> list[Candidate]:
     """A topic named as truth is no odometry, nor is one that by its name is wanted rather than measured."""
-    candidates = []
-    for topic, name in look.of_kind(Odometry).items():
-        if name in VELOCITY_TYPES:
-            continue
-        if not names_truth(topic) and is_measured(topic):
-            candidates.append(_by_type(look, topic, name))
-        elif not names_truth(topic):
-            why = f"not used: not measured by its name; if it is, {set_flag('topics.odometry', [topic])}"
-            candidates.append(Candidate((topic,), 0, why))
-    return candidates
+    own = {t: name for t, name in look.of_kind(Odometry).items() if name not in VELOCITY_TYPES and not names_truth(t)}
+    why = "not used: not measured by its name; if it is, "
+    unfit = {t: Candidate((t,), 0, why + set_flag("topics.odometry", [t])) for t in own if not is_measured(t)}
+    return [unfit.get(topic) or _by_type(look, topic, name) for topic, name in own.items()]
 
 
 def judge_imus(look: Look) -> list[Candidate]:
@@ -168,12 +160,10 @@ def _apart_s(look: Look, topic: str) -> float:
 def judge_estimates(look: Look) -> list[Candidate]:
     """All topics of poses that estimators may have made, together."""
     poses = {t: name for t, name in _measured(look).items() if name != FIX_TYPE}
-    places = [topic for topic, name in poses.items() if name in PLACES and topic not in look.recording.mapped]
-    flags = {topic: set_flag("topics.position", [topic]) for topic in places}
-    unsure = [Candidate((t,), 0, f"not used: if it is the robot's position, {flags[t]}") for t in places]
+    places = [t for t, name in poses.items() if name in PLACES and t not in look.recording.mapped]
     topics = [topic for topic in poses if topic not in places]
     alone = f"the only {poses[topics[0]]} without a name of truth: an estimate" if topics else ""
-    return [*unsure, *_together(topics, alone, "estimates of a pose")]
+    return _together(topics, alone, "estimates of a pose", places, "not used: if it is the robot's position, ")
 
 
 def judge_fixes(look: Look) -> list[Candidate]:
@@ -186,17 +176,19 @@ def judge_fixes(look: Look) -> list[Candidate]:
 def judge_velocities(look: Look) -> list[Candidate]:
     """All topics of velocities, together, without those that by their names are wanted rather than measured."""
     topics = [topic for topic, name in look.of_kind(Odometry).items() if name in VELOCITY_TYPES]
-    wanted = {t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS}
-    why = "a command by its name, not used; if it is the robot's measured velocity, "
-    unfit = [Candidate((t,), 0, why + set_flag("topics.position", [t])) for t in topics if t in wanted]
+    wanted = [t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS]
     alone = "velocities, integrated the robot's position where nothing else gives one"
-    return [*unfit, *_together([t for t in topics if t not in wanted], alone, "topics of velocities")]
+    why = "a command by its name, not used; if it is the robot's measured velocity, "
+    return _together([t for t in topics if t not in wanted], alone, "topics of velocities", wanted, why)
 
 
-def _together(topics: Sequence[str], alone: str, several: str) -> list[Candidate]:
-    """All topics as one candidate, and why: of one alone, or of several."""
+def _together(
+    topics: Sequence[str], alone: str, several: str, unfit: Sequence[str] = (), why_unfit: str = ""
+) -> list[Candidate]:
+    """All topics as one candidate, and why: of one alone, or of several. unfit: each as one that has to be chosen."""
     why = f"one of {len(topics)} {several}; topics.position takes one as the robot's position"
-    return [Candidate(tuple(topics), 1, alone if len(topics) == 1 else why)] if topics else []
+    together = [Candidate(tuple(topics), 1, alone if len(topics) == 1 else why)] if topics else []
+    return [Candidate((t,), 0, why_unfit + set_flag("topics.position", [t])) for t in unfit] + together
 
 
 def _measured(look: Look) -> dict[str, str]:

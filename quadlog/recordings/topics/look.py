@@ -18,17 +18,8 @@ from quadlog.recordings.topics.unread import unread
 
 
 @dataclass(frozen=True, slots=True)
-class Role:
-    """The topics that play a role, and why they do, in one line."""
-
-    name: str
-    topics: tuple[str, ...]
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
 class Candidate:
-    """Topics that could play a role together. rank: 0 unfit, then the higher the better.
+    """Topics that could play a role together, and why, in one line. rank: 0 unfit, then the higher the better.
 
     is_source: the robot's position is made of them, so that neither they nor what is as fit is taken unasked.
     """
@@ -48,7 +39,7 @@ class Look:
 
     recording: Recording
     topics: Topics
-    found: dict[str, Role] = field(default_factory=dict)
+    found: dict[str, Candidate] = field(default_factory=dict)
     ambiguous: dict[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     unused: dict[str, str] = field(default_factory=dict)
 
@@ -158,7 +149,7 @@ class Look:
         top = [each for each in candidates if each.rank == best > 0]
         free = [each for each in top if not each.is_source]
         if len(free) == len(top) == 1:
-            self.found[role] = Role(role, free[0].topics, free[0].why)
+            self.found[role] = free[0]
         elif free:
             self.ambiguous[role] = tuple(each.topics for each in free)
         for each in candidates:

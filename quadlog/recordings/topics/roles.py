@@ -13,7 +13,7 @@ from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree, is_static
 from quadlog.recordings.topics.judges import JUDGES, KINDS, fits, why_no_joints
-from quadlog.recordings.topics.look import Look, Role
+from quadlog.recordings.topics.look import Candidate, Look
 from quadlog.recordings.topics.topic_names import is_measured, is_target_name, names_truth
 from quadlog.recordings.topics.unread import nearest_role
 
@@ -35,7 +35,7 @@ class Roles:
     transforms of each other robot.
     """
 
-    found: Mapping[str, Role]
+    found: Mapping[str, Candidate]
     ambiguous: Mapping[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
     unused: Mapping[str, str] = field(default_factory=dict)
     near: Mapping[str, str] = field(default_factory=dict)
@@ -62,12 +62,9 @@ class Roles:
             words = f"one of {len(choices)} that could be the {name}"
             flags = [(topics, set_flag(f"topics.{name}", topics)) for topics in reversed(choices)]
             said |= {topic: (None, f"{words}: {flag}") for topics, flag in flags for topic in topics}
-        playing: dict[str, list[Role]] = {}
-        for role in self.found.values():
-            for topic in role.topics:
-                playing.setdefault(topic, []).append(role)
-        for topic, mine in playing.items():
-            said[topic] = ", ".join(each.name for each in mine), "; ".join(dict.fromkeys(each.why for each in mine))
+        for topic in {topic for role in self.found.values() for topic in role.topics}:
+            mine = {name: role.why for name, role in self.found.items() if topic in role.topics}
+            said[topic] = ", ".join(mine), "; ".join(dict.fromkeys(mine.values()))
         return said
 
     def of_topic(self, topic: str) -> tuple[str | None, str]:
@@ -122,7 +119,7 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
     look = Look(recording, topics)
     for role, names in configured_topics(recording, topics).items():
         fields = [look.found_words(name) for topic in names for name in recording.types_of(topic)]
-        look.found[role] = Role(role, names, "; ".join(["chosen in the configuration", *filter(None, fields)]))
+        look.found[role] = Candidate(names, 1, "; ".join(["chosen in the configuration", *filter(None, fields)]))
         if role == "joints" and (why := why_no_joints(recording, names[0])) is not None:
             raise UnknownTopic(role, names[0], _fitting(recording, role, names[0]), f"cannot be used: it {why}")
     for role, judge in JUDGES.items():
