@@ -27,7 +27,8 @@ from quadlog.recordings.topics.roles import Roles
 
 def frame_of(recording: Recording, topic: str) -> str | None:
     """The frame that the first message of a topic names; None where it cannot be decoded or has none."""
-    first = recording.sample(topic, 1, (PointCloud, Imu, Odometry, Pose))
+    kinds: tuple[type[PointCloud | Pose | Odometry | Imu], ...] = (PointCloud, Pose, Odometry, Imu)
+    first = [each for kind in kinds for each in recording.sample(topic, 1, kind)]
     return first[0].frame_id if first else None
 
 

@@ -291,7 +291,7 @@ class Recording(ClosedOnExit):
         rows = [picked(each, each.rows["order"] < count) for each in known[1] if isinstance(each, Batch)]
         return [*(each for each in rows if len(each.rows)), *clouds], known[2]
 
-    def sample(self, topic: str, count: int, kind: type[Kind] | tuple[type[Kind], ...]) -> list[Kind]:
+    def sample(self, topic: str, count: int, kind: type[Kind]) -> list[Kind]:
         """What the first few messages of a topic that can be decoded hold of a kind."""
         found, _ = self.peek(topic, count)
         small = messages_of(each for each in found if isinstance(each, Batch))

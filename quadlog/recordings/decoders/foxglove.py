@@ -15,8 +15,8 @@ from quadlog.errors import DecodeError
 from quadlog.geometry import apply_transform, transform_from_quat
 from quadlog.messages import NS_PER_S, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, frame_name
-from quadlog.recordings.decoders.point_cloud import Block, Column, check_block, cloud_from_block
+from quadlog.recordings.decoders.payload import Header, Payload, frame_name
+from quadlog.recordings.decoders.point_cloud import Block, cloud_from_block
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
 from quadlog.recordings.plugged import parts_of
 
@@ -31,14 +31,13 @@ def cloud(message: Any, topic: str) -> Iterator[PointCloud]:
     for each in message.fields:
         kind = NUMERIC_NAMES.index(each.type) + 1 if isinstance(each.type, str) else int(each.type)
         if 1 <= kind <= len(NUMERIC_TYPES) and each.offset >= 0:
-            layout[each.name] = Column(int(each.offset), np.dtype(NUMERIC_TYPES[kind - 1]))
+            layout[each.name] = int(each.offset), NUMERIC_TYPES[kind - 1]
     data, stride, frame = message.data, int(message.point_stride), frame_name(message.frame_id)
     data = base64.b64decode(data, validate=True) if isinstance(data, str) else data
     if data and (stride <= 0 or len(data) % stride):
         raise DecodeError(topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
-    block = Block(data, 0, 1, len(data) // stride if data else 0, len(data), stride)
-    check_block(topic, block, len(data), layout)
-    made = cloud_from_block(topic, block, layout, _stamp_ns(message), frame)
+    block = Block(data, 0, len(data), 1, len(data) // stride if data else 0, len(data), stride)
+    made = cloud_from_block(topic, block, layout, Header(_stamp_ns(message), frame))
     if getattr(message, "pose", None):
         (placed,) = parts_of(next(pose(message, topic)), Pose, topic)
         position_m, quat_xyzw = placed.rows["position_m"][0], placed.rows["quat_xyzw"][0]
