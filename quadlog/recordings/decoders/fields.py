@@ -120,17 +120,17 @@ class Path(NamedTuple):
         return cls(leaves, arrays, int(first.removesuffix("]") or 0), text)
 
 
-def leaves_of(types: Types, name: str, prefix: str = "") -> Iterator[tuple[str, str, int]]:
+def leaves_of(types: Types, name: str, prefix: str = "", but: str = "") -> Iterator[tuple[str, str, int]]:
     """Path, basic type and size of each number and text in messages of a checked type (`needed_types`).
 
-    `[]` in a path: of each element; size: of an array of fixed length, 0 for others.
+    `[]` in a path: of each element; size: of an array of fixed length, 0 for others. but: a type that is left out.
     """
     for field, (kind, detail) in types[name][1]:
         size = detail[1] if kind == Nodetype.ARRAY else 0
         path, (kind, detail) = (f"{field}[]", detail[0]) if kind in ARRAYS else (field, (kind, detail))
-        if kind == Nodetype.NAME:
-            yield from leaves_of(types, detail, f"{prefix}{path}.")
-        else:
+        if kind == Nodetype.NAME and detail != but:
+            yield from leaves_of(types, detail, f"{prefix}{path}.", but)
+        elif kind == Nodetype.BASE:
             yield prefix + path, detail[0], size
 
 

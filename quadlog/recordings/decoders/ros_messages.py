@@ -64,8 +64,7 @@ class Definitions:
         """The checked table of every definition the type may have. Raises BadDefinition."""
         name, standard = channel.type_name, partial(standard_types, channel.message_encoding)
         if channel.schema.strip(b"\0 \n"):
-            types = parse_definition(channel.schema, name, channel.schema_encoding or "ros2msg")
-            yield needed_types(types, name, standard)
+            yield embedded_types(*channel.identity[1:])
             return
         found = [(_read_msg(path, name), folder) for folder in self.folders if (path := _msg_file(folder, name))]
         versions = _standard_versions(channel.message_encoding, name)
@@ -74,6 +73,12 @@ class Definitions:
             raise BadDefinition("the recording embeds no definition; give its .msg with --msg-path")
         for types, folder in [*found, *others]:
             yield needed_types(types, name, partial(_from_folder, folder, standard))
+
+
+def embedded_types(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> Types:
+    """The checked types of a definition that a recording embeds. Raises BadDefinition."""
+    types = parse_definition(schema, type_name, schema_encoding or "ros2msg")
+    return needed_types(types, type_name, partial(standard_types, message_encoding))
 
 
 def _bundled(name: str, encoding: str) -> list[tuple[Types, Path | None]]:
