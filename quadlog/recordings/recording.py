@@ -177,11 +177,8 @@ class Recording(ClosedOnExit):
 
     def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
         """What a reading makes of topics; see `batches`."""
-        take = reading.take
-        for order, raw in enumerate(self._raws(topics, reading)):
-            if found := take(order, raw):
-                yield from found
-        yield from reading.rest()
+        for some in reading.over(self._raws(topics, reading)):
+            yield from some
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -191,16 +188,20 @@ class Recording(ClosedOnExit):
         return self._unpacked(known, Pass(self, start_ns, end_ns, points=True))
 
     def _unpacked(self, topics: list[str], reading: Pass) -> Iterator[Timed]:
-        waiting: list[Batch] = []
-        for order, raw in enumerate(self._raws(topics, reading)):
-            found = [*reading.take(order, raw)]
-            waiting += [each for each in found if isinstance(each, Batch)]
-            clouds = [each for each in found if isinstance(each, Timed)]
-            if clouds or order % UNPACKED_AT_ONCE == UNPACKED_AT_ONCE - 1:
-                yield from _in_order([*waiting, *reading.rest()])
-                yield from clouds
-                waiting = []
-        yield from _in_order([*waiting, *reading.rest()])
+        for window in self._windows(self._raws(topics, reading)):
+            found = [each for some in reading.over(window) for each in some]
+            yield from _in_order(each for each in found if isinstance(each, Batch))
+            yield from (each for each in found if isinstance(each, Timed))
+
+    def _windows(self, raws: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
+        """Messages that are decoded at once: up to a cloud, which is large, or so many."""
+        window: list[RawMessage] = []
+        for raw in raws:
+            window.append(raw)
+            if len(window) == UNPACKED_AT_ONCE or isinstance(self.reader(raw.channel), CloudReader):
+                yield window
+                window = []
+        yield window
 
     def _raws(self, topics: Sequence[str], reading: Pass) -> Iterator[RawMessage]:
         sound = self._sound_topics(topics)
@@ -280,10 +281,9 @@ class Recording(ClosedOnExit):
         """What a topic's first few messages hold, at log times, and why none can be decoded, None where some can."""
         known = self._peeked.get(topic)
         if known is None or known[0] < count:
-            reading, found = Pass(self, points=True, timed=False, counted=False), list[Batch | Timed]()
-            for order, raw in enumerate(islice(self.container.messages([topic]), count)):
-                found += reading.take(order, raw)
-            found += reading.rest()
+            reading = Pass(self, points=True, timed=False, counted=False)
+            parts = reading.over(islice(self.container.messages([topic]), count))
+            found = [each for some in parts for each in some]
             known = count, found, None if reading.decoded else reading.why
             if count <= FIRST_STAMPS or not any(isinstance(each, Timed) for each in found):  # clouds are large
                 self._peeked[topic] = known

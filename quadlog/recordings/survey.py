@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import groupby
 from statistics import median
 
 import numpy as np
@@ -138,20 +137,17 @@ def survey(
     found: dict[str, _Found] = defaultdict(_Found)
     reading, stamps = Pass(recording, timed=False), list[Stamps]()
 
-    def take(topic: str, some: list[Batch | Timed]) -> None:
-        found[topic].take(some)
-        if keep_stamps:
-            stamps.extend((topic, *stamps_of(each)) for each in some)
+    def noted() -> Iterator[RawMessage]:
+        for raw in watch(recording.container.messages()):
+            if id(raw.channel) not in seen:
+                seen[id(raw.channel)] = _Seen(raw.channel, recording)
+            seen[id(raw.channel)].take(raw)
+            yield raw
 
-    for order, raw in enumerate(watch(recording.container.messages())):
-        key = id(raw.channel)
-        if key not in seen:
-            seen[key] = _Seen(raw.channel, recording)
-        seen[key].take(raw)
-        if some := [*reading.take(order, raw)]:
-            take(raw.channel.topic, some)
-    for topic, rest in groupby(reading.rest(), key=lambda each: each.topic):
-        take(topic, [*rest])
+    for part in reading.over(noted()):
+        if some := [*part]:
+            found[some[0].topic].take(some)
+            stamps += [(each.topic, *stamps_of(each)) for each in some] if keep_stamps else []
     read = {each.channel: np.sort(np.frombuffer(each.log_ns, np.int64)) for each in seen.values()}
     whole = read if times is None else times
     topics = [_surveyed(each, whole[each.channel], found.get(each.channel.topic, _Found())) for each in seen.values()]
