@@ -114,13 +114,9 @@ def standard_types(encoding: str, name: str) -> Types:
 
 def _bundled_file(name: str) -> Path | None:
     """The bundled definition of the same package, or else of the one that it is a port of (LinkTrack by any name)."""
-    package, _, last = name.partition("/")[0], "", name.rpartition("/")[2]
-    exact = BUNDLED / package / "msg" / f"{last}.msg"
-    if exact.is_file():
-        return exact
-    original = "nlink_parser" if last.startswith("Linktrack") else PORTS.get(package, "")
-    port = BUNDLED / original / "msg" / f"{last}.msg"
-    return port if original and port.is_file() else None
+    package, last = name.partition("/")[0], name.rpartition("/")[2]
+    original = "nlink_parser" if last.startswith("Linktrack") else PORTS.get(package, package)
+    return _msg_file(BUNDLED, name) or _msg_file(BUNDLED, f"{original}/{last}")
 
 
 def _msg_file(folder: Path, name: str) -> Path | None:

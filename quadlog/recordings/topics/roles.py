@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from quadlog.config.schema import Topics
-from quadlog.errors import MAX_LISTED, AmbiguousTopic, UnknownTopic, set_flag, some_of
+from quadlog.errors import AmbiguousTopic, UnknownTopic, set_flag, some_of
 from quadlog.messages import Pose
 from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.recording import Recording
@@ -99,8 +99,7 @@ class Roles:
     def why_unfit(self, role: str) -> str:
         """The choice for a role, or why topics that look fit for it are not; empty where there is none."""
         unfit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
-        more = [f"and {len(unfit) - MAX_LISTED} more"] if len(unfit) > MAX_LISTED else []
-        return self.choices(role) or "; ".join([*unfit[:MAX_LISTED], *more])
+        return self.choices(role) or some_of(unfit, between="; ")
 
     def why_none(self, role: str) -> str:
         """The message for a role that no topic has; empty for one that some topic has."""
