@@ -24,7 +24,8 @@ from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlac
 from quadlog.recordings.formatting import several, stamps_go_back
 from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
-from quadlog.recordings.topics.roles import Roles, configured_topics, detect_roles
+from quadlog.recordings.topics.look import Roles
+from quadlog.recordings.topics.roles import configured_topics, detect_roles
 from quadlog.recordings.topics.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
 

@@ -249,9 +249,9 @@ def tell_recording(data: LogData, journal: Journal) -> None:
             journal.warn(f"{what}: {choices}")
     base = None if roles.frames.configured else roles.frames.base
     others = [] if base is None else roles.frames.other_robots(base)
-    flags = [set_flag("topics.tf", each) for each in roles.other_tf]
+    flags = [set_flag("topics.tf", each) for each in roles.transforms[1:]]
     if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
-        taken, some = roles.topics("tf")[0] if roles.other_tf else base, "  or  ".join(flags[:MAX_LISTED])
+        taken, some = roles.topics("tf")[0] if len(roles.transforms) > 1 else base, "  or  ".join(flags[:MAX_LISTED])
         journal.warn(f"tf moves {len(flags) + 1} robots: the one of {taken} is taken; choose another with  {some}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")

@@ -22,7 +22,7 @@ from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose, 
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import Streams
 from quadlog.recordings.tf_tree import BASE_FRAMES, TransformTree, is_named
-from quadlog.recordings.topics.roles import Roles
+from quadlog.recordings.topics.look import Roles
 
 
 def frame_of(recording: Recording, topic: str) -> str | None:

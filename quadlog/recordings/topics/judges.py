@@ -13,7 +13,7 @@ from quadlog.recordings.formatting import several
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import is_static
 from quadlog.recordings.topics.lidar_topics import judge_clouds
-from quadlog.recordings.topics.look import Candidate, Look
+from quadlog.recordings.topics.look import Candidate, Roles
 from quadlog.recordings.topics.topic_names import is_measured, name_words, names_truth
 from quadlog.recordings.types import last_part
 
@@ -45,7 +45,7 @@ def fits(recording: Recording, role: str, channel: Channel) -> bool:
     return not set(KINDS[role][0]).isdisjoint(kinds_of(channel, recording.mapped))
 
 
-def judge_ranges(look: Look) -> list[Candidate]:
+def judge_ranges(look: Roles) -> list[Candidate]:
     """One candidate for each type of ranges, with all its topics; none for a range whose ends nobody knows."""
     types: dict[str, list[str]] = {}
     nameless, why = [], "is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]"
@@ -60,7 +60,7 @@ def judge_ranges(look: Look) -> list[Candidate]:
     ]
 
 
-def judge_odometry(look: Look) -> list[Candidate]:
+def judge_odometry(look: Roles) -> list[Candidate]:
     """A topic named as truth is no odometry, nor is one that by its name is wanted rather than measured."""
     own = {t: name for t, name in look.of_kind(Odometry).items() if name not in VELOCITY_TYPES and not names_truth(t)}
     why = "not used: not measured by its name; if it is, "
@@ -68,17 +68,17 @@ def judge_odometry(look: Look) -> list[Candidate]:
     return [unfit.get(topic) or _by_type(look, topic, name) for topic, name in own.items()]
 
 
-def judge_imus(look: Look) -> list[Candidate]:
+def judge_imus(look: Roles) -> list[Candidate]:
     """Every topic with an IMU."""
     return [_by_type(look, topic, name) for topic, name in look.of_kind(Imu).items()]
 
 
-def _by_type(look: Look, topic: str, type_name: str) -> Candidate:
+def _by_type(look: Roles, topic: str, type_name: str) -> Candidate:
     rank = _rank_of(look, topic, type_name)
     return Candidate((topic,), 1 + rank, f"the only {type_name}" if rank == _SINGLE else f"in {type_name}")
 
 
-def _rank_of(look: Look, topic: str, type_name: str) -> int:
+def _rank_of(look: Roles, topic: str, type_name: str) -> int:
     """How well a topic of several kinds serves; those for one thing serve best.
 
     A robot's own /lf/ topics repeat others at a lower rate.
@@ -90,7 +90,7 @@ def _rank_of(look: Look, topic: str, type_name: str) -> int:
     return by_type - ("lf" in topic.split("/"))
 
 
-def judge_joints(look: Look) -> list[Candidate]:
+def judge_joints(look: Roles) -> list[Candidate]:
     """Every topic with joints, by its first messages; one with the feet's forces is best."""
     return [_of_legs(look, topic, name) for topic, name in look.of_kind(JointStates).items()]
 
@@ -103,7 +103,7 @@ def why_no_joints(recording: Recording, topic: str) -> str | None:
     return refused or "holds no joints"
 
 
-def _of_legs(look: Look, topic: str, type_name: str) -> Candidate:
+def _of_legs(look: Roles, topic: str, type_name: str) -> Candidate:
     why = why_no_joints(look.recording, topic)
     if why is not None:
         return Candidate((topic,), 0, why)
@@ -115,7 +115,7 @@ def _of_legs(look: Look, topic: str, type_name: str) -> Candidate:
     return Candidate((topic,), rank, f"12 joints of four legs in {type_name}{others}")
 
 
-def judge_transforms(look: Look) -> list[Candidate]:
+def judge_transforms(look: Roles) -> list[Candidate]:
     """All topics of the robot's transforms together; those of other robots have a flag."""
     mine, *others = look.transforms
     candidates = [Candidate(mine, 1, several(len(mine), "topic") + " of transforms")] if mine else []
@@ -125,7 +125,7 @@ def judge_transforms(look: Look) -> list[Candidate]:
     return candidates
 
 
-def judge_references(look: Look) -> list[Candidate]:
+def judge_references(look: Roles) -> list[Candidate]:
     """A topic of any type is a reference only by a name of truth.
 
     A pose that was found by a definition is one by such a name of its topic or type, unless others are; without it a
@@ -149,7 +149,7 @@ def judge_references(look: Look) -> list[Candidate]:
     return candidates
 
 
-def _apart_s(look: Look, topic: str) -> float:
+def _apart_s(look: Roles, topic: str) -> float:
     """How far a topic's stamps, or log times without stamps, lie from those of all others in use; 0 for any delay."""
     others = {each for role in look.found.values() for each in role.topics if not is_static(each)}
     offset_ns = look.recording.usual_offset_ns(topic)
@@ -157,7 +157,7 @@ def _apart_s(look: Look, topic: str) -> float:
     return nearest_ns * 1e-9 if (nearest_ns := min(apart_ns, default=0)) > FAR_APART_NS else 0.0
 
 
-def judge_estimates(look: Look) -> list[Candidate]:
+def judge_estimates(look: Roles) -> list[Candidate]:
     """All topics of poses that estimators may have made, together."""
     poses = {t: name for t, name in _measured(look).items() if name != FIX_TYPE}
     places = [t for t, name in poses.items() if name in PLACES and t not in look.recording.mapped]
@@ -166,14 +166,14 @@ def judge_estimates(look: Look) -> list[Candidate]:
     return _together(topics, alone, "estimates of a pose", places, "not used: if it is the robot's position, ")
 
 
-def judge_fixes(look: Look) -> list[Candidate]:
+def judge_fixes(look: Roles) -> list[Candidate]:
     """All topics of satellite fixes, together."""
     topics = [topic for topic, name in _measured(look).items() if name == FIX_TYPE]
     alone = "satellite fixes as local metres, the robot's position where nothing else gives one"
     return _together(topics, alone, "topics of satellite fixes")
 
 
-def judge_velocities(look: Look) -> list[Candidate]:
+def judge_velocities(look: Roles) -> list[Candidate]:
     """All topics of velocities, together, without those that by their names are wanted rather than measured."""
     topics = [topic for topic, name in look.of_kind(Odometry).items() if name in VELOCITY_TYPES]
     wanted = [t for t in topics if not is_measured(t) or name_words(t) & COMMANDER_WORDS]
@@ -191,13 +191,13 @@ def _together(
     return [Candidate((t,), 0, why_unfit + set_flag("topics.position", [t])) for t in unfit] + together
 
 
-def _measured(look: Look) -> dict[str, str]:
+def _measured(look: Roles) -> dict[str, str]:
     """Topic -> type, of poses that are not found by definition, nor named as truth or as wanted."""
     poses = look.of_kind(Pose).items()
     return {t: n for t, n in poses if is_measured(t) and not names_truth(t) and not look.found_words(n)}
 
 
-JUDGES: dict[str, Callable[[Look], Sequence[Candidate]]] = {
+JUDGES: dict[str, Callable[[Roles], Sequence[Candidate]]] = {
     "lidar": judge_clouds,
     "uwb": judge_ranges,
     "odometry": judge_odometry,
