@@ -263,12 +263,9 @@ class Recording(ClosedOnExit):
 
         What either finds is a loss or a warning of both. It is closed with this one.
         """
-        container = self.container.excerpt(budget)
-        if container is None:
-            return None
         part = copy(self)
-        part.container = container
-        return part
+        part.container = self.container.excerpt(budget) or self.container
+        return None if part.container is self.container else part
 
     def glimpse(self) -> Recording:
         """An excerpt, or all of a small recording, on log times, to look at before it is known which clock will do."""
