@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -35,6 +34,12 @@ class Decoded(NamedTuple):
     parts: Sequence[Part] = ()
     failed: int = 0
     why: str = ""
+
+
+class RowReader(NamedTuple):
+    """Reads payloads of one channel as rows, many at once, in any order."""
+
+    read: Callable[[Sequence[bytes]], Iterator[Decoded]]
 
 
 class CloudReader(NamedTuple):
@@ -129,13 +134,14 @@ def reader_of(
         known, given = ", ".join(ROS + OBJECTS), channel.message_encoding[:40]
         raise DecodeError(channel.topic, f"its message encoding {given!r} is not one quadlog reads ({known})")
     if isinstance(way, Type):
-        return ByColumns(ColumnReader(channel, way.wanted, definitions.candidates), way, order)
+        columns = ColumnReader(channel, way.wanted, definitions.candidates)
+        return RowReader(partial(_by_columns, columns, way, order))
     if isinstance(way, Clouds):
         return CloudReader(way.decoder(channel, definitions, warn))
     decode = _message_decoder(channel, way, definitions)
     if way.gives is PointCloud:
         return CloudReader(lambda payload, _: next(iter(decode(payload)), None))
-    return OneByOne(decode)
+    return RowReader(partial(_one_by_one, decode))
 
 
 def _message_decoder(
@@ -158,54 +164,35 @@ def _namespace(fields: Mapping[str, object]) -> SimpleNamespace:
     return SimpleNamespace(**fields)
 
 
-@dataclass(frozen=True, slots=True)
-class ByColumns:
-    """Reads payloads of a type of the table, many at once."""
-
-    columns: ColumnReader
-    type: Type
-    order: JointOrder
-
-    def read(self, payloads: Sequence[bytes]) -> Iterator[Decoded]:
-        """What the payloads become, in any order."""
-        for which, columns in self.columns.read(payloads):
-            try:
-                if isinstance(columns, DecodeError):
-                    raise columns
-                with np.errstate(all="ignore"):
-                    parts = [each for each in self.type.rows(columns, self.order) if len(each.rows)]
-            except UnknownJoints as error:  # of another machine; `detect_roles` reports a topic of nothing else
-                yield Decoded(which, why=error.reason)
-                continue
-            except (DecodeError, ValueError, TypeError, KeyError, IndexError) as error:  # a definition of another shape
-                why = error.reason if isinstance(error, DecodeError) else str(error)
-                yield Decoded(which, (), len(which), why)
-                continue
-            stamps, frames, sound = columns.stamp_ns(), columns.frames(), columns.sound
-            for i, each in enumerate(parts):
-                parts[i] = each._replace(frames=each.frames or frames)
-                if each.stamp_ns is None:
-                    parts[i] = parts[i]._replace(stamp_ns=stamps)
-                if not sound.all():
-                    of = np.arange(columns.n) if each.of is None else each.of
-                    parts[i] = parts[i]._replace(rows=each.rows[sound[of]], of=of[sound[of]])
-            yield Decoded(which, parts, int((~sound).sum()), columns.why)
+def _by_columns(reader: ColumnReader, kind: Type, order: JointOrder, payloads: Sequence[bytes]) -> Iterator[Decoded]:
+    """Payloads of a type of the table, many at once."""
+    for which, columns in reader.read(payloads):
+        try:
+            if isinstance(columns, DecodeError):
+                raise columns
+            with np.errstate(all="ignore"):
+                parts = [each for each in kind.rows(columns, order) if len(each.rows)]
+        except UnknownJoints as error:  # of another machine; `detect_roles` reports a topic of nothing else
+            yield Decoded(which, why=error.reason)
+            continue
+        except (DecodeError, ValueError, TypeError, KeyError, IndexError) as error:  # a definition of another shape
+            why = error.reason if isinstance(error, DecodeError) else str(error)
+            yield Decoded(which, (), len(which), why)
+            continue
+        stamps, frames, sound = columns.stamp_ns(), columns.frames(), columns.sound
+        for i, each in enumerate(parts):
+            stamp_ns = stamps if each.stamp_ns is None else each.stamp_ns
+            parts[i] = each._replace(frames=each.frames or frames, stamp_ns=stamp_ns)
+            if not sound.all():
+                of = np.arange(columns.n) if each.of is None else each.of
+                parts[i] = parts[i]._replace(rows=each.rows[sound[of]], of=of[sound[of]])
+        yield Decoded(which, parts, int((~sound).sum()), columns.why)
 
 
-@dataclass(frozen=True, slots=True)
-class OneByOne:
-    """Reads payloads whose messages are decoded one by one."""
-
-    decode: Callable[[Payload], Sequence[Part]]
-
-    def read(self, payloads: Sequence[bytes]) -> Iterator[Decoded]:
-        """What the payloads become, in order."""
-        for number, payload in enumerate(payloads):
-            try:
-                yield Decoded(np.array([number]), self.decode(payload))
-            except DecodeError as error:
-                yield Decoded(np.array([number]), (), 1, error.reason)
-
-
-RowReader = ByColumns | OneByOne
-"""Reads payloads of one channel as rows."""
+def _one_by_one(decode: Callable[[Payload], Sequence[Part]], payloads: Sequence[bytes]) -> Iterator[Decoded]:
+    """Payloads that are decoded by their messages."""
+    for number, payload in enumerate(payloads):
+        try:
+            yield Decoded(np.array([number]), decode(payload))
+        except DecodeError as error:
+            yield Decoded(np.array([number]), (), 1, error.reason)

@@ -39,13 +39,13 @@ def detect_roles(recording: Recording, topics: Topics) -> Roles:
 
 def _compare_clocks(roles: Roles) -> None:
     """Compare the clocks of what is used together: of tf the transform that moves base, of poses a lone one."""
-    placed, tf = roles.base_in_map, roles.found["tf"].topics if "tf" in roles.found else ()
+    placed = roles.base_in_map
     moving = [] if placed is None else [edge for edge in roles.frames.moving(*placed) if not edge.is_still]
     lone = roles.wanted.position in LONE_SOURCES or not {"uwb", "tf", "odometry"} & roles.found.keys()
     names = {"reference"} if lone else {"reference", *LONE_SOURCES}
     reported = {topic for name in names & roles.found.keys() for topic in roles.found[name].topics}
     compared = {*roles.played, *(stream_name(edge.topic, edge.parent, edge.child) for edge in moving[:1])} - reported
-    roles.recording.compare_clocks(roles.played, tf, compared, reported)
+    roles.recording.compare_clocks(roles.played, roles.topics("tf"), compared, reported)
 
 
 def position_topics(recording: Recording) -> list[str]:

@@ -18,7 +18,7 @@ from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoding import ByColumns, reader_of
+from quadlog.recordings.decoding import RowReader, reader_of
 from quadlog.recordings.types import TYPES
 from tests.lab.decoded import KINDS, channel_of, decoded, serialised, store_of, together, zeroed
 
@@ -118,7 +118,7 @@ def test_random_messages_are_read_as_by_rosbags(name: str, kind: str) -> None:
         payloads = [sound, other, other + bytes(draw.randrange(6)), bytes(flipped), cut, sound]
         assert {0, 1, 5} <= assert_columns_as(store, channel, payloads, NAMES[name])
         reader = reader_of(channel, Definitions(), JointOrder())
-        if isinstance(reader, ByColumns):
+        if isinstance(reader, RowReader):
             several = together(channel.topic, reader, payloads)
             for payload, found in zip(payloads, several, strict=True):
                 (alone,) = together(channel.topic, reader, [payload])
