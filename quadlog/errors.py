@@ -44,10 +44,10 @@ def nearest(name: str, names: Iterable[str]) -> str | None:
 MAX_LISTED = 20
 
 
-def some_of(names: Sequence[str]) -> str:
+def some_of(names: Sequence[str], most: int = MAX_LISTED, between: str = ", ") -> str:
     """The names, or the first of them and how many more there are."""
-    more = [f"and {len(names) - MAX_LISTED} more"] if len(names) > MAX_LISTED else []
-    return ", ".join([*(clipped(name) for name in names[:MAX_LISTED]), *more])
+    more = [f"and {len(names) - most} more"] if len(names) > most else []
+    return between.join([*map(clipped, names[:most]), *more])
 
 
 def set_flag(key: str, values: Sequence[str]) -> str:

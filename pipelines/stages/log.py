@@ -26,7 +26,7 @@ from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
-from quadlog.recordings.recording import open_configured
+from quadlog.recordings.recording import open_recording
 from quadlog.recordings.streams import Streams, gather
 from quadlog.recordings.topics.roles import detect_roles, position_topics
 from quadlog.results import STAGES
@@ -109,7 +109,7 @@ class Log(Outlook):
 def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log]:
     """Open a recording and detect the roles of its topics; only its index and a few messages are read."""
     by_command, config = config.simulation.controller == COMMAND, only(config, READING)
-    with open_configured(path, config, options.msg_path, options.stamp) as recording:
+    with open_recording(path, config, msg_path=options.msg_path, stamp=options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
         if config.lidar.mount != Mount():
             roles.frames.bodies.clear()  # base is what the mount is given in, not what odometry is of
@@ -255,9 +255,9 @@ def tell_recording(data: LogData, journal: Journal) -> None:
             journal.warn(f"{what}: {choices}")
     base = None if roles.frames.configured else roles.frames.base
     others = [] if base is None else roles.frames.other_robots(base)
-    flags = [set_flag("topics.tf", each) for each in roles.other_tf]
+    flags = [set_flag("topics.tf", each) for each in roles.transforms[1:]]
     if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
-        taken, some = roles.topics("tf")[0] if roles.other_tf else base, "  or  ".join(flags[:MAX_LISTED])
+        taken, some = roles.topics("tf")[0] if len(roles.transforms) > 1 else base, "  or  ".join(flags[:MAX_LISTED])
         journal.warn(f"tf moves {len(flags) + 1} robots: the one of {taken} is taken; choose another with  {some}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")

@@ -125,7 +125,7 @@ def _filtered(
     if config.lidar.deskew:
         journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
     lidars = data.log.lidars
-    planar = all(PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)} for topic in lidars)
+    planar = all({*data.log.recording.types_of(topic)} <= PLANAR_SCANS for topic in lidars)
     where = f" ({', '.join(lidars)}: {data.log.roles.of_topic(lidars[0])[1]})"
     tally.tell(journal, config, where, planar=planar)
 

@@ -40,8 +40,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named, is_static
 
 MOST_OF_A_JOINT = 1e5
 """Larger angles, rates, torques and forces are no measurements."""
@@ -168,6 +167,10 @@ class _Track(NamedTuple):
         times: Int = self.rows["t_ns"]
         return times
 
+    def columns(self, *names: str) -> list[Any]:
+        """Copies of their times and of columns, with which the rows can go."""
+        return [self.rows[name].copy() for name in ("t_ns", *names)]
+
     def parts(self, kind: type[Message]) -> list[NDArray[np.intp]]:
         """The rows of each sender: of ranges of each link, since tags of a topic may be late by different amounts."""
         if kind is not UwbRanges or not goes_back(self.t_ns):
@@ -217,9 +220,7 @@ class _Logged:
     def streams(self, *, spread_bursts: bool = False) -> Streams:
         """All series. spread_bursts: joints that come in bursts get the times at which they were sent."""
         wanted, warnings = self._wanted, self._warnings
-        ranged = [batches for key, batches in self._batches.items() if key[0] is UwbRanges]
-        places = places_of(each.rows for batches in ranged for each in batches)
-        del ranged
+        places = places_of(each.rows for key, some in self._batches.items() if key[0] is UwbRanges for each in some)
         tracks = {key: _Track.of(self._batches.pop(key)) for key in [*self._batches]}
         if spread_bursts:
             self._spread_joints(tracks)
@@ -228,13 +229,15 @@ class _Logged:
         ranges, gap_db = self._ranges(tracks)
         poses = {topic: _poses(tracks, topic) for topic in self._kinds[Pose]}
         odometry, twist = poses[wanted.odometry], tracks.get((Odometry, str(wanted.odometry), ""))
-        still_mps = None if odometry is None else np.zeros((len(odometry), 3))
+        velocities = [None, None] if odometry is None else [np.zeros((len(odometry), 3))] * 2
+        if twist is not None:
+            _, *velocities = twist.columns("linear_mps", "angular_radps")
         return Streams(
             ranges=ranges,
             range_gap_db=gap_db,
             odometry=odometry,
-            odometry_linear_mps=still_mps if twist is None else twist.rows["linear_mps"].copy(),
-            odometry_angular_radps=still_mps if twist is None else twist.rows["angular_radps"].copy(),
+            odometry_linear_mps=velocities[0],
+            odometry_angular_radps=velocities[1],
             imu=self._imu(tracks),
             reference=poses[wanted.reference],
             target=poses[wanted.target],
@@ -276,10 +279,8 @@ class _Logged:
             kept = kept_rows(track.t_ns, whole[key], equal=repeats)
             equal = len(track.rows) - len(kept) - int(whole[key].sum())
             if equal and key[0] is not Transforms:
-                text = (
-                    f"{track.topic}: {equal} of {len(track.rows)} messages have the stamp of another; they are dropped"
-                )
-                self._warnings.append(text)
+                some = f"{track.topic}: {equal} of {len(track.rows)} messages"
+                self._warnings.append(f"{some} have the stamp of another; they are dropped")
             tracks[key] = track._replace(rows=track.rows[kept])
         return clock_losses(senders, masks), repeated
 
@@ -298,9 +299,8 @@ class _Logged:
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = (track.rows["tag"] != NO_ID) & (track.rows["anchor"] != NO_ID)
             if count := int((~known).sum()):
-                self._warnings.append(
-                    f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
-                )
+                some = f"{track.topic}: {count} ranges without ids"
+                self._warnings.append(f"{some} are left out; name their ends in [[uwb.range_topics]]")
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
         for why, count in sorted(self._unmeasured.items()):
@@ -333,32 +333,28 @@ class _Logged:
         track = tracks.get((Imu, str(self._wanted.imu), ""))
         if track is None:
             return None
-        quat_xyzw = track.rows["quat_xyzw"].copy()
+        t_ns, rates, quat_xyzw = track.columns("angular_radps", "quat_xyzw")
         finite = np.isfinite(quat_xyzw)
         if finite.any() and not finite.all():
             self._warnings.append(f"{track.topic}: not every message has an orientation; none is used")
-        rates = track.rows["angular_radps"].copy()
-        return ImuSeries(track.t_ns.copy(), rates, quat_xyzw if finite.all() else None, track.frame_id)
+        return ImuSeries(t_ns, rates, quat_xyzw if finite.all() else None, track.frame_id)
 
     def _joints(self, tracks: Mapping[_Key, _Track]) -> JointSeries | None:
         track = tracks.get((JointStates, str(self._wanted.joints), ""))
         if track is None:
             return None
-        names = {"angles": "position_rad", "speeds": "velocity_radps", "torques": "torque_nm"}
-        parts = {what: track.rows[name].copy() for what, name in (names | {"foot forces": "foot_force_n"}).items()}
-        for what, part in parts.items():
+        t_ns, *parts = track.columns("position_rad", "velocity_radps", "torque_nm", "foot_force_n")
+        for what, part in zip(("angles", "speeds", "torques", "foot forces"), parts, strict=True):
             unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
             # A message that gives none of them has NaN everywhere.
             if unfit.any() and not np.isnan(part).all():
-                self._warnings.append(
-                    f"{track.topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out"
-                )
+                some = f"{track.topic}: {unfit.sum()} of {unfit.size} {what}"
+                self._warnings.append(f"{some} are no finite numbers; left out")
             part[unfit] = np.nan
-        for what in ("torques", "foot forces"):
             # Drivers that measure none write zeros.
-            if not np.nan_to_num(parts[what]).any():
-                parts[what][:] = np.nan
-        return JointSeries(track.t_ns.copy(), *parts.values())
+            if what in ("torques", "foot forces") and not np.nan_to_num(part).any():
+                part[:] = np.nan
+        return JointSeries(t_ns, *parts)
 
 
 MOVED_OVER_S = 0.2
@@ -400,7 +396,7 @@ def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | Non
     track = tracks.get((Odometry, str(topic), "")) or tracks.get((Pose, str(topic), ""))
     if track is None:
         return None
-    t_ns, position_m, quat_xyzw = (track.rows[name].copy() for name in ("t_ns", "position_m", "quat_xyzw"))
+    t_ns, position_m, quat_xyzw = track.columns("position_m", "quat_xyzw")
     if np.isnan(position_m).all():
         return _integrated(t_ns, track.rows["linear_mps"], track.rows["angular_radps"], track.child_frame_id)
     return PoseSeries(t_ns, position_m, quat_xyzw, track.frame_id, track.child_frame_id)
