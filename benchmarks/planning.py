@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from benchmarks.figures import Figure
 from quadlog.planning.protocol import Bool, Cell
-from quadlog.planning.query import Query, make_query
+from quadlog.planning.query import Query
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import compile_planner
-from quadlog.simulation.worlds.replanning_walk import walk_world
+from quadlog.planning.replan import Asker
+from quadlog.simulation.worlds.replanning_walk import asked_at, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
 
 QUERIES, ROUNDS = 60, 5
@@ -88,8 +88,7 @@ def _throughput() -> Iterator[Figure]:
     """
     import pyastar2d
 
-    planner = make_planner("astar")
-    compile_planner(planner)
+    planner = Asker(make_planner("astar")).planner  # compiled
     for title, blocked in {"20 % blocked": random_map(512, 0.2, 1), "streets": street_map(512, 3)}.items():
         ends = queries(blocked, QUERIES, 4)
         expanded = sum(planner.plan(blocked, *each).expanded for each in ends)
@@ -115,28 +114,20 @@ def forest_walks(density_per_m2: float, window_cells: int, episodes: int, seed: 
     for number in range(episodes):
         rng = np.random.default_rng([seed, number])
         world = forest_world(density_per_m2, rng, window_cells=window_cells)
-        asked = [
-            make_query(at.window, at.occupied, at.robot_xy_m, at.goal_xy_m, world.dilation_m, world.dilation)
-            for at in walk_world(world, make_planner("astar")).instants
-        ]
+        asked = [asked_at(at, world) for at in walk_world(world, make_planner("astar")).instants]
         walks.append([query for query in asked if isinstance(query, Query)])
     return walks
 
 
 def times_us(name: str, walks: Sequence[Walk]) -> list[NDArray[np.float64]]:
     """Per walk, the least time of each replan over some rounds."""
-    planner = make_planner(name)
-    compile_planner(planner)
+    asker = Asker(make_planner(name))
     best = [np.full(len(walk), np.inf) for walk in walks]
     for _ in range(ROUNDS):
         for walk, least in zip(walks, best, strict=True):
-            planner.reset()
-            window = walk[0].window
+            asker.forget()
             for i, query in enumerate(walk):
-                shift, window = window.shift_to(query.window), query.window
-                began_ns = time.perf_counter_ns()
-                planner.plan(query.blocked, query.start, query.goal, shift)
-                least[i] = min(least[i], (time.perf_counter_ns() - began_ns) / 1000)
+                least[i] = min(least[i], asker.ask(query)[1])
     return best
 
 

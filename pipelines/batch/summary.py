@@ -11,16 +11,15 @@ from typing import Any, cast
 from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.request import ReplayOutcome
-from quadlog.results.find_runs import FAILED, fetch, is_run, run_name
-from quadlog.results.page.runs_page import MOST_DRAWN, write_folder_page
+from quadlog.results.find_runs import FAILED, SUMMARY, fetch, is_run, run_name
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
 from quadlog.results.run import check_place
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.atomic_write import write_whole
 from quadlog.storage.remote_path import RemotePath
 
-_PAGE, _TABLE = "report.html", "summary.parquet"
-NOT_OURS = f"its {_TABLE} or {_PAGE} is not quadlog's and is left alone"
+_PAGE = "report.html"
+NOT_OURS = f"its {SUMMARY} or {_PAGE} is not quadlog's and is left alone"
 _READ = ("run.json", "metrics.json", FAILED)
 _DRAWN = ("poses.parquet", "target.parquet", "control.parquet")
 
@@ -55,10 +54,12 @@ def summarise(folder: Path, progress: Progress) -> None:
             if not rows:
                 return
             columns = {name: [row.get(name, float("nan")) for row in rows] for name in TABLES["summary"].names}
-            write_table(here / _TABLE, TABLES["summary"], columns)
+            from quadlog.results.page.runs_page import write_folder_page  # loads the templates
+
+            write_table(here / SUMMARY, TABLES["summary"], columns)
             write_folder_page(here)
             if isinstance(folder, RemotePath):
-                folder.upload_all(here, [_TABLE, _PAGE])
+                folder.upload_all(here, [SUMMARY, _PAGE])
 
 
 def rebuild_summary(folder: Path) -> Path:
@@ -111,9 +112,11 @@ def _is_ours(folder: Path) -> bool:
 
 def _fetched(folder: RemotePath, scratch: Path) -> Path:
     """A copy of a folder of runs, with what table and page need of it: of the first runs their tracks, too."""
+    from quadlog.results.page.runs_page import MOST_DRAWN  # loads the templates
+
     here = scratch / run_name(folder.name)
     here.mkdir()
-    files = {name: folder / name for name in (_TABLE,) if (folder / name).is_file()}
+    files = {name: folder / name for name in (SUMMARY,) if (folder / name).is_file()}
     for number, name in enumerate(sorted(_names(cast(Path, folder)))):
         there = {path.name: path for path in (folder / name).iterdir()}
         wanted = (*_READ, *(_DRAWN if number < MOST_DRAWN else ()))

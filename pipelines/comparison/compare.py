@@ -21,9 +21,11 @@ from quadlog.metrics.planner_verdict import notes, verdict
 from quadlog.metrics.planning import compare_planners
 from quadlog.pipelines.comparison.sources import CompareOptions, ProblemSource, Question, open_sources
 from quadlog.pipelines.executor.progress import Progress
-from quadlog.planning.query import Query
+from quadlog.planning.path import turning
+from quadlog.planning.protocol import Bool, Cell, Plan, is_usable
+from quadlog.planning.query import NoQuery
 from quadlog.planning.registry import make_planner, planner_plugin, planner_type
-from quadlog.planning.replan import Answer, Panel
+from quadlog.planning.replan import Panel
 from quadlog.planning.rules import Rules
 from quadlog.results.studies.planners import REPLANS, ComparedSource, earlier_files, write_comparison
 from quadlog.storage.atomic_write import new_folder
@@ -109,13 +111,7 @@ def repeats_for(source: ProblemSource, planners: int) -> int:
 
 
 def ask_everything(
-    source: ProblemSource,
-    names: Sequence[str],
-    rules: Rules,
-    progress: Progress,
-    repeats: int = 1,
-    *,
-    curvatures: bool = True,
+    source: ProblemSource, names: Sequence[str], rules: Rules, progress: Progress, repeats: int = 1
 ) -> Columns:
     """Ask the planners of those names, the first of them the baseline, each by the rules it keeps of these.
 
@@ -124,49 +120,67 @@ def ask_everything(
 
     repeats: how often, for the times; whatever else is answered is of the first time. Planners take turns: at every
     question, or where questions stand alone and planners hold a map's memory one after the other, in every pass.
-    curvatures: of smoothed paths, which take longer than the plans; static sources have none.
     """
     rows: list[dict[str, Any]] = []
     us: dict[tuple[str, int], list[float]] = {}
-    smoothing = source.smoothing if curvatures and not source.is_static else None
     passes, rounds = (repeats, 1) if source.is_static else (1, repeats)
     for turn, members in itertools.product(range(passes), [[name] for name in names] if source.is_static else [names]):
-        planners, *doubles = ([make_planner(name, rules) for name in members] for _ in range(rounds))
-        panel, numbers = Panel(planners, smoothing, doubles), itertools.count()
+        panel = Panel([[make_planner(name, rules) for name in members] for _ in range(rounds)])
+        numbers = itertools.count()
         for episode, questions in enumerate(source.episodes()):
             panel.begin_episode()
             for replan, question in enumerate(questions):
-                number, answers = next(numbers), panel.ask(question.query)
-                for answer in answers:
-                    us.setdefault((answer.planner, number), []).extend(answer.us_repeats)
-                if turn == 0:
-                    at = {"source": source.name, "episode": episode, "replan": replan}
-                    rows += [at | _row(question, answer) for answer in answers]
+                number, (optimum, plans, times_us) = next(numbers), panel.ask(question.query)
+                for name, plan, taken_us in zip(members, plans, times_us.tolist(), strict=True):
+                    us.setdefault((name, number), []).extend(taken_us)
+                    if turn == 0:
+                        at = {"source": source.name, "episode": episode, "replan": replan, "planner": name}
+                        rows.append(at | _row(question, plan, optimum))
             if turn == 0 and members[0] == names[0]:
                 progress.advance()
-    columns = {name: np.array([row[name] for row in rows]) for name in REPLANS.names}
-    us_repeats = np.array([times or [math.nan] * repeats for times in us.values()])
-    timed = np.isfinite(us_repeats).all(axis=1)
-    columns["us"][timed] = np.median(us_repeats[timed], axis=1)
-    return columns | {"us_repeats": us_repeats}
+    us_repeats = np.array(list(us.values())).reshape(len(rows), -1)
+    columns = {name: np.array([row[name] for row in rows]) for name in REPLANS.names if name != "us"}
+    return columns | {"us": np.median(us_repeats, axis=1), "us_repeats": us_repeats}
 
 
-def _row(question: Question, answer: Answer) -> dict[str, Any]:
-    query, plan = question.query, answer.plan
-    ends, is_projected = np.zeros((2, 2), int), False
-    if isinstance(query, Query):
+def _row(question: Question, plan: Plan, optimum: Plan) -> dict[str, Any]:
+    """Columns of replans.parquet; why_not is empty when a path was found, "missed" when only others found one.
+
+    length_m and turn_rad: of the path on the grid; turn_rad is the sum of its changes of heading, left or right alike.
+    """
+    query, ends, is_projected = question.query, np.zeros((2, 2), int), False
+    why_not, length_m, turn_rad = "", math.nan, math.nan
+    if isinstance(query, NoQuery):
+        why_not = query.why
+    else:
         ends = np.add([query.start, query.goal], [query.window.col0, query.window.row0])
         is_projected = query.goal_projected
-    same = ("planner", "why_not", "optimal_cost", "length_m", "turn_rad", "curvature_max_1pm", "us")
+        if plan.found:
+            length_m, turn_rad = turning(plan.cells * query.window.cell_m)
+        else:
+            why_not = "missed" if optimum.found else _why_no_path(query.blocked, query.start, query.goal)
     counts = ("found", "expanded", "generated", "touched", "from_scratch", "reused_cells")
     return {
         "t_ns": question.t_ns,
-        **{name: getattr(answer, name) for name in same},
+        "why_not": why_not,
         **{name: getattr(plan, name) for name in counts},
         "cost": plan.cost if plan.found else math.nan,
+        "optimal_cost": optimum.cost if optimum.found else math.nan,
         **dict(zip(("start_col", "start_row", "goal_col", "goal_row"), ends.ravel().tolist(), strict=True)),
         "goal_projected": is_projected,
+        "length_m": length_m,
+        "turn_rad": turn_rad,
     }
+
+
+def _why_no_path(blocked: Bool, start: Cell, goal: Cell) -> str:
+    """In two words, for a query that has no answer."""
+    for name, (col, row) in (("start", start), ("goal", goal)):
+        if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
+            return f"{name} outside"
+        if not is_usable(blocked, (col, row)):
+            return f"{name} blocked"
+    return "unreachable"
 
 
 def scenarios_of(source: ProblemSource, columns: Columns) -> Columns | None:

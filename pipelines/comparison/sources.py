@@ -18,21 +18,20 @@ from quadlog.mapping.grid import Window, window_at
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.plan import growth_of, planned_as, recorded_maps
+from quadlog.pipelines.stages.plan import growth_of, recorded_maps
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.planning.protocol import Bool, Cell
-from quadlog.planning.query import NoQuery, Query, make_query
+from quadlog.planning.query import Growth, NoQuery, Query, make_query
 from quadlog.planning.registry import make_planner, planner_names, planner_type
-from quadlog.planning.replan import ReplanSettings
 from quadlog.planning.rules import Rules
 from quadlog.recordings.find import find_recordings
 from quadlog.results.arrays import load_maps
 from quadlog.results.find_runs import fetch_runs, is_run, run_names
 from quadlog.results.tables import has_table
-from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
+from quadlog.simulation.worlds.replanning_walk import WorldWalk, asked_at, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World
-from quadlog.storage.formats.movingai import ScenQuery, check_scen, read_movingai_map, read_movingai_scen
+from quadlog.storage.formats.movingai import ScenQuery, read_movingai_map, read_movingai_scen
 from quadlog.storage.formats.ros_map import read_rosmap
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -56,7 +55,6 @@ class ProblemSource:
     episodes: gives all of them on every call; count: their number.
     is_static: every question stands alone, so planners can be run one after the other, each in its own memory.
     queries: the lines of a .scen file, one episode each.
-    smoothing: how paths are smoothed before their curvature is measured.
     """
 
     name: str
@@ -65,7 +63,6 @@ class ProblemSource:
     count: int
     is_static: bool = False
     queries: tuple[ScenQuery, ...] = ()
-    smoothing: ReplanSettings = field(default_factory=ReplanSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,9 +156,7 @@ def forest_source(name: str, episodes: int, leader: str, rules: Rules, dilation:
 def questions_along(world: World, walk: WorldWalk) -> Iterator[Question]:
     """What was to be planned at each instant of a walk through a world."""
     for instant in walk.instants:
-        ends = instant.robot_xy_m, instant.goal_xy_m
-        query = make_query(instant.window, instant.occupied, *ends, world.dilation_m, world.dilation)
-        yield Question(instant.t_ns, query)
+        yield Question(instant.t_ns, asked_at(instant, world))
 
 
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -178,25 +173,24 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
     about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
     if scen is None:
         return _on_map(name, f"{about}, one query", window, blocked, [_checked(name, ends, blocked.shape)])
-    queries = read_movingai_scen(scen)
-    check_scen(queries, (rows, cols), scen)
+    queries = read_movingai_scen(scen, (rows, cols))
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
     source = _on_map(name, about, window, blocked, [(query.start, query.goal) for query in queries])
     return replace(source, queries=tuple(queries))
 
 
-def ros_map_source(path: Path, name: str, ends: Ends | None, dilation_m: float, dilation: str) -> ProblemSource:
-    """A map_server map, its obstacles grown by dilation_m; unknown cells are blocked, and do not grow.
+def ros_map_source(path: Path, name: str, ends: Ends | None, growth: Growth) -> ProblemSource:
+    """A map_server map, its obstacles grown; unknown cells are blocked, and do not grow.
 
     Cells count from the lower left. Raises UnreadableFile, TooLarge, and UsageError without start and goal.
     """
     ros_map = read_rosmap(path)
     unknown = ros_map.cells < 0
-    blocked = INFLATIONS[dilation](ros_map.blocked, dilation_m / ros_map.cell_m) | unknown
+    blocked = INFLATIONS[growth.shape](ros_map.blocked, growth.metres / ros_map.cell_m) | unknown
     rows, cols = blocked.shape
     about = (
-        f"a map of {cols} by {rows} cells of {ros_map.cell_m:g} m, obstacles grown by {dilation_m:g} m ({dilation}), "
-        "unknown cells blocked, one query"
+        f"a map of {cols} by {rows} cells of {ros_map.cell_m:g} m, obstacles grown by {growth.metres:g} m "
+        f"({growth.shape}), unknown cells blocked, one query"
     )
     window = window_at(ros_map.origin_m, ros_map.cell_m, blocked.shape)
     return _on_map(name, about, window, blocked, [_checked(name, ends, blocked.shape)])
@@ -237,7 +231,7 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
         raise MissingInput("plan", f"{run} has no target to plan to", "replay with  --set topics.target=ahead")
     robot, target = RobotTrack.read(run), TargetTrack.read(run)
     rows, cols = maps.shape
-    dilation_m, shape = growth_of(config)
+    growth = growth_of(config)
 
     def questions() -> Iterator[Question]:
         """One for each map at which it is known where robot and target were."""
@@ -246,7 +240,7 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
             pose = robot.pose_at(instant.t_ns, config.lidar.pose_gap_s)
             target_m = target.at(np.array([instant.t_ns]))[0]
             if pose is not None and np.isfinite(target_m).all():
-                query = make_query(instant.window, instant.occupied, pose[:2], target_m, dilation_m, shape)
+                query = make_query(instant.window, instant.occupied, pose[:2], target_m, growth)
                 is_empty = False
                 yield Question(instant.t_ns, query)
         if is_empty:
@@ -254,9 +248,9 @@ def run_source(run: Path, name: str, given: Mapping[str, Any] = MappingProxyType
 
     about = (
         f"{len(maps)} recorded maps of {cols} by {rows} cells of {maps.cell_m:g} m, obstacles grown by "
-        f"{dilation_m:g} m ({shape})"
+        f"{growth.metres:g} m ({growth.shape})"
     )
-    return ProblemSource(name, about, lambda: iter([questions()]), 1, smoothing=planned_as(config))
+    return ProblemSource(name, about, lambda: iter([questions()]), 1)
 
 
 def recording_source(
@@ -318,15 +312,13 @@ def _open(name: str, options: CompareOptions, scratch: Path) -> ProblemSource | 
     path, given = to_path(name), options.config.model_dump(exclude_unset=True)
     if isinstance(path, RemotePath):
         return run_source(fetch_runs(path, scratch, _READ), str(path), given) if is_run(to_path(name)) else None
-    dilation_m, dilation = growth_of(options.config)
     if name.startswith(PREFIX):
         shape = "square" if options.preset == "paper" else "euclidean"
-        forest = forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
-        return replace(forest, smoothing=planned_as(options.config))
+        return forest_source(name, options.episodes, options.walked_by, options.rules, shape, options.seed)
     if path.suffix == ".map":
         return movingai_source(path, name, options.scen, options.ends)
     if path.suffix in YAML:
-        return ros_map_source(path, name, options.ends, dilation_m, dilation)
+        return ros_map_source(path, name, options.ends, growth_of(options.config))
     if (path / "run.json").is_file() or (path / "maps.npz").is_file():
         return run_source(path, name, given)
     return None

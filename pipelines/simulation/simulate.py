@@ -13,35 +13,37 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.control import Simulation
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
+from quadlog.config.controllers import COMMAND, CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
+from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
-from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
+from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb, start_up
 from quadlog.pipelines.simulation import trot as trotting
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.find_runs import run_name
 from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.record import InputRecord, PluginRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
-from quadlog.results.tables import TABLES
+from quadlog.results.tables import BODY_COLUMNS, TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
 from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.simulation.settings import Simulation
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
 DISTURBED_OVERRIDES = tuple(
-    f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
+    f"simulation.disturbances.{name}={value!r}" for name, value in DISTURBED.model_dump().items()
 )
 """What --disturbed is short for, as --set takes it."""
 
@@ -114,13 +116,13 @@ def _shown(run: SimulatedRun, progress: Progress) -> SimulatedRun:
 def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     """One along the course for each seed."""
     controller = request.config.simulation.controller
-    if controller == NO_CONTROLLER:
-        raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
-    walking.check_rate(request.config.pursuit.rate_hz)
+    if controller in (NO_CONTROLLER, COMMAND):
+        lacks = "commands of a log" if controller == COMMAND else "a controller"
+        raise UsageError(f"there is nothing to simulate without {lacks}; use --controller {'|'.join(CONTROLLERS)}")
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))
-    folder = request.output / f"{course.name}-{controller}"
+    folder = request.output / f"{course.name}-{run_name(controller)}"
     walk = partial(_along_course, request, course)
     return [
         PlannedWalk(
@@ -226,8 +228,9 @@ def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecor
         seed=planned.seed,
         recorded_s=walked.lasted_s,
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
-        startup_s=compiling_s(),
+        startup_s=start_up.seconds,
         realtime_factor=walked.lasted_s / walked.walking_s,
+        plugins=PluginRecord.of([] if planned.course is None else [controller_plugin(planned.controller)]),
         **walked.record | {"warnings": warnings},
     )
 
@@ -294,7 +297,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     walk = simulated.walk
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
-    columns = {name: control[name] for name in (*errors, *(["fallen"] if walk.effort is not None else []))}
+    columns = {name: control[name] for name in (*errors, *(BODY_COLUMNS if walk.effort is not None else ()))}
     metrics = metrics_of(tracking_samples(columns))
     if walk.completed_ns is not None:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9

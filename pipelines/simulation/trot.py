@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from quadlog.config.control import Simulation
 from quadlog.control.locomotion.kinematics import joints_for
 from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES, Robot
 from quadlog.errors import InvalidConfigValue
@@ -24,11 +23,12 @@ from quadlog.simulation.robot.height_field import FRICTION, flat
 from quadlog.simulation.robot.model import QuadrupedModel, add_world, describe, quadruped_spec
 from quadlog.simulation.robot.model_files import without_log
 from quadlog.simulation.robot.walking_robot import FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD
+from quadlog.simulation.settings import Simulation
 
 CURVES = ("baseline", "3d-curve")
 """Swings without and with y(t): experiments one and two of the paper."""
-SHAPES = {"parabola": 1, "eased": 3}
-"""The power of 4 s (1 - s), eq. 12's y(t) over its peak: as printed, or at rest at both ends as the other ways are."""
+FRICTION_SPREAD, RADIUS_SPREAD, POSTURE_SPREAD_RAD = 0.25, 0.1, math.radians(1.0)
+"""Within which of its plan a seed draws each number, evenly; ours."""
 REST_S, TROT_S = 2.0, 30.0
 PERIOD_S, STEP_M, LIFT_M = 1.0, 0.04, 0.02
 """T, S and H [Foot, section 4]; half of the period is swing."""
@@ -37,9 +37,8 @@ HEIGHT_M = 0.2
 GAIN_NM_PER_RAD, DAMPING_NMS_PER_RAD = 300.0, 6.0
 LEG_KG, TRUNK_KG = 0.4, 8.4
 """[Foot, section 4]: 10 kg in all, 0.4 kg a leg."""
-FIRST_PAIRS = ("left_fore", "right_fore")
 PAIRS: Int = np.array([0, 1, 1, 0])
-"""Of each leg: which of FIRST_PAIRS it swings with."""
+"""Of each leg: whether it swings with the left fore leg, or with the right one."""
 # With 2 ms a symmetric robot turns by up to 0.007 degrees a second, with 1 ms by less than a third of that.
 TIMESTEP_S = 0.001
 SAMPLES_HZ = 50
@@ -58,8 +57,8 @@ _TROTS = 2
 class FootCycle:
     """A foot's cycle [Foot, eqs 9-12, corrected]: a swing for swing_share (lambda) of period_s, then a stance back.
 
-    A swing is a compound cycloid on and up, and a bulge aside. step_m: S, how far it is carried on; lift_m: H; aside_m:
-    the peak of y(t), left positive; power: of SHAPES.
+    A swing is a compound cycloid on and up, and a bulge aside: 4 s (1 - s), eq. 12's y(t) over its peak, whose speed is
+    not 0 at the ends. step_m: S, how far it is carried on; lift_m: H; aside_m: the peak of y(t), left positive.
     """
 
     period_s: float
@@ -67,7 +66,6 @@ class FootCycle:
     lift_m: float
     swing_share: float = 0.5
     aside_m: float = 0.0
-    power: int = SHAPES["parabola"]
 
     def at(self, t_s: Float) -> Float:
         """Positions (N, 3) at times (N,) from a lift-off on, about the middle of the step, level with the ground."""
@@ -75,7 +73,7 @@ class FootCycle:
         swings = cycle < self.swing_share
         s = np.where(swings, cycle / self.swing_share, (cycle - self.swing_share) / (1.0 - self.swing_share))
         on_m = self.step_m * _cycloid(s) - 0.5 * self.step_m
-        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)) ** self.power, _cycloid(2.0 * np.minimum(s, 1.0 - s))
+        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)), _cycloid(2.0 * np.minimum(s, 1.0 - s))
         return np.column_stack([np.where(swings, on_m, -on_m), swings * aside_m, swings * (self.lift_m * up_m)])
 
 
@@ -102,7 +100,6 @@ class TrotRobot:
     are heavier by this share, right ones lighter. hip_offset_m: left hips sit so far ahead, right ones so far behind.
     """
 
-    height_m: float = HEIGHT_M
     friction: float = FRICTION
     foot_radius_m: float = ROBOTS["foot"].foot_radius_m
     payload_kg: float = 0.0
@@ -114,7 +111,7 @@ class TrotRobot:
     @property
     def plan(self) -> Robot:
         """The robot as its controller knows it. Of its masses only the sum counts here: see trot_model."""
-        return replace(ROBOTS["foot"], standing_height_m=self.height_m)
+        return replace(ROBOTS["foot"], standing_height_m=HEIGHT_M)
 
 
 def trot_model(robot: TrotRobot) -> QuadrupedModel:
@@ -177,18 +174,17 @@ def hip_inertia_kgm2(model: QuadrupedModel) -> float:
     return float(np.mean(full[abductions, abductions] - world.dof_armature[abductions]))
 
 
-def joint_targets(plan: Robot, asides_m: Float, power: int = SHAPES["parabola"], first_pair: int = 0) -> Float:
+def joint_targets(plan: Robot, asides_m: Float, first_pair: int = 0) -> Float:
     """(N, 12) target angle of every joint at each tick. Raises InvalidConfigValue for a curve out of the legs' reach.
 
-    asides_m: (4,) the peak of each leg's y(t), left positive, and power of its shape; first_pair: of PAIRS, which
-    swings first. While it rests the robot already stands as the first step begins, the first pair's feet half a step
-    behind.
+    asides_m: (4,) the peak of each leg's y(t), left positive; first_pair: of PAIRS, which swings first. While it rests
+    the robot already stands as the first step begins, the first pair's feet half a step behind.
     """
     ticks = round(PERIOD_S / TIMESTEP_S)
     t_s = np.arange(ticks) * TIMESTEP_S
     feet = np.repeat(plan.standing_feet_m[None], ticks, axis=0)
     for leg in range(4):
-        cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]), power=power)
+        cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]))
         feet[:, leg] += cycle.at(t_s + (0.0 if PAIRS[leg] == first_pair else PERIOD_S / 2))
     joints = np.empty((ticks, 12))
     for tick in range(ticks):
@@ -211,31 +207,22 @@ class PlannedTrot:
 
 
 def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
-    """What a seed draws, each number evenly within its spread, and one of CURVES for it. Raises as joint_targets."""
-    trot, rng = simulation.trot, np.random.default_rng([seed, _TROTS])
+    """What a seed draws, and one of CURVES for it. Raises as joint_targets."""
+    trot, plan, rng = simulation.trot, TrotRobot(), np.random.default_rng([seed, _TROTS])
     friction, radius = rng.uniform(-1.0, 1.0, 2).tolist()
-    postures = math.radians(trot.posture_spread_deg) * rng.uniform(-1.0, 1.0, (len(LEGS), len(JOINTS)))
-    first = FIRST_PAIRS.index(trot.first_pair)
-    if first == 1:  # so a symmetric robot that starts with the other pair does all that it does mirrored
-        postures = postures[[1, 0, 3, 2]] * [-1.0, 1.0, 1.0]
-    plan = TrotRobot(height_m=trot.height_m)
+    posture_rad = POSTURE_SPREAD_RAD * rng.uniform(-1.0, 1.0, len(LEGS) * len(JOINTS))
     robot = replace(
         plan,
-        friction=simulation.friction * (1 + trot.friction_spread * friction),
-        foot_radius_m=plan.foot_radius_m * (1 + trot.foot_radius_spread * radius),
-        payload_kg=trot.payload_kg,
-        payload_x_m=trot.payload_x_m,
-        payload_y_m=trot.payload_y_m,
-        leg_mass_spread=trot.leg_mass_spread,
-        hip_offset_m=trot.hip_offset_m,
+        friction=simulation.friction * (1 + FRICTION_SPREAD * friction),
+        foot_radius_m=plan.foot_radius_m * (1 + RADIUS_SPREAD * radius),
+        **trot.model_dump(exclude={"foot_curve_k"}),
     )
     peak_m = 0.0
     if curve == "3d-curve":  # of right fore and left hind leg, by the planned robot, which does not know its payload
         model = trot_model(plan)
         peak_m = lateral_peak_m(gravity_moment_nm(model), trot.foot_curve_k, hip_inertia_kgm2(model), PERIOD_S)
-    asides_m = np.where((PAIRS == 1) | (trot.lateral == "same"), peak_m, -peak_m)
-    targets = joint_targets(plan.plan, asides_m, SHAPES[trot.lateral_shape], first)
-    return PlannedTrot(robot, targets, postures.ravel(), peak_m)
+    targets = joint_targets(plan.plan, np.where(PAIRS == 1, peak_m, -peak_m))
+    return PlannedTrot(robot, targets, posture_rad, peak_m)
 
 
 def walk_trot(model: QuadrupedModel, targets: Float, posture_rad: Float) -> dict[str, Any]:

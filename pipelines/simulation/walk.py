@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, FuzzySettings, LookaheadControl
-from quadlog.control.locomotion.mpc import MpcSettings
+from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead, LookaheadControl
+from quadlog.control.locomotion.plugged import plugged_controller
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
-from quadlog.errors import InvalidConfigValue, UnknownName
+from quadlog.errors import UnknownName
 from quadlog.messages import GRAVITY_MPS2, NS_PER_S
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
-from quadlog.simulation.robot.disturbances import DisturbanceSettings
 from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel, quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
@@ -38,35 +37,22 @@ def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
 
 
 def walker_settings(config: Config) -> WalkerSettings:
-    """Gait, MPC and whole-body control."""
+    """Gait, MPC and whole-body control, or a plug-in. Raises QuadlogError for one that cannot be used."""
     simulation = config.simulation
     return WalkerSettings(
         gait=simulation.gait,
         clearance_m=simulation.clearance_m,
         whole_body=simulation.parts is None or simulation.parts.whole_body,
-        mpc_every_s=config.mpc.every_s,
-        turning_share=config.mpc.turning_share,
-        mpc=MpcSettings(**config.mpc.model_dump(exclude={"every_s", "turning_share"})),
+        mpc=config.mpc,
+        controller=plugged_controller(simulation.controller),
     )
 
 
 def lookahead_control(config: Config) -> LookaheadControl:
     """The controller's. A new one for every walk: it remembers its last error."""
-    parts, l0_m = config.simulation.parts, config.pursuit.lookahead_m
-    if parts is None or not parts.fuzzy:
-        return FixedLookahead(l0_m)
-    fuzzy = config.pursuit.fuzzy.model_dump()
-    lambdas = {"lambda_v": fuzzy.pop("lambda_v_s2_per_m"), "lambda_w": fuzzy.pop("lambda_w_s")}
-    return FuzzyLookahead(FuzzySettings(l0_m=l0_m, **lambdas, **fuzzy))
-
-
-def check_rate(rate_hz: float) -> None:
-    """Control ticks with the simulation: every whole number of its steps. Raises InvalidConfigValue."""
-    steps = 1 / (rate_hz * TIMESTEP_S)
-    if round(steps) < 1 or abs(steps - round(steps)) > 1e-6 * steps:
-        own_hz = round(1 / TIMESTEP_S)
-        reason = f"must divide the simulation's {own_hz} Hz, as 50, 100 or {own_hz} do (got {rate_hz:g})"
-        raise InvalidConfigValue("pursuit.rate_hz", reason, "simulate")
+    parts = config.simulation.parts
+    is_fuzzy = parts is not None and parts.fuzzy
+    return FuzzyLookahead(config.pursuit) if is_fuzzy else FixedLookahead(config.pursuit.lookahead_m)
 
 
 # Beside the seed itself, which draws the ground.
@@ -93,15 +79,14 @@ def walk_once(
 ) -> SimulatedWalk:
     """Walk the course; the seed draws what disturbs. Raises what a user's robot model raises."""
     rng = np.random.default_rng([seed, _DISTURBS])
-    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
-    pursuit = config.pursuit
+    disturbances = config.simulation.disturbances
     robot: WalkingRobot | UnicycleRobot
     if not config.simulation.has_body:
         robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
     else:
         robot = WalkingRobot(robot_model(config, ground), walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
-    walk = walk_course(course, robot, lookahead_control(config), pursuit.max_yaw_rate_radps, pursuit.rate_hz, most_s)
+    walk = walk_course(course, robot, lookahead_control(config), config.pursuit.max_yaw_rate_radps, most_s)
     seconds = time.perf_counter() - started
     return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
 

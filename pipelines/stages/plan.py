@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
 from quadlog.pipelines.store import stage
-from quadlog.planning.protocol import Planner
+from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
-from quadlog.planning.replan import PlannedPath, PlanRecord, Replanner, ReplanSettings
+from quadlog.planning.replan import PlannedPath, Replanner, Row
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, TableWriter
@@ -26,7 +25,7 @@ from quadlog.simulation.resimulation import MapInstant
 
 PLANNING = (
     *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
-    *("robot.length_m", "robot.width_m"),
+    *("robot.model", "robot.length_m", "robot.width_m"),
 )
 
 
@@ -36,7 +35,7 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
     if tracks.target is None:
         journal.warn("no target: nothing is planned; set topics.target to uwb, ahead, fixed or a pose topic")
         return
-    replanner = Replanner(configured_planner(config), replan_settings(config, tracks.target))
+    replanner = replanner_of(config, tracks.target)
     journal.progress.begin("plan", len(load_maps(maps)))
     first_ns = None
     with (
@@ -52,8 +51,8 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
                 journal.count("maps_without_target")
                 continue
             plan = replanner.replan(instant.t_ns, instant.window, instant.occupied, pose[:2], target_m)
-            add(plan.record, plan.path)
-            astar.add_row({"t_ns": instant.t_ns, "expanded": plan.record.astar_expanded})
+            add(plan.row, plan.path)
+            astar.add_row({"t_ns": instant.t_ns, "expanded": plan.astar_expanded})
             journal.progress.advance((instant.t_ns - first_ns) / NS_PER_S)
     if lost := journal.counts.get("maps_without_target", 0):
         journal.warn(
@@ -62,18 +61,16 @@ def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: T
 
 
 @contextmanager
-def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[PlanRecord, PlannedPath | None], None]]:
-    """A table of replans and one of their paths; yields a function that adds a replan, and its path if any."""
+def plan_tables(run: Path, plans: str, paths: str) -> Iterator[Callable[[Row, PlannedPath | None], None]]:
+    """A table of replans and one of their paths; yields a function that adds a row and its path if any."""
     with (
         TableWriter(run / f"{plans}.parquet", TABLES[plans]) as replans,
         TableWriter(run / f"{paths}.parquet", TABLES[paths]) as found,
     ):
         waiting: list[PlannedPath] = []
 
-        def add(record: PlanRecord, path: PlannedPath | None) -> None:
-            row = {name: getattr(record, name) for name in TABLES[plans].names}
-            costs = {name: np.nan if row[name] is None else float(row[name]) for name in ("cost", "optimal_cost")}
-            replans.add_row(row | costs)
+        def add(row: Row, path: PlannedPath | None) -> None:
+            replans.add_row(row)
             if path is not None:
                 waiting.append(path)
             if len(waiting) == PATHS_AT_ONCE:
@@ -106,31 +103,15 @@ def recorded_maps(run: Path) -> Iterator[MapInstant]:
         yield MapInstant(int(maps.t_ns[index]), window, maps.occupied(int(index)))
 
 
-def configured_planner(config: Config) -> Planner:
-    """The planner of the section planner, by its rules."""
-    return make_planner(config.planner.name, Rules(corner_cutting=config.planner.corner_cutting))
+def replanner_of(config: Config, target: TargetTrack) -> Replanner:
+    """Plans to a target by the sections planner, grid and smoothing."""
+    planner = make_planner(config.planner.name, Rules(corner_cutting=config.planner.corner_cutting))
+    stop_short_m = config.planner.stop_short_m if target.has_body else 0.0
+    return Replanner(planner, growth_of(config), stop_short_m, config.smoothing)
 
 
-def replan_settings(config: Config, target: TargetTrack) -> ReplanSettings:
-    """The sections grid, planner and smoothing as the algorithms take them."""
-    return replace(planned_as(config), stop_short_m=config.planner.stop_short_m if target.has_body else 0.0)
-
-
-def planned_as(config: Config) -> ReplanSettings:
-    """The sections grid and smoothing as the algorithms take them, up to the goal itself."""
-    dilation_m, dilation = growth_of(config)
-    return ReplanSettings(
-        dilation_m=dilation_m,
-        dilation=dilation,
-        stop_short_m=0.0,
-        smooth=config.smoothing.enabled,
-        merge_m=config.smoothing.merge_m,
-        spacing_m=config.smoothing.spacing_m,
-    )
-
-
-def growth_of(config: Config) -> tuple[float, str]:
-    """(metres by which obstacles grow, one of `goal_projection.INFLATIONS`) as the section grid has it."""
+def growth_of(config: Config) -> Growth:
+    """How obstacles grow by the section grid."""
     if config.grid.dilation == "body":
-        return math.hypot(config.robot.length_m, config.robot.width_m) / 2, "euclidean"
-    return config.grid.dilation_m, config.grid.dilation
+        return Growth(math.hypot(*config.robot.body_m[:2]) / 2)
+    return Growth(config.grid.dilation_m, config.grid.dilation)

@@ -83,7 +83,7 @@ def cells(world: World, walk: WorldWalk, preset: Preset) -> Figures:
         return {"arrived": 0.0}
     source = ProblemSource("walk", "walk", lambda: iter([questions_along(world, walk)]), 1)
     names = (preset.baseline, preset.ia_star)
-    columns = ask_everything(source, names, preset.rules, Silent(), curvatures=False)
+    columns = ask_everything(source, names, preset.rules, Silent())
     astar, ia_star = (float(columns[preset.counted][columns["planner"] == name].sum()) for name in names)
     ratio = astar / max(ia_star, 1.0)
     found = {"arrived": 1.0, "replans": float(len(walk.instants)), "cells_astar": astar, "cells_ia_star": ia_star}

@@ -18,10 +18,11 @@ from quadlog.planning.protocol import Bool
 CORNER = 1e-9
 
 
-def resample(points: Float, count: int) -> Float:
-    """(count, 2): points of a polyline (K, 2) at equal fractions of its length, its ends included."""
-    arc, resampled = arc_lengths(points), np.empty((count, 2))
-    wanted = np.linspace(0.0, arc[-1], count)
+def resample(points: Float, count: int, arc: Float | None = None) -> Float:
+    """(count, 2): points of a polyline (K, 2) at equal fractions of its length, its ends included. arc: its lengths."""
+    arc, resampled = arc_lengths(points) if arc is None else arc, np.empty((count, 2))
+    wanted = np.arange(count) * (arc[-1] / max(count - 1, 1))  # as np.linspace, in a fraction of its time
+    wanted[-1] = arc[-1]
     for axis in (0, 1):
         resampled[:, axis] = np.interp(wanted, arc, points[:, axis])
     return resampled
@@ -31,25 +32,8 @@ def turning(points: Float) -> tuple[float, float]:
     """(length, sum of the changes of heading in radians, left or right alike) of a polyline (K, 2) without repeats."""
     steps = np.diff(np.asarray(points, dtype=np.float64), axis=0)
     length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    return length, float(np.abs(_turns(steps)).sum())
-
-
-def largest_curvature(points: Float) -> float:
-    """Of a polyline (K, 2) without repeats: the change of heading at a point by half the length of its two sides.
-
-    On the points of a smooth curve that is its curvature; a corner has the more the closer the points lie.
-    """
-    steps = np.diff(points, axis=0)
-    if len(steps) < 2:
-        return 0.0
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    return float((np.abs(_turns(steps)) / ((lengths[1:] + lengths[:-1]) / 2)).max())
-
-
-def _turns(steps: Float) -> Float:
-    """(K - 1,) angles between steps (K, 2), positive to the left."""
     (x, y), (next_x, next_y) = steps[:-1].T, steps[1:].T
-    return np.arctan2(x * next_y - y * next_x, x * next_x + y * next_y)
+    return length, float(np.abs(np.arctan2(x * next_y - y * next_x, x * next_x + y * next_y)).sum())
 
 
 @kernel
@@ -106,12 +90,10 @@ def smooth_path(
     path = _without_repeats((points_m - origin_m) / cell_m)
     spacing = spacing_m / cell_m
     corners = control_points(path, merge_m / cell_m, blocked)
-    ends_doubled = np.concatenate([corners[:1], corners, corners[-1:]])
-    pieces = [
-        _rounded_corner(ends_doubled[i - 1], ends_doubled[i], ends_doubled[i + 1], spacing, blocked)
-        for i in range(1, len(ends_doubled) - 1)
-    ]
-    curve = _without_repeats(np.concatenate(pieces))
+    before, after = np.concatenate([corners[:1], corners[:-1]]), np.concatenate([corners[1:], corners[-1:]])
+    dense = spline_point(before[:, None], corners[:, None], after[:, None], DENSE_SAMPLES)
+    sides = zip(dense, (before + corners) / 2, corners, (corners + after) / 2, strict=True)
+    curve = _without_repeats(np.concatenate([_rounded_corner(*each, spacing, blocked) for each in sides]))
     return curve * cell_m + origin_m
 
 
@@ -122,7 +104,9 @@ def straight_path(points_m: Float, spacing_m: float) -> Float:
 
 
 def spline_point(before: Float, at: Float, after: Float, t: Float) -> Float:
-    """Points (N, 2) of the quadratic B-spline on three control points (2,), t (N,) in [0, 1] [Planning, eq. 14]."""
+    """Points (..., N, 2) of the quadratic B-spline on three control points (..., 1, 2) or (2,), t (N,) in [0, 1]
+    [Planning, eq. 14].
+    """
     t = t[:, None]
     return 0.5 * ((1 - t) ** 2 * before + (1 + 2 * t - 2 * t**2) * at + t**2 * after)
 
@@ -163,14 +147,14 @@ def _merge_close(path: Float, turning: Int, merge_distance: float) -> list[int]:
     return [*kept, last]
 
 
-def _rounded_corner(before: Float, at: Float, after: Float, spacing: float, blocked: Bool) -> Float:
+def _rounded_corner(
+    dense: Float, middle_before: Float, at: Float, middle_after: Float, spacing: float, blocked: Bool
+) -> Float:
     """The curve from the middle of one side to the middle of the next, or those sides where it is not free."""
-    dense = spline_point(before, at, after, DENSE_SAMPLES)
-    chords = max(math.ceil(arc_lengths(dense)[-1] / spacing), LEAST_CHORDS)
-    curve = resample(dense, chords + 1)
+    arc = arc_lengths(dense)
+    curve = resample(dense, max(math.ceil(arc[-1] / spacing), LEAST_CHORDS) + 1, arc)
     if is_free(blocked, curve):
         return curve
-    middle_before, middle_after = (before + at) / 2, (at + after) / 2
     return np.concatenate([_chord(middle_before, at, spacing), _chord(at, middle_after, spacing)[1:]])
 
 

@@ -1,4 +1,4 @@
-"""Every planner by name: a new one is a file of its own and a line in config/planners.py; others come as plug-ins."""
+"""Every planner by name: a new one is a file and a line in quadlog/planning/planners; others come as plug-ins."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.planners import PLANNER_CLASSES
 from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.config.plugins import Plugin, find_plugin, foreign_code, plugin_names
 from quadlog.errors import UnknownName
+from quadlog.planning.planners import PLANNER_CLASSES
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
 
-_MEMBERS = {"name": str, "incremental": bool}
-_METHODS = ("plan", "reset")
+_MEMBERS = ("name", "incremental", "plan", "reset")
 _COUNTS = ("expanded", "generated", "touched", "reused_cells")
 
 
@@ -27,9 +26,7 @@ def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
     """What an entry point names, as the class it has to be. Raises QuadlogError, which says what it lacks."""
     if not isinstance(found, type):
         raise plugin.unusable(f"is no class but {type(found).__name__}")
-    lacks = [f"{name} ({kind.__name__})" for name, kind in _MEMBERS.items() if not _has(found, name, kind)]
-    lacks += [f"{name}()" for name in _METHODS if not callable(getattr(found, name, None))]
-    if lacks:
+    if lacks := [name for name in _MEMBERS if not hasattr(found, name)]:
         raise plugin.unusable(f"is no planner: it lacks {', '.join(lacks)}")
     if found.name != plugin.name:  # type: ignore[attr-defined]
         raise plugin.unusable(f"calls itself {found.name!r}; name and entry point must agree")  # type: ignore[attr-defined]
@@ -37,10 +34,7 @@ def check_planner(plugin: Plugin, found: Any) -> type[Planner]:
 
 
 class CheckedPlanner:
-    """See Planner. What the planner raises, and a path that breaks its rules, becomes a QuadlogError.
-
-    That costs some 50 µs a plan, which its times include.
-    """
+    """See Planner. What the planner raises, and a path that breaks its rules, becomes a QuadlogError."""
 
     def __init__(self, plugin: Plugin, kind: type[Planner], rules: Rules) -> None:
         self._plugin = plugin
@@ -53,8 +47,15 @@ class CheckedPlanner:
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The plug-in's plan, its cells as int32."""
+        return self.checked(self.unchecked(blocked, start, goal, shift), blocked, start, goal)
+
+    def unchecked(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Any:
+        """What the plug-in answers, whatever that is: to be timed without the check, which takes some 50 µs."""
         with self._doing("plan"):
-            plan = self._planner.plan(blocked, start, goal, shift)
+            return self._planner.plan(blocked, start, goal, shift)
+
+    def checked(self, plan: Any, blocked: Bool, start: Cell, goal: Cell) -> Plan:
+        """Such an answer as a Plan, its cells as int32."""
         try:
             plan = _in_our_types(plan)
         except (TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -71,10 +72,6 @@ class CheckedPlanner:
 
     def _doing(self, task: str) -> AbstractContextManager[None]:
         return foreign_code(lambda failure: self._plugin.unusable(f"could not {task}: {failure}"))
-
-
-def _has(found: type, name: str, kind: type) -> bool:
-    return isinstance(getattr(found, name, None), kind)
 
 
 def _in_our_types(plan: Plan) -> Plan:

@@ -31,9 +31,9 @@ PLOTS, PICTURES = "plots", ("trajectory", "tracking_error", "uwb_error", "expand
 """The folder of a run's pictures, and the figures of which quadlog writes NAME.png there; others are the user's."""
 OWN_PICTURES = frozenset(f"{PLOTS}/{name}.png" for name in PICTURES)
 
-_SUMMARY = "summary.parquet"
-_FOLDER_TABLES = frozenset({_SUMMARY, "sweep.parquet", "planners.parquet", "replans.parquet", "scenarios.parquet"})
-_TAKEN = {_SUMMARY, "report.html"}  # files in a folder of runs
+SUMMARY = "summary.parquet"
+_FOLDER_TABLES = frozenset({SUMMARY, "sweep.parquet", "planners.parquet", "replans.parquet", "scenarios.parquet"})
+_TAKEN = {SUMMARY, "report.html"}  # files in a folder of runs
 _MAX_BYTES = 120  # file systems allow 255 bytes; temporary files need longer names
 
 
@@ -127,7 +127,7 @@ def failed_recordings(folders: Iterable[Path]) -> dict[Path, str]:
     """
     failed: dict[Path, str] = {}
     for path in folders:
-        folder = path.parent if path.name == _SUMMARY and path.is_file() else path
+        folder = path.parent if path.name == SUMMARY and path.is_file() else path
         if is_run(folder) or not has_table(folder, "summary"):
             continue
         try:
@@ -176,8 +176,8 @@ def fetch_runs(remote: RemotePath, scratch: Path, names: Collection[str]) -> Pat
     top, web = scratch / run_name(remote.name), remote.is_web()
     if web and not (remote / "run.json").is_file():
         raise NotARun(str(remote), "is no finished run: it has no run.json")
-    if not web and not is_run(cast(Path, remote)) and (remote / _SUMMARY).is_file():
-        fetch({_SUMMARY: remote / _SUMMARY}, top)
+    if not web and not is_run(cast(Path, remote)) and (remote / SUMMARY).is_file():
+        fetch({SUMMARY: remote / SUMMARY}, top)
     for run in [remote] if web else cast(list[RemotePath], find_runs([cast(Path, remote)])):
         inside = [run_name(name) for name in run.url.removeprefix(remote.url.rstrip("/")).strip("/").split("/") if name]
         # A web server cannot list files, so each that a run may have is tried.

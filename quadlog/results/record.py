@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
-from typing import Any, cast
+from typing import Any, Self, cast
 from uuid import uuid4
 
 import numpy as np
@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictFloat, StrictInt, TypeA
 from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
+from quadlog.config.plugins import Plugin
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
@@ -84,12 +85,17 @@ class StageRecord(Record):
 
 
 class PluginRecord(Record):
-    """A planner or decoder of another distribution that was used."""
+    """A planner, decoder or controller of another distribution that was used."""
 
     group: str
     name: str
     distribution: str
     version: str
+
+    @classmethod
+    def of(cls, plugins: Iterable[Plugin | None]) -> list[Self]:
+        """Those that there are."""
+        return [cls(**{name: getattr(each, name) for name in cls.model_fields}) for each in plugins if each is not None]
 
 
 class RunRecord(Record):

@@ -24,6 +24,7 @@ from quadlog.pipelines.comparison.compare import CompareOutcome, ask_everything,
 from quadlog.pipelines.comparison.sources import (
     CompareOptions,
     ProblemSource,
+    Question,
     forest_source,
     movingai_source,
     recording_source,
@@ -33,6 +34,10 @@ from quadlog.pipelines.comparison.sources import (
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import ReplayOutcome
+from quadlog.planning import registry
+from quadlog.planning.planners.astar import AStar
+from quadlog.planning.protocol import no_plan
+from quadlog.planning.query import Growth, NoQuery
 from quadlog.planning.registry import OPTIMAL
 from quadlog.planning.rules import Rules
 from quadlog.results.arrays import load_maps
@@ -106,6 +111,25 @@ def test_every_planner_answers_every_question_and_repeats_change_times_alone(sta
     for name in set(REPLANS.names) - {"us"}:
         assert_array_equal(columns[name], often[name], name)
     assert_array_equal(np.median(often["us_repeats"], axis=1), often["us"])
+
+
+def test_why_there_is_no_path_and_how_long_one_is(static, monkeypatch):
+    """Missed: there is one that others found. Two steps right, a diagonal, one up: two turns of an eighth."""
+
+    class Blind(AStar):
+        def plan(self, *asked):
+            return no_plan()
+
+    monkeypatch.setitem(registry.PLANNERS, "blind", Blind)
+    ways = static(["....", "@@..", "@@@."], [((0, 0), (3, 2), 0), ((0, 0), (0, 2), 0)])
+    asked = [question for episode in ways.episodes() for question in episode]
+    source = ProblemSource("walk", "", lambda: iter([[*asked, Question(9, NoQuery("walled in"))]]), 1)
+    columns = ask_everything(source, ["astar", "blind"], Rules(), Silent())
+    assert columns["why_not"].tolist() == ["", "missed", "goal blocked", "goal blocked", "walled in", "walled in"]
+    assert_allclose(columns["length_m"], [3 + math.sqrt(2), *[math.nan] * 5])
+    assert_allclose(columns["turn_rad"], [math.pi / 2, *[math.nan] * 5])
+    assert_array_equal(columns["optimal_cost"], [44, 44, *[math.nan] * 4])
+    assert np.isnan(columns["us"][-2:]).all()
 
 
 SMALL = CompareOptions(planners=("ia_star", "mt_d_star_lite"), episodes=2)
@@ -217,7 +241,7 @@ def test_a_ros_map_is_grown_but_the_unknown_only_blocks(tmp_path):
     cells[8:12, 10:13] = 100
     cells[:, 27:] = -1
     write_rosmap(tmp_path, cells, np.array([-1.0, 2.0]), 0.1)
-    source = ros_map_source(tmp_path / "map.yaml", "map.yaml", ((2, 9), (25, 9)), 0.3, "euclidean")
+    source = ros_map_source(tmp_path / "map.yaml", "map.yaml", ((2, 9), (25, 9)), Growth())
     (question,) = next(iter(source.episodes()))
     grown = INFLATIONS["euclidean"](cells == 100, 3.0)
     assert_array_equal(question.query.blocked, grown | (cells < 0))

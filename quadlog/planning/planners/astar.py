@@ -7,9 +7,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+from quadlog.planning.grid_search import GridSearch
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.planning.search.bucket_search import make_search
 
 
 class AStar:
@@ -18,10 +18,13 @@ class AStar:
     name: ClassVar[str] = "astar"
     incremental: ClassVar[bool] = False
     _heuristic: ClassVar[str] = "octile"
+    """Empty: that of the rules."""
+    _charges: ClassVar[tuple[int, int, int]] = (0, 0, 0)
+    """See GridSearch."""
 
     def __init__(self, rules: Rules = USUAL) -> None:
-        self.rules = replace(rules, heuristic=self._heuristic)
-        self._search = make_search(self.rules)
+        self.rules = replace(rules, heuristic=self._heuristic or rules.heuristic)
+        self._search = GridSearch(self.rules, self._charges)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The cheapest path; where the window was before does not matter."""

@@ -7,15 +7,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
+from quadlog.planning.lifelong import FAR, RHS, Field, G, LifelongSearch
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.planning.search.lifelong_search import FAR, RHS, Field, G, LifelongSearch
 
 
 class DStarLite:
     """Optimal and incremental while the goal stays in its cell of the map [D* Lite, optimised version]. See Planner.
 
-    A goal that moved means a fresh search. Ties and counts: see lifelong_core and LifelongSearch.
+    A goal that moved means a fresh search. Ties and counts: see quadlog.planning.lifelong.
     """
 
     name: ClassVar[str] = "d_star_lite"
@@ -38,7 +38,7 @@ class LPAStar(DStarLite):
     """Optimal and incremental while the start stays in its cell of the map [LPA*]. See Planner.
 
     A start that moved means a fresh search. A goal that moved does not: it changes the heuristic alone, for which
-    the keys allow as D* Lite's do for a start that moved. Ties and counts: see lifelong_core and LifelongSearch.
+    the keys allow as D* Lite's do for a start that moved. Ties and counts: see quadlog.planning.lifelong.
     """
 
     name: ClassVar[str] = "lpa_star"

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.mapping.goal_projection import INFLATIONS
+from quadlog.planning.planners.astar import AStar
 from quadlog.planning.protocol import Bool, Cell, Plan
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.planning.search.heap_search import Danger, HeapSearch
 
 
 def danger_levels(blocked: Bool, rings: int) -> NDArray[np.int8]:
@@ -32,7 +32,7 @@ def danger_levels(blocked: Bool, rings: int) -> NDArray[np.int8]:
 LEVEL_CHARGE, SAME_LEVEL = 1401, 2
 
 
-class EAStar:
+class EAStar(AStar):
     """From scratch on every call [Planning, eq. 12 and 13]. See Planner; cost is that of the steps alone.
 
     Erratum. What is charged on entering a ring is given back on leaving it, so along any path the charges add up to
@@ -43,22 +43,16 @@ class EAStar:
     """
 
     name: ClassVar[str] = "ea_star"
-    incremental: ClassVar[bool] = False
-    # On entering a level, given back on leaving it, and within one.
+    _heuristic: ClassVar[str] = ""
     _charges: ClassVar[tuple[int, int, int]] = (LEVEL_CHARGE, LEVEL_CHARGE, SAME_LEVEL)
 
     def __init__(self, rules: Rules = USUAL, rings: int = 3) -> None:
-        self.rules = rules
+        super().__init__(rules)
         self._rings = rings
-        self._search = HeapSearch(rules)
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The first path that the search finds with these charges."""
-        danger = Danger(danger_levels(blocked, self._rings), *self._charges)
-        return self._search.search(blocked, start, goal, danger)
-
-    def reset(self) -> None:
-        """Nothing to forget."""
+        return self._search.search(blocked, start, goal, danger_levels(blocked, self._rings))
 
 
 class ClearanceAStar(EAStar):

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from quadlog.planning.grid_search import GridSearch
 from quadlog.planning.protocol import Bool, Cell, Cells, Plan
 from quadlog.planning.rules import USUAL, Rules
-from quadlog.planning.search.bucket_search import make_search
 
 
 class IAStar:
@@ -26,7 +26,7 @@ class IAStar:
 
     def __init__(self, rules: Rules = USUAL) -> None:
         self.rules = rules
-        self._search = make_search(rules)
+        self._search = GridSearch(rules)
         self._route: Cells | None = None
 
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from quadlog.errors import printable
+from quadlog.errors import NotARun, printable
 from quadlog.metrics.intervals import Interval
 from quadlog.metrics.planner_verdict import verdict_lines
 from quadlog.metrics.planning import Comparison, Ratio
@@ -25,7 +26,7 @@ from quadlog.storage.atomic_write import uninterrupted, write_whole, writing
 REPLANS = table_schema(
     "source:text episode:int replan:int t_ns:int planner:text found:bool why_not:text expanded:int generated:int "
     "touched:int cost optimal_cost from_scratch:bool reused_cells:int start_col:int start_row:int goal_col:int "
-    "goal_row:int goal_projected:bool length_m turn_rad curvature_max_1pm us"
+    "goal_row:int goal_projected:bool length_m turn_rad us"
 )
 """One row per planner and replan; cells are those of the lattice, costs in the units of --costs."""
 
@@ -207,7 +208,7 @@ def answer_panels(source: ComparedSource) -> list[Panel]:
 
 def saved_figures(folder: Path) -> dict[str, list[Panel]]:
     """By name, the figures of each source of a saved comparison. Raises NotARun for damaged tables, TooLarge."""
-    rows, replans = (read_parquet(folder / name) for name in TABLES[:2])
+    rows, replans = (_whole(folder / name, schema) for name, schema in zip(TABLES, (PLANNERS, REPLANS), strict=False))
     listed, figures = rows.to_pylist(), dict[str, list[Panel]]()
     columns = {name: column.to_numpy() for name, column in zip(replans.column_names, replans.columns, strict=True)}
     for number, source in enumerate(dict.fromkeys(row["source"] for row in listed), 1):
@@ -220,6 +221,18 @@ def saved_figures(folder: Path) -> dict[str, list[Panel]]:
         drawn = figures_of(ComparedSource(comparison, table))
         figures |= {f"source-{number}-{name}": panels for name, panels in drawn.items()}
     return figures
+
+
+def _whole(path: Path, schema: pa.Schema) -> pa.Table:
+    """A table with the columns of its schema, but for those that older ones lack. Raises NotARun, TooLarge."""
+    table = read_parquet(path)
+    for of in schema:
+        there = table.column(of.name) if of.name in table.column_names else None
+        if there is None and of.name in ("baseline", "counted"):
+            continue
+        if there is None or there.type != of.type or (there.null_count and of.type != pa.float64()):
+            raise NotARun(path, f"is damaged: no column {of.name} of type {of.type} without gaps")
+    return table
 
 
 def planner_table(comparison: Comparison, number: int) -> Table:

@@ -145,6 +145,8 @@ def _read(  # type: ignore[no-untyped-def]
         to.qvel[i], to.bias[i] = qvel[order[i]], bias[order[i]]
         for j in range(SIZE):
             to.mass_matrix[i, j] = mass[order[i], order[j]]
+    for i in range(BASE, SIZE):
+        to.joints_rad[i - BASE] = qpos[order[i] + 1]  # a quaternion has a number more than its rate
     for axis in range(3):
         to.velocity_mps[axis] = qvel[axis]
         to.qvel[axis] += error[axis]

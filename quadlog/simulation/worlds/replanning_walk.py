@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from quadlog.mapping.grid import Window, window_around
 from quadlog.messages import Float
-from quadlog.planning.protocol import Bool, Cells, Plan, Planner, no_plan
-from quadlog.planning.query import NoQuery, make_query
+from quadlog.planning.protocol import Bool, Plan, Planner
+from quadlog.planning.query import Growth, NoQuery, Query, make_query
+from quadlog.planning.replan import Asker
 from quadlog.simulation.worlds.world import World
 
 # Four times the longest straight way of a forest: a robot that is not there by then goes in circles.
@@ -75,25 +76,19 @@ def walk_world(world: World, planner: Planner, *, cells_per_replan: int = 1) -> 
     """
     if cells_per_replan < 1:
         raise ValueError(f"cells_per_replan must be at least 1, not {cells_per_replan}")
-    planner.reset()
+    asker = Asker(planner)
     instants: list[ReplanInstant] = []
     plans: list[Plan] = []
     path_m = [world.start_xy_m]
-    last_window: Window | None = None
     t_ns, waited = 0, 0
     while (outcome := _outcome(world, path_m[-1], t_ns, waited, len(plans))) is None:
         instants.append(look(world, path_m[-1], t_ns))
-        window, steps = instants[-1].window, np.empty((0, 2), dtype=np.int32)
-        query = make_query(
-            window, instants[-1].occupied, path_m[-1], instants[-1].goal_xy_m, world.dilation_m, world.dilation
-        )
-        if isinstance(query, NoQuery):
-            plans.append(no_plan())
-        else:
-            shift = (0, 0) if last_window is None else last_window.shift_to(window)
-            last_window = window
-            plans.append(planner.plan(query.blocked, query.start, query.goal, shift))
-            steps = _next_steps(query.way_out, plans[-1], cells_per_replan)
+        window, query = instants[-1].window, asked_at(instants[-1], world)
+        plans.append(asker.ask(query)[0])
+        steps = plans[-1].cells
+        if isinstance(query, Query) and plans[-1].found:
+            # First out of the growth.
+            steps = np.concatenate([query.way_out, steps])[1 : 1 + cells_per_replan]
         waited = 0 if len(steps) else waited + 1
         before = len(path_m)
         path_m.extend(window.centre_of(steps))
@@ -109,16 +104,15 @@ def look(world: World, robot_xy_m: Float, t_ns: int) -> ReplanInstant:
     return ReplanInstant(t_ns, window, bits, robot_xy_m, world.goal.at(t_ns))
 
 
+def asked_at(instant: ReplanInstant, world: World) -> Query | NoQuery:
+    """What is to be planned at an instant of a walk through a world."""
+    ends = instant.robot_xy_m, instant.goal_xy_m
+    return make_query(instant.window, instant.occupied, *ends, Growth(world.dilation_m, world.dilation))
+
+
 def _outcome(world: World, robot_m: Float, t_ns: int, waited: int, replans: int) -> Outcome | None:
     if np.array_equal(world.window.cell_of(robot_m), world.window.cell_of(world.goal.at(t_ns))):
         return Outcome.ARRIVED
     if waited > PATIENCE:
         return Outcome.STUCK
     return Outcome.OUT_OF_REPLANS if replans >= MOST_REPLANS else None
-
-
-def _next_steps(way_out: Cells, plan: Plan, most: int) -> Cells:
-    """The cells (K, 2) to walk next, K <= most: first out of the growth; none without a plan, or at its end."""
-    if not plan.found:
-        return plan.cells
-    return np.concatenate([way_out, plan.cells])[1 : 1 + most]

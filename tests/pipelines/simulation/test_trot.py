@@ -81,7 +81,7 @@ def _feet(joints: Float) -> Float:
 def _walk(first_pair: int = 0, robot: TrotRobot | None = None) -> dict[str, Float]:
     robot = robot or TrotRobot()
     # Mirrored, this curve is itself.
-    targets = joint_targets(robot.plan, np.array([-0.01, 0.01, 0.01, -0.01]), 1, first_pair)
+    targets = joint_targets(robot.plan, np.array([-0.01, 0.01, 0.01, -0.01]), first_pair)
     return walk_trot(trot_model(robot), targets, np.zeros(12))
 
 

@@ -5,15 +5,15 @@ import pytest
 
 from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import window_around
-from quadlog.planning.query import NO_GOAL, START_OUTSIDE, WALLED_IN, Query, make_query
+from quadlog.planning.query import NO_GOAL, START_OUTSIDE, WALLED_IN, Growth, Query, make_query
 
 CELL_M = 0.1
 WINDOW = window_around(np.array([0.0, 0.0]), CELL_M, 40)
 
 
-def ask(occupied=None, start=(0.03, 0.02), goal=(1.51, -0.72), dilation_m=0.3, dilation="euclidean"):
+def ask(occupied=None, start=(0.03, 0.02), goal=(1.51, -0.72), growth=None):
     occupied = np.zeros(WINDOW.shape, dtype=bool) if occupied is None else occupied
-    return make_query(WINDOW, occupied, np.array(start), np.array(goal), dilation_m, dilation)
+    return make_query(WINDOW, occupied, np.array(start), np.array(goal), growth or Growth())
 
 
 @pytest.mark.parametrize("dilation", sorted(INFLATIONS))
@@ -21,7 +21,7 @@ def ask(occupied=None, start=(0.03, 0.02), goal=(1.51, -0.72), dilation_m=0.3, d
 def test_obstacles_grow_by_whole_cells(dilation, dilation_m, cells):
     occupied = np.zeros(WINDOW.shape, dtype=bool)
     occupied[5, 30] = True
-    query = ask(occupied, dilation_m=dilation_m, dilation=dilation)
+    query = ask(occupied, growth=Growth(dilation_m, dilation))
     np.testing.assert_array_equal(query.blocked, INFLATIONS[dilation](occupied, cells))
     assert not occupied[5, 31]
 

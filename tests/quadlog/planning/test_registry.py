@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.config.planners import PLANNER_NAMES
-from quadlog.config.schema import PlannerConfig as PlannerSection
+from quadlog.planning.planners import PLANNER_NAMES
 from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
 from quadlog.planning.rules import HEURISTICS, Rules
+from quadlog.planning.settings import PlannerSettings
 
 
 @pytest.mark.parametrize("name", sorted(PLANNERS))
@@ -34,4 +34,4 @@ def test_names_are_those_of_the_planners():
     assert tuple(PLANNERS) == PLANNER_NAMES
     for name in PLANNER_NAMES:
         assert make_planner(name).name == name
-        assert PlannerSection(name=name).name == name
+        assert PlannerSettings(name=name).name == name

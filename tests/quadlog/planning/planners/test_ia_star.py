@@ -5,8 +5,8 @@ import pytest
 
 from quadlog.planning.planners.astar import AStar, AStarPaper, Dijkstra
 from quadlog.planning.planners.ia_star import IAStar, IAStarEnd
+from quadlog.planning.route import REANCHOR_CELLS
 from quadlog.planning.rules import HEURISTICS, Rules
-from quadlog.planning.search.grid_steps import REANCHOR_CELLS
 
 
 @pytest.mark.parametrize("heuristic", HEURISTICS)

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from quadlog.errors import NotARun
 from quadlog.pipelines.comparison.compare import compare
 from quadlog.pipelines.comparison.sources import CompareOptions
 from quadlog.pipelines.executor.progress import Silent
@@ -113,3 +115,11 @@ def test_saved_figures_say_what_the_ratios_count_and_compare_with(tmp_path):
     path = tmp_path / "planners.parquet"
     pq.write_table(pq.read_table(path).drop_columns(["baseline", "counted"]), path)  # as older tables are
     assert said() == ["times fewer cells expanded than astar_paper", "cells expanded"]
+    for name, column in (("planners", "us_p95"), ("replans", "expanded")):
+        whole = pq.read_table(tmp_path / f"{name}.parquet")
+        odd = whole.set_column(whole.column_names.index(column), column, pa.array(["?"] * len(whole)))
+        for damaged in (whole.drop_columns([column]), odd):
+            pq.write_table(damaged, tmp_path / f"{name}.parquet")
+            with pytest.raises(NotARun, match=rf"{name}\.parquet.*no column {column}"):
+                saved_figures(tmp_path)
+        pq.write_table(whole, tmp_path / f"{name}.parquet")

@@ -6,9 +6,8 @@ from scipy import ndimage, stats
 
 from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.mapping.grid import Window
-from quadlog.planning.query import make_query
 from quadlog.planning.registry import make_planner
-from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
+from quadlog.simulation.worlds.replanning_walk import Outcome, asked_at, walk_world
 from quadlog.simulation.worlds.scenes import SCENES, TRUNK_RADIUS_M, forest_world, plant
 
 
@@ -16,9 +15,7 @@ def plans_on(world, walk, name):
     """What another planner answers to the questions of a walk, as (L, 2) points in map."""
     planner, last, plans = make_planner(name), None, []
     for each in walk.instants:
-        query = make_query(
-            each.window, each.occupied, each.robot_xy_m, each.goal_xy_m, world.dilation_m, world.dilation
-        )
+        query = asked_at(each, world)
         shift = (0, 0) if last is None else last.shift_to(each.window)
         plans.append(each.window.centre_of(planner.plan(query.blocked, query.start, query.goal, shift).cells))
         last = each.window

@@ -21,17 +21,15 @@ is compiled for either when it is first needed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.compiled import inlined, kernel
+from quadlog.planning.grid_search import FIRST_DIAGONAL, STEP_COL, STEP_ROW, around, has_step, is_less, legal_steps
 from quadlog.planning.protocol import Bool, Cell, Plan, is_usable, no_plan
 from quadlog.planning.rules import Rules
-from quadlog.planning.search.grid_steps import FIRST_DIAGONAL, STEP_COL, STEP_ROW, legal_steps
-from quadlog.planning.search.heap_search import is_less
 
 CostType = np.dtype[np.int32] | np.dtype[np.int64]
 # Dearer than any way, by the type of the costs: 14 for each cell of a map of 8192 by 8192 is less.
@@ -44,8 +42,7 @@ SIZE, CALL, WIDTH, ROOT, TARGET, KM, FAR, STRAIGHT, DIAGONAL, PUBLISHED, EXPANDE
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """The work arrays of a grid with its border of blocked cells, n cells in all: 49 bytes a cell, 65 where exact."""
 
     padded: NDArray[np.uint8]
@@ -84,7 +81,7 @@ def _step_cost(state, k):  # type: ignore[no-untyped-def]
 @kernel
 def _legal(padded, cell, width, cutting):  # type: ignore[no-untyped-def]
     """Compiled once for its four callers."""
-    return legal_steps(padded, cell, width, cutting)
+    return legal_steps(around(padded, cell, width), cutting)
 
 
 @kernel
@@ -155,7 +152,7 @@ def _look_around(padded, records, keys, heap, steps, state, cell, cutting):  # t
         best = state[FAR]
         legal = _legal(padded, cell, state[WIDTH], cutting)
         for k in range(8):
-            if (legal >> k) & 1:
+            if has_step(legal, k):
                 state[TOUCHED] += 1
                 best = min(best, records[cell + steps[k], G] + _step_cost(state, k))
         records[cell, RHS] = best
@@ -175,7 +172,7 @@ def _expand(padded, records, keys, heap, steps, state, cell, cutting):  # type: 
     _settle(records, keys, heap, state, cell)
     legal = _legal(padded, cell, state[WIDTH], cutting)
     for k in range(8):
-        if not (legal >> k) & 1:
+        if not has_step(legal, k):
             continue
         state[TOUCHED] += 1
         neighbour = cell + steps[k]
@@ -199,7 +196,7 @@ def _prune(padded, records, keys, heap, steps, state, orphans, cutting):  # type
         for k in range(8):
             if is_supported:
                 break
-            if (legal >> k) & 1:
+            if has_step(legal, k):
                 state[TOUCHED] += 1
                 is_supported = records[cell + steps[k], G] + _step_cost(state, k) == g
         if not is_supported:
@@ -225,7 +222,7 @@ def _walk(padded, records, way, steps, state, cutting):  # type: ignore[no-untyp
             return length
         legal, best, nearest = _legal(padded, cell, width, cutting), state[FAR], cell
         for k in range(8):
-            if (legal >> k) & 1 and records[cell + steps[k], G] + _step_cost(state, k) < best:
+            if has_step(legal, k) and records[cell + steps[k], G] + _step_cost(state, k) < best:
                 nearest = cell + steps[k]
                 best = records[nearest, G] + _step_cost(state, k)
         cell = nearest
@@ -320,8 +317,7 @@ class LifelongSearch:
         field, opened, changed = self._start_afresh(padded) if is_fresh else self._carry_over(padded, target, shift)
         orphans = NO_CELLS if is_fresh or root_before == self._root else _by_cost(field, self._state[FAR])
         self._field, self._shape, self._root, self._target = field, padded.shape, root, target
-        work = (field.padded, field.records, field.keys, field.heap, field.way, field.steps)
-        length = repair(*work, state, opened, orphans, changed, self._rules.corner_cutting)
+        length = repair(*field, state, opened, orphans, changed, self._rules.corner_cutting)
         expanded, generated, touched, reused = (int(count) for count in state[EXPANDED:])
         if length == 0:
             return no_plan(expanded, generated, touched, is_fresh)

@@ -1,1 +1,0 @@
-"""The compiled searches under the planners."""
