@@ -15,7 +15,6 @@ from quadlog.pipelines.simulation.trot import (
     LIFT_M,
     PAIRS,
     SAMPLES_HZ,
-    SHAPES,
     STEP_M,
     FootCycle,
     TrotRobot,
@@ -170,15 +169,6 @@ def test_the_cycle_is_that_of_eqs_9_and_10_about_the_middle_of_the_step(lam):
     position = cycle.at(stance)
     x = _printed_stance(stance, lam)
     np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, 0 * x]), atol=1e-15)
-
-
-@pytest.mark.parametrize(("power", "speed"), [(SHAPES["parabola"], 0.08), (SHAPES["eased"], 0.0)])
-def test_the_eased_bulge_begins_and_ends_without_speed(power, speed):
-    """The parabola of 1 cm and half a second begins at 4 x 1 cm / 0.5 s."""
-    cycle = FootCycle(T, S, H, aside_m=0.01, power=power)
-    for ends_s in ([0.0, 1e-6], [0.5 * T - 1e-9, 0.5 * T - 1e-6]):
-        aside_m = cycle.at(np.array(ends_s))[:, 1]
-        assert abs(np.diff(aside_m) / np.diff(ends_s))[0] == pytest.approx(speed, abs=1e-4)
 
 
 def test_the_bulge_solves_eq_11():
