@@ -95,7 +95,11 @@ def _throughput() -> Iterator[Figure]:
         taken = seconds(lambda ends=ends, blocked=blocked: [planner.plan(blocked, *each) for each in ends])
         name = f"astar, 512 x 512, {title}: million expansions/s"
         yield Figure(name, expanded / taken / 1e6, "M/s", 12, at_least=True)
-    peers = {"random 200 x 200": (random_map(200, 0.2, 5), 0.9), "streets 1024 x 1024": (street_map(1024, 6), 0.4)}
+    peers = {
+        "random 200 x 200": (random_map(200, 0.2, 5), 0.6),
+        "random 512 x 512": (random_map(512, 0.2, 1), 0.85),
+        "streets 1024 x 1024": (street_map(1024, 6), 0.3),
+    }
     for title, (blocked, limit) in peers.items():
         weights = np.where(blocked, np.inf, 1.0).astype(np.float32)
         own_s, other_s = [], []

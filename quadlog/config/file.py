@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from difflib import get_close_matches
 from functools import reduce
 from pathlib import Path
 from types import MappingProxyType
@@ -138,8 +138,7 @@ def read_bounds(path: Path) -> dict[str, dict[str, ExpectedRange | None]]:
     """
     content = _read_toml(path)
     for key in content.keys() - {"default", "recordings"}:
-        (nearest,) = difflib.get_close_matches(key, ("default", "recordings"), 1, 0.0)
-        raise UnknownConfigKey(key, nearest, str(path))
+        raise UnknownConfigKey(key, _nearest(key, ("default", "recordings")), str(path))
     recordings = content.get("recordings", {})
     if not isinstance(recordings, dict):
         raise InvalidConfigValue("recordings", "is a table", str(path))
@@ -336,18 +335,19 @@ def _explain(error: ValidationError, layers: Sequence[Layer], expect: str = "exp
     if first["type"] == "extra_forbidden":
         position = next((part for part in loc if part.isdigit()), "0")
         sides = [f"{key.rpartition('.')[0]}.{side}" for side in ExpectedRange.model_fields if loc[0] == "expect"]
-        keys = sides or sorted(_keys_of(Config, "", position))
-        matches = difflib.get_close_matches(key, keys, n=1, cutoff=0.0)
-        return UnknownConfigKey(key, matches[0] if matches else None, source)
+        return UnknownConfigKey(key, _nearest(key, sides or sorted(_keys_of(Config, "", position))), source)
     if first["type"] == UNKNOWN_METRIC:
         name = str(first["ctx"]["metric"])
-        near = difflib.get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
-        return UnknownConfigKey(f"{key}.{name}", f"{key}.{near[0]}" if near else None, source)
+        return UnknownConfigKey(f"{key}.{name}", f"{key}.{_nearest(name, CATALOGUE)}", source)
     reason = first["msg"].removeprefix("Value error, ")
     given = first.get("input")
     if isinstance(given, str | int | float | bool):
         reason += f" (got {str(given)[:80]!r})"
     return InvalidConfigValue(key, reason[0].lower() + reason[1:], source)
+
+
+def _nearest(key: str, keys: Iterable[str]) -> str:
+    return get_close_matches(key, list(keys), 1, 0.0)[0]
 
 
 def _has(table: Any, loc: Sequence[str]) -> bool:

@@ -114,12 +114,16 @@ def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
     return found[0]
 
 
-def known_name(group: str, name: str, own: Iterable[str]) -> str:
+SAVED = "saved"
+"""The context in which the configuration of a run is read, which may have been made with plug-ins that are not here."""
+
+
+def known_name(name: str, info: Any, *, group: str, own: Iterable[str]) -> str:
     """The name, if quadlog or a plug-in has it; plug-ins are looked for only where none of quadlog's own has.
 
-    Raises ValueError, which lists all there are.
+    info: pydantic's. Raises ValueError, which lists all there are.
     """
-    if name not in own and name not in (others := plugin_names(group)):
+    if info.context != SAVED and name not in own and name not in (others := plugin_names(group)):
         names = ", ".join(dict.fromkeys((*own, *others)))
         raise ValueError(f"there is no such {KINDS[group]}; choose one of: {names}")
     return name

@@ -15,7 +15,7 @@ from quadlog.planning.planners import PLANNER_NAMES
 class PlannerSettings(Section):
     """Who plans, and on what."""
 
-    name: Annotated[str, AfterValidator(partial(known_name, PLANNERS, own=PLANNER_NAMES))] = Field(
+    name: Annotated[str, AfterValidator(partial(known_name, group=PLANNERS, own=PLANNER_NAMES))] = Field(
         "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
     )
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")

@@ -87,7 +87,7 @@ def way_of(channel: Channel, mapped: Mapping[str, Type] | None = None) -> Type |
 def kinds_of(channel: Channel, mapped: Mapping[str, Type] | None = None) -> tuple[type[Message], ...]:
     """What messages of a channel become, the main kind first; none for those that nobody decodes. See way_of."""
     way = way_of(channel, mapped)
-    return () if way is None else way.kinds
+    return () if way is None else way.kinds if isinstance(way, Type) else (way.gives,)
 
 
 def _own_way(channel: Channel) -> Type | Clouds | MessageDecoder | None:

@@ -44,11 +44,6 @@ class MessageDecoder:
     gives: type[Message]
     decode: Callable[[Any, str], Iterable[Message]]
 
-    @property
-    def kinds(self) -> tuple[type[Message], ...]:
-        """As those of `quadlog.recordings.decoders.rows.Type`."""
-        return (self.gives,)
-
 
 def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
     """What an entry point names, as the decoder it has to be. Raises QuadlogError, which says what is wrong."""

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictFloat, StrictInt, TypeA
 from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
-from quadlog.config.plugins import Plugin
+from quadlog.config.plugins import SAVED, Plugin
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
@@ -191,7 +191,7 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
             f"{__version__}, reads format {RUN_FORMAT}: use that version, or replay the recording again",
         )
     with reading(run / "run.json"):
-        record = RunRecord.model_validate(content)
+        record = RunRecord.model_validate(content, context=SAVED)
     if not (record.finished or unfinished):
         raise NotARun(run, "is an unfinished run (finished: false in run.json)")
     return record

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from quadlog.geometry import turned, wrap_angle
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.planning.protocol import Bool
-from quadlog.simulation.course_walk import COMMAND, PLAN_ERROR, POSE, REFERENCE, TICK_COLUMNS, Driver
+from quadlog.simulation.course_walk import COMMAND, LEFT, PLAN_ERROR, POSE, REFERENCE, TICK_COLUMNS, Driver
 
 if TYPE_CHECKING:
     from quadlog.simulation.robot.walking_robot import WalkingRobot
@@ -40,7 +40,7 @@ def walk_commanded(
     rows = np.full((len(t_ns), len(TICK_COLUMNS)), np.nan)
     for row, (ahead_mps, left_mps, yaw_rate_radps) in zip(rows, twist.tolist(), strict=True):
         driver.steer(row, None, None)
-        row[COMMAND], row[COMMAND + 1], row[-1] = ahead_mps, yaw_rate_radps, left_mps
+        row[COMMAND], row[COMMAND + 1], row[LEFT] = ahead_mps, yaw_rate_radps, left_mps
         robot.walk(driver.every, ahead_mps, yaw_rate_radps, left_mps)
     way = logged[np.isfinite(logged).all(axis=1)]
     if len(way):

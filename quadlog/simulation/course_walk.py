@@ -99,11 +99,11 @@ TICK_COLUMNS = (
     *("us_median", "us_max", "cmd_vy_mps"),
 )
 """Columns of control.parquet without the times, in this order."""
-POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY, WANTED = (
+POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY, WANTED, LEFT = (
     TICK_COLUMNS.index(name)
     for name in (
         *("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen", "energy_j"),
-        "wanted_fz_0_n",
+        *("wanted_fz_0_n", "cmd_vy_mps"),
     )
 )
 
@@ -170,7 +170,7 @@ class Driver:
         row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
         if (effort := robot.effort) is not None:
             row[ENERGY] = effort.energy_j
-        row[WANTED:-1] = *robot.wanted_loads_n.tolist(), *robot.step_us
+        row[WANTED:LEFT] = *robot.wanted_loads_n.tolist(), *robot.step_us
         return Steered(command, on_path, on_reference)
 
 

@@ -55,7 +55,7 @@ class TrotSettings(Section):
 class Simulation(Section):
     """The simulated walk, of quadlog simulate and after a replay."""
 
-    controller: Annotated[str, AfterValidator(partial(known_name, CONTROLLERS, own=CONTROLLER_NAMES))] = Field(
+    controller: Annotated[str, AfterValidator(partial(known_name, group=CONTROLLERS, own=CONTROLLER_NAMES))] = Field(
         "fpmw",
         description="fpmw: fuzzy look-ahead, MPC and WBC; fpm: without WBC; pmw: with a fixed look-ahead [Tracking]; "
         "kinematic: a point that follows every command, fixed look-ahead; a plug-in: fuzzy look-ahead, its torques; "

@@ -23,6 +23,7 @@ from quadlog.cli.main import run
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
 from quadlog.results.record import PluginRecord
+from tests.conftest import forget_plugins
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "plugins"
@@ -193,6 +194,18 @@ def test_the_controller_walks_a_course_beside_ours(example, tmp_path, capsys):
     capsys.readouterr()
     assert run(["metrics", *map(str, runs)]) == 0
     assert "Metrics of bend-virtual_model/seed-000, bend-pmw/seed-000" in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_runs_of_plugins_are_read_where_these_are_not_installed(example, plugin_site, tmp_path, capsys):
+    course = tmp_path / "step.csv"
+    course.write_text("0,0\n0.2,0\n")
+    words = ["--controller", "virtual_model", "--set", "planner.name=greedy", "--no-plots", "-o", str(tmp_path)]
+    assert run(["simulate", str(course), *words]) == 0
+    shutil.rmtree(plugin_site / "quadlog_examples-1.0.dist-info")
+    forget_plugins()
+    walked = str(tmp_path / "step-virtual_model" / "seed-000")
+    assert [run([command, walked]) for command in ("metrics", "report")] == [0, 0]
+    assert run(["simulate", str(course), *words[2:], "--force"]) == 1, "nor is it walked again"
 
 
 BROKEN_CONTROLLER = """

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter, deque
-from collections.abc import Collection, Generator, Iterator, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -83,13 +84,13 @@ class _Reading:
     """
 
     def __init__(self, wanted: Mapping[int, Channel], start_ns: int | None, end_ns: int | None) -> None:
-        self.wanted, self._start_ns, self._end_ns = wanted, start_ns, end_ns
+        self._wanted, self._start_ns, self._end_ns = wanted, start_ns, end_ns
         self.counts: dict[int, Counter[int]] = {}
         self._held_bytes, self._disk = 0, Kept()
 
     def _chosen(self, rows: Rows) -> Rows:
         """Those that are wanted, in order of log time."""
-        keep = np.fromiter(map(self.wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
+        keep = np.fromiter(map(self._wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
         if self._start_ns is not None:
             keep &= rows["t_ns"] >= min(self._start_ns, MAX_TIME_NS)
         if self._end_ns is not None and self._end_ns <= MAX_TIME_NS:
@@ -98,18 +99,20 @@ class _Reading:
         t_ns = rows["t_ns"]
         return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
 
-    def messages(self, body: Body) -> Iterator[RawMessage]:
-        """Those of a chunk, whose data is held until the last one is given. Raises Damaged."""
-        rows, data, size = self._chosen(body.rows), body.data, len(body.data)
+    def blocks(self, body: Body) -> Iterator[Iterable[RawMessage]]:
+        """Messages of a chunk, whose data is held until the last one is given. Raises Damaged."""
+        rows, data, size, wanted = self._chosen(body.rows), body.data, len(body.data), self._wanted
         held: memoryview | _OnDisk = data
         if self._held_bytes and self._held_bytes + size > _HELD_BYTES and len(rows):
             held, size = _OnDisk(self._disk, data), 0
         del body, data
         self._held_bytes += size
         for at in range(0, len(rows), _BLOCK):
-            t_ns, numbers, begins, ends = rows[at : at + _BLOCK].view(np.int64).reshape(-1, 4).T.tolist()
-            payloads = map(held.__getitem__, map(slice, begins, ends))
-            yield from map(RawMessage, map(self.wanted.__getitem__, numbers), t_ns, payloads)
+            columns = rows[at : at + _BLOCK].view(np.int64).reshape(-1, 4).T.tolist()
+            yield (
+                RawMessage(wanted[number], t_ns, held[begin:end])
+                for t_ns, number, begin, end in zip(*columns, strict=True)
+            )
         self._held_bytes -= size
 
 
@@ -158,7 +161,8 @@ class ChunkedReader(ChunkFile):
         due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_OFFSET)
         reading, bodies = _Reading(wanted, start_ns, end_ns), self._read_ahead(sorted(due, key=_START))
         try:
-            yield from merge_by_time((chunk.start_ns, self._messages_of(chunk, bodies, reading)) for chunk in due)
+            streams = (chain.from_iterable(self._blocks_of(chunk, bodies, reading)) for chunk in due)
+            yield from merge_by_time(zip(map(_START, due), streams, strict=True))
         finally:
             bodies.close()
         self._first.clear()
@@ -168,7 +172,9 @@ class ChunkedReader(ChunkFile):
         if due and topics is None and not self._read_something and all(chunk.offset in self._lost for chunk in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
 
-    def _messages_of(self, chunk: Chunk, bodies: Iterator[Body | Damaged], reading: _Reading) -> Iterator[RawMessage]:
+    def _blocks_of(
+        self, chunk: Chunk, bodies: Iterator[Body | Damaged], reading: _Reading
+    ) -> Iterator[Iterable[RawMessage]]:
         """Wanted messages of a chunk, whose body is the next one, in order of time."""
         try:
             body = next(bodies)
@@ -177,9 +183,9 @@ class ChunkedReader(ChunkFile):
             counts = reading.counts[chunk.offset] = counts_of(body.rows)
             self._examine(chunk, body.rows, counts)
             self._read_something |= len(body.rows) > 0
-            messages = reading.messages(body)
+            blocks = reading.blocks(body)
             del body
-            yield from messages
+            yield from blocks
         except Damaged as damage:
             chunk.counts = self._counts(chunk)
             self._lose(chunk, damage)

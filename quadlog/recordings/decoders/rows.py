@@ -54,11 +54,7 @@ class Clouds(NamedTuple):
     """
 
     decoder: Callable[[Channel, Definitions, Warn], Callable[[Payload, bool], PointCloud]]
-
-    @property
-    def kinds(self) -> tuple[type[Message], ...]:
-        """As those of Type."""
-        return (PointCloud,)
+    gives: type[Message] = PointCloud
 
 
 HEADER = {"sec": "header.stamp.sec ?", "nanosec": "header.stamp.nanosec ?", "frame": "header.frame_id ?"}

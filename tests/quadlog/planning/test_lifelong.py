@@ -99,10 +99,16 @@ def test_a_search_that_need_not_search_closes_the_goal_alone(name):
     assert make_planner(name).plan(blocked, (2, 2), (3, 2)).expanded == 2
 
 
-@pytest.mark.parametrize(("make", "start", "goal"), [(DStarLite, START, (30, 34)), (LPAStar, (2, 3), GOAL)])
+@pytest.mark.parametrize(
+    ("make", "start", "goal"),
+    [(DStarLite, START, (30, 34)), (LPAStar, (2, 3), GOAL), (MTDStarLite, (38, 1), GOAL)],
+)
 def test_fresh_search_when_the_root_moves_and_after_a_reset(make, start, goal, forest):
+    """The root of MT-D* Lite may move, but not to where the search before never was."""
     planner, blocked = make(), forest()
+    blocked[start[1], start[0]] = False
     planner.plan(blocked, START, GOAL)
+    assert planner.plan(blocked, (2, 3) if make is MTDStarLite else START, GOAL).from_scratch is False
     assert planner.plan(blocked, start, goal).from_scratch
     assert not planner.plan(blocked, start, goal).from_scratch
     planner.reset()
@@ -115,6 +121,18 @@ def test_robot_that_walks_its_path_expands_nothing_with_d_star_lite(forest):
         plan = planner.plan(blocked, tuple(at), GOAL)
         assert (plan.found, plan.expanded) == (True, 0)
     assert plan.cost == 0
+
+
+def test_walk_along_the_path_expands_a_fraction_of_what_astar_does(forest):
+    """Not nothing: beside the path are cells that come cheaper by f from the new start than they did from the old."""
+    blocked, planner, expanded, afresh = forest(), MTDStarLite(), 0, 0
+    path = [(int(col), int(row)) for col, row in planner.plan(blocked, START, GOAL).cells]
+    for start in path[1:]:
+        plan, best = planner.plan(blocked, start, GOAL), AStar().plan(blocked, start, GOAL)
+        assert not plan.from_scratch or start == path[-1]
+        assert plan.cost == best.cost
+        expanded, afresh = expanded + plan.expanded, afresh + best.expanded
+    assert expanded < 0.5 * afresh
 
 
 @each_planner
