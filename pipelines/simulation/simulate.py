@@ -230,7 +230,7 @@ def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecor
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
         startup_s=start_up.seconds,
         realtime_factor=walked.lasted_s / walked.walking_s,
-        plugins=PluginRecord.of([] if planned.course is None else [controller_plugin(planned.controller)]),
+        plugins=PluginRecord.of([] if planned.course == TROT else [controller_plugin(planned.controller)]),
         **walked.record | {"warnings": warnings},
     )
 
