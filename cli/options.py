@@ -54,7 +54,7 @@ metrics = words(lambda: import_module("quadlog.metrics.catalogue").CATALOGUE)
 
 def all_planners() -> tuple[str, ...]:
     """Names of quadlog's own planners, then those of plug-ins."""
-    from quadlog.config.plugins import PLANNERS, plugin_names
+    from quadlog.plugins import PLANNERS, plugin_names
 
     return tuple(dict.fromkeys((*PLANNER_NAMES, *plugin_names(PLANNERS))))
 

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from quadlog.config.plugins import PLANNERS, plugin_names
 from quadlog.config.section import Section
 from quadlog.planning.planners import PLANNER_NAMES
+from quadlog.plugins import PLANNERS, plugin_names
 
 
 def _is_planner(name: str) -> str:

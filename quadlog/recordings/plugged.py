@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
 from quadlog.messages import (
@@ -25,6 +24,7 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.plugins import Plugin, foreign_code
 from quadlog.recordings.containers.container import MAX_TIME_NS
 from quadlog.recordings.decoders.rows import Part, part, unit_rows
 from quadlog.recordings.types import is_static
