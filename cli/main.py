@@ -24,8 +24,8 @@ def print_versions(ctx: click.Context, _param: click.Parameter, asked: bool) -> 
     """Print the versions of quadlog, packages and plug-ins, and exit."""
     if not asked or ctx.resilient_parsing:
         return
-    from quadlog.config.plugins import all_plugins
     from quadlog.config.version import package_versions
+    from quadlog.plugins import all_plugins
 
     click.echo(f"quadlog, version {__version__}")
     versions = {"python": sys.version.split()[0], **package_versions()}

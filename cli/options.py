@@ -120,7 +120,7 @@ def plugged_option(*names: str, own: Sequence[str], group: str, help: str, **set
     """An option that takes a name of quadlog's own or of a plug-in; plug-ins are searched only for other names."""
 
     def every() -> tuple[str, ...]:
-        from quadlog.config.plugins import plugin_names
+        from quadlog.plugins import plugin_names
 
         return tuple(dict.fromkeys((*own, *plugin_names(group))))
 

@@ -21,13 +21,13 @@ from operator import getitem
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from quadlog.config.plugins import all_plugins
 from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.config.version import package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
+from quadlog.plugins import all_plugins
 from quadlog.results.record import RUN_FORMAT, own_files, read_object
 from quadlog.results.run import STORE
 from quadlog.storage.atomic_write import is_part, part_folder, remove_stale_parts, whole_file, write_whole

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from quadlog.config import plugins
+from quadlog import plugins
 from quadlog.pipelines.executor import second_process
 from tests.lab.web_server import WebServer, serve
 

@@ -11,12 +11,12 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.plugins import PLANNERS as GROUP
-from quadlog.config.plugins import Plugin, find_plugin, foreign_code, plugin_names
 from quadlog.errors import UnknownName
 from quadlog.planning.planners import PLANNER_CLASSES
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
+from quadlog.plugins import PLANNERS as GROUP
+from quadlog.plugins import Plugin, find_plugin, foreign_code, plugin_names
 
 _MEMBERS = ("name", "incremental", "plan", "reset")
 _COUNTS = ("expanded", "generated", "touched", "reused_cells")

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from quadlog.config.plugins import PLANNERS, known_name
 from quadlog.config.section import Section
 from quadlog.planning.planners import PLANNER_NAMES
+from quadlog.plugins import PLANNERS, known_name
 
 
 class PlannerSettings(Section):

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.config.plugins import DECODERS, Plugin, find_plugin
 from quadlog.errors import DecodeError, UnknownJoints
 from quadlog.messages import Int, Message, PointCloud
+from quadlog.plugins import DECODERS, Plugin, find_plugin
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders import foxglove
 from quadlog.recordings.decoders.fields import ColumnReader

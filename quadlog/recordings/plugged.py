@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.plugins import Plugin, foreign_code
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
 from quadlog.messages import (
@@ -23,6 +22,7 @@ from quadlog.messages import (
     Transforms,
     UwbRanges,
 )
+from quadlog.plugins import Plugin, foreign_code
 from quadlog.recordings.containers.container import MAX_TIME_NS
 from quadlog.recordings.decoders.rows import part, unit_rows
 from quadlog.recordings.tf_tree import is_static

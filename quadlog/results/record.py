@@ -19,10 +19,10 @@ from pydantic import BaseModel, ConfigDict, Field, StrictFloat, StrictInt, TypeA
 from pydantic.dataclasses import dataclass
 
 from quadlog.config.file import without_retired
-from quadlog.config.plugins import SAVED, Plugin
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
+from quadlog.plugins import SAVED, Plugin
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.file_names import recording_files
 from quadlog.storage.atomic_write import write_whole

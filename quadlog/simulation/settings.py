@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator
 
 from quadlog.config.controllers import CONTROLLER_NAMES, ControllerParts, parts_of
-from quadlog.config.plugins import CONTROLLERS, known_name
 from quadlog.config.section import Section
+from quadlog.plugins import CONTROLLERS, known_name
 
 
 class DisturbanceSettings(Section):

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from quadlog.cli.main import COMMANDS, cli, run
-from quadlog.config.plugins import DECODERS, PLANNERS
+from quadlog.plugins import DECODERS, PLANNERS
 from quadlog.version import __version__
 from tests.cli.conftest import FIXTURES
 from tests.lab import recordings

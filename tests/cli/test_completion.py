@@ -6,9 +6,9 @@ import pytest
 from click.shell_completion import BashComplete
 
 from quadlog.cli.main import COMMANDS, cli
-from quadlog.config.plugins import CONTROLLERS
-from quadlog.config.plugins import PLANNERS as GROUP
 from quadlog.planning.planners import PLANNER_NAMES
+from quadlog.plugins import CONTROLLERS
+from quadlog.plugins import PLANNERS as GROUP
 from quadlog.results import STAGES
 
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.config.controllers import CONTROLLER_NAMES
-from quadlog.config.plugins import CONTROLLERS, Plugin, find_plugin
 from quadlog.control.locomotion.body_reference import BodyReference
 from quadlog.control.locomotion.gait import Gait, Stride
 from quadlog.control.locomotion.robot import Robot
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
+from quadlog.plugins import CONTROLLERS, Plugin, find_plugin
 
 Bool = NDArray[np.bool_]
 

@@ -59,7 +59,7 @@ class MTDStarLite(LPAStar):
     It searches from the start. When the robot has moved to a cell whose cost is settled, the tree of ways from there
     on is kept with its costs, all counted from where the search began, and the rest is forgotten at once; a start
     that the search before did not settle means a fresh one. `touched` includes the cells looked at for that.
-    Ties "smaller_g" are the published keys; those to the larger g are not: see lifelong_core. Counts: see
+    Ties "smaller_g" are the published keys; those to the larger g are not: see lifelong. Counts: see
     LifelongSearch.
     """
 

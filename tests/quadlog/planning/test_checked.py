@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.config.plugins import PLANNERS as GROUP
-from quadlog.config.plugins import Plugin
 from quadlog.errors import QuadlogError, UnknownName
 from quadlog.planning.protocol import Plan
 from quadlog.planning.registry import PLANNERS, CheckedPlanner, make_planner, planner_names, planner_type
 from quadlog.planning.rules import USUAL, Rules
+from quadlog.plugins import PLANNERS as GROUP
+from quadlog.plugins import Plugin
 
 PLUGIN = Plugin(GROUP, "odd", "quadlog-odd", "1.0", None)  # type: ignore[arg-type]
 

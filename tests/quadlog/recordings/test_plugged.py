@@ -8,10 +8,10 @@ import os
 import numpy as np
 import pytest
 
-from quadlog.config.plugins import DECODERS
 from quadlog.config.schema import Config, Topics
 from quadlog.errors import DecodeError, QuadlogError
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.plugins import DECODERS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.plugged import MessageDecoder, interpreter
 from quadlog.recordings.recording import Recording

@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from quadlog.config.plugins import CONTROLLERS as GROUP
-from quadlog.config.plugins import Plugin
 from quadlog.control.locomotion.plugged import CheckedController, plugged_controller
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
 from quadlog.errors import QuadlogError
+from quadlog.plugins import CONTROLLERS as GROUP
+from quadlog.plugins import Plugin
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot

@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from quadlog.config.plugins import (
+from quadlog.errors import QuadlogError
+from quadlog.plugins import (
     DECODERS,
     PLANNERS,
     all_plugins,
@@ -13,7 +14,6 @@ from quadlog.config.plugins import (
     foreign_code,
     plugin_names,
 )
-from quadlog.errors import QuadlogError
 
 SAYS = "raise RuntimeError('imported')\n"
 
