@@ -31,7 +31,8 @@ class _Waiting:
     """Small messages of a channel that wait until there are enough to be decoded at once: order, log time, payload."""
 
     channel: Channel
-    reader: RowReader | CloudReader | None
+    rows: RowReader | None
+    clouds: CloudReader | None
     messages: list[tuple[int, int, bytes]] = field(default_factory=list)
     size: int = 0
 
@@ -63,22 +64,25 @@ class Pass:
 
     def over(self, raws: Iterable[RawMessage]) -> Iterator[Iterator[Batch | Timed]]:
         """What messages become, in parts of one topic; at the end all that waits."""
+        of = self._waiting
         for order, (channel, log_ns, raw) in enumerate(raws):
-            waiting = self._waiting.get(id(channel)) or self._begin(channel)
-            if isinstance(waiting.reader, CloudReader):
-                yield self._cloud(channel.topic, waiting.reader, log_ns, raw)
-            elif waiting.reader is not None:
+            waiting = of.get(id(channel)) or self._begin(channel)
+            if waiting.rows is not None:
                 payload = bytes(raw)  # copied, so that no chunk is kept for it
                 waiting.messages.append((order, log_ns, payload))
                 waiting.size += len(payload)
                 if waiting.size >= MOST_WAITING_BYTES or len(waiting.messages) >= MOST_WAITING:
-                    yield self._rows(channel, waiting)
-        for waiting in self._waiting.values():
-            if waiting.messages:
-                yield self._rows(waiting.channel, waiting)
+                    yield self._rows(channel, waiting.rows, waiting)
+            elif waiting.clouds is not None:
+                yield self._cloud(channel.topic, waiting.clouds, log_ns, raw)
+        for waiting in of.values():
+            if waiting.rows is not None and waiting.messages:
+                yield self._rows(waiting.channel, waiting.rows, waiting)
 
     def _begin(self, channel: Channel) -> _Waiting:
-        self._waiting[id(channel)] = _Waiting(channel, self._recording.reader(channel))
+        reader = self._recording.reader(channel)
+        by = (None, reader) if isinstance(reader, CloudReader) else (reader, None)
+        self._waiting[id(channel)] = _Waiting(channel, *by)
         return self._waiting[id(channel)]
 
     def _cloud(self, topic: str, reader: CloudReader, log_ns: int, payload: Payload) -> Iterator[Timed]:
@@ -96,13 +100,12 @@ class Pass:
         if kept[0]:
             yield Timed(int(t_ns[0]), topic, cloud)
 
-    def _rows(self, channel: Channel, waiting: _Waiting) -> Iterator[Batch]:
-        assert isinstance(waiting.reader, RowReader)
+    def _rows(self, channel: Channel, reader: RowReader, waiting: _Waiting) -> Iterator[Batch]:
         *numbers, payloads = zip(*waiting.messages, strict=True)
         orders, log_ns = np.array(numbers, np.int64)
         waiting.messages, waiting.size = [], 0
         failed, first = 0, (len(payloads), "")
-        for decoded in waiting.reader.read(payloads):
+        for decoded in reader.read(payloads):
             failed += decoded.failed
             first = min(first, (int(decoded.which[0]), decoded.why)) if decoded.why else first
             self.decoded += len(decoded.which) - decoded.failed if decoded.parts else 0
