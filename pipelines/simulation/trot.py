@@ -12,7 +12,7 @@ import numpy as np
 from mujoco import rollout
 
 from quadlog.control.locomotion.kinematics import joints_for
-from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES, Robot
+from quadlog.control.locomotion.robot import JOINTS, LEGS, ROBOTS, SIDES
 from quadlog.errors import InvalidConfigValue
 from quadlog.geometry import roll_pitch_from_quat, rotation_from_quat, yaw_from_quat
 from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, Int
@@ -32,8 +32,8 @@ FRICTION_SPREAD, RADIUS_SPREAD, POSTURE_SPREAD_RAD = 0.25, 0.1, math.radians(1.0
 REST_S, TROT_S = 2.0, 30.0
 PERIOD_S, STEP_M, LIFT_M = 1.0, 0.04, 0.02
 """T, S and H [Foot, section 4]; half of the period is swing."""
-HEIGHT_M = 0.2
-"""[Foot, Table 2]; its section 4 gives none."""
+PLAN = ROBOTS["foot"]
+"""The robot as its controller knows it. Of its masses only the sum counts here: see trot_model."""
 GAIN_NM_PER_RAD, DAMPING_NMS_PER_RAD = 300.0, 6.0
 LEG_KG, TRUNK_KG = 0.4, 8.4
 """[Foot, section 4]: 10 kg in all, 0.4 kg a leg."""
@@ -101,22 +101,17 @@ class TrotRobot:
     """
 
     friction: float = FRICTION
-    foot_radius_m: float = ROBOTS["foot"].foot_radius_m
+    foot_radius_m: float = PLAN.foot_radius_m
     payload_kg: float = 0.0
     payload_x_m: float = 0.0
     payload_y_m: float = 0.0
     leg_mass_spread: float = 0.0
     hip_offset_m: float = 0.0
 
-    @property
-    def plan(self) -> Robot:
-        """The robot as its controller knows it. Of its masses only the sum counts here: see trot_model."""
-        return replace(ROBOTS["foot"], standing_height_m=HEIGHT_M)
-
 
 def trot_model(robot: TrotRobot) -> QuadrupedModel:
     """The world of one such robot on level ground. Sensors: the torques of joints (12,), then the feet's loads (4,)."""
-    body = replace(robot.plan, trunk_mass_kg=TRUNK_KG, foot_radius_m=robot.foot_radius_m)
+    body = replace(PLAN, trunk_mass_kg=TRUNK_KG, foot_radius_m=robot.foot_radius_m)
     spec = quadruped_spec(body, robot.friction)
     add_world(spec, flat(), robot.friction, TIMESTEP_S)
     for leg, side in zip(LEGS, SIDES.tolist(), strict=True):
@@ -174,7 +169,7 @@ def hip_inertia_kgm2(model: QuadrupedModel) -> float:
     return float(np.mean(full[abductions, abductions] - world.dof_armature[abductions]))
 
 
-def joint_targets(plan: Robot, asides_m: Float, first_pair: int = 0) -> Float:
+def joint_targets(asides_m: Float, first_pair: int = 0) -> Float:
     """(N, 12) target angle of every joint at each tick. Raises InvalidConfigValue for a curve out of the legs' reach.
 
     asides_m: (4,) the peak of each leg's y(t), left positive; first_pair: of PAIRS, which swings first. While it rests
@@ -182,13 +177,13 @@ def joint_targets(plan: Robot, asides_m: Float, first_pair: int = 0) -> Float:
     """
     ticks = round(PERIOD_S / TIMESTEP_S)
     t_s = np.arange(ticks) * TIMESTEP_S
-    feet = np.repeat(plan.standing_feet_m[None], ticks, axis=0)
+    feet = np.repeat(PLAN.standing_feet_m[None], ticks, axis=0)
     for leg in range(4):
         cycle = FootCycle(PERIOD_S, STEP_M, LIFT_M, aside_m=float(asides_m[leg]))
         feet[:, leg] += cycle.at(t_s + (0.0 if PAIRS[leg] == first_pair else PERIOD_S / 2))
     joints = np.empty((ticks, 12))
     for tick in range(ticks):
-        if not joints_for(feet[tick], plan.hips_m, plan.lengths, joints[tick]):
+        if not joints_for(feet[tick], PLAN.hips_m, PLAN.lengths, joints[tick]):
             reason = f"a foot {1e3 * float(np.abs(asides_m).max()):.0f} mm aside is out of the legs' reach"
             raise InvalidConfigValue("simulation.trot.foot_curve_k", reason, "simulate trot-32s")
     resting = np.zeros(round(REST_S / TIMESTEP_S), np.int64)
@@ -208,20 +203,19 @@ class PlannedTrot:
 
 def plan_trot(simulation: Simulation, curve: str, seed: int) -> PlannedTrot:
     """What a seed draws, and one of CURVES for it. Raises as joint_targets."""
-    trot, plan, rng = simulation.trot, TrotRobot(), np.random.default_rng([seed, _TROTS])
+    trot, rng = simulation.trot, np.random.default_rng([seed, _TROTS])
     friction, radius = rng.uniform(-1.0, 1.0, 2).tolist()
     posture_rad = POSTURE_SPREAD_RAD * rng.uniform(-1.0, 1.0, len(LEGS) * len(JOINTS))
-    robot = replace(
-        plan,
+    robot = TrotRobot(
         friction=simulation.friction * (1 + FRICTION_SPREAD * friction),
-        foot_radius_m=plan.foot_radius_m * (1 + RADIUS_SPREAD * radius),
+        foot_radius_m=PLAN.foot_radius_m * (1 + RADIUS_SPREAD * radius),
         **trot.model_dump(exclude={"foot_curve_k"}),
     )
     peak_m = 0.0
     if curve == "3d-curve":  # of right fore and left hind leg, by the planned robot, which does not know its payload
-        model = trot_model(plan)
+        model = trot_model(TrotRobot())
         peak_m = lateral_peak_m(gravity_moment_nm(model), trot.foot_curve_k, hip_inertia_kgm2(model), PERIOD_S)
-    targets = joint_targets(plan.plan, np.where(PAIRS == 1, peak_m, -peak_m))
+    targets = joint_targets(np.where(PAIRS == 1, peak_m, -peak_m))
     return PlannedTrot(robot, targets, posture_rad, peak_m)
 
 

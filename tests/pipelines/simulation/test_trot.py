@@ -11,9 +11,9 @@ from quadlog.control.locomotion.kinematics import foot_positions
 from quadlog.errors import InvalidConfigValue
 from quadlog.messages import Float
 from quadlog.pipelines.simulation.trot import (
-    HEIGHT_M,
     LIFT_M,
     PAIRS,
+    PLAN,
     SAMPLES_HZ,
     STEP_M,
     FootCycle,
@@ -31,7 +31,7 @@ LINK_M, ASIDE_M, LEG_KG = 0.21, 0.07, 0.4
 
 def _knee() -> tuple[float, float]:
     """How far the knee is behind and below the hip: thigh and shank are as long as one another."""
-    down = (HEIGHT_M - 0.02) / 2
+    down = (PLAN.standing_height_m - 0.02) / 2
     return math.sqrt(LINK_M**2 - down**2), down
 
 
@@ -65,7 +65,6 @@ def test_a_payload_shifts_the_centre_of_mass_to_where_it_is():
     assert loaded[2] > empty[2]
 
 
-PLAN = TrotRobot().plan
 RESTING, CYCLE = 2000, 1000
 
 
@@ -80,7 +79,7 @@ def _feet(joints: Float) -> Float:
 def _walk(first_pair: int = 0, robot: TrotRobot | None = None) -> dict[str, Float]:
     robot = robot or TrotRobot()
     # Mirrored, this curve is itself.
-    targets = joint_targets(robot.plan, np.array([-0.01, 0.01, 0.01, -0.01]), first_pair)
+    targets = joint_targets(np.array([-0.01, 0.01, 0.01, -0.01]), first_pair)
     return walk_trot(trot_model(robot), targets, np.zeros(12))
 
 
@@ -90,7 +89,7 @@ def walk() -> dict[str, Float]:
 
 
 def test_feet_are_sent_along_the_curve():
-    targets = joint_targets(PLAN, np.array([-0.01, 0.02, 0.01, 0.0]))
+    targets = joint_targets(np.array([-0.01, 0.02, 0.01, 0.0]))
     assert targets.shape == (32_000, 12)
     assert (targets[: RESTING + 1] == targets[0]).all()
     np.testing.assert_array_equal(targets[RESTING : RESTING + CYCLE], targets[-CYCLE:])
@@ -109,7 +108,7 @@ def test_feet_are_sent_along_the_curve():
 
 def test_a_curve_out_of_reach_is_refused():
     with pytest.raises(InvalidConfigValue, match="500 mm aside"):
-        joint_targets(PLAN, np.full(4, 0.5))
+        joint_targets(np.full(4, 0.5))
 
 
 def columns(walk, *names):
