@@ -203,9 +203,8 @@ def test_seeds_of_a_trot_have_folders_below_its_curves_and_the_curve_is_the_only
 
 def trotted_by(aside_m: float) -> dict[str, float]:
     """Metrics of the robot as it is planned, whose feet swing that far to the left."""
-    plan = trotting.TrotRobot()
-    targets_rad = trotting.joint_targets(np.full(4, aside_m))
-    walked = trotting.walk_trot(trotting.trot_model(plan), targets_rad, np.zeros(12))
+    model = trotting.trot_model(trotting.TrotRobot())
+    walked = trotting.walk_trot(model, trotting.joint_targets(np.full(4, aside_m)), np.zeros(12))
     return {name: each.value for name, each in trotting.trot_metrics(walked).items()}
 
 

@@ -31,7 +31,7 @@ LINK_M, ASIDE_M, LEG_KG, HEIGHT_M = 0.21, 0.07, 0.4, 0.2
 
 def _knee() -> tuple[float, float]:
     """How far the knee is behind and below the hip: thigh and shank are as long as one another."""
-    down = (HEIGHT_M - 0.02) / 2
+    down = (PLAN.standing_height_m - 0.02) / 2
     return math.sqrt(LINK_M**2 - down**2), down
 
 
