@@ -125,7 +125,7 @@ def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body)
     assert (ticks, len(both.control["t_ns"])) == (36, 72)
     np.testing.assert_array_equal(both.control["t_ns"][ticks:], alone.control["t_ns"] + gap_ns)
     for name in TABLES["control"].names:
-        if name not in ("t_ns", "energy_j"):
+        if name not in ("t_ns", "energy_j", "us_median", "us_max"):
             np.testing.assert_array_equal(both.control[name][ticks:], alone.control[name], name)
     assert [plan.expanded for plan in both.plans[8:]] == [plan.expanded for plan in alone.plans]
 
