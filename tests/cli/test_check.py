@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadlog.config.file import read_bounds
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.check import bounds_toml, propose
 from quadlog.results.run import SavedMetric
 from quadlog.results.tables import TABLES, write_table
@@ -75,7 +75,7 @@ def test_bounds_are_on_the_worse_side_with_a_margin_of_a_tenth_a_hundredth_of_a_
 ):
     run = measured(tmp_path / "run", follow, **dict.fromkeys(CATALOGUE, 0.95), of_another_version=1.0)
     found = proposed(run, quadlog)
-    assert set(found) == set(CATALOGUE) - {"realtime_factor"}
+    assert set(found) == set(CATALOGUE) - {*THEMES["Computing"]}
     sides = {"lower": {"max"}, "higher": {"min"}, "": {"min", "max"}}
     assert all(set(bound) == sides[CATALOGUE[name].better] for name, bound in found.items())
     assert "of_another_version" in quadlog("check", run, "--expect", tmp_path / "x.toml", "--write").err
@@ -106,7 +106,7 @@ def test_what_was_written_is_read_and_holds_on_the_runs_it_was_written_from(tmp_
     made = [SimpleNamespace(path=Path('a.b "c"'), simulated=False, metrics=each) for each in runs]
     path.write_bytes(bounds_toml(propose(made)))
     bounds = read_bounds(path)[made[0].path.name]
-    assert set(bounds) == set(metrics) - {"realtime_factor"}
+    assert set(bounds) == set(metrics) - {*THEMES["Computing"]}
     assert all(bound.holds(value) for name, bound in bounds.items() for value in metrics[name])
 
 

@@ -20,6 +20,7 @@ from mcap.writer import Writer
 
 from quadlog.config.file import load_config
 from quadlog.config.schema import Config
+from quadlog.metrics.catalogue import THEMES
 from quadlog.pipelines.batch import batch
 from quadlog.pipelines.batch.plan import plan_batch
 from quadlog.pipelines.executor.pool import Workers
@@ -95,14 +96,18 @@ def results_of(run: Path) -> dict[str, object]:
         name = path.relative_to(run).as_posix()
         if path.suffix == ".parquet":
             table = pq.read_table(path)
-            columns = [column for column in table.column_names if column not in TIMINGS]
+            columns = [
+                column for column in table.column_names if column not in TIMINGS and not column.startswith("us_")
+            ]
             timed = len(columns) != len(table.column_names)
             found[name] = table.select(columns) if timed else path.read_bytes()
         elif name == "run.json":
             record = json.loads(path.read_text())
             found[name] = {key: value for key, value in record.items() if key not in RUN_OWN}
         elif name == "metrics.json":
-            found[name] = {key: each for key, each in json.loads(path.read_text()).items() if key != "realtime_factor"}
+            found[name] = {
+                key: each for key, each in json.loads(path.read_text()).items() if key not in THEMES["Computing"]
+            }
         else:
             found[name] = None if name == "report.html" else path.read_bytes()
     return found

@@ -11,7 +11,7 @@ from quadlog.errors import UnknownMetric
 from quadlog.metrics.catalogue import CATALOGUE, OPERATORS, Condition, parse_condition
 
 REFERENCES = (Path(__file__).parents[3] / "docs" / "references.md").read_text()
-UNITS = {"_m": "m", "_s": "s", "_rad": "rad", "_nm": "N·m", "_degps": "deg/s", "_hz": "Hz"}
+UNITS = {"_n": "N", "_mps": "m/s", "_m": "m", "_s": "s", "_rad": "rad", "_nm": "N·m", "_degps": "deg/s", "_hz": "Hz"}
 
 
 def test_every_entry_says_all_there_is():
@@ -19,7 +19,7 @@ def test_every_entry_says_all_there_is():
         assert entry.name == name
         assert all([entry.meaning, entry.formula, entry.source, entry.counted]), name
         suffix = next((each for each in UNITS if name.endswith(each)), "")
-        assert entry.unit == UNITS.get(suffix, ""), name
+        assert entry.unit == ("µs" if name.startswith("us_") else UNITS.get(suffix, "")), name
         assert all(f"| {key} |" in REFERENCES for key in re.findall(r"\[[^]]+\]", entry.source)), name
 
 
