@@ -273,4 +273,5 @@ class SplitReader(Container):
             if had[name] < said[name]:
                 self._losses.append(Loss("count", differing, name or None, said[name] - had[name]))
             elif had[name] > said[name]:
-                self._warnings.append(f"{name}: {differing}" if name else differing)
+                differing = f"{name}: {differing}" if name else differing
+                self._warnings.append(differing)
