@@ -169,13 +169,15 @@ OWN_TEXT = {
     "Frame": "std_msgs/Header header\nuint8 id\nNode[] nodes\n",
     "Single": "std_msgs/Header header\nuint16 peer\nint32 distance_mm\n",
     "Times": "std_msgs/Header header\nuint16 peer\n" + "".join(f"uint64 {name}\n" for name in TIMES),
+    "Named": "std_msgs/Header header\nstring me\nstring peer\nfloat64 range\n",
+    "Names": "std_msgs/Header header\nstring[] peers\nfloat64[] ranges\n",
     "Place": "builtin_interfaces/Time stamp\nfloat64 x\nfloat64 y\nfloat64 z\n",
 }
 for _name, _text in OWN_TEXT.items():
     STORE.register(get_types_from_msg(_text, f"own/msg/{_name}"))
 
 
-def own(kind: str) -> Write:
+def own(kind: str, name: str = "") -> Write:
     """Ranges in messages of a type that nobody knows, and the walk as another one."""
 
     def write(path: Path) -> Path:
@@ -186,9 +188,13 @@ def own(kind: str) -> Write:
             if kind == "Frame":
                 nodes = [message("own/msg/Node", i, value) for i, value in enumerate(row)]
                 log.add("/own", t, message("own/msg/Frame", named, 0, nodes))
-            for i, value in enumerate(row if kind != "Frame" else ()):
+            if kind == "Names":
+                log.add("/own", t, message("own/msg/Names", named, SIDES, row))
+            for i, value in enumerate(row if kind not in ("Frame", "Names") else ()):
                 late = header(int(t) + i * 10**6, "")
-                if kind == "Single":
+                if kind == "Named":
+                    log.add("/own", t + i * 10**6, message("own/msg/Named", late, "T7", name.format(i, "AB"[i % 2], i // 2), value))
+                elif kind == "Single":
                     log.add("/own", t + i * 10**6, message("own/msg/Single", late, i, round(1000 * value)))
                 else:
                     flight = value / 299_792_458.0 / 1.565e-11
@@ -201,10 +207,19 @@ def own(kind: str) -> Write:
     return write
 
 
+SIDES = ["left", "right", "front", "back"]
 OWN_KEYS = {
     "Frame": 'field="nodes[].dis", tag="id", anchor="nodes[].id"',
     "Single": 'field="distance_mm", unit="mm", tag=0, anchor="peer"',
     "Times": f'times={[*TIMES]}, tick_s=1.565e-11, tag=0, anchor="peer"',
+    "Named": 'field="range", tag="me", anchor="peer"',
+    "Names": f'field="ranges[]", tag=0, anchor="peers[]", names={{{", ".join(f"{s}={i}" for i, s in enumerate(SIDES))}}}',
+}
+NAMES = {
+    "A{}": range(4),
+    "{}": range(4),
+    "0x1a{}B": range(0x1A0B, 0x1A4B, 16),
+    "d4:22:cd:00:0f:9{}": range(0xD422CD000F90, 0xD422CD000F94),
 }
 
 
@@ -352,7 +367,23 @@ CASES = {
             never=("cannot", "left out"),
         )
         for kind, keys in OWN_KEYS.items()
+        if kind != "Named"
     },
+    **{
+        f"ends by texts as {name}": Case(
+            own("Named", name), config=f'{site(ids)}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n', rms_m=0.06,
+            links=4, never=("cannot", "left out"),
+        )
+        for name, ids in NAMES.items()
+    },
+    "ends by texts without a number": Case(
+        own("Names"), ("'left' has no number: give their ids as names in [[uwb.range_topics]]",), code=1,
+        config=f'{site()}range_topics = [{{topic="/own", {OWN_KEYS["Names"].partition(", names")[0]}}}]\n',
+    ),
+    "ends by texts of one number": Case(
+        own("Named", "{1}{2}"), ("'A0' and 'B0' would both be anchor 0: give their ids",), code=3, source="fixed",
+        config=f'{site()}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n',
+    ),
     "a field that is not there": Case(
         own("Single"), ("its definition has no number distance (header, peer, distance_mm)",), code=1,
         config=f'{site()}range_topics = [{{topic="/own", field="distance"}}]\n',

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -25,7 +25,8 @@ from quadlog.recordings.decoders.payload import Payload, PayloadReader, frame_na
 from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types
 
 TEXTS = ("frame", "child", "names")
-"""Columns of texts; all others are of numbers."""
+ENDS = ("tag", "anchor")
+"""Columns of texts, and those of numbers or texts; all others are of numbers."""
 DTYPES = dict.fromkeys(("bool", "byte", "char", "octet"), "u1") | {"float32": "f4", "float64": "f8"}
 DTYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)}
 KEPT_LAYOUTS, LARGEST_BYTES = 16, 1 << 20
@@ -110,7 +111,9 @@ def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str
     """Column -> its path in a checked definition (`needed_types`). Raises BadDefinition for a field that it lacks."""
     found = {}
     for column, choices in wanted.items():
-        paths = (_at(types, type_name, each.strip(), column in TEXTS) for each in choices.removesuffix("?").split("|"))
+        texts = (True,) if column in TEXTS else (False, True) if column in ENDS else (False,)
+        each = product(choices.removesuffix("?").split("|"), texts)
+        paths = (_at(types, type_name, path.strip(), text) for path, text in each)
         path = next(filter(None, paths), None)
         if path is not None:
             found[column] = path
