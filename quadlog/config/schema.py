@@ -40,7 +40,8 @@ class PoseTopic(Section):
 
     topic: str = Field(description="the topic")
     fields: list[FieldPath] = Field(
-        description="fields of x, y and z; for an orientation also those of the x, y, z and w of its quaternion"
+        description="fields of x, y and z; for an orientation also those of the x, y, z and w of its quaternion; "
+        "`q[0]` is the first number of an array, `-y` has the other sign"
     )
     unit: Literal["m", "cm", "mm"] = Field("m", description="of x, y and z")
 

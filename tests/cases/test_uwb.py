@@ -171,6 +171,7 @@ OWN_TEXT = {
     "Times": "std_msgs/Header header\nuint16 peer\n" + "".join(f"uint64 {name}\n" for name in TIMES),
     "Named": "std_msgs/Header header\nstring me\nstring peer\nfloat64 range\n",
     "Names": "std_msgs/Header header\nstring[] peers\nfloat64[] ranges\n",
+    "Flown": "uint64 timestamp\nfloat32[3] position\nfloat32[4] q\n",
     "Place": "builtin_interfaces/Time stamp\nfloat64 x\nfloat64 y\nfloat64 z\n",
 }
 for _name, _text in OWN_TEXT.items():
@@ -185,15 +186,23 @@ def own(kind: str, name: str = "") -> Write:
         for t, row in zip(*measure(), strict=True):
             named, (x_m, y_m) = header(int(t), ""), walk_m(np.array([t]))[0]
             log.add("/place", t, message("own/msg/Place", named.stamp, 1000 * x_m, 1000 * y_m, 0.0))
+            if kind == "Flown":
+                half_rad = (t - START_NS) * 1e-9 / 2
+                turn = np.array([np.cos(half_rad), 0, 0, -np.sin(half_rad)], np.float32)
+                log.add("/flown", t, message("own/msg/Flown", int(t), np.array([x_m, -y_m, 1], np.float32), turn))
             if kind == "Frame":
                 nodes = [message("own/msg/Node", i, value) for i, value in enumerate(row)]
                 log.add("/own", t, message("own/msg/Frame", named, 0, nodes))
             if kind == "Names":
                 log.add("/own", t, message("own/msg/Names", named, SIDES, row))
-            for i, value in enumerate(row if kind not in ("Frame", "Names") else ()):
+            for i, value in enumerate(row if kind in ("Single", "Named", "Times") else ()):
                 late = header(int(t) + i * 10**6, "")
                 if kind == "Named":
-                    log.add("/own", t + i * 10**6, message("own/msg/Named", late, "T7", name.format(i, "AB"[i % 2], i // 2), value))
+                    log.add(
+                        "/own",
+                        t + i * 10**6,
+                        message("own/msg/Named", late, "T7", name.format(i, "AB"[i % 2], i // 2), value),
+                    )
                 elif kind == "Single":
                     log.add("/own", t + i * 10**6, message("own/msg/Single", late, i, round(1000 * value)))
                 else:
@@ -208,12 +217,13 @@ def own(kind: str, name: str = "") -> Write:
 
 
 SIDES = ["left", "right", "front", "back"]
+NAMED = "{" + ", ".join(f"{side}={i}" for i, side in enumerate(SIDES)) + "}"
 OWN_KEYS = {
     "Frame": 'field="nodes[].dis", tag="id", anchor="nodes[].id"',
     "Single": 'field="distance_mm", unit="mm", tag=0, anchor="peer"',
     "Times": f'times={[*TIMES]}, tick_s=1.565e-11, tag=0, anchor="peer"',
     "Named": 'field="range", tag="me", anchor="peer"',
-    "Names": f'field="ranges[]", tag=0, anchor="peers[]", names={{{", ".join(f"{s}={i}" for i, s in enumerate(SIDES))}}}',
+    "Names": f'field="ranges[]", tag=0, anchor="peers[]", names={NAMED}',
 }
 NAMES = {
     "A{}": range(4),
@@ -371,8 +381,8 @@ CASES = {
     },
     **{
         f"ends by texts as {name}": Case(
-            own("Named", name), config=f'{site(ids)}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n', rms_m=0.06,
-            links=4, never=("cannot", "left out"),
+            own("Named", name), config=f'{site(ids)}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n',
+            rms_m=0.06, links=4, never=("cannot", "left out"),
         )
         for name, ids in NAMES.items()
     },
@@ -476,6 +486,15 @@ def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replay
     settled = early | (pose_ns > t_ns[59] + 400_000_000)
     assert np.hypot(*(xy_m - walk_m(true_ns)).T)[settled].max() < 0.3
     assert [text for text in described(path, site())["warnings"] if "go back" in text] == [lost.removeprefix("lost: ")]
+
+
+def test_poses_in_arrays_of_north_east_down_are_those_of_north_west_up(tmp_path, replayed):
+    fields = [*(f"{'-' * (i > 0)}position[{i}]" for i in range(3)), "q[1]", "-q[2]", "-q[3]", "q[0]"]
+    config = f'[topics]\nposition = "/flown"\nposes = [{{topic = "/flown", fields = {fields}}}]\n'
+    poses = replayed(own("Flown")(tmp_path / "log"), "--until", "position", config=config).table("poses")
+    np.testing.assert_allclose(np.column_stack([poses["x_m"], poses["y_m"]]), walk_m(poses["t_ns"]), atol=1e-5)
+    np.testing.assert_allclose(np.unwrap(poses["yaw_rad"]), (poses["t_ns"] - START_NS) * 1e-9, atol=1e-5)
+    assert set(poses["source"]) == {"pose"}
 
 
 def test_a_position_file_that_is_not_quite_tum_is_used_and_told(tmp_path, replayed):

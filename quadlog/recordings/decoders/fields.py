@@ -1,12 +1,13 @@
 """Fields of many ROS payloads as columns: where they lie is learnt from one payload, numpy reads them from the others.
 
-A path is `a.b`; `a.b:xyz`, the numbers a.b.x, a.b.y and a.b.z; `a.b[3]`, the first three of an array; `a[].b`, b of all
-messages of an array; `a.b[]`, all numbers of one. `PATH | PATH` is the first that a definition has, `PATH ?` may be
-missing.
+A path is `a.b`; `a.b:xyz`, the numbers a.b.x, a.b.y and a.b.z; `a.b[:3]`, the first three of an array, `a.b[3]`, its
+fourth; `a[].b`, b of all messages of an array; `a.b[]`, all numbers of one. `PATH | PATH` is the first that a
+definition has, `PATH ?` may be missing.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -99,12 +100,16 @@ class Columns:
 
 
 class Path(NamedTuple):
-    """A path that a definition has: its leaves, side by side, or the `first` numbers of its one leaf, an array."""
+    """A path that a definition has: its leaves, side by side, or the `first` numbers of its one leaf, an array.
+
+    at: the one number of these that counts, None for all.
+    """
 
     leaves: tuple[str, ...]
     arrays: tuple[str, ...]
     first: int
     text: bool
+    at: int | None
 
 
 def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str, Path]:
@@ -134,16 +139,19 @@ def _names_near(types: Types, name: str, steps: Sequence[str]) -> list[str]:
     return [f"{steps[0]}.{each}" for each in _names_near(types, within, steps[1:])] if within else [*near]
 
 
+_PATH = re.compile(r"(.*?)(?:\[(:?)([0-9]{1,9})\])?(?::([a-z]+))?", re.DOTALL)
+
+
 def _at(types: Types, type_name: str, path: str, text: bool) -> Path | None:
-    trunk, _, parts = path.partition(":")
+    trunk, several, size, parts = _PATH.fullmatch(path).groups("")  # type: ignore[union-attr]
     steps = trunk.split(".")
     arrays = tuple(".".join(steps[: i + 1]) for i, step in enumerate(steps) if step.endswith("[]"))
-    trunk, _, first = trunk.partition("[") if trunk[-2:-1].isdigit() else (trunk, "", "")
-    trunk, size = trunk + "[]" * bool(first), int(first.removesuffix("]") or 0)
+    trunk, at = trunk + "[]" * bool(size), int(size or 0)
+    first = at + bool(size) - bool(several)
     leaves = tuple(f"{trunk}.{part}" for part in parts) or (trunk,)
-    if not all(_leads(types, type_name, leaf.split("."), size, text) for leaf in leaves):
+    if not all(_leads(types, type_name, leaf.split("."), first, text) for leaf in leaves):
         return None
-    return Path(leaves, arrays, size, text)
+    return Path(leaves, arrays, first, text, None if parts or several else at)
 
 
 def _leads(types: Types, name: str, steps: Sequence[str], first: int, text: bool) -> bool:
@@ -320,7 +328,7 @@ class Layout:
         each = [one.read(payloads, dtype) for one in strides]
         values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
         values = values if path.arrays else values[:, 0]
-        return values if path.first or len(path.leaves) > 1 else values[..., 0]
+        return values if path.at is None else values[..., path.at]
 
 
 class Plan(NamedTuple):
