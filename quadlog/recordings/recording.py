@@ -15,7 +15,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
-from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
+from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp, settled_ns
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
@@ -161,7 +161,7 @@ class Recording(ClosedOnExit):
             Loss("decode", f"{count} messages could not be decoded; the first: {why}", topic, count)
             for topic, (count, why) in self._failures.items()
         ]
-        return list(dict.fromkeys([*self.container.losses, *own]))
+        return list(dict.fromkeys([*self.container.losses, *self.clock.losses(), *own]))
 
     @property
     def warnings(self) -> list[str]:
@@ -334,14 +334,25 @@ class Recording(ClosedOnExit):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for topic, stream, log_ns, stamp_ns in self._glimpsed(topics):
-            if topic in topics:
-                parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
+        parts, offsets_ns = defaultdict[str, list[tuple[Int, Int]]](list), defaultdict[str, list[Int]](list)
+        glimpsed = [each for each in self._glimpsed(topics) if each[0] in topics]
+        for topic, _, log_ns, stamp_ns in glimpsed:
+            offsets_ns[topic].append((stamp_ns - log_ns)[stamp_ns > 0])
+        usual_ns = settled_ns(offsets_ns)
+        for topic, stream, log_ns, stamp_ns in glimpsed:
+            strange = (stamp_ns > 0) & (
+                np.abs(stamp_ns - log_ns - usual_ns.get(topic, stamp_ns - log_ns)) > FAR_APART_NS
+            )
+            parts[stream if topic in tf else topic].append((log_ns[~strange], stamp_ns[~strange]))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
-        self.clock.usual_ns.clear()
+        shift_ns = self.clock.one.shift_ns
+        moved = {
+            topic: each if (by_ns := shift_ns.get(topic, 0)) is None else each - by_ns
+            for topic, each in usual_ns.items()
+        }
+        self.clock.usual_ns, self.clock.settled = moved, usual_ns.keys()
         self._first_lags_ns.clear()
 
     def usual_offset_ns(self, topic: str) -> int:

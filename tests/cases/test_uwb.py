@@ -294,6 +294,18 @@ CASES = {
     "a clock that jumps": Case(
         restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), ("10800 s apart", "--stamp log"), code=1
     ),
+    **{
+        f"a clock {wrong}": Case(
+            restamped(rows, stamp_ns), ("of a clock that was set; 20 messages stamped up to ",), code=3, worst_m=0.3,
+            poses=80, never=("--stamp header",), info=("its header stamps jump by ",),
+        )
+        for wrong, rows, stamp_ns in (
+            ("in 1970 at first", slice(20), lambda t_ns: t_ns - t_ns[0] + 20 * 10**9),
+            ("a year ahead at first", slice(20), lambda t_ns: t_ns + 365 * 24 * HOUR_NS),
+            ("in 1970 for a while", slice(40, 60), lambda t_ns: t_ns - t_ns[0] + 20 * 10**9),
+            ("a year ahead in the end", slice(80, 100), lambda t_ns: t_ns + 365 * 24 * HOUR_NS),
+        )
+    },
     "the same by log time": Case(
         restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), flags=("--stamp", "log"), worst_m=0.2
     ),
