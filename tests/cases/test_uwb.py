@@ -297,7 +297,7 @@ CASES = {
     **{
         f"a clock {wrong}": Case(
             restamped(rows, stamp_ns), ("of a clock that was set; 20 messages stamped up to ",), code=3, worst_m=0.3,
-            poses=80, never=("--stamp header",), info=("its header stamps jump by ",),
+            poses=80, never=("--stamp header",), info=("header stamps jump by ",),
         )
         for wrong, rows, stamp_ns in (
             ("in 1970 at first", slice(20), lambda t_ns: t_ns - t_ns[0] + 20 * 10**9),

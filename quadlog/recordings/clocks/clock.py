@@ -104,7 +104,7 @@ class Clock:
             if len(log_ns) >= AGREEING_STRAYS:
                 apart_s = np.abs(stamp_ns - log_ns - self.usual_ns[topic]).max() * 1e-9
                 what = f"{len(log_ns)} messages stamped up to {apart_s:.0f} s off, {_logged(log_ns)}, are dropped"
-                why = f"its header stamps are of a clock that was set; {what}; {BY_LOG_TIMES}"
+                why = f"{A_CLOCK_SET}; {what}; {BY_LOG_TIMES}"
                 found.append(Loss("clock", why, topic, len(log_ns)))
         return found
 
@@ -272,7 +272,7 @@ def _passed_ns(t_ns: Int) -> int:
     return max(int(np.minimum(np.diff(np.maximum.accumulate(each)), BRIDGED_NS).sum()) for each in passages)
 
 
-BY_LOG_TIMES = "take log times with  --stamp log"
+A_CLOCK_SET, BY_LOG_TIMES = "header stamps are of a clock that was set", "take log times with  --stamp log"
 
 
 def _logged(log_ns: Int) -> str:
@@ -290,7 +290,7 @@ def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]
         lost_ns = np.concatenate([each.log_ns[mask] for each, mask in mine])
         falls_ns = [(np.maximum.accumulate(each.t_ns) - each.t_ns, each.t_ns) for each, _ in mine]
         back_ns, to_ns = max((int(fall_ns.max()), int(t_ns[fall_ns.argmax()])) for fall_ns, t_ns in falls_ns)
-        why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else "its header stamps are of a clock that was set"
+        why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else A_CLOCK_SET
         what = (
             f"{dropped} of {total} {things} whose stamps repeat or run ahead of others, {_logged(lost_ns)}, are dropped"
         )
