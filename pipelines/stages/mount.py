@@ -228,30 +228,23 @@ WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
 """Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
 
 
-def contradicts_gravity(recording: Recording, imu: str) -> str | None:
-    """A warning where an IMU's orientation turns the gravity that it measures off the vertical; None elsewhere."""
-    messages = [each for each in recording.sample(imu, WEIGHED) if isinstance(each, Imu)]
+def unfit_orientation(recording: Recording, topic: str, imu: ImuSeries) -> str | None:
+    """A warning where an IMU's orientation turns the gravity that it measures off the vertical, or never changes."""
+    messages = [each for each in recording.sample(topic, WEIGHED) if isinstance(each, Imu)]
     oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
-    if not oriented:
+    if imu.quat_xyzw is None or not oriented:
         return None
     quat_xyzw, measured_mps2 = (np.array(each) for each in zip(*oriented, strict=True))
     up_mps2 = (rotation_from_quat(quat_xyzw) @ measured_mps2[..., None]).mean(axis=0)[:, 0]
     weight_mps2 = float(np.linalg.norm(up_mps2))
-    # Without gravity, as from drivers that subtract it, nothing can be said.
-    if not WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
-        return None
-    apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
-    if apart_rad < MOST_APART_RAD:
-        return None
-    return (
-        f"{imu}: its orientation contradicts the gravity that it measures by {np.degrees(apart_rad):.0f} degrees; "
-        "it is not used"
-    )
-
-
-def frozen(imu: ImuSeries) -> bool:
-    """Whether all orientations are alike: drivers without one may send the same all the time."""
-    return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
+    # Without gravity, as from drivers that subtract it, it contradicts nothing.
+    if WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
+        apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
+        if apart_rad >= MOST_APART_RAD:
+            by = f"by {np.degrees(apart_rad):.0f} degrees"
+            return f"{topic}: its orientation contradicts the gravity that it measures {by}; it is not used"
+    still = len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
+    return f"{topic}: its orientation is the same in every message; it is not used" if still else None
 
 
 def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: ImuSeries | None) -> UpSeries | None:
@@ -259,7 +252,7 @@ def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: Imu
 
     imu: as it is mounted. frames: what a look at the transforms showed.
     """
-    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+    if imu is not None and imu.quat_xyzw is not None:
         return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames))
     poses = streams.odometry
     if poses is None:

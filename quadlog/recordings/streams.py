@@ -324,8 +324,13 @@ class _Logged:
             return None
         quat_xyzw = track.rows["quat_xyzw"].copy()
         finite = np.isfinite(quat_xyzw)
-        if finite.any() and not finite.all():
-            self._warnings.append(f"{track.topic}: not every message has an orientation; none is used")
+        if not finite.all():
+            some = (
+                "not every message has an orientation; none is used"
+                if finite.any()
+                else "its messages hold no orientation"
+            )
+            self._warnings.append(f"{track.topic}: {some}")
         rates = track.rows["angular_radps"].copy()
         return ImuSeries(track.t_ns.copy(), rates, quat_xyzw if finite.all() else None, track.frame_id)
 
