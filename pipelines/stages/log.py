@@ -197,7 +197,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
         streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames)),
         mount=mount,
         mover=mover,
-        up=mounts.up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
+        up=mounts.up_of_base(streams, frames, roles.base_in_map(config.topics), imu) if config.lidar.level else None,
         first_ns=first_ns,
         last_ns=last_ns,
         point_times=AS_THEY_COME if scanners is None else scanners.times,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.config.schema import Config, Mount, Topics
+from quadlog.config.schema import Config, Mount
 from quadlog.errors import set_flag
 from quadlog.geometry import (
     apply_transform,
@@ -247,17 +247,18 @@ def unfit_orientation(recording: Recording, topic: str, imu: ImuSeries) -> str |
     return f"{topic}: its orientation is the same in every message; it is not used" if still else None
 
 
-def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: ImuSeries | None) -> UpSeries | None:
+def up_of_base(
+    streams: Streams, frames: TransformTree, base_in_map: tuple[str, str] | None, imu: ImuSeries | None
+) -> UpSeries | None:
     """Which way is up in base, by the first available of IMU, odometry and moving tf; None where it is unknown.
 
-    imu: as it is mounted. frames: what a look at the transforms showed.
+    imu: as it is mounted. frames, base_in_map: what a look at the transforms showed.
     """
     if imu is not None and imu.quat_xyzw is not None:
         return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames))
     poses = streams.odometry
-    if poses is None:
-        fixed = None if frames.base is None else frames.fixed_frame(frames.base, topics.map_frame)
-        poses = None if frames.base is None or fixed is None else streams.tf.pose_series(frames.base, fixed)
+    if poses is None and base_in_map is not None:
+        poses = streams.tf.pose_series(*base_in_map)
     if poses is None or not poses.quat_xyzw[:, :2].any():  # planar
         return None
     return up_in_base(poses.t_ns, poses.quat_xyzw)

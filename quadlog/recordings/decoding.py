@@ -164,7 +164,7 @@ def _not_by_columns(channel: Channel, definitions: Definitions, warn: Warn) -> R
         columns = ColumnReader(channel, wanted, definitions.candidates)
         return _clouds(lambda points: lambda payload: cloud_of(columns.one(bytes(payload)), points=points))
     if last_part(name) == LIVOX:
-        return _clouds(lambda points: partial(decode_livox, topic=topic, encoding=encoding, points=points))
+        return _clouds(lambda points: partial(decode_livox, topic=topic, encoding=encoding, points=points, warn=warn))
     return None
 
 

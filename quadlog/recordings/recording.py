@@ -15,12 +15,12 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
-from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp, settled_ns
+from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Stamp, settled_ns
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
-from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
+from quadlog.recordings.decoders.range_ends import TAG_0, Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoding import (
@@ -134,7 +134,7 @@ class Recording(ClosedOnExit):
         self._undecodable: dict[str, str] = {}
         self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
-        self._tagless: set[str] = set()
+        self._assumed: dict[str, set[str]] = defaultdict(set)
         self._mended: dict[str, None] = {}
 
     @property
@@ -166,8 +166,9 @@ class Recording(ClosedOnExit):
     @property
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
-        tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        own = [*self.misnamed, *tagless, *plugin_notes(self.channels), *self._mended]
+        keys = "if that is wrong, set tag and anchor in [[uwb.range_topics]]"
+        assumed = [f"{some_of(sorted(topics))}: {what}; {keys}" for what, topics in sorted(self._assumed.items())]
+        own = [*self.misnamed, *assumed, *plugin_notes(self.channels), *self._mended]
         return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
@@ -276,7 +277,7 @@ class Recording(ClosedOnExit):
 
     def _usual_times(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> Int:
         """(2, N) log times and times on the clock, without strays."""
-        t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
+        t_ns, stamped = self.clock.placed(topic, stream, stamp_ns, log_ns)
         usual = ~stamped | (np.abs(t_ns - log_ns - self.clock.usual_ns.get(topic, 0)) <= FAR_APART_NS)
         return np.stack([log_ns, t_ns])[:, usual]
 
@@ -368,17 +369,12 @@ class Recording(ClosedOnExit):
             offsets_ns: list[int] = []
             for each in self.peek(topic, FIRST_STAMPS)[0]:
                 stream, log_ns, stamp_ns = stamps_of(each)
-                t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
+                t_ns, stamped = self.clock.placed(topic, stream, stamp_ns, log_ns)
                 offsets_ns += (t_ns - log_ns)[stamped].tolist()
             self.clock.learn(topic, offsets_ns)
             usual_ns = self.clock.usual_ns.get(topic, 0)
             self._first_lags_ns[topic] = [-e for e in offsets_ns if abs(e - usual_ns) <= FAR_APART_NS] or [0]
         return self._first_lags_ns[topic]
-
-    def _times_of(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> tuple[Int, Mask]:
-        """(N,) times on the clock, and whether they are those of stamps; strays are not left out."""
-        stamped = stamp_ns > 0
-        return np.where(stamped, self.clock.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
@@ -445,10 +441,12 @@ class Recording(ClosedOnExit):
         if nameless.any():
             named = rows["anchor"] != NO_ID
             if (nameless & named).any():
-                self._tagless.add(topic)
+                self._assumed[TAG_0].add(topic)
             rows["tag"][nameless & named] = 0
-            if (ends := self.ends_of(topic)) is not None:
-                rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named] = ends
+            if (nameless & ~named).any() and (ends := self.ends_of(topic)) is not None:
+                rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named], assumed = ends
+                if assumed:
+                    self._assumed[assumed].add(topic)
 
 
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:

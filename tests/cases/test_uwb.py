@@ -314,7 +314,13 @@ CASES = {
         written([*frames_of(*measure(), tag=1), *frames_of(measure()[0] + 10**7, measure(1)[1], tag=2)]),
         worst_m=0.2, links=8,
     ),
-    "topics of anchors": Case(on_topics("/uwb/anchor_{}/range"), rms_m=0.06, poses=400),
+    "topics of anchors": Case(
+        on_topics("/uwb/anchor_{}/range"), ("range, /uwb/anchor_3/range: no tag is named; ranges are taken as those",),
+        rms_m=0.06, poses=400, info=("no tag is named",),
+    ),
+    "topics of numbers": Case(
+        on_topics("/uwb/{}/to/2"), ("/uwb/3/to/2: the first number of the name is taken as the tag's",), source="fixed"
+    ),
     "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
     "topics, odd values": Case(
         on_topics("/uwb/tof/n_9/n_{}/distance", odd=(np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)),

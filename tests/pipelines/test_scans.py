@@ -42,7 +42,11 @@ def scanner(
     of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
     poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
     streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
-    up = up_of_base(streams, tree, config.topics, of_imu) if config.lidar.level else None
+    up = (
+        up_of_base(streams, tree, None if moving is None else ("base_link", "map"), of_imu)
+        if config.lidar.level
+        else None
+    )
     data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up, scanners=None)
     if behind is not None:
         several = [PlacedScanner("", LidarMount(each), None, AS_THEY_COME) for each in (mount, behind)]

@@ -65,10 +65,10 @@ class Clock:
         kept = np.ones(len(log_ns), np.bool_)
         if self.stamp == "log" or not len(log_ns):
             return log_ns, kept
-        if stamp_ns is None or not (stamped := stamp_ns > 0).any():
+        if stamp_ns is None or not (stamp_ns > 0).any():
             self._meet(0, 0, f"the log time that {topic} must use (its messages have no stamp)")
             return log_ns, kept
-        t_ns = np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns)
+        t_ns, stamped = self.placed(topic, stream, stamp_ns, log_ns)
         offset_ns = t_ns - log_ns
         if topic not in self.usual_ns:
             self.learn(topic, offset_ns[stamped][:FIRST_STAMPS].tolist())
@@ -78,6 +78,11 @@ class Clock:
         if len(given_ns := offset_ns[kept]):
             self._meet(int(given_ns.min()), int(given_ns.max()), f"header stamps of {topic}")
         return t_ns, kept
+
+    def placed(self, topic: str, stream: str, stamp_ns: Int, log_ns: Int) -> tuple[Int, Mask]:
+        """(N,) times on the clock, strays included, and whether they are those of stamps."""
+        stamped = stamp_ns > 0
+        return np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns), stamped
 
     def _meet(self, low_ns: int, high_ns: int, of: str) -> None:
         self.low, self.high = (

@@ -126,7 +126,9 @@ POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = True) -> PointCloud:
+def decode_livox(
+    payload: Payload, topic: str, encoding: str, points: bool = True, warn: Warn = lambda _: None
+) -> PointCloud:
     """One CustomMsg, whose line becomes ring; its size is checked before anything is allocated."""
     reader = PayloadReader(payload, encoding, topic)
     header = reader.header()
@@ -152,6 +154,8 @@ def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = Tru
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
     cloud = cloud_from_block(topic, block, fields, header.stamp_ns, header.frame_id, points)
     zero_ns = timebase_ns - (cloud.stamp_ns or 0)
+    if timebase_ns and abs(zero_ns) > LARGEST_SHIFT_NS:
+        warn(f"{topic}: timebase is more than a second off header.stamp; times of points count from the stamp")
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
     return replace(cloud, time_fields={name: each + np.int64(zero_ns) for name, each in cloud.time_fields.items()})

@@ -32,11 +32,16 @@ def id_of(text: str, names: Mapping[str, int] = {}) -> int:
     return int(number[1])
 
 
+TAG_0 = "no tag is named; ranges are taken as those of tag 0"
+TAG_FIRST = "the first number of the name is taken as the tag's id, the second as the anchor's"
+
+
 class Ends(NamedTuple):
-    """The two ends of a range, by id."""
+    """The two ends of a range, by id; assumed: what nothing says of them, empty where all is known."""
 
     tag: int
     anchor: int
+    assumed: str = ""
 
 
 def ends_of_topic(
@@ -61,7 +66,8 @@ def ends_of_topic(
             return Ends(second, first) if words[0] == "anchor" or words[1] == "tag" else Ends(first, second)
         if first in anchor_ids and second not in anchor_ids:
             return Ends(second, first)
-        return Ends(first, second)
+        known = first not in anchor_ids and second in anchor_ids
+        return Ends(first, second, "" if known else TAG_FIRST)
     if len(numbers) == 1 and words != ["tag"] and any(word in topic.lower() for word in UWB_WORDS):
-        return Ends(0, numbers[0])
+        return Ends(0, numbers[0], TAG_0)
     return None

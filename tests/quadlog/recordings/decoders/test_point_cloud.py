@@ -340,8 +340,11 @@ def test_livox_messages_of_any_package(kind: str, package: str, as_bundled: bool
 @pytest.mark.parametrize("kind", KINDS)
 def test_livox_points_lines_and_offsets(kind: str, count: int, frame: str) -> None:
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
+    (encoding, said), far_ns = ("ros1" if kind == "ros1" else "cdr", list[str]()), T_NS + 2 * 10**9
+    decode_livox(serialised(kind, custom_message(kind, count, far_ns, frame)), "/livox", encoding, warn=said.append)
     payload = serialised(kind, custom_message(kind, count, T_NS + 500, frame))
-    cloud = decode_livox(payload, "/livox/lidar", "ros1" if kind == "ros1" else "cdr")
+    cloud = decode_livox(payload, "/livox", encoding, warn=said.append)
+    assert said == ["/livox: timebase is more than a second off header.stamp; times of points count from the stamp"]
     i = np.arange(count)
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
