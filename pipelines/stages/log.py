@@ -179,7 +179,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     streams = mounts.poses_in_base(streams, frames.base or "", mount, topics)
     streams.warnings.extend(_sender_warnings(log, streams))
     imu = streams.imu
-    if imu is not None and (wrong := mounts.unfit_orientation(recording, str(topics["imu"]), imu)) is not None:
+    if imu is not None and (wrong := mounts.orientation_warning(recording, str(topics["imu"]), imu)) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
     gap_ns = round(config.lidar.pose_gap_s * 1e9)

@@ -228,7 +228,7 @@ WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
 """Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
 
 
-def unfit_orientation(recording: Recording, topic: str, imu: ImuSeries) -> str | None:
+def orientation_warning(recording: Recording, topic: str, imu: ImuSeries) -> str | None:
     """A warning where an IMU's orientation turns the gravity that it measures off the vertical, or never changes."""
     messages = [each for each in recording.sample(topic, WEIGHED) if isinstance(each, Imu)]
     oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]

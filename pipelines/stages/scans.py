@@ -81,7 +81,8 @@ class Scanner:
         found = merged([scan for scan, *_ in each], [own_ns - t_ns for _, own_ns, _ in sweeps])
         row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
         level = None if found.ground is None else found.ground.is_level
-        skewed, not_levelled = (next(filter(None, why), None) for why in ([scan[i] for scan in each] for i in (1, 2)))
+        skewed = next((why for _, why, _ in each if why is not None), None)
+        not_levelled = next((why for *_, why in each if why is not None), None)
         return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
 
     def _classified(

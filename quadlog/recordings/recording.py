@@ -20,7 +20,7 @@ from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_c
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.pose_fields import PoseField
-from quadlog.recordings.decoders.range_ends import TAG_0, Ends, ends_of_topic
+from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoding import (
@@ -166,9 +166,16 @@ class Recording(ClosedOnExit):
     @property
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
-        keys = "if that is wrong, set tag and anchor in [[uwb.range_topics]]"
-        assumed = [f"{some_of(sorted(topics))}: {what}; {keys}" for what, topics in sorted(self._assumed.items())]
-        own = [*self.misnamed, *assumed, *plugin_notes(self.channels), *self._mended]
+        tag, order = (some_of(sorted(self._assumed[what])) for what in ("tag", "order"))
+        tagless = f"{tag}: no tag is named; ranges are taken as those of tag 0; others:  [[uwb.range_topics]]"
+        first = f"{order}: of two numbers the first is taken as the tag, the second as the anchor; [[uwb.range_topics]]"
+        own = [
+            *self.misnamed,
+            *([tagless] if tag else []),
+            *([first] if order else []),
+            *plugin_notes(self.channels),
+            *self._mended,
+        ]
         return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
     def types_of(self, topic: str) -> list[str]:
@@ -441,7 +448,7 @@ class Recording(ClosedOnExit):
         if nameless.any():
             named = rows["anchor"] != NO_ID
             if (nameless & named).any():
-                self._assumed[TAG_0].add(topic)
+                self._assumed["tag"].add(topic)
             rows["tag"][nameless & named] = 0
             if (nameless & ~named).any() and (ends := self.ends_of(topic)) is not None:
                 rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named], assumed = ends

@@ -325,12 +325,11 @@ class _Logged:
         quat_xyzw = track.rows["quat_xyzw"].copy()
         finite = np.isfinite(quat_xyzw)
         if not finite.all():
-            some = (
-                "not every message has an orientation; none is used"
+            self._warnings.append(
+                f"{track.topic}: not every message has an orientation; none is used"
                 if finite.any()
-                else "its messages hold no orientation"
+                else f"{track.topic}: its messages hold no orientation"
             )
-            self._warnings.append(f"{track.topic}: {some}")
         rates = track.rows["angular_radps"].copy()
         return ImuSeries(track.t_ns.copy(), rates, quat_xyzw if finite.all() else None, track.frame_id)
 

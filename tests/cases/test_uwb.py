@@ -319,7 +319,7 @@ CASES = {
         rms_m=0.06, poses=400, info=("no tag is named",),
     ),
     "topics of numbers": Case(
-        on_topics("/uwb/{}/to/2"), ("/uwb/3/to/2: the first number of the name is taken as the tag's",), source="fixed"
+        on_topics("/uwb/{}/to/2"), ("/uwb/3/to/2: of two numbers the first is taken as the tag",), source="fixed"
     ),
     "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
     "topics, odd values": Case(

@@ -155,7 +155,8 @@ def decode_livox(
     cloud = cloud_from_block(topic, block, fields, header.stamp_ns, header.frame_id, points)
     zero_ns = timebase_ns - (cloud.stamp_ns or 0)
     if timebase_ns and abs(zero_ns) > LARGEST_SHIFT_NS:
-        warn(f"{topic}: timebase is more than a second off header.stamp; times of points count from the stamp")
+        note = f"{topic}: timebase is more than a second off header.stamp; times of points count from the stamp"
+        warn(note)
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
     return replace(cloud, time_fields={name: each + np.int64(zero_ns) for name, each in cloud.time_fields.items()})

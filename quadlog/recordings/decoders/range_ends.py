@@ -32,12 +32,8 @@ def id_of(text: str, names: Mapping[str, int] = {}) -> int:
     return int(number[1])
 
 
-TAG_0 = "no tag is named; ranges are taken as those of tag 0"
-TAG_FIRST = "the first number of the name is taken as the tag's id, the second as the anchor's"
-
-
 class Ends(NamedTuple):
-    """The two ends of a range, by id; assumed: what nothing says of them, empty where all is known."""
+    """The two ends of a range, by id; assumed: what nothing says of them, "tag" or "order", or nothing."""
 
     tag: int
     anchor: int
@@ -67,7 +63,7 @@ def ends_of_topic(
         if first in anchor_ids and second not in anchor_ids:
             return Ends(second, first)
         known = first not in anchor_ids and second in anchor_ids
-        return Ends(first, second, "" if known else TAG_FIRST)
+        return Ends(first, second, "" if known else "order")
     if len(numbers) == 1 and words != ["tag"] and any(word in topic.lower() for word in UWB_WORDS):
-        return Ends(0, numbers[0], TAG_0)
+        return Ends(0, numbers[0], "tag")
     return None

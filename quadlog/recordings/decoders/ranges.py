@@ -38,7 +38,7 @@ def ranges(
         if isinstance(texts := columns.get(end, None), tuple):
             numbers = [id_of(text, names) for text in texts]
             for number, text in zip(numbers, texts, strict=True):
-                if (other := columns.memory.setdefault((end, number), text)) != text:
+                if (other := columns.memory.setdefault(f"{end} {number}", text)) != text:
                     raise ValueError(f"{other!r} and {text!r} would both be {end} {number}: {NAME_THEM}")
             columns[end] = np.tile(numbers, (columns.n, 1))
     values: dict[str, Any] = {"tag": NO_ID, "anchor": columns.places("range") if columns.arrays["range"] else NO_ID}

@@ -164,7 +164,7 @@ def _times(paths: Sequence[str]) -> list[str]:
         return [each[0] for each in six]
     if len(rounds) == len(replies) == 2:  # which reply is whose does not matter
         return [rounds[0], replies[0], rounds[1], replies[1]]
-    numbered = sorted((path for path in paths if re.fullmatch("t_?[1-6]", names[path])), key=names.get)
+    numbered = sorted((path for path in paths if re.fullmatch("t_?[1-6]", names[path])), key=lambda path: names[path])
     return numbered if len(numbered) == 6 else []
 
 
@@ -186,11 +186,13 @@ def _pose(channel: Channel, paths: dict[str, str]) -> str:
     if len(place) < 3:
         return ""
     fields = [place[axis] for axis in "xyz"] + ([turn[axis] for axis in "xyzw"] if len(turn) == 4 else [])
-    notes = ["north, west, up"] if channel.type_name.startswith("px4_msgs/") else []
-    if notes:
-        fields = [f"-{path}" if i in (1, 2, 4, 5) else path for i, path in enumerate(fields)]
-    notes += ["if the array of the orientation begins with w"] if fields[-1].endswith("[0]") else []
-    return _table("topics.poses", channel, "; ".join(notes), fields=json.dumps(fields), unit=_unit(place["x"]))
+    remarks = ["if the array of the orientation begins with w"] if fields[-1].endswith("[0]") else []
+    if channel.type_name.startswith("px4_msgs/"):
+        fields, remarks = (
+            [f"-{path}" if i in (1, 2, 4, 5) else path for i, path in enumerate(fields)],
+            ["north, west, up"],
+        )
+    return _table("topics.poses", channel, "; ".join(remarks), fields=json.dumps(fields), unit=_unit(place["x"]))
 
 
 def _named_axes(paths: dict[str, str]) -> Iterator[tuple[str, str]]:
