@@ -296,8 +296,7 @@ def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]
         falls_ns = [(np.maximum.accumulate(each.t_ns) - each.t_ns, each.t_ns) for each, _ in mine]
         back_ns, to_ns = max((int(fall_ns.max()), int(t_ns[fall_ns.argmax()])) for fall_ns, t_ns in falls_ns)
         why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else A_CLOCK_SET
-        what = (
-            f"{dropped} of {total} {things} whose stamps repeat or run ahead of others, {_logged(lost_ns)}, are dropped"
-        )
+        whose = "whose stamps repeat or run ahead of others"
+        what = f"{dropped} of {total} {things} {whose}, {_logged(lost_ns)}, are dropped"
         losses.append(Loss("clock", f"{why}; {what}; {BY_LOG_TIMES}", topic, dropped))
     return losses

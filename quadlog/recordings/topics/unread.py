@@ -107,13 +107,9 @@ def hint(channel: Channel, mapped: Mapping[str, Type] = {}) -> str:
     return _ranges(channel, paths) or _pose(channel, paths) or PLUGIN
 
 
-def _table(key: str, channel: Channel, note: str = "", **values: str) -> str:
-    lines = [
-        f"[[{key}]]" + f"  # {note}" * bool(note),
-        f"topic = {json.dumps(channel.topic)}",
-        *(f"{name} = {values[name]}" for name in values),
-    ]
-    return "\n".join(lines)
+def _table(key: str, channel: Channel, remark: str = "", **values: str) -> str:
+    values = {"topic": json.dumps(channel.topic)} | values
+    return "\n".join([f"[[{key}]]{remark and '  # '}{remark}", *(f"{name} = {values[name]}" for name in values)])
 
 
 RANGE_WORDS = {"range", "ranges", "dist", "dis", "distance", "distances"}
@@ -186,13 +182,11 @@ def _pose(channel: Channel, paths: dict[str, str]) -> str:
     if len(place) < 3:
         return ""
     fields = [place[axis] for axis in "xyz"] + ([turn[axis] for axis in "xyzw"] if len(turn) == 4 else [])
-    remarks = ["if the array of the orientation begins with w"] if fields[-1].endswith("[0]") else []
+    remark = "if the array of the orientation begins with w" if fields[-1].endswith("[0]") else ""
     if channel.type_name.startswith("px4_msgs/"):
-        fields, remarks = (
-            [f"-{path}" if i in (1, 2, 4, 5) else path for i, path in enumerate(fields)],
-            ["north, west, up"],
-        )
-    return _table("topics.poses", channel, "; ".join(remarks), fields=json.dumps(fields), unit=_unit(place["x"]))
+        fields = [f"{'-' * (i in (1, 2, 4, 5))}{path}" for i, path in enumerate(fields)]
+        remark = "north, west, up"
+    return _table("topics.poses", channel, remark, fields=json.dumps(fields), unit=_unit(place["x"]))
 
 
 def _named_axes(paths: dict[str, str]) -> Iterator[tuple[str, str]]:
