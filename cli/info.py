@@ -82,6 +82,8 @@ TOPIC = {"name": "topic", "messages": "messages", "rate": "Hz", "gaps": "gaps", 
 
 def _topics(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
     """A line of numbers for each topic; below it the type, and why the topic has its role or none."""
+    from quadlog.results.text import terminal_width, wrapped
+
     rows = []
     for row in topics:
         rate = None if row["hz_min"] is None else f"{row['hz_min']:.4g}..{row['hz_max']:.4g}"
@@ -91,9 +93,9 @@ def _topics(topics: Sequence[dict[str, Any]]) -> Iterator[str]:
     yield from head
     for row, lines in zip(topics, laid, strict=True):
         yield from lines
-        parts = [printable(part) for part in (row["type"], row["why"]) if part]
-        fits = len(": ".join(parts)) <= 76
-        yield from (f"    {part}" for part in ([": ".join(parts)] if fits else parts))
+        parts, width = [printable(part) for part in (row["type"], row["why"]) if part], terminal_width() - 4
+        parts = [whole] if len(whole := ": ".join(parts)) <= width else parts
+        yield from (f"    {line}" for part in parts for line in wrapped(part, width, "  "))
     yield from rest
 
 

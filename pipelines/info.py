@@ -13,11 +13,12 @@ import numpy as np
 
 from quadlog.config.file import SCHEMA, commented_toml
 from quadlog.config.schema import Config, UwbConfig
-from quadlog.errors import NothingReadable, printable
+from quadlog.errors import NothingReadable, printable, some_of
 from quadlog.messages import Float
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.stages.mount import find_mount
 from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb, unless_ambiguous
+from quadlog.recordings.clocks.clock import BY_LOG_TIMES
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
@@ -56,10 +57,10 @@ def describe_recording(
         roles = detect_roles(recording, config.topics)
         uwb, warnings = _uwb(part, roles, config, seen.anchor_places, whole=part is recording)
         info = _describe(recording, roles, seen, config)
-        jumps = _back_warnings(seen, roles.topics("uwb") if uwb else ())
+        clocks = [*recording.warnings, *_clock_warnings(seen, roles.played, roles.topics("uwb") if uwb else ())]
         sampled = {"sampled": part is not recording}
         uwb = {"uwb": [], "uwb_tags": [], "uwb_body": []} | uwb
-        return info | sampled | uwb | {"warnings": [*unindexed, *info["warnings"], *jumps, *warnings]}
+        return info | sampled | uwb | {"warnings": [*unindexed, *clocks, *warnings]}
 
 
 def _look(
@@ -125,7 +126,6 @@ def _describe(recording: Recording, roles: Roles, seen: Survey, config: Config) 
         "start_ns": seen.start_ns,
         "end_ns": seen.end_ns,
         "losses": [asdict(loss) for loss in recording.losses],
-        "warnings": [*recording.warnings, *_clock_warnings(seen, roles.played)],
         "topics": [_topic_row(each, recording, roles) for each in seen.topics],
         "roles": {name: {"topics": list(role.topics), "why": role.why} for name, role in roles.found.items()},
         "ambiguous": {role: [list(topics) for topics in choices] for role, choices in roles.ambiguous.items()},
@@ -165,13 +165,22 @@ def _tf_rows(roles: Roles, seen: Survey, base: str | None) -> list[dict[str, Any
     ]
 
 
-def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
-    """Warnings of header stamps more than an hour from log time, or that jump by more, with a way out of those used."""
+def _clock_warnings(seen: Survey, used: Collection[str], read: Collection[str]) -> list[str]:
+    """Warnings of header stamps that lie more than an hour from log time, jump by more, or go back.
+
+    Those of topics that are used come with a way out; read: topics whose losses have that stamps go back.
+    """
+    jumped = [each for each in seen.topics if (each.clock_jump_s or 0.0) > FAR_APART_S]
+    back = [each for each in seen.topics if each.clock_back_ns > LATE_NS and each not in jumped]
+    back = sorted((each for each in back if each.name not in read), key=lambda each: -each.clock_back_ns)
+    jump_s = max((each.clock_jump_s or 0.0 for each in jumped), default=0.0)
+    lines = [(jumped, f"header stamps jump by {jump_s:.0f} s against log time")]
+    lines += [(back, stamps_go_back(back[0].clock_back_ns, back[0].clock_back_to_ns))] if back else []
     jumps = [
-        f"{each.name}: its header stamps jump by {each.clock_jump_s:.0f} s against log time"
-        + ("; take log times with  --stamp log" if each.name in used else "")
-        for each in seen.topics
-        if each.clock_jump_s is not None and each.clock_jump_s > FAR_APART_S
+        f"{some_of([each.name for each in some])}: {line}"
+        + f"; {BY_LOG_TIMES}" * any(each.name in used for each in some)
+        for some, line in lines
+        if some
     ]
     far = [each for each in seen.topics if each.clock_offset_s is not None and abs(each.clock_offset_s) > FAR_APART_S]
     if not far:
@@ -179,17 +188,8 @@ def _clock_warnings(seen: Survey, used: Collection[str]) -> list[str]:
     unstamped = [each for each in seen.topics if each.name in used and each.messages and each.clock_offset_s is None]
     line = f"header stamps of {several(len(far), 'topic')} lie {far[0].clock_offset_s:.0f} s from log time"
     if unstamped and any(each.name in used for each in far):
-        line += f", which {several(len(unstamped), 'topic')} without stamps must use; take log times with  --stamp log"
+        line += f", which {several(len(unstamped), 'topic')} without stamps must use; {BY_LOG_TIMES}"
     return [*jumps, line]
-
-
-def _back_warnings(seen: Survey, read: Collection[str]) -> list[str]:
-    """Warnings of topics whose stamps go back, but for those that were read, whose losses have it."""
-    return [
-        f"{each.name}: {stamps_go_back(each.clock_back_ns, each.clock_back_to_ns)}; take log times with  --stamp log"
-        for each in seen.topics
-        if each.clock_back_ns > LATE_NS and each.name not in read
-    ]
 
 
 def _topic_row(topic: TopicSurvey, recording: Recording, roles: Roles) -> dict[str, Any]:

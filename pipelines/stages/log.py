@@ -24,7 +24,7 @@ from quadlog.pipelines.stages import mount as mounts
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
-from quadlog.pipelines.stages.scanners import Scanners
+from quadlog.pipelines.stages.scanners import Scanners, Sweep
 from quadlog.pipelines.store import only, stage
 from quadlog.recordings.recording import open_recording
 from quadlog.recordings.streams import Streams, gather
@@ -148,12 +148,19 @@ class LogData:
         """The clouds and their stamps, without those that a clock that was set stamps wrongly."""
         logged = self.log.recording.messages(self.log.lidars, *self.log.window)
         if self.scanners is not None:
-            yield from self.scanners.clouds(logged)
+            yield from ((t_ns, self.scanners.as_one(t_ns, sweeps)) for t_ns, sweeps in self.scanners.turns(logged))
             return
         repeated = iter(self.streams.repeated_clouds.tolist())
         for t_ns, _, cloud in logged:
             if isinstance(cloud, PointCloud) and not next(repeated, False):
                 yield t_ns, self.point_times.timed(cloud) if self.mover is None else self.mover.moved(t_ns, cloud)
+
+    def turns(self) -> Iterator[tuple[int, list[Sweep]]]:
+        """The same, each scanner's by itself and as it was taken."""
+        if self.scanners is None:
+            yield from ((t_ns, [Sweep(0, t_ns, cloud)]) for t_ns, cloud in self.clouds())
+        else:
+            yield from self.scanners.turns(self.log.recording.messages(self.log.lidars, *self.log.window))
 
 
 def read_log(log: Log, progress: Progress) -> LogData:
@@ -178,7 +185,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
     streams = mounts.poses_in_base(streams, frames.base or "", mount, topics)
     streams.warnings.extend(_sender_warnings(log, streams))
     imu = streams.imu
-    if imu is not None and (wrong := mounts.contradicts_gravity(recording, str(topics["imu"]))) is not None:
+    if imu is not None and (wrong := mounts.orientation_warning(recording, str(topics["imu"]), imu)) is not None:
         streams.warnings.append(wrong)
         imu = replace(imu, quat_xyzw=None)
     gap_ns = round(config.lidar.pose_gap_s * 1e9)
@@ -196,7 +203,7 @@ def read_log(log: Log, progress: Progress) -> LogData:
         streams=replace(streams, imu=None if imu is None else mounts.imu_in_base(imu, frames)),
         mount=mount,
         mover=mover,
-        up=mounts.up_of_base(streams, frames, config.topics, imu) if config.lidar.level else None,
+        up=mounts.up_of_base(streams, frames, roles.base_in_map, imu) if config.lidar.level else None,
         first_ns=first_ns,
         last_ns=last_ns,
         point_times=AS_THEY_COME if scanners is None else scanners.times,

@@ -108,8 +108,8 @@ def _filtered(
     tally, gap_s = _Tally(), config.lidar.pose_gap_s
     sampled, samples = even_sample(len(data.streams.clouds_ns), config.results.cloud_samples), list[_Sample]()
     with TableWriter(folder / "scans.parquet", TABLES["scans"]) as table:
-        for number, (t_ns, cloud) in enumerate(data.clouds()):
-            scan = scanner.classified(t_ns, cloud)
+        for number, (t_ns, sweeps) in enumerate(data.turns()):
+            scan = scanner.classified(t_ns, sweeps)
             place = place_of(t_ns, scan.slot_ns, robot, gap_s)
             table.add_row(scan.row)
             if number in sampled:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from quadlog.config.schema import Config, Mount, Topics
+from quadlog.config.schema import Config, Mount
 from quadlog.errors import set_flag
 from quadlog.geometry import (
     apply_transform,
@@ -229,43 +229,37 @@ WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
 """Number of first messages that show gravity, what may be measured of it, and how far it may be off the vertical."""
 
 
-def contradicts_gravity(recording: Recording, imu: str) -> str | None:
-    """A warning where an IMU's orientation turns the gravity that it measures off the vertical; None elsewhere."""
-    messages = recording.sample(imu, WEIGHED, Imu)
+def orientation_warning(recording: Recording, topic: str, imu: ImuSeries) -> str | None:
+    """A warning where an IMU's orientation turns the gravity that it measures off the vertical, or never changes."""
+    messages = recording.sample(topic, WEIGHED, Imu)
     oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
-    if not oriented:
+    if imu.quat_xyzw is None or not oriented:
         return None
     quat_xyzw, measured_mps2 = (np.array(each) for each in zip(*oriented, strict=True))
     up_mps2 = (rotation_from_quat(quat_xyzw) @ measured_mps2[..., None]).mean(axis=0)[:, 0]
     weight_mps2 = float(np.linalg.norm(up_mps2))
-    # Without gravity, as from drivers that subtract it, nothing can be said.
-    if not WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
-        return None
-    apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
-    if apart_rad < MOST_APART_RAD:
-        return None
-    return (
-        f"{imu}: its orientation contradicts the gravity that it measures by {np.degrees(apart_rad):.0f} degrees; "
-        "it is not used"
-    )
+    # Without gravity, as from drivers that subtract it, it contradicts nothing.
+    if WEIGHT_MPS2[0] < weight_mps2 < WEIGHT_MPS2[1]:
+        apart_rad = float(np.arccos(np.clip(up_mps2[2] / weight_mps2, -1.0, 1.0)))
+        if apart_rad >= MOST_APART_RAD:
+            by = f"by {np.degrees(apart_rad):.0f} degrees"
+            return f"{topic}: its orientation contradicts the gravity that it measures {by}; it is not used"
+    still = len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
+    return f"{topic}: its orientation is the same in every message; it is not used" if still else None
 
 
-def frozen(imu: ImuSeries) -> bool:
-    """Whether all orientations are alike: drivers without one may send the same all the time."""
-    return imu.quat_xyzw is not None and len(imu) > 1 and not np.ptp(imu.quat_xyzw, axis=0).any()
-
-
-def up_of_base(streams: Streams, frames: TransformTree, topics: Topics, imu: ImuSeries | None) -> UpSeries | None:
+def up_of_base(
+    streams: Streams, frames: TransformTree, base_in_map: tuple[str, str] | None, imu: ImuSeries | None
+) -> UpSeries | None:
     """Which way is up in base, by the first available of IMU, odometry and moving tf; None where it is unknown.
 
-    imu: as it is mounted. frames: what a look at the transforms showed.
+    imu: as it is mounted. frames, base_in_map: what a look at the transforms showed.
     """
-    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+    if imu is not None and imu.quat_xyzw is not None:
         return up_in_base(imu.t_ns, imu.quat_xyzw, imu_mount(imu.frame_id, frames))
     poses = streams.odometry
-    if poses is None:
-        fixed = None if frames.base is None else frames.fixed_frame(frames.base, topics.map_frame)
-        poses = None if frames.base is None or fixed is None else streams.tf.pose_series(frames.base, fixed)
+    if poses is None and base_in_map is not None:
+        poses = streams.tf.pose_series(*base_in_map)
     if poses is None or not poses.quat_xyzw[:, :2].any():  # planar
         return None
     return up_in_base(poses.t_ns, poses.quat_xyzw)

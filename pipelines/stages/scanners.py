@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,19 +22,24 @@ if TYPE_CHECKING:
 
 
 class PlacedScanner(NamedTuple):
-    """The clouds of a topic on their way into base. times: how the times of points are read."""
+    """The clouds of a topic. times: how the times of points are read."""
 
     topic: str
     mount: LidarMount
     mover: CloudMover | None
     times: TimeReading
 
-    def in_base(self, t_ns: int, cloud: PointCloud) -> PointCloud:
-        """A cloud that was taken at t_ns, without beams: those of several scanners are numbered alike."""
-        if self.mover is not None:
-            return self.mover.moved(t_ns, cloud)
-        xyz_m = apply_transform(self.mount.transform_lidar_to_base, cloud.xyz_m).astype(np.float32)
-        return PointCloud(cloud.stamp_ns, cloud.frame_id, xyz_m, times=self.times.timed(cloud).times)
+    def taken(self, t_ns: int, cloud: PointCloud) -> PointCloud:
+        """A cloud that was taken at t_ns, with times, in the frame of the mount."""
+        return self.times.timed(cloud) if self.mover is None else self.mover.moved(t_ns, cloud)
+
+
+class Sweep(NamedTuple):
+    """A cloud as it was taken at t_ns by the scanner with this number."""
+
+    scanner: int
+    t_ns: int
+    cloud: PointCloud
 
 
 @dataclass(frozen=True)
@@ -77,18 +83,31 @@ class Scanners:
         none = np.zeros(len(self.t_ns), np.bool_)
         return replace(streams, clouds_ns=self.t_ns, clouds_of=none.astype(np.int64), repeated_clouds=none)
 
-    def clouds(self, logged: Iterable[Timed]) -> Iterator[tuple[int, PointCloud]]:
-        """Times and clouds, in base, of all turns; logged: the clouds of all scanners."""
-        scanner_of = {scanner.topic: scanner for scanner in self.each}
-        size, waiting, turn = np.bincount(self.turn), dict[int, list[tuple[int, PointCloud]]](), 0
+    def turns(self, logged: Iterable[Timed]) -> Iterator[tuple[int, list[Sweep]]]:
+        """Times of all turns, and their clouds by time; logged: the clouds of all scanners."""
+        number_of = {scanner.topic: number for number, scanner in enumerate(self.each)}
+        size, waiting, turn = np.bincount(self.turn), defaultdict[int, list[Sweep]](list), 0
         turns = iter(self.turn.tolist())
-        clouds = ((t_ns, topic, cloud) for t_ns, topic, cloud in logged if isinstance(cloud, PointCloud))
-        for (t_ns, topic, cloud), kept in zip(clouds, self.kept, strict=False):
+        clouds = ((t_ns, number_of[topic], cloud) for t_ns, topic, cloud in logged if isinstance(cloud, PointCloud))
+        for (t_ns, number, cloud), kept in zip(clouds, self.kept, strict=False):
             if kept:
-                waiting.setdefault(next(turns), []).append((t_ns, scanner_of[topic].in_base(t_ns, cloud)))
-            while turn < len(size) and len(waiting.get(turn, ())) == size[turn]:
-                yield int(self.t_ns[turn]), _as_one(waiting.pop(turn), int(self.t_ns[turn]))
+                waiting[next(turns)].append(Sweep(number, t_ns, self.each[number].taken(t_ns, cloud)))
+            while turn < len(size) and len(waiting[turn]) == size[turn]:
+                yield int(self.t_ns[turn]), sorted(waiting.pop(turn), key=lambda sweep: sweep.t_ns)
                 turn += 1
+
+    def as_one(self, t_ns: int, sweeps: Sequence[Sweep]) -> PointCloud:
+        """The clouds of a turn as one in base that was taken at t_ns; points without times count as of their cloud's.
+
+        It has no beams: those of several scanners are numbered alike.
+        """
+        xyz_m, offsets_ns = [], []
+        for number, own_ns, cloud in sweeps:
+            xyz_m.append(apply_transform(self.each[number].mount.transform_lidar_to_base, cloud.xyz_m))
+            offset_ns = np.zeros(len(cloud.xyz_m), np.int64) if cloud.offset_ns is None else cloud.offset_ns
+            offsets_ns.append(offset_ns + (own_ns - t_ns))
+        together = np.concatenate(xyz_m).astype(np.float32)
+        return PointCloud(t_ns, sweeps[0].cloud.frame_id, together, offset_ns=np.concatenate(offsets_ns))
 
 
 def turns_of(scanner: Int, t_ns: Int) -> tuple[Int, Int]:
@@ -104,13 +123,3 @@ def turns_of(scanner: Int, t_ns: Int) -> tuple[Int, Int]:
         members[-1][own] = own_ns
         turn[row] = len(members) - 1
     return turn, np.array([each[min(each)] for each in members], np.int64)
-
-
-def _as_one(clouds: Sequence[tuple[int, PointCloud]], t_ns: int) -> PointCloud:
-    """Clouds in base by their times as one that was taken at t_ns; points without times were taken with their cloud."""
-    xyz_m = np.concatenate([cloud.xyz_m for _, cloud in clouds])
-    offsets_ns = [
-        (np.zeros(len(cloud.xyz_m), np.int64) if cloud.offset_ns is None else cloud.offset_ns) + (own_ns - t_ns)
-        for own_ns, cloud in clouds
-    ]
-    return PointCloud(t_ns, clouds[0][1].frame_id, xyz_m, offset_ns=np.concatenate(offsets_ns))

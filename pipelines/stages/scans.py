@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from quadlog.config.schema import Config
-from quadlog.lidar.classified_scan import ClassifiedScan, PointClass
+from quadlog.lidar.classified_scan import ClassifiedScan, PointClass, merged
 from quadlog.lidar.deskew import Skewed, sweep_span
 from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.messages import Float, Int, PointCloud
+from quadlog.pipelines.stages.scanners import Sweep
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
     LidarOdometry,
@@ -42,6 +44,7 @@ ROUTE_WORDS = {
     "elevations": "by beams, from the points' elevations",
     "height_map": "without beams, by a map of the lowest points",
     "paper": "as in [Following]",
+    "several": "scanner by scanner",
 }
 
 
@@ -62,25 +65,36 @@ class TimedScan(NamedTuple):
 
 
 class Scanner:
-    """Classifies clouds one by one."""
+    """Classifies clouds one by one, those of each of several scanners by themselves."""
 
     def __init__(self, config: Config, seed: int, data: LogData) -> None:
-        self._mount, self._up = data.mount.transform_lidar_to_base, data.up
-        self._classifier = ScanClassifier(_classifier_settings(config), seed, uses_times=config.lidar.deskew)
+        mounts = [data.mount] if data.scanners is None else [each.mount for each in data.scanners.each]
+        self._mounts, self._up = [each.transform_lidar_to_base for each in mounts], data.up
+        settings, uses_times = _classifier_settings(config), config.lidar.deskew
+        self._classifiers = [ScanClassifier(settings, seed, uses_times=uses_times) for _ in mounts]
 
-    def classified(self, t_ns: int, cloud: PointCloud) -> TimedScan:
-        """The next cloud."""
+    def classified(self, t_ns: int, sweeps: Sequence[Sweep]) -> TimedScan:
+        """The next cloud, or the next ones of several scanners as one that was taken at t_ns."""
         started = time.perf_counter()
+        each = [self._classified(*sweep) for sweep in sweeps]
+        found = merged([scan for scan, *_ in each], [own_ns - t_ns for _, own_ns, _ in sweeps])
+        row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
+        level = None if found.ground is None else found.ground.is_level
+        skewed = next((why for _, why, _ in each if why is not None), None)
+        not_levelled = next((why for *_, why in each if why is not None), None)
+        return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
+
+    def _classified(
+        self, scanner: int, t_ns: int, cloud: PointCloud
+    ) -> tuple[ClassifiedScan, Skewed | None, NotLevelled | None]:
         span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
         ends_ns = t_ns + np.array((0, 0) if isinstance(span_ns, Skewed) else span_ns, np.int64)
         rotations, not_levelled = _upright(ends_ns, self._up)
-        transforms = np.tile(self._mount, (2, 1, 1))
+        transforms = np.tile(self._mounts[scanner], (2, 1, 1))
         transforms[:, :3] = rotations @ transforms[:, :3]
-        found = self._classifier.classify(cloud, transforms)
-        row = _row(t_ns, found) | {"ms": (time.perf_counter() - started) * 1e3}
+        found = self._classifiers[scanner].classify(cloud, transforms)
         skewed = (span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES) if len(found.slot_ns) == 1 else None
-        level = None if found.ground is None else found.ground.is_level
-        return TimedScan(t_ns, row, t_ns + found.slot_ns, level, skewed, not_levelled, found)
+        return found, skewed, not_levelled
 
 
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:

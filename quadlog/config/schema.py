@@ -35,7 +35,8 @@ class PoseTopic(Section):
 
     topic: str = Field(description="the topic")
     fields: list[FieldPath] = Field(
-        description="fields of x, y and z; for an orientation also those of the x, y, z and w of its quaternion"
+        description="fields of x, y and z; for an orientation also those of the x, y, z and w of its quaternion; "
+        "`q[0]` is the first number of an array, `-y` has the other sign"
     )
     unit: Literal["m", "cm", "mm"] = Field("m", description="of x, y and z")
 
@@ -131,6 +132,10 @@ class RangeTopic(Section):
         "response sent and received, final sent and received), or of its four intervals (round and reply of A, of B)",
     )
     tick_s: float | None = Field(None, gt=0, le=1, description="unit of times; of DW1000 and DW3000: 1.565e-11")
+    names: dict[str, Id] = Field(
+        {},
+        description='ids of ends in text fields: {left = 0}; unset: the number, of "A1" 1, of "0x1F" 31, or of a MAC',
+    )
 
     @model_validator(mode="after")
     def _says_something(self) -> RangeTopic:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal, NamedTuple
@@ -23,8 +24,10 @@ class PointClass(IntEnum):
     OBSTACLE = 4
 
 
-Route = Literal["rings", "elevations", "height_map", "paper"]
-"""Method used: the driver's ring numbers, beams found in the elevations, a map of lowest points, or the paper's."""
+Route = Literal["rings", "elevations", "height_map", "paper", "several"]
+"""Method used: the driver's ring numbers, beams found in the elevations, a map of lowest points, the paper's, or each
+scanner's own.
+"""
 FEWEST_RETURNS = 20
 """With fewer ground and obstacle points a scan is not used for maps."""
 FLATTEST_CLOUD = 0.05
@@ -106,6 +109,30 @@ class ClassifiedScan:
         """All points (N, 3) in base."""
         x_m, y_m = self.lidar_base_m[:2].astype(np.float32)
         return np.column_stack([self.returns.dx_m + x_m, self.returns.dy_m + y_m, self.returns.z_m])
+
+
+def merged(scans: Sequence[ClassifiedScan], late_ns: Sequence[int]) -> ClassifiedScan:
+    """Scans of several scanners as one of the first, with its place and the first ground; late_ns: of each stamp.
+
+    A lone scan is itself.
+    """
+    if len(scans) == 1:
+        return scans[0]
+    first, slots, returns = scans[0], 0, list[Returns]()
+    for scan in scans:
+        off_m, own = (scan.lidar_base_m - first.lidar_base_m).astype(np.float32), scan.returns
+        slot = own.slot + np.uint8(slots)
+        returns.append(own._replace(dx_m=own.dx_m + off_m[0], dy_m=own.dy_m + off_m[1], slot=slot))
+        slots += len(scan.slot_ns)
+    return ClassifiedScan(
+        returns=Returns(*map(np.concatenate, zip(*returns, strict=True))),
+        counts=np.sum([scan.counts for scan in scans], axis=0),
+        columns=0,
+        ground=next((scan.ground for scan in scans if scan.ground is not None), None),
+        route="several",
+        lidar_base_m=first.lidar_base_m,
+        slot_ns=np.concatenate([scan.slot_ns + late for scan, late in zip(scans, late_ns, strict=True)]),
+    )
 
 
 def class_counts(label: NDArray[np.uint8]) -> Int:

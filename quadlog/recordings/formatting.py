@@ -19,7 +19,7 @@ def instant(t_ns: int) -> str:
 
 def stamps_go_back(back_ns: int, t_ns: int) -> str:
     """That a topic's stamps go back by so much, to an instant."""
-    return f"its header stamps go back by {back_ns * 1e-9:.2f} s, to {instant(t_ns)}"
+    return f"header stamps go back by {back_ns * 1e-9:.2f} s, to {instant(t_ns)}"
 
 
 def several(count: int, thing: str) -> str:

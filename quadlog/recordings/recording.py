@@ -17,7 +17,7 @@ import numpy as np
 from quadlog.config.schema import Config
 from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
-from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
+from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Stamp, settled_ns
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
 from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
@@ -92,7 +92,7 @@ class Recording(AbstractContextManager["Recording"]):
         self._peeked: dict[str, tuple[int, list[Batch | Timed], str | None]] = {}
         self._undecodable: dict[str, str] = {}
         self._failures: dict[str, tuple[int, str]] = {}
-        self._tagless: set[str] = set()
+        self._assumed: dict[str, set[str]] = defaultdict(set)
         self._mended: dict[str, None] = {}
 
     @property
@@ -119,16 +119,23 @@ class Recording(AbstractContextManager["Recording"]):
             Loss("decode", f"{count} messages could not be decoded; the first: {why}", topic, count)
             for topic, (count, why) in self._failures.items()
         ]
-        return list(dict.fromkeys([*self.container.losses, *own]))
+        return list(dict.fromkeys([*self.container.losses, *self.clock.losses(), *own]))
 
     @property
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
-        tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        own = [*self._misnamed(), *tagless, *plugin_notes(self.channels), *self._mended]
+        own = [*self._misnamed_warnings(), *self._assumed_warnings(), *plugin_notes(self.channels), *self._mended]
         return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
 
-    def _misnamed(self) -> Iterator[str]:
+    def _assumed_warnings(self) -> Iterator[str]:
+        """Of the ends of ranges that nothing names."""
+        if tagless := some_of(sorted(self._assumed["tag"])):
+            yield f"{tagless}: no tag is named; ranges are taken as those of tag 0; others:  [[uwb.range_topics]]"
+        if order := some_of(sorted(self._assumed["order"])):
+            numbers = "of two numbers the first is taken as the tag, the second as the anchor"
+            yield f"{order}: {numbers}; [[uwb.range_topics]]"
+
+    def _misnamed_warnings(self) -> Iterator[str]:
         """Of topics that the configuration says how to read and that the recording does not have."""
         named = [("uwb.range_topics", row.topic) for row in self.config.uwb.range_topics]
         named += [("topics.poses", row.topic) for row in self.config.topics.poses]
@@ -247,7 +254,7 @@ class Recording(AbstractContextManager["Recording"]):
 
     def _usual_times(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> Int:
         """(2, N) log times and times on the clock, without strays."""
-        t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
+        t_ns, stamped = self.clock.placed(topic, stream, stamp_ns, log_ns)
         usual = ~stamped | (np.abs(t_ns - log_ns - self.clock.usual_ns.get(topic, 0)) <= FAR_APART_NS)
         return np.stack([log_ns, t_ns])[:, usual]
 
@@ -302,14 +309,25 @@ class Recording(AbstractContextManager["Recording"]):
         """Find topics, and transforms on the topics tf, on another clock by an excerpt; see clock_offsets."""
         if self.stamp == "log" or self.span_ns is None:
             return
-        parts: dict[str, list[tuple[Int, Int]]] = defaultdict(list)
-        for topic, stream, log_ns, stamp_ns in self._glimpsed(topics):
-            if topic in topics:
-                parts[stream if topic in tf else topic].append((log_ns, stamp_ns))
+        parts, offsets_ns = defaultdict[str, list[tuple[Int, Int]]](list), defaultdict[str, list[Int]](list)
+        glimpsed = [each for each in self._glimpsed(topics) if each[0] in topics]
+        for topic, _, log_ns, stamp_ns in glimpsed:
+            offsets_ns[topic].append((stamp_ns - log_ns)[stamp_ns > 0])
+        usual_ns = settled_ns(offsets_ns)
+        for topic, stream, log_ns, stamp_ns in glimpsed:
+            strange = (stamp_ns > 0) & (
+                np.abs(stamp_ns - log_ns - usual_ns.get(topic, stamp_ns - log_ns)) > FAR_APART_NS
+            )
+            parts[stream if topic in tf else topic].append((log_ns[~strange], stamp_ns[~strange]))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
-        self.clock.usual_ns.clear()
+        shift_ns = self.clock.one.shift_ns
+        moved = {
+            topic: each if (by_ns := shift_ns.get(topic, 0)) is None else each - by_ns
+            for topic, each in usual_ns.items()
+        }
+        self.clock.usual_ns, self.clock.settled = moved, usual_ns.keys()
         self._first_lags_ns.clear()
 
     def usual_offset_ns(self, topic: str) -> int:
@@ -325,17 +343,12 @@ class Recording(AbstractContextManager["Recording"]):
             offsets_ns: list[int] = []
             for each in self.peek(topic, FIRST_STAMPS)[0]:
                 stream, log_ns, stamp_ns = stamps_of(each)
-                t_ns, stamped = self._times_of(topic, stream, log_ns, stamp_ns)
+                t_ns, stamped = self.clock.placed(topic, stream, stamp_ns, log_ns)
                 offsets_ns += (t_ns - log_ns)[stamped].tolist()
             self.clock.learn(topic, offsets_ns)
             usual_ns = self.clock.usual_ns.get(topic, 0)
             self._first_lags_ns[topic] = [-e for e in offsets_ns if abs(e - usual_ns) <= FAR_APART_NS] or [0]
         return self._first_lags_ns[topic]
-
-    def _times_of(self, topic: str, stream: str, log_ns: Int, stamp_ns: Int) -> tuple[Int, Mask]:
-        """(N,) times on the clock, and whether they are those of stamps; strays are not left out."""
-        stamped = stamp_ns > 0
-        return np.where(stamped, self.clock.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns), stamped
 
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
@@ -393,10 +406,12 @@ class Recording(AbstractContextManager["Recording"]):
         if nameless.any():
             named = rows["anchor"] != NO_ID
             if (nameless & named).any():
-                self._tagless.add(topic)
+                self._assumed["tag"].add(topic)
             rows["tag"][nameless & named] = 0
-            if (ends := self.ends_of(topic)) is not None:
-                rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named] = ends
+            if (nameless & ~named).any() and (ends := self.ends_of(topic)) is not None:
+                rows["tag"][nameless & ~named], rows["anchor"][nameless & ~named], assumed = ends
+                if assumed:
+                    self._assumed[assumed].add(topic)
 
 
 def _in_order(batches: Iterable[Batch]) -> Iterator[Timed]:

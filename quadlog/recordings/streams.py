@@ -298,9 +298,9 @@ class _Logged:
         found = []
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = (track.rows["tag"] != NO_ID) & (track.rows["anchor"] != NO_ID)
-            if count := int((~known).sum()):
-                some = f"{track.topic}: {count} ranges without ids"
-                self._warnings.append(f"{some} are left out; name their ends in [[uwb.range_topics]]")
+            if n := int((~known).sum()):
+                line = f"{track.topic}: {n} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
+                self._warnings.append(line)
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
         for why, count in sorted(self._unmeasured.items()):
@@ -335,8 +335,12 @@ class _Logged:
             return None
         t_ns, rates, quat_xyzw = track.columns("angular_radps", "quat_xyzw")
         finite = np.isfinite(quat_xyzw)
-        if finite.any() and not finite.all():
-            self._warnings.append(f"{track.topic}: not every message has an orientation; none is used")
+        if not finite.all():
+            self._warnings.append(
+                f"{track.topic}: not every message has an orientation; none is used"
+                if finite.any()
+                else f"{track.topic}: its messages hold no orientation"
+            )
         return ImuSeries(t_ns, rates, quat_xyzw if finite.all() else None, track.frame_id)
 
     def _joints(self, tracks: Mapping[_Key, _Track]) -> JointSeries | None:

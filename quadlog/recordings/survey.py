@@ -42,7 +42,7 @@ class TopicSurvey:
     header stamp minus log time over the first OFFSETS_KEPT messages read, None without header. clock_jump_s: how far
     apart the largest and the smallest of these differences lie, over all messages read of types that quadlog reads;
     static transforms may be of any age. clock_back_ns, clock_back_to_ns: the farthest that header stamps of one
-    sender's ranges go back from message to message, and to when; zero where they never do.
+    sender go back from message to message, and to when; zero where they never do.
     """
 
     name: str
@@ -200,7 +200,7 @@ class _Found:
     reaches: dict[tuple[int, int], tuple[int, float, float]] = field(default_factory=dict)
     placed: list[np.ndarray] = field(default_factory=list)
     transforms: Counter[tuple[str, str]] = field(default_factory=Counter)
-    _last_ns: dict[int, int] = field(default_factory=dict)
+    _last_ns: dict[tuple[str, int], int] = field(default_factory=dict)
 
     def take(self, some: Sequence[Batch | Timed]) -> None:
         """What was read at once, in any order."""
@@ -211,7 +211,7 @@ class _Found:
                 self.transforms[each.frame_id, each.child_frame_id] += len(each.rows)
             elif each.kind is UwbRanges and not each.unmeasured:
                 self._take_ranges(each.rows)
-        self._take_senders([each for each in batches if each.kind is UwbRanges and each.stamp_ns is not None])
+        self._take_senders(some)
 
     def _take_stamps(self, order: Int, log_ns: Int, stamp_ns: Int) -> None:
         first = np.unique(order, return_index=True)[1]  # a message may hold several
@@ -223,18 +223,24 @@ class _Found:
             low_ns, high_ns = self.ends_ns or ends_ns
             self.ends_ns = min(low_ns, ends_ns[0]), max(high_ns, ends_ns[1])
 
-    def _take_senders(self, ranges: Sequence[Batch]) -> None:
-        """Stamps of each tag's ranges: those that share a topic may be late by different amounts."""
-        stamps = [np.array([each.rows["order"], each.rows["tag"], each.stamp_ns]) for each in ranges]
-        order, tag, stamp_ns = np.concatenate([np.empty((3, 0), np.int64), *stamps], axis=1)
-        rows = np.argsort(order, kind="stable")
-        tag, stamp_ns = tag[rows], stamp_ns[rows]
-        for each in np.unique(tag[stamp_ns != 0]).tolist():
-            mine_ns = stamp_ns[(tag == each) & (stamp_ns != 0)]
-            fall_ns = np.array([self._last_ns.get(each, mine_ns[0]), *mine_ns[:-1]]) - mine_ns
-            self._last_ns[each] = int(mine_ns[-1])
+    def _take_senders(self, some: Sequence[Batch | Timed]) -> None:
+        """Stamps of each tag or transform: those that share a topic may be late by different amounts."""
+        senders = defaultdict[tuple[str, int], list[Int]](list)
+        for each in some:
+            stream, log_ns, stamp_ns = stamps_of(each)
+            order, tag = log_ns * 0, log_ns * 0
+            if isinstance(each, Batch):
+                order, tag = each.rows["order"], each.rows["tag"] if each.kind is UwbRanges else tag
+            for sender in np.unique(tag[stamp_ns != 0]).tolist():
+                mine = (tag == sender) & (stamp_ns != 0)
+                senders[stream, sender].append(np.array([order[mine], stamp_ns[mine]]))
+        for key, parts in senders.items():
+            order, stamp_ns = np.concatenate(parts, axis=1)
+            stamp_ns = stamp_ns[np.argsort(order, kind="stable")]
+            fall_ns = np.array([self._last_ns.get(key, stamp_ns[0]), *stamp_ns[:-1]]) - stamp_ns
+            self._last_ns[key] = int(stamp_ns[-1])
             if fall_ns.max() > self.back_ns[0]:
-                self.back_ns = int(fall_ns.max()), int(mine_ns[fall_ns.argmax()])
+                self.back_ns = int(fall_ns.max()), int(stamp_ns[fall_ns.argmax()])
 
     def _take_ranges(self, rows: np.ndarray) -> None:
         if "anchor_position_m" in (rows.dtype.names or ()):
@@ -279,7 +285,7 @@ def _surveyed(seen: _Seen, t_ns: Int, found: _Found) -> TopicSurvey:
         longest_s,
         median(offsets_ns) * 1e-9 if offsets_ns else None,
         (high_ns - low_ns) * 1e-9 if offsets_ns and not is_static(seen.channel.topic) else None,
-        *found.back_ns,
+        *((0, 0) if is_static(seen.channel.topic) else found.back_ns),
     )
 
 

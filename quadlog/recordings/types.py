@@ -56,7 +56,7 @@ TYPES: dict[str, Type | Clouds | MessageDecoder] = {
     "sensor_msgs/msg/MultiEchoLaserScan": Clouds(partial(scan_decoder, MULTI_ECHO)),
     # Each Livox driver has its package, and others copy its message: matched by the last part of the type, outside of
     # Livox's packages by the definition, too.
-    LIVOX: Clouds(lambda channel, *_: partial(decode_livox, channel)),
+    LIVOX: Clouds(lambda channel, _, warn: partial(decode_livox, channel, warn)),
     "foxglove.PointCloud": MessageDecoder(PointCloud, foxglove.cloud),
     "foxglove.PoseInFrame": MessageDecoder(Pose, foxglove.pose),
 }

@@ -299,6 +299,13 @@ def level_imu(gravity_mps2: float) -> Callable[[Log, Room], None]:
     return make
 
 
+def no_orientation(log: Log, room: Room) -> None:
+    for _, topic, content in log.messages:
+        if topic == "/imu":
+            content.orientation = message("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 0.0)
+            content.orientation_covariance[0] = -1.0
+
+
 def standing(log: Log, room: Room) -> None:
     """Odometry and truth of a robot that never moves."""
     for t_s in instants_s(8.0, 20):
@@ -413,7 +420,9 @@ CASES = {
     "two-scanners": Case(
         two_scanners, 0, "odometry", says=("topics.lidar=/front/scan", "topics.lidar=/rear/scan", BOTH)
     ),
-    "two-scanners-as-one": Case(halves, 0, "odometry", says=("79 scans",), walls=True, settings=(BOTH,)),
+    "two-scanners-as-one": Case(
+        halves, 0, "odometry", says=("79 of 79 scans: no ground",), walls=True, settings=(BOTH,)
+    ),
     "two-scanners-without-mounts": Case(
         two_scanners, 1, says=("no transform places the frame of /front/scan, /rear/scan",), settings=(BOTH,)
     ),
@@ -515,7 +524,10 @@ CASES = {
         never=("duty_factor", "torque_", "cost_of_transport"),
         settings=("robot.model=go1",),
     ),
-    "imu-upright": Case(level_imu(9.81), 0, "odometry", never=("gravity",)),
+    "imu-frozen": Case(level_imu(9.81), 0, "odometry", says=("/imu: its orientation is the same",), never=("gravity",)),
+    "imu-of-rates": Case(
+        together(level_imu(9.81), no_orientation), 0, "odometry", says=("/imu: its messages hold no",)
+    ),
     "imu-upside-down": Case(level_imu(-9.81), 0, "odometry", says=("/imu: its orientation contradicts the gravity",)),
     "imu-without-gravity": Case(level_imu(0.0), 0, "odometry", never=("gravity",)),
     "stands-still": Case(standing, 0, None, says=("the robot stood still",), never=("nan ", "ate_aligned", " aligned")),

@@ -169,13 +169,16 @@ OWN_TEXT = {
     "Frame": "std_msgs/Header header\nuint8 id\nNode[] nodes\n",
     "Single": "std_msgs/Header header\nuint16 peer\nint32 distance_mm\n",
     "Times": "std_msgs/Header header\nuint16 peer\n" + "".join(f"uint64 {name}\n" for name in TIMES),
+    "Named": "std_msgs/Header header\nstring me\nstring peer\nfloat64 range\n",
+    "Names": "std_msgs/Header header\nstring[] peers\nfloat64[] ranges\n",
+    "Flown": "uint64 timestamp\nfloat32[3] position\nfloat32[4] q\n",
     "Place": "builtin_interfaces/Time stamp\nfloat64 x\nfloat64 y\nfloat64 z\n",
 }
 for _name, _text in OWN_TEXT.items():
     STORE.register(get_types_from_msg(_text, f"own/msg/{_name}"))
 
 
-def own(kind: str) -> Write:
+def own(kind: str, name: str = "") -> Write:
     """Ranges in messages of a type that nobody knows, and the walk as another one."""
 
     def write(path: Path) -> Path:
@@ -183,12 +186,24 @@ def own(kind: str) -> Write:
         for t, row in zip(*measure(), strict=True):
             named, (x_m, y_m) = header(int(t), ""), walk_m(np.array([t]))[0]
             log.add("/place", t, message("own/msg/Place", named.stamp, 1000 * x_m, 1000 * y_m, 0.0))
+            if kind == "Flown":
+                half_rad = (t - START_NS) * 1e-9 / 2
+                turn = np.array([np.cos(half_rad), 0, 0, -np.sin(half_rad)], np.float32)
+                log.add("/flown", t, message("own/msg/Flown", int(t), np.array([x_m, -y_m, 1], np.float32), turn))
             if kind == "Frame":
                 nodes = [message("own/msg/Node", i, value) for i, value in enumerate(row)]
                 log.add("/own", t, message("own/msg/Frame", named, 0, nodes))
-            for i, value in enumerate(row if kind != "Frame" else ()):
+            if kind == "Names":
+                log.add("/own", t, message("own/msg/Names", named, SIDES, row))
+            for i, value in enumerate(row if kind in ("Single", "Named", "Times") else ()):
                 late = header(int(t) + i * 10**6, "")
-                if kind == "Single":
+                if kind == "Named":
+                    log.add(
+                        "/own",
+                        t + i * 10**6,
+                        message("own/msg/Named", late, "T7", name.format(i, "AB"[i % 2], i // 2), value),
+                    )
+                elif kind == "Single":
                     log.add("/own", t + i * 10**6, message("own/msg/Single", late, i, round(1000 * value)))
                 else:
                     flight = value / 299_792_458.0 / 1.565e-11
@@ -201,10 +216,20 @@ def own(kind: str) -> Write:
     return write
 
 
+SIDES = ["left", "right", "front", "back"]
+NAMED = "{" + ", ".join(f"{side}={i}" for i, side in enumerate(SIDES)) + "}"
 OWN_KEYS = {
     "Frame": 'field="nodes[].dis", tag="id", anchor="nodes[].id"',
     "Single": 'field="distance_mm", unit="mm", tag=0, anchor="peer"',
     "Times": f'times={[*TIMES]}, tick_s=1.565e-11, tag=0, anchor="peer"',
+    "Named": 'field="range", tag="me", anchor="peer"',
+    "Names": f'field="ranges[]", tag=0, anchor="peers[]", names={NAMED}',
+}
+NAMES = {
+    "A{}": range(4),
+    "{}": range(4),
+    "0x1a{}B": range(0x1A0B, 0x1A4B, 16),
+    "d4:22:cd:00:0f:9{}": range(0xD422CD000F90, 0xD422CD000F94),
 }
 
 
@@ -269,6 +294,18 @@ CASES = {
     "a clock that jumps": Case(
         restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), ("10800 s apart", "--stamp log"), code=1
     ),
+    **{
+        f"a clock {wrong}": Case(
+            restamped(rows, stamp_ns), ("of a clock that was set; 20 messages stamped up to ",), code=3, worst_m=0.3,
+            poses=80, never=("--stamp header",), info=("header stamps jump by ",),
+        )
+        for wrong, rows, stamp_ns in (
+            ("in 1970 at first", slice(20), lambda t_ns: t_ns - t_ns[0] + 20 * 10**9),
+            ("a year ahead at first", slice(20), lambda t_ns: t_ns + 365 * 24 * HOUR_NS),
+            ("in 1970 for a while", slice(40, 60), lambda t_ns: t_ns - t_ns[0] + 20 * 10**9),
+            ("a year ahead in the end", slice(80, 100), lambda t_ns: t_ns + 365 * 24 * HOUR_NS),
+        )
+    },
     "the same by log time": Case(
         restamped(slice(50, None), lambda t_ns: t_ns - 3 * HOUR_NS), flags=("--stamp", "log"), worst_m=0.2
     ),
@@ -277,7 +314,13 @@ CASES = {
         written([*frames_of(*measure(), tag=1), *frames_of(measure()[0] + 10**7, measure(1)[1], tag=2)]),
         worst_m=0.2, links=8,
     ),
-    "topics of anchors": Case(on_topics("/uwb/anchor_{}/range"), rms_m=0.06, poses=400),
+    "topics of anchors": Case(
+        on_topics("/uwb/anchor_{}/range"), ("range, /uwb/anchor_3/range: no tag is named; ranges are taken as those",),
+        rms_m=0.06, poses=400, info=("no tag is named",),
+    ),
+    "topics of numbers": Case(
+        on_topics("/uwb/{}/to/2"), ("/uwb/3/to/2: of two numbers the first is taken as the tag",), source="fixed"
+    ),
     "topics, anchor first": Case(on_topics("/uwb/anchor_{}/tag_2"), rms_m=0.06, links=4),
     "topics, odd values": Case(
         on_topics("/uwb/tof/n_9/n_{}/distance", odd=(np.nan, -1.0, 0.0, np.inf, -np.inf, 1e30)),
@@ -352,7 +395,23 @@ CASES = {
             never=("cannot", "left out"),
         )
         for kind, keys in OWN_KEYS.items()
+        if kind != "Named"
     },
+    **{
+        f"ends by texts as {name}": Case(
+            own("Named", name), config=f'{site(ids)}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n',
+            rms_m=0.06, links=4, never=("cannot", "left out"),
+        )
+        for name, ids in NAMES.items()
+    },
+    "ends by texts without a number": Case(
+        own("Names"), ("'left' has no number: give their ids as names in [[uwb.range_topics]]",), code=1,
+        config=f'{site()}range_topics = [{{topic="/own", {OWN_KEYS["Names"].partition(", names")[0]}}}]\n',
+    ),
+    "ends by texts of one number": Case(
+        own("Named", "{1}{2}"), ("'A0' and 'B0' would both be anchor 0: give their ids",), code=3, source="fixed",
+        config=f'{site()}range_topics = [{{topic="/own", {OWN_KEYS["Named"]}}}]\n',
+    ),
     "a field that is not there": Case(
         own("Single"), ("its definition has no number distance (header, peer, distance_mm)",), code=1,
         config=f'{site()}range_topics = [{{topic="/own", field="distance"}}]\n',
@@ -445,6 +504,15 @@ def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replay
     settled = early | (pose_ns > t_ns[59] + 400_000_000)
     assert np.hypot(*(xy_m - walk_m(true_ns)).T)[settled].max() < 0.3
     assert [text for text in described(path, site())["warnings"] if "go back" in text] == [lost.removeprefix("lost: ")]
+
+
+def test_poses_in_arrays_of_north_east_down_are_those_of_north_west_up(tmp_path, replayed):
+    fields = [*(f"{'-' * (i > 0)}position[{i}]" for i in range(3)), "q[1]", "-q[2]", "-q[3]", "q[0]"]
+    config = f'[topics]\nposition = "/flown"\nposes = [{{topic = "/flown", fields = {fields}}}]\n'
+    poses = replayed(own("Flown")(tmp_path / "log"), "--until", "position", config=config).table("poses")
+    np.testing.assert_allclose(np.column_stack([poses["x_m"], poses["y_m"]]), walk_m(poses["t_ns"]), atol=1e-5)
+    np.testing.assert_allclose(np.unwrap(poses["yaw_rad"]), (poses["t_ns"] - START_NS) * 1e-9, atol=1e-5)
+    assert set(poses["source"]) == {"pose"}
 
 
 def test_a_position_file_that_is_not_quite_tum_is_used_and_told(tmp_path, replayed):

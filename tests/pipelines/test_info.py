@@ -76,18 +76,23 @@ def test_the_whole_object(tmp_path):
     assert any("1 topic lie" in line and "--stamp log" not in line for line in info["warnings"])
 
 
-def test_clocks_that_jump_or_stand_at_zero_are_warnings_but_not_of_static_transforms(tmp_path):
+def test_clocks_that_jump_go_back_or_stand_at_zero_are_warnings_but_not_of_static_transforms(tmp_path):
     log = Log()
     for i in range(1200):
         t_ns = START_NS + i * 10**7
         log.pose(t_ns + (172_800 * 10**9 if i >= 1100 else 0), NOWHERE, "/pose")
         log.pose(0, NOWHERE, "/mocap")
+        log.odometry(t_ns + (1000 * 10**9 if i < 100 else 0), NOWHERE, "/odom")
+        log.tf(t_ns + (900 * 10**9 if i < 100 else 0), "odom", "base", NOWHERE)
         log.tf((1 + i * 10**6) * 10**9, "base", "lidar", NOWHERE, topic="/tf_static")
-        log.messages[-3:] = [(t_ns, *row[1:]) for row in log.messages[-3:]]
+        log.messages[-5:] = [(t_ns, *row[1:]) for row in log.messages[-5:]]
     info = describe_recording(write(tmp_path / "walk.mcap", rows_of(log)), Config())
     assert info["losses"] == []
     jump, zero = sorted(line for line in info["warnings"] if "jump" in line or "stamp 0" in line)[::-1]
-    assert jump == "/pose: its header stamps jump by 172800 s against log time; take log times with  --stamp log"
+    assert jump == "/pose: header stamps jump by 172800 s against log time; take log times with  --stamp log"
+    (back,) = (line for line in info["warnings"] if "go back" in line)
+    assert back.startswith("/odom, /tf: header stamps go back by 999.99 s, to ")
+    assert back.endswith("; take log times with  --stamp log")
     assert zero == "/mocap: 1200 messages have the stamp 0; their log time is used"
 
 

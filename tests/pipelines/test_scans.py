@@ -15,7 +15,7 @@ from quadlog.lidar.levelling import NotLevelled
 from quadlog.lidar.point_times import AS_THEY_COME
 from quadlog.messages import Float, ImuSeries, Int, PointCloud, PoseSeries, Timed
 from quadlog.pipelines.stages.mount import LidarMount, up_of_base
-from quadlog.pipelines.stages.scanners import PlacedScanner, Scanners, turns_of
+from quadlog.pipelines.stages.scanners import PlacedScanner, Scanners, Sweep, turns_of
 from quadlog.pipelines.stages.scans import Scanner
 from quadlog.recordings.tf_tree import TransformTree
 
@@ -23,8 +23,17 @@ T_NS = 1_700_000_000_000_000_000
 MOUNT_M = 0.4
 
 
-def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, moving: Float | None = None) -> Scanner:
-    """What classifies clouds, beside (N, 4) orientations 20 ms apart about T_NS; moving: those of base in map by tf."""
+def scanner(
+    *settings: str,
+    imu: Float | None,
+    odometry: Float | None = None,
+    moving: Float | None = None,
+    behind: Float | None = None,
+) -> Scanner:
+    """What classifies clouds, beside (N, 4) orientations 20 ms apart about T_NS; moving: those of base in map by tf.
+
+    behind: (4, 4) mount of a second lidar.
+    """
     config, mount, tree = load_config(None, list(settings)), np.eye(4), TransformTree()
     mount[2, 3] = MOUNT_M
     if moving is not None:
@@ -33,8 +42,15 @@ def scanner(*settings: str, imu: Float | None, odometry: Float | None = None, mo
     of_imu = None if imu is None else ImuSeries(at(len(imu)), np.zeros((len(imu), 3)), imu, "imu")
     poses = None if odometry is None else PoseSeries(at(len(odometry)), np.zeros((len(odometry), 3)), odometry)
     streams: Any = SimpleNamespace(odometry=poses, tf=tree, clouds_ns=at(1))
-    up = up_of_base(streams, tree, config.topics, of_imu) if config.lidar.level else None
-    data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up)
+    up = (
+        up_of_base(streams, tree, None if moving is None else ("base_link", "map"), of_imu)
+        if config.lidar.level
+        else None
+    )
+    data: Any = SimpleNamespace(streams=streams, mount=LidarMount(mount), up=up, scanners=None)
+    if behind is not None:
+        several = [PlacedScanner("", LidarMount(each), None, AS_THEY_COME) for each in (mount, behind)]
+        data.scanners = SimpleNamespace(each=several)
     return Scanner(config, 0, data)
 
 
@@ -43,12 +59,7 @@ def at(count: int) -> Int:
 
 
 def tilted(roll_deg: float, count: int = 21) -> Float:
-    quat_xyzw = np.tile(Rotation.from_euler("x", roll_deg, degrees=True).as_quat(), (count, 1))
-    quat_xyzw[::2] *= -1  # the same orientation: only a driver that never changes a digit is frozen
-    return quat_xyzw
-
-
-FROZEN = np.tile([0.0, 0.0, 0.0, 1.0], (21, 1))
+    return np.tile(Rotation.from_euler("x", roll_deg, degrees=True).as_quat(), (count, 1))
 
 
 def cloud(roll_deg: float = 0.0) -> PointCloud:
@@ -72,17 +83,28 @@ def cloud(roll_deg: float = 0.0) -> PointCloud:
         (["lidar.level=false"], {"imu": tilted(8.0)}, 0, 8.0),
         ([], {"imu": None, "odometry": tilted(8.0)}, 0, 0.0),
         ([], {"imu": None, "moving": tilted(8.0)}, 0, 0.0),
-        ([], {"imu": FROZEN}, 0, 8.0),
-        ([], {"imu": FROZEN, "odometry": tilted(8.0)}, 0, 0.0),
         ([], {"imu": tilted(8.0, 5)}, 0, 0.0),
         ([], {"imu": tilted(8.0)}, 1_000_000_000, 8.0),
     ],
-    ids=["imu", "not wanted", "odometry", "tf", "frozen", "frozen beside odometry", "some", "too old"],
+    ids=["imu", "not wanted", "odometry", "tf", "some", "too old"],
 )
 def test_the_bodys_tilt_is_taken_out_where_it_is_known(settings, known, late_ns, expected_deg):
-    scan = scanner(*settings, **known).classified(T_NS + late_ns, cloud(roll_deg=8.0))
+    scan = scanner(*settings, **known).classified(T_NS + late_ns, [Sweep(0, T_NS + late_ns, cloud(roll_deg=8.0))])
     assert np.degrees(np.arccos(scan.row["ground_nz"])) == pytest.approx(expected_deg, abs=0.3)
     assert scan.not_levelled is (NotLevelled.STALE if late_ns else None)
+
+
+def test_each_of_several_scanners_is_classified_by_itself_and_lies_where_it_is():
+    """One of 16 beams, and a planar one behind it, lower and 40 ms later."""
+    azimuth_rad = np.arange(360) * (2 * np.pi / 360)
+    planar = np.column_stack([5 * np.cos(azimuth_rad), 5 * np.sin(azimuth_rad), np.zeros(360)]).astype(np.float32)
+    sweeps = [Sweep(0, T_NS, cloud()), Sweep(1, T_NS + 40_000_000, PointCloud(T_NS, "rear", planar))]
+    both = scanner(imu=None, behind=transform_from_rpy(np.array([-0.5, 0.1, 0.2]), 0.0, 0.0, np.pi))
+    one, two = scanner(imu=None).classified(T_NS, sweeps[:1]), both.classified(T_NS, sweeps)
+    more = {name: value - one.row[name] for name, value in two.row.items() if value != one.row[name] and name != "ms"}
+    assert (one.row["ground_found"], more) == (True, dict.fromkeys(("n_raw", "n_valid", "n_obstacle"), 360))
+    np.testing.assert_allclose(two.found.xyz_base_m[-360:], [-0.5, 0.1, 0.2] + planar * [-1, -1, 1], atol=1e-5)
+    assert two.slot_ns[two.found.returns.slot[[0, -1]]].tolist() == [T_NS, T_NS + 40_000_000]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +134,9 @@ def test_points_of_several_scanners_keep_their_places_in_base_and_their_times():
     first = PointCloud(T_NS, "front", xyz_m, offset_ns=np.array([0, 5 * ms]))
     logged = [Timed(T_NS, "/0", first), Timed(T_NS + 40 * ms, "/1", PointCloud(T_NS + 40 * ms, "rear", xyz_m))]
     turn, t_ns = turns_of(np.array([0, 1]), np.array([each.t_ns for each in logged]))
-    ((at_ns, cloud),) = Scanners(scanners, np.ones(2, bool), turn, t_ns).clouds(logged)
+    several = Scanners(scanners, np.ones(2, bool), turn, t_ns)
+    ((at_ns, sweeps),) = several.turns(logged)
+    cloud = several.as_one(at_ns, sweeps)
     assert at_ns == T_NS
     assert cloud.xyz_m[:, 0] == pytest.approx([1.2, 2.2, -1.3, -2.3])
     assert cloud.offset_ns.tolist() == [0, 5 * ms, 40 * ms, 40 * ms]

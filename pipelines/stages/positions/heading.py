@@ -11,7 +11,6 @@ import numpy as np
 from quadlog.geometry import wrap_angle, yaw_from_quat
 from quadlog.messages import Float, ImuSeries
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.stages.mount import frozen
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.heading import (
     IMU_DRIFT,
@@ -116,7 +115,7 @@ def _orientations(streams: Streams, journal: Journal) -> dict[str, YawSensor]:
     imu, odometry = streams.imu, streams.odometry
     sensors: dict[str, YawSensor] = {}
     rate_only = _rate_only(imu, journal)
-    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+    if imu is not None and imu.quat_xyzw is not None:
         sensors["imu"] = YawSensor(imu.t_ns, yaw_from_quat(imu.quat_xyzw), IMU_DRIFT)
     if odometry is not None:
         sensors["odometry"] = YawSensor(odometry.t_ns, yaw_from_quat(odometry.quat_xyzw), ODOMETRY_DRIFT)
@@ -127,14 +126,12 @@ def _orientations(streams: Streams, journal: Journal) -> dict[str, YawSensor]:
 
 def _rate_only(imu: ImuSeries | None, journal: Journal) -> ImuSeries | None:
     """The IMU's messages with a yaw rate, where it gives no orientation; gaps, in which turns are lost, are noted."""
-    if imu is None or (imu.quat_xyzw is not None and not frozen(imu)):
+    if imu is None or imu.quat_xyzw is not None:
         return None
-    if imu.quat_xyzw is not None:
-        journal.warn("imu: its orientation is the same in every message and is not used; its yaw rate is")
     known = np.isfinite(imu.angular_radps[:, 2])
     if not known.all():
         journal.warn(f"imu: {np.sum(~known)} of {len(imu)} messages without a number as yaw rate are left out")
-        imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known], quat_xyzw=None)
+        imu = replace(imu, t_ns=imu.t_ns[known], angular_radps=imu.angular_radps[known])
     gap_s = float(np.diff(imu.t_ns).max(initial=0)) * 1e-9
     if gap_s > SILENT_S:
         journal.warn(f"imu: silent for {gap_s:.1f} s; turns in that time are missing from its yaw")

@@ -17,7 +17,6 @@ from quadlog.messages import Float, Int, Odometry, PoseSeries
 from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
-from quadlog.pipelines.stages.mount import frozen
 from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO, wants_lidar_track, wants_uwb
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.implausible import tell_implausible
@@ -191,7 +190,7 @@ def _from_uwb(data: LogData, journal: Journal, uwb: UwbPositions | None) -> Robo
 def _tilt(streams: Streams, t_ns: Int) -> Float | None:
     """Roll and pitch (N, 2) of base at t_ns (N,) by the IMU, or else by odometry that is not planar; None without."""
     imu, odometry = streams.imu, streams.odometry
-    if imu is not None and imu.quat_xyzw is not None and not frozen(imu):
+    if imu is not None and imu.quat_xyzw is not None:
         return tilt_at(t_ns, up_in_base(imu.t_ns, imu.quat_xyzw))
     if odometry is not None and odometry.quat_xyzw[:, :2].any():
         return tilt_at(t_ns, up_in_base(odometry.t_ns, odometry.quat_xyzw))

@@ -7,8 +7,9 @@ one clock gives way to another. Messages without a stamp have the offset 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -34,8 +35,8 @@ FIRST_STAMPS = 9
 class Clock:
     """Chooses t_ns of each message, and compares the offset of every message with those of all topics before it.
 
-    usual_ns: the usual offset of each topic's first stamps. low, high: the smallest and
-    the largest offset met, and of what. strays: topic -> stamp -> offset, far from the usual one.
+    usual_ns: the usual offset of each topic, by its first stamps, or, in settled, by those of the whole log. low, high:
+    the smallest and the largest offset met, and of what. strays: topic -> (2, K) stamps far from that and log times.
     zero_stamps: per topic the messages with the stamp 0, in the reading that met most. one: of the topics
     that were compared.
     """
@@ -45,7 +46,8 @@ class Clock:
     usual_ns: dict[str, int] = field(default_factory=dict)
     low: tuple[int, str] | None = None
     high: tuple[int, str] | None = None
-    strays: dict[str, dict[int, int]] = field(default_factory=dict)
+    settled: Collection[str] = ()
+    strays: dict[str, Int] = field(default_factory=dict)
     zero_stamps: dict[str, int] = field(default_factory=dict)
     one: OneClock = field(default_factory=OneClock)
 
@@ -63,19 +65,24 @@ class Clock:
         kept = np.ones(len(log_ns), np.bool_)
         if self.stamp == "log" or not len(log_ns):
             return log_ns, kept
-        if stamp_ns is None or not (stamped := stamp_ns > 0).any():
+        if stamp_ns is None or not (stamp_ns > 0).any():
             self._meet(0, 0, f"the log time that {topic} must use (its messages have no stamp)")
             return log_ns, kept
-        t_ns = np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns)
+        t_ns, stamped = self.placed(topic, stream, stamp_ns, log_ns)
         offset_ns = t_ns - log_ns
         if topic not in self.usual_ns:
             self.learn(topic, offset_ns[stamped][:FIRST_STAMPS].tolist())
         kept = ~stamped | (np.abs(offset_ns - self.usual_ns[topic]) <= FAR_APART_NS)
-        for row in np.flatnonzero(~kept).tolist():
-            self._take_stray(topic, int(t_ns[row]), int(offset_ns[row]))
+        if not kept.all():
+            self._take_strays(topic, np.stack([t_ns, log_ns])[:, ~kept])
         if len(given_ns := offset_ns[kept]):
             self._meet(int(given_ns.min()), int(given_ns.max()), f"header stamps of {topic}")
         return t_ns, kept
+
+    def placed(self, topic: str, stream: str, stamp_ns: Int, log_ns: Int) -> tuple[Int, Mask]:
+        """(N,) times on the clock, strays included, and whether they are those of stamps."""
+        stamped = stamp_ns > 0
+        return np.where(stamped, self.one.placed_ns(topic, stream, stamp_ns, log_ns), log_ns), stamped
 
     def _meet(self, low_ns: int, high_ns: int, of: str) -> None:
         self.low, self.high = (
@@ -86,14 +93,25 @@ class Clock:
             second = self.high[1] if self.high[1] != self.low[1] else "others of the same topic"
             raise ClocksDiffer(self.path, (self.high[0] - self.low[0]) * 1e-9, self.low[1], second)
 
-    def _take_stray(self, topic: str, stamp_ns: int, offset_ns: int) -> None:
-        # By stamp, so that a message that is read twice is one stray.
-        strays = self.strays.setdefault(topic, {})
-        strays[stamp_ns] = offset_ns
-        agreeing = sum(abs(each - offset_ns) <= FAR_APART_NS for each in strays.values())
-        if agreeing >= AGREEING_STRAYS or len(strays) >= MOST_STRAYS:
+    def _take_strays(self, topic: str, strays: Int) -> None:
+        """(2, K) as in strays; a message that is read twice is one."""
+        known = np.unique(np.hstack([self.strays.get(topic, strays), strays]), axis=1)
+        self.strays[topic], offset_ns = known, int(strays[0, -1] - strays[1, -1])
+        agreeing = (np.abs(known[0] - known[1] - offset_ns) <= FAR_APART_NS).sum()
+        if topic not in self.settled and (agreeing >= AGREEING_STRAYS or known.shape[1] >= MOST_STRAYS):
             apart_s = abs(offset_ns - self.usual_ns[topic]) * 1e-9
             raise ClocksDiffer(self.path, apart_s, f"header stamps of {topic}", "others of the same topic")
+
+    def losses(self) -> list[Loss]:
+        """One for each topic with more than slips of another clock, which was set for most of the log."""
+        found = []
+        for topic, (stamp_ns, log_ns) in sorted(self.strays.items()):
+            if len(log_ns) >= AGREEING_STRAYS:
+                apart_s = np.abs(stamp_ns - log_ns - self.usual_ns[topic]).max() * 1e-9
+                what = f"{len(log_ns)} messages stamped up to {apart_s:.0f} s off, {_logged(log_ns)}, are dropped"
+                why = f"{A_CLOCK_SET}; {what}; {BY_LOG_TIMES}"
+                found.append(Loss("clock", why, topic, len(log_ns)))
+        return found
 
     def warnings(self) -> list[str]:
         """One line for each kind of irregular stamp met so far."""
@@ -108,8 +126,24 @@ class Clock:
         ]
         return [*zeros, *self.one.warnings] + [
             f"{topic}: {len(strays)} header stamps lie more than an hour from its others; those messages are dropped"
-            for topic, strays in sorted(self.strays.items())
+            for topic, (strays, _) in sorted(self.strays.items(), key=itemgetter(0))
+            if len(strays) < AGREEING_STRAYS
         ]
+
+
+SETTLED_SHARE = 2 / 3
+"""More of a topic's stamps than this are of the clock that was set; else two clocks differ."""
+
+
+def settled_ns(offsets_ns: Mapping[str, Sequence[Int]]) -> dict[str, int]:
+    """The usual offset of each topic, by those of its stamps in the whole log, where there is a clear one."""
+    found = {}
+    for topic, parts in offsets_ns.items():
+        offset_ns = np.concatenate(parts)
+        usual_ns = int(np.median(offset_ns)) if len(offset_ns) else 0
+        if (np.abs(offset_ns - usual_ns) <= FAR_APART_NS).sum() > SETTLED_SHARE * len(offset_ns):
+            found[topic] = usual_ns
+    return found
 
 
 class Sender(NamedTuple):
@@ -243,6 +277,13 @@ def _passed_ns(t_ns: Int) -> int:
     return max(int(np.minimum(np.diff(np.maximum.accumulate(each)), BRIDGED_NS).sum()) for each in passages)
 
 
+A_CLOCK_SET, BY_LOG_TIMES = "header stamps are of a clock that was set", "take log times with  --stamp log"
+
+
+def _logged(log_ns: Int) -> str:
+    return f"logged {instant(int(log_ns.min()))} to {instant(int(log_ns.max()))}"
+
+
 def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]:
     """One loss for each topic of which stamps are left out: how many, why, and when."""
     losses = []
@@ -252,10 +293,10 @@ def clock_losses(senders: Sequence[Sender], masks: Sequence[Mask]) -> list[Loss]
         if not dropped:
             continue
         lost_ns = np.concatenate([each.log_ns[mask] for each, mask in mine])
-        when = f"logged {instant(int(lost_ns.min()))} to {instant(int(lost_ns.max()))}"
         falls_ns = [(np.maximum.accumulate(each.t_ns) - each.t_ns, each.t_ns) for each, _ in mine]
         back_ns, to_ns = max((int(fall_ns.max()), int(t_ns[fall_ns.argmax()])) for fall_ns, t_ns in falls_ns)
-        why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else "its header stamps are of a clock that was set"
-        what = f"{dropped} of {total} {things} whose stamps repeat or run ahead of others, {when}, are dropped"
-        losses.append(Loss("clock", f"{why}; {what}; take log times with  --stamp log", topic, dropped))
+        why = stamps_go_back(back_ns, to_ns) if back_ns > LATE_NS else A_CLOCK_SET
+        whose = "whose stamps repeat or run ahead of others"
+        what = f"{dropped} of {total} {things} {whose}, {_logged(lost_ns)}, are dropped"
+        losses.append(Loss("clock", f"{why}; {what}; {BY_LOG_TIMES}", topic, dropped))
     return losses

@@ -269,9 +269,8 @@ class SplitReader(Container):
         if not topics and self._metadata.messages is not None:
             said[""] = self._metadata.messages
         for name in sorted(said.keys() | had.keys()):
-            differing = f"{METADATA_NAME} says {several(said[name], 'message')}, the files have {had[name]}"
+            note = f"{METADATA_NAME} says {several(said[name], 'message')}, the files have {had[name]}"
             if had[name] < said[name]:
-                self._losses.append(Loss("count", differing, name or None, said[name] - had[name]))
+                self._losses.append(Loss("count", note, name or None, said[name] - had[name]))
             elif had[name] > said[name]:
-                differing = f"{name}: {differing}" if name else differing
-                self._warnings.append(differing)
+                self._warnings.append(f"{name}: {note}" if name else note)

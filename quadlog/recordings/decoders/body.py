@@ -65,9 +65,9 @@ def unitree(columns: Columns, order: JointOrder) -> Iterator[Part]:
 
 _STATE = {
     column: f"imu_state.{name} | imu.{name}"
-    for column, name in (("wxyz", "quaternion[4]"), ("rate", "gyroscope[3]"), ("acceleration", "accelerometer[3]"))
+    for column, name in (("wxyz", "quaternion[:4]"), ("rate", "gyroscope[:3]"), ("acceleration", "accelerometer[:3]"))
 }
-_WAY = {"position": "position[3]", "yaw_rate": "yaw_speed | yawSpeed"}
+_WAY = {"position": "position[:3]", "yaw_rate": "yaw_speed | yawSpeed"}
 _MOTORS = {
     "q": "motor_state[].q | motorState[].q ?",
     "dq": "motor_state[].dq | motorState[].dq ?",
@@ -77,5 +77,7 @@ _MOTORS = {
 }
 # Since unitree_legged_sdk 3.8 with motors. No document says in which axes the velocity of SportModeState is.
 LOW_STATE = Type((JointStates, Imu), HEADER | _STATE | _MOTORS, unitree)
-HIGH_STATE = Type((Odometry, JointStates, Imu), HEADER | _STATE | _WAY | {"velocity": "velocity[3]"} | _MOTORS, unitree)
+HIGH_STATE = Type(
+    (Odometry, JointStates, Imu), HEADER | _STATE | _WAY | {"velocity": "velocity[:3]"} | _MOTORS, unitree
+)
 SPORT_MODE = {"sec": "stamp.sec", "nanosec": "stamp.nanosec"} | _STATE | _WAY

@@ -1,16 +1,18 @@
 """Fields of many ROS payloads as columns: where they lie is learnt from one payload, numpy reads them from the others.
 
-A path is `a.b`; `a.b:xyz`, the numbers a.b.x, a.b.y and a.b.z; `a.b[3]`, the first three of an array; `a[].b`, b of all
-messages of an array; `a.b[]`, all numbers of one. `PATH | PATH` is the first that a definition has, `PATH ?` may be
-missing.
+A path is `a.b`; `a.b:xyz`, the numbers a.b.x, a.b.y and a.b.z; `a.b[:3]`, the first three of an array, `a.b[3]`, its
+fourth; `a[].b`, b of all messages of an array; `a.b[]`, all numbers of one. `PATH | PATH` is the first that a
+definition has, `PATH ?` may be missing.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -24,7 +26,8 @@ from quadlog.recordings.decoders.payload import Payload, PayloadReader, frame_na
 from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types
 
 TEXTS = ("frame", "child", "names")
-"""Columns of texts; all others are of numbers."""
+ENDS = ("tag", "anchor")
+"""Columns of texts, and those of numbers or texts; all others are of numbers."""
 DTYPES = dict.fromkeys(("bool", "byte", "char", "octet"), "u1") | {"float32": "f4", "float64": "f8"}
 DTYPES |= {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)}
 KEPT_LAYOUTS, LARGEST_BYTES = 16, 1 << 20
@@ -100,24 +103,31 @@ def places_in(lengths: Int) -> Int:
     return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
 
 
+_PATH = re.compile(r"(.*?)(?:\[(:?)([0-9]{1,9})\])?(?::([a-z]+))?", re.DOTALL)
+
+
 class Path(NamedTuple):
-    """A path that a definition has: its leaves, side by side, or the `first` numbers of its one leaf, an array."""
+    """A path that a definition has: its leaves, side by side, or the `first` numbers of its one leaf, an array.
+
+    at: the one number of these that counts, None for all.
+    """
 
     leaves: tuple[str, ...]
     arrays: tuple[str, ...]
     first: int
     text: bool
+    at: int | None
 
     @classmethod
     def of(cls, path: str, text: bool) -> Path:
         """As it is written."""
-        trunk, _, parts = path.strip().partition(":")
-        steps = trunk.split(".")
+        trunk, several, size, parts = _PATH.fullmatch(path.strip()).groups("")  # type: ignore[union-attr]
+        steps, number = trunk.split("."), int(size or 0)
         arrays = tuple(".".join(steps[: i + 1]) for i, step in enumerate(steps) if step.endswith("[]"))
-        trunk, _, first = trunk.partition("[") if trunk[-2:-1].isdigit() else (trunk, "", "")
-        trunk = trunk + "[]" * bool(first)
+        trunk += "[]" * bool(size)
         leaves = tuple(f"{trunk}.{part}" for part in parts) or (trunk,)
-        return cls(leaves, arrays, int(first.removesuffix("]") or 0), text)
+        one = bool(size) and not several
+        return cls(leaves, arrays, number + one, text, number if one else None)
 
 
 def leaves_of(types: Types, name: str, prefix: str = "", but: str = "") -> Iterator[tuple[str, str, int]]:
@@ -143,7 +153,8 @@ def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str
         return all(text == path.text and (size or path.first) >= path.first for text, size in given)
 
     for column, choices in wanted.items():
-        paths = (Path.of(each, column in TEXTS) for each in choices.removesuffix("?").split("|"))
+        texts = (True,) if column in TEXTS else (False, True) if column in ENDS else (False,)
+        paths = (Path.of(each, text) for each, text in product(choices.removesuffix("?").split("|"), texts))
         path = next(filter(has, paths), None)
         if path is not None:
             found[column] = path
@@ -250,8 +261,9 @@ class Numbers:
         counts = np.array([path.first or count for *_, count in found[0]], np.int64)
         begins = np.array([[begin for begin, *_ in leaf] for leaf in found], np.int64)
         at = (np.repeat(begins, counts, axis=1) + size * places_in(counts)).T.reshape(-1, k)
+        at, k = (at, k) if path.at is None else (at[:, path.at, None], 1)
         self._dtype, self._wide = np.dtype(kind), "f8" if kind[-2] == "f" else "i8"
-        self._shape = at.shape[not path.arrays : 1 + (k > 1 or path.first > 0)]
+        self._shape = at.shape[not path.arrays : 1 + (k > 1)]
         steps = [int(np.diff(each).sum()) for each in (at[:2, 0], at[0, :2])] if at.size else [0, 0]
         even = at[:1, :1] + steps[0] * np.arange(len(at))[:, None] + steps[1] * np.arange(k)
         self._strided = (at.shape, int(at[0, 0]), steps) if at.size and (at == even).all() else None

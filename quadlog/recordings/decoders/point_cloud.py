@@ -94,7 +94,7 @@ POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def decode_livox(channel: Channel, payload: Payload, points: bool = True) -> PointCloud:
+def decode_livox(channel: Channel, warn: Warn, payload: Payload, points: bool = True) -> PointCloud:
     """One CustomMsg, whose line becomes ring; its size is checked before anything is allocated."""
     reader, topic = PayloadReader(payload, channel.message_encoding, channel.topic), channel.topic
     header = reader.header()
@@ -114,6 +114,9 @@ def decode_livox(channel: Channel, payload: Payload, points: bool = True) -> Poi
     cloud = cloud_from_block(topic, block, ordered, header, points)
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
     zero_ns = timebase_ns - (header.stamp_ns or 0)
+    if timebase_ns and abs(zero_ns) > LARGEST_SHIFT_NS:
+        note = f"{topic}: timebase is more than a second off header.stamp; times of points count from the stamp"
+        warn(note)
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
     return replace(cloud, time_fields={name: each + np.int64(zero_ns) for name, each in cloud.time_fields.items()})

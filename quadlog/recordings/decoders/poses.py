@@ -51,17 +51,23 @@ def flat_pose(columns: Columns, order: JointOrder) -> Iterator[Part]:
 
 
 def own_pose(fields: Sequence[str], unit: str = "m") -> Type:
-    """Poses of any message by the fields of x, y and z, in a unit, and of a quaternion's x, y, z, w if it has one."""
+    """Poses of any message by the fields of x, y and z, in a unit, and of a quaternion's x, y, z, w if it has one.
+
+    A field with a minus in front counts with the other sign.
+    """
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")[: len(fields)]
+    signs = [-1.0 if field.startswith("-") else 1.0 for field in fields]
 
     def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
-        numbers = np.stack([columns[name] for name in names], axis=1)
+        numbers = np.stack([columns[name] for name in names], axis=1) * signs
         columns["position"] = numbers[:, :3] / round(1 / UNITS_M[unit])
         if len(names) > 3:
             columns["quat"] = numbers[:, 3:]
         return pose(columns, order)
 
-    return Type((Pose,), OWN_HEADER | dict(zip(names, fields, strict=True)), rows)
+    return Type(
+        (Pose,), OWN_HEADER | {name: field.removeprefix("-") for name, field in zip(names, fields, strict=True)}, rows
+    )
 
 
 _AXIS_M, _E2 = 6378137.0, 6.69437999014e-3  # of the ellipsoid of WGS 84
@@ -132,7 +138,7 @@ def velocity(columns: Columns, _: JointOrder) -> Iterator[Part]:
 
 def imu(columns: Columns, _: JointOrder) -> Iterator[Part]:
     """Without orientation where its covariance begins with -1, or where it is all zeros, as drivers forget that."""
-    absent = (columns["covariance"][:, 0] == -1) | ~columns["quat"].any(axis=1)
+    absent = (columns["covariance"] == -1) | ~columns["quat"].any(axis=1)
     quat_xyzw, finite = unit_rows(columns["quat"])
     columns.refuse(~finite & ~absent, "its quaternion is not finite")
     quat_xyzw[absent] = np.nan
@@ -140,5 +146,5 @@ def imu(columns: Columns, _: JointOrder) -> Iterator[Part]:
     yield part(Imu, columns.n, quat_xyzw=quat_xyzw, **rates)
 
 
-IMU_FIELDS = {"quat": "orientation:xyzw", "covariance": "orientation_covariance[1]", "rate": "angular_velocity:xyz"}
+IMU_FIELDS = {"quat": "orientation:xyzw", "covariance": "orientation_covariance[0]", "rate": "angular_velocity:xyz"}
 IMU_FIELDS |= {"acceleration": "linear_acceleration:xyz"}

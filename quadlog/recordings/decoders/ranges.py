@@ -12,8 +12,9 @@ import numpy as np
 
 from quadlog.messages import NO_ID, UNITS_M, Float, UwbRanges
 from quadlog.positioning.two_way_ranging import general_range_m
-from quadlog.recordings.decoders.fields import Columns
+from quadlog.recordings.decoders.fields import ENDS, Columns
 from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.range_ends import NAME_THEM, id_of
 from quadlog.recordings.decoders.rows import HEADER, OWN_HEADER, Part, Type, part
 
 
@@ -24,13 +25,22 @@ def ranges(
     unit: str = "m",
     zero_is_none: bool = False,
     ids: Mapping[str, int] = {},
+    names: Mapping[str, int] = {},
     unmeasured: Callable[[Columns], Mapping[str, np.ndarray]] = lambda _: {},
 ) -> Iterator[Part]:
     """Tags and anchors by ids or columns; without either, an anchor is the place in its array, or unknown.
 
+    names: text -> id, as for `id_of`; two texts of one id are refused with ValueError.
     unmeasured: why -> (N,) or (N, T) which ranges were not measured, as their messages say.
     """
     distance = columns["range"].reshape(columns.n, -1)
+    for end in ENDS:
+        if isinstance(texts := columns.get(end, None), tuple):
+            numbers = [id_of(text, names) for text in texts]
+            for number, text in zip(numbers, texts, strict=True):
+                if (other := columns.memory.setdefault(f"{end} {number}", text)) != text:
+                    raise ValueError(f"{other!r} and {text!r} would both be {end} {number}: {NAME_THEM}")
+            columns[end] = np.tile(numbers, (columns.n, 1))
     values: dict[str, Any] = {"tag": NO_ID, "anchor": columns.places("range") if columns.arrays["range"] else NO_ID}
     values |= {name: columns.beside(name, "range") for name in values if name in columns} | dict(ids)
     values["range_m"] = distance / round(1 / UNITS_M[unit])
@@ -111,20 +121,21 @@ def own_ranges(
     anchor: int | str | None = None,
     times: Sequence[str] | None = None,
     tick_s: float | None = None,
+    names: Mapping[str, int] = {},
 ) -> Type:
     """Ranges of any message, by `[[uwb.range_topics]]`; times: of TWO_WAY or INTERVALS."""
     ends = {"tag": tag, "anchor": anchor}
     ids = {name: end for name, end in ends.items() if isinstance(end, int)}
-    names = {4: INTERVALS, 6: TWO_WAY}[len(times)] if times else ("range",)
+    columns_of = {4: INTERVALS, 6: TWO_WAY}[len(times)] if times else ("range",)
     wanted = {name: end for name, end in ends.items() if isinstance(end, str)}
-    wanted |= dict(zip(names, times or (str(field),), strict=True))
+    wanted |= dict(zip(columns_of, times or (str(field),), strict=True))
 
     def rows(columns: Columns, order: JointOrder) -> Iterator[Part]:
         if times:
-            given = [columns[name].astype(np.float64) for name in names]
-            columns.arrays["range"] = columns.arrays[names[0]]
+            given = [columns[name].astype(np.float64) for name in columns_of]
+            columns.arrays["range"] = columns.arrays[columns_of[0]]
             columns["range"] = general_range_m(np.array(_intervals(*given) if len(given) > 4 else given) * tick_s)
-        return ranges(columns, order, unit=unit or "m", ids=ids, unmeasured=_infinite)
+        return ranges(columns, order, unit=unit or "m", ids=ids, names=names, unmeasured=_infinite)
 
     return Type((UwbRanges,), OWN_HEADER | wanted, rows)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, Twist, UwbRanges
@@ -103,42 +103,70 @@ def hint(channel: Channel, mapped: Mapping[str, Type] = {}) -> str:
         return "" if row is None else row.do
     if channel.message_encoding not in ("ros1", "cdr") or standard_types(channel.message_encoding, channel.type_name):
         return ""
-    paths = _numbers(channel)
+    paths = _values(channel)
     return _ranges(channel, paths) or _pose(channel, paths) or PLUGIN
 
 
-def _table(key: str, channel: Channel, **values: str) -> str:
-    lines = [f"[[{key}]]", f"topic = {json.dumps(channel.topic)}", *(f"{name} = {values[name]}" for name in values)]
-    return "\n".join(lines)
+def _table(key: str, channel: Channel, remark: str = "", **values: str) -> str:
+    values = {"topic": json.dumps(channel.topic)} | values
+    return "\n".join([f"[[{key}]]{remark and '  # '}{remark}", *(f"{name} = {values[name]}" for name in values)])
 
 
 RANGE_WORDS = {"range", "ranges", "dist", "dis", "distance", "distances"}
 TAG_WORDS = {"tag", "initiator", "requester", "source", "src", "from", "sender"}
 ID_WORDS = {"id", "ids", "address", "addr", "anchor", "responder", "destination", "dest", "dst", "to", "node", "peer"}
 NO_RANGE = {"min", "max", "minimum", "maximum", "limit", "std", "stddev", "sigma", "variance", "error", "bias", "num"}
-"""In names of fields about ranges that hold none."""
+NO_ID = {"frame", "seq", "msg", "message", "packet"}
+"""In names of fields about ranges that hold none, and of ids of other things."""
 
 
 def _ranges(channel: Channel, paths: dict[str, str]) -> str:
-    """The keys for a message with a distance and ids, by the names of its fields."""
-    distances = [path for path in paths if _words(path) & RANGE_WORDS and not _words(path) & ID_WORDS]
+    """The keys for a message with a distance or times of ranging, and ids, by the names of its fields."""
+    numbers = [path for path in paths if "string" not in paths[path]]
+    distances = [path for path in numbers if _words(path) & RANGE_WORDS and not _words(path) & ID_WORDS]
     distances = [path for path in distances if not name_words(path.rpartition(".")[2]) & NO_RANGE]
-    if not distances:
+    times = [] if distances else _times([path for path in numbers if "int" in paths[path]])
+    if not distances and not times:
         return ""
-    place = distances[0].rpartition(".")[0]
+    place = (distances or times)[0].rpartition(".")[0]
     ids = [path for path in paths if "float" not in paths[path] and _words(path) & (ID_WORDS | TAG_WORDS)]
+    ids = [path for path in ids if path not in times and not name_words(path.rpartition(".")[2]) & NO_ID]
     tags = [path for path in ids if _words(path) & TAG_WORDS and "[]" not in path]
     anchors = [path for path in ids if path not in tags and path.rpartition(".")[0] == place]
     if not anchors:
         return ""
     tags += [path for path in ids if path not in anchors[:1] and "[]" not in path]
     tag = json.dumps(tags[0]) if tags else "0"
-    field, anchor, unit = json.dumps(distances[0]), json.dumps(anchors[0]), _unit(distances[0])
-    return _table("uwb.range_topics", channel, tag=tag, anchor=anchor, field=field, unit=unit)
+    ends = {"tag": tag, "anchor": json.dumps(anchors[0])}
+    if times:
+        return _table("uwb.range_topics", channel, **ends, times=json.dumps(times), tick_s=TICK_S)
+    return _table("uwb.range_topics", channel, **ends, field=json.dumps(distances[0]), unit=_unit(distances[0]))
+
+
+TICK_S = "1.565e-11  # of DW1000 and DW3000; what the times count, in seconds"
+STEPS, SIDES = (("poll",), ("resp", "repl"), ("fin",)), (("tx", "sen"), ("rx", "rec"))
+"""Of double-sided two-way ranging: parts of the names of its messages; sent and received."""
+
+
+def _times(paths: Sequence[str]) -> list[str]:
+    """Six times or four intervals of double-sided two-way ranging, in the order of the keys, by their names."""
+    names = {path: path.rpartition(".")[2].lower() for path in paths}
+
+    def named(*parts: Sequence[str]) -> list[str]:
+        return [path for path in paths if all(any(each in names[path] for each in some) for some in parts)]
+
+    six, rounds, replies = [named(step, side) for step in STEPS for side in SIDES], named(["round"]), named(["repl"])
+    if all(len(each) == 1 for each in six):
+        return [each[0] for each in six]
+    if len(rounds) == len(replies) == 2:  # which reply is whose does not matter
+        return [rounds[0], replies[0], rounds[1], replies[1]]
+    numbered = sorted((path for path in paths if re.fullmatch("t_?[1-6]", names[path])), key=lambda path: names[path])
+    return numbered if len(numbered) == 6 else []
 
 
 NO_PLACE = {"vel", "velocity", "speed", "rate", "angular", "twist", "acc", "accel", "acceleration", "gyro", "force"}
-NO_PLACE |= {"torque", "field", "mag", "std", "covariance", "size", "scale", "euler", "linear"}
+NO_PLACE |= {"variance", "torque", "field", "mag", "std", "covariance", "size", "scale", "euler", "linear"}
+PLACE_WORDS = {"position", "pos", "place", "location", "translation", "xyz", "point", "p"}
 TURN_WORDS = {"q", "quat", "quaternion", "rot", "rotation", "orientation", "attitude"}
 AXIS = re.compile(r"(?:^|[._])([pqr]?)([xyzw])(?:$|[._])")
 
@@ -146,15 +174,29 @@ AXIS = re.compile(r"(?:^|[._])([pqr]?)([xyzw])(?:$|[._])")
 def _pose(channel: Channel, paths: dict[str, str]) -> str:
     """The keys for a message with a position, or a position and a quaternion, by the names of its fields."""
     place, turn = dict[str, str](), dict[str, str]()
-    for path in (path for path in paths if "[]" not in path and not _words(path) & NO_PLACE):
-        axis = AXIS.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", path).lower())
+    for path, name in _named_axes(paths):
+        axis = AXIS.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower())
         if axis is not None:
-            turned = axis[1] in ("q", "r") or axis[2] == "w" or _words(path) & TURN_WORDS
+            turned = axis[1] in ("q", "r") or axis[2] == "w" or _words(name) & TURN_WORDS
             (turn if turned else place).setdefault(axis[2], path)
     if len(place) < 3:
         return ""
     fields = [place[axis] for axis in "xyz"] + ([turn[axis] for axis in "xyzw"] if len(turn) == 4 else [])
-    return _table("topics.poses", channel, fields=json.dumps(fields), unit=_unit(fields[0]))
+    remark = "if the array of the orientation begins with w" if fields[-1].endswith("[0]") else ""
+    if channel.type_name.startswith("px4_msgs/"):
+        fields = [f"{'-' * (i in (1, 2, 4, 5))}{path}" for i, path in enumerate(fields)]
+        remark = "north, west, up"
+    return _table("topics.poses", channel, remark, fields=json.dumps(fields), unit=_unit(place["x"]))
+
+
+def _named_axes(paths: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Paths of numbers, those in fixed arrays of a place or a turn one by one, and paths that name their axes."""
+    for path in (path for path in paths if not _words(path) & NO_PLACE):
+        array, axes = path.removesuffix("[]"), {"[3]": "xyz", "[4]": "wxyz"}.get(paths[path][-3:], "")
+        if "[]" not in path:
+            yield path, path
+        elif "[]" not in array and _words(array) & (PLACE_WORDS if axes == "xyz" else TURN_WORDS):
+            yield from ((f"{array}[{i}]", f"{array}.{axis}") for i, axis in enumerate(axes))
 
 
 def _words(path: str) -> set[str]:
@@ -167,10 +209,13 @@ def _unit(path: str) -> str:
     return unit or '"m"  # or "mm", "cm"'
 
 
-def _numbers(channel: Channel) -> dict[str, str]:
-    """Path and type of each number in messages of a type by its definition; `[]` in a path: of each element."""
+def _values(channel: Channel) -> dict[str, str]:
+    """Path and type of each number and text in messages of a type by its definition.
+
+    `[]` in a path: of each element; a type with `[3]`: of a fixed array.
+    """
     try:
         leaves = list(leaves_of(embedded_types(*channel.identity[1:]), channel.type_name, but=HEADER_TYPE))
     except BadDefinition:
         return {}
-    return {path: base for path, base, _ in leaves if base not in ("string", "wstring", "bool")}
+    return {path: base + f"[{size}]" * bool(size) for path, base, size in leaves if base not in ("wstring", "bool")}

@@ -16,6 +16,13 @@ PLACE = "geometry_msgs/Point place\nfloat64 yaw_deg\n=====\nMSG: geometry_msgs/P
 IDL = (
     "module lab { module msg { struct A { double posX, posY, posZ; double qx; double qy; double qz; double qw; }; }; };"
 )
+PX4 = "uint64 timestamp\nfloat32[3] position\nfloat32[4] q\nfloat32[3] velocity\nfloat32[3] angular_velocity\n"
+PX4 += "float32[3] position_variance\nfloat32[3] orientation_variance\nuint8 reset_counter\n"
+SIX, FOUR = (
+    ["poll_tx_ts", "poll_rx_ts", "resp_tx_ts", "resp_rx_ts", "final_tx_ts", "final_rx_ts"],
+    ["Tround1", "Treply1", "Tround2", "Treply2"],
+)
+ENDS = "uint16 initiator\nuint16 responder\n"
 VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
 
 
@@ -35,6 +42,20 @@ VICON_FIELDS = ["x_trans", "y_trans", "z_trans", "x_rot", "y_rot", "z_rot", "w"]
         ("float64 distance\nfloat64 quality\n", {}),
         ("float32 linear_x\nfloat32 linear_y\n", {}),
         ("Header header\n", {}),
+        ("string child_frame_id\nstring tag\nstring anchor\nfloat32 range\n", {"tag": "tag", "anchor": "anchor"}),
+        (f"{PX4}", {"fields": [f"position[{i}]" for i in range(3)] + [f"q[{i}]" for i in (1, 2, 3, 0)]}),
+        (
+            "float64[4] quat\nfloat64[3] pos_mm\n",
+            {"fields": [f"pos_mm[{i}]" for i in range(3)] + [f"quat[{i}]" for i in (1, 2, 3, 0)], "unit": "mm"},
+        ),
+        ("float32[3] gyro_rad\nfloat32[3] accelerometer_m_s2\n", {}),
+        (
+            ENDS + "".join(f"uint64 {name}\n" for name in reversed(SIX)),
+            {"tag": "initiator", "times": SIX, "tick_s": 1.565e-11},
+        ),
+        (ENDS + "".join(f"uint32 {name}\n" for name in FOUR), {"anchor": "responder", "times": FOUR}),
+        (ENDS + "".join(f"uint64 t{i}\n" for i in range(1, 7)), {"times": [f"t{i}" for i in range(1, 7)]}),
+        (ENDS + "uint64 time_tx\nuint64 time_rx\n", {}),
         ("float32[] values # not a definition {\nB b", {}),
     ],
 )
@@ -49,7 +70,13 @@ def test_keys_for_messages_with_a_pose_or_ranges_by_the_names_of_their_fields(te
     assert (section, name) == (("topics", "poses") if "fields" in keys else ("uwb", "range_topics"))
     assert row | keys == row
     Config.model_validate(tomllib.loads(said))
-    assert (row["topic"], "# or" in said) == ("/lab/a", row["unit"] == "m")
+    assert (row["topic"], "# or" in said) == ("/lab/a", row.get("unit") == "m")
+
+
+def test_px4_is_north_east_down():
+    text = hint(Channel("/fmu/out/vehicle_odometry", "px4_msgs/msg/VehicleOdometry", "cdr", "ros2msg", PX4.encode()))
+    fields = tomllib.loads(text)["topics"]["poses"][0]["fields"]
+    assert fields == ["position[0]", "-position[1]", "-position[2]", "q[1]", "-q[2]", "-q[3]", "q[0]"]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from random import Random
 from typing import Any
@@ -62,12 +63,14 @@ def message_of(draw: Random, store: Any, name: str) -> Any:
 
 def at(message: Any, path: str) -> list[Any]:
     """All values at a path, by attributes."""
-    path, _, parts = path.partition(":")
+    path, parts = re.fullmatch(r"(.*?)(?::([a-z]*))?", path).groups("")
     head, _, rest = path.partition(".")
     name, _, count = head.partition("[")
     value = getattr(message, name)
     if count:
-        several = list(value)[: int(count[:-1]) if count != "]" else None]
+        several = list(value)
+        if count != "]":
+            several = several[: int(count[1:-1])] if count[0] == ":" else [several[int(count[:-1])]]
         return [each for one in several for each in at(one, f"{rest}:{parts}")] if rest else several
     return at(value, f"{rest}:{parts}") if rest else [getattr(value, part) for part in parts] or [value]
 

@@ -18,7 +18,7 @@ from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading, usual_step_ns
 from quadlog.messages import PointCloud
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, decode_livox
 from quadlog.recordings.decoding import kinds_of
 from tests.lab.decoded import KINDS, channel_of, decoded, serialised, zeroed
 
@@ -341,8 +341,11 @@ def test_livox_messages_of_any_package(kind: str, package: str, as_bundled: bool
 @pytest.mark.parametrize("kind", KINDS)
 def test_livox_points_lines_and_offsets(kind: str, count: int, frame: str) -> None:
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
-    payload = serialised(kind, custom_message(kind, count, T_NS + 500, frame))
-    (cloud,) = decoded(channel_of(kind, f"{LIVOX}/msg/CustomMsg"), payload)
+    channel, said, far_ns = channel_of(kind, f"{LIVOX}/msg/CustomMsg"), list[str](), T_NS + 2 * 10**9
+    decode_livox(channel, said.append, serialised(kind, custom_message(kind, count, far_ns, frame)))
+    cloud = decode_livox(channel, said.append, serialised(kind, custom_message(kind, count, T_NS + 500, frame)))
+    says = f"{channel.topic}: timebase is more than a second off header.stamp; times of points count from the stamp"
+    assert said == [says]
     i = np.arange(count)
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
