@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin
 from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
@@ -21,9 +20,7 @@ from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages.log import open_log, read_log
 from quadlog.results.tables import read_table
 from tests.cases.conftest import Replayed
-from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
-
-LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+from tests.lab.strangers import LEGS, ROS, Log, Room, add_scans, instants_s, ns
 
 
 def way(log: Log, parent: str = "odom", child: str = "base_footprint") -> None:
@@ -155,9 +152,9 @@ def test_info_foretells_what_a_replay_does_and_says(name: str, tmp_path: Path, d
     make, config, position, missing = FORETOLD[name]
     log = Log()
     make(log)
-    path = log.write(tmp_path / "log", StoragePlugin.SQLITE3)
+    path = log.write(tmp_path / "log.db3")
     if name.startswith("another-payload"):
-        with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as store, store:
+        with contextlib.closing(sqlite3.connect(path)) as store, store:
             odometry_alone = "topic_id = (SELECT id FROM topics WHERE name = '/odom')"
             store.execute(f"UPDATE messages SET data = CAST(x'0007' || substr(data, 3) AS BLOB) WHERE {odometry_alone}")
     outlook, done = described(path, config)["replay"], replayed(path, config=config)
@@ -213,7 +210,7 @@ def test_log_times_are_proposed_only_for_topics_that_are_used(
         log.odometry(ns(t_s), Room(6.0).at(t_s))
     on_another_clock(log)
     log.tf(0, "base_link", "laser", (0.0, 0.0, 0.0), 0.1, "/tf_static")
-    log.add("/chatter", ns(0.5), message("std_msgs/msg/String", "no stamp"))
+    log.put("/chatter", ns(0.5), "std_msgs/msg/String", data="no stamp")
     log.messages = [(max(t_ns, ns(0.0)), *rest) for t_ns, *rest in log.messages]
     assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
     err = capsys.readouterr().err
@@ -225,7 +222,7 @@ def test_an_intact_log_of_nothing_that_is_used_is_nothing_to_replay(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = Log()
-    log.add("/chatter", ns(0.0), message("std_msgs/msg/String", "hello"))
+    log.put("/chatter", ns(0.0), "std_msgs/msg/String", data="hello")
     assert run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs")]) == 1
     err = capsys.readouterr().err
     assert "nothing to replay" in err
@@ -270,7 +267,7 @@ def true_poses(log: Log, kind: str, frame: str = "odom") -> None:
     for t_s in instants_s(WALK_S, 20):
         at = beyond(beyond(Room(6.0).at(t_s), LIDAR), CAMERA)
         if kind == "Odometry":
-            log.odometry(ns(t_s), at, "/mocap/camera", frame, "camera")
+            log.odometry(ns(t_s), at, "/mocap/camera", frame=frame, child="camera")
         else:
             log.tf(ns(t_s), frame, "camera", at, 0.3, "/mocap/camera")
             *rest, content = log.messages[-1]
@@ -379,7 +376,7 @@ def test_the_twist_of_a_sensors_odometry_is_turned_into_that_of_base(tmp_path: P
     """A robot that drives forward at 0.5 m/s and turns at 0.8 rad/s, by an odometry of its lidar, which is tilted."""
     log, turned = Log(), Rotation.from_euler("ZYX", [1.0, 0.4, 0.2])
     log.tf(ns(0.0), "base_link", "lidar", LIDAR, 0.2, "/tf_static")
-    log.messages[0][2].transforms[0].transform.rotation = message("geometry_msgs/msg/Quaternion", *turned.as_quat())
+    log.messages[0][2].transforms[0].transform.rotation = ROS.vector(*turned.as_quat(), name="Quaternion")
     of_base = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.8]])
     of_lidar = turned.inv().apply([of_base[0] + np.cross(of_base[1], [*LIDAR[:2], 0.2]), of_base[1]])
     for t_s in instants_s(1.0, 20):

@@ -113,7 +113,7 @@ def test_of_an_odd_log_all_that_is_said_is_true(
     row, room, log = ROWS[name], Room(ROOM_M), Log()
     for change in row.changes:
         change(log, room)
-    path, config = odd.written(log, tmp_path / "log.mcap"), tmp_path / "quadlog.toml"
+    path, config = log.write(tmp_path / "log.mcap", chunk_size=20_000), tmp_path / "quadlog.toml"
     if row.damage is not None:
         row.damage(path)
 

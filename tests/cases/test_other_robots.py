@@ -14,7 +14,7 @@ from quadlog.cli.main import run as run_cli
 from quadlog.geometry import turned
 from quadlog.results.tables import read_table
 from quadlog.storage.formats.ros_map import read_rosmap
-from tests.lab.strangers import Log, Room, add_scans, header, instants_s, message, ns, rms_after_alignment_m, vector
+from tests.lab.strangers import LEGS, ROS, Log, Room, add_scans, instants_s, ns, rms_after_alignment_m
 
 
 class Case(NamedTuple):
@@ -52,10 +52,9 @@ def fixes(*topics: str) -> Callable[[Log, Room], None]:
         for t_s in instants_s(8.0, 20):
             x_m, y_m, _ = room.at(t_s)
             north_deg, east_deg = 45.0 + np.degrees(y_m / 6_367_381.8), 9.0 + np.degrees(x_m / 4_517_590.9)
-            status = message("sensor_msgs/msg/NavSatStatus", 0, 1)
-            fix = (header(ns(t_s), "gps"), status, north_deg, east_deg, 100.0, np.zeros(9), 0)
+            fix = {"status__service": 1, "latitude": north_deg, "longitude": east_deg, "altitude": 100.0}
             for topic in topics:
-                log.add(topic, ns(t_s), message("sensor_msgs/msg/NavSatFix", *fix))
+                log.put(topic, ns(t_s), "sensor_msgs/msg/NavSatFix", "gps", **fix)
 
     return add
 
@@ -69,10 +68,10 @@ def velocities(topic: str, frame: str = "base_link", name: str = "TwistStamped")
             ahead, left = turned(np.array(-yaw), np.array([later_x - x, later_y - y]) * 1e3)
             if frame == "map":
                 ahead, left = (later_x - x) * 1e3, (later_y - y) * 1e3
-            twist = message("geometry_msgs/msg/Twist", vector(ahead, left, 0), vector(0, 0, (later - yaw) * 1e3))
-            if name != "TwistStamped":
-                twist = message("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36))
-            log.add(topic, ns(t_s), message(f"geometry_msgs/msg/{name}", header(ns(t_s), frame), twist))
+            twist = {"linear": ROS.vector(ahead, left, 0), "angular": ROS.vector(0, 0, (later - yaw) * 1e3)}
+            inner = "twist" if name == "TwistStamped" else "twist__twist"
+            values = {f"{inner}__{part}": each for part, each in twist.items()}
+            log.put(topic, ns(t_s), f"geometry_msgs/msg/{name}", frame, **values)
 
     return add
 
@@ -226,8 +225,8 @@ def points_beside_odometry(log: Log, room: Room) -> None:
     """A tracker that counts as true and sends places alone."""
     odometry(log, room)
     for t_s in instants_s(8.0, 20):
-        place = message("geometry_msgs/msg/Point", *map(float, room.at(t_s)[:2]), 0.0)
-        log.add("/vicon/dog", ns(t_s), message("geometry_msgs/msg/PointStamped", header(ns(t_s), "odom"), place))
+        x_m, y_m, _ = room.at(t_s)
+        log.put("/vicon/dog", ns(t_s), "geometry_msgs/msg/PointStamped", "odom", point__x=x_m, point__y=y_m)
 
 
 class Westward(Room):
@@ -284,7 +283,6 @@ def set_back(make: Callable[[Log, Room], None]) -> Callable[[Log, Room], None]:
     return changed
 
 
-LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 ARM = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
 GRIPPER = ["rh_l1", "rh_r1", "rh_l2", "rh_r2"]
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]

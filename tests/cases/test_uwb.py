@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
 
 from quadlog.cli.main import run as run_cli
 from quadlog.messages import UwbRanges
 from quadlog.simulation.synthetic.recording import SynthesizedMessage
 from quadlog.simulation.synthetic.writer import write_recording
-from tests.lab.strangers import START_NS, STORE, Log, header, message
+from tests.lab.strangers import ROS, START_NS, Log
 
 HOUR_NS, TICK_NS = 3600 * 10**9, 50_000_000
 SQUARE_M = np.array([(0.0, 0.0, 1.2), (8.0, 0.0, 1.2), (8.0, 7.0, 1.2), (0.0, 7.0, 1.2)])
@@ -138,13 +137,12 @@ def carried(place: Callable[[int, int], Any] | None = None, count: int = 480) ->
 
     def write(path: Path) -> Path:
         t_ns, range_m = measure(count=count, tick_ns=TICK_NS // 4)
-        log, point = Log(), lambda *xyz: message("geometry_msgs/msg/Point", *map(float, xyz))
+        log = Log()
         for i, t in enumerate(t_ns.tolist()):
             at_m = jittered(i % 4, i) if place is None else place(i % 4, i)
-            numbers = (i, 7, 100 + i % 4, 0, 1, 0, 0, 5, range_m[i, i % 4], *(1.0, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0))
-            places = point(0, 0, 0), point(*at_m), point(0, 0, 0), point(0, 0, 0)
-            name = "uwb_driver/msg/UwbRange"
-            log.add("/uwb", t, message(name, header(t, "uwb"), *numbers, 1, *(0,) * 6, *places))
+            ends = {"requester_id": 7, "responder_id": 100 + i % 4, "distance": range_m[i, i % 4]}
+            ends["responder_location"] = ROS.vector(*at_m, name="Point")
+            log.put("/uwb", t, "uwb_driver/msg/UwbRange", "uwb", **ends)
         return log.write(path)
 
     return write
@@ -171,8 +169,7 @@ OWN_TEXT = {
     "Times": "std_msgs/Header header\nuint16 peer\n" + "".join(f"uint64 {name}\n" for name in TIMES),
     "Place": "builtin_interfaces/Time stamp\nfloat64 x\nfloat64 y\nfloat64 z\n",
 }
-for _name, _text in OWN_TEXT.items():
-    STORE.register(get_types_from_msg(_text, f"own/msg/{_name}"))
+ROS.register(**OWN_TEXT)
 
 
 def own(kind: str) -> Write:
@@ -181,21 +178,18 @@ def own(kind: str) -> Write:
     def write(path: Path) -> Path:
         log = Log()
         for t, row in zip(*measure(), strict=True):
-            named, (x_m, y_m) = header(int(t), ""), walk_m(np.array([t]))[0]
-            log.add("/place", t, message("own/msg/Place", named.stamp, 1000 * x_m, 1000 * y_m, 0.0))
+            x_m, y_m = walk_m(np.array([t]))[0]
+            log.put("/place", t, "own/msg/Place", stamp=ROS.stamp(int(t)), x=1000 * x_m, y=1000 * y_m)
             if kind == "Frame":
-                nodes = [message("own/msg/Node", i, value) for i, value in enumerate(row)]
-                log.add("/own", t, message("own/msg/Frame", named, 0, nodes))
-            for i, value in enumerate(row if kind != "Frame" else ()):
-                late = header(int(t) + i * 10**6, "")
-                if kind == "Single":
-                    log.add("/own", t + i * 10**6, message("own/msg/Single", late, i, round(1000 * value)))
-                else:
-                    flight = value / 299_792_458.0 / 1.565e-11
+                nodes = [ROS.make("own/msg/Node", id=i, dis=value) for i, value in enumerate(row)]
+                log.put("/own", t, "own/msg/Frame", "", nodes=nodes)
+                continue
+            for i, value in enumerate(row):
+                values, flight = {"distance_mm": round(1000 * value)}, value / 299_792_458.0 / 1.565e-11
+                if kind == "Times":
                     times = np.cumsum([2**40 - 10**7, flight, 2e7, flight, 3e7, flight])
-                    log.add(
-                        "/own", t + i * 10**6, message("own/msg/Times", late, i, *(int(each) % 2**40 for each in times))
-                    )
+                    values = {name: int(each) % 2**40 for name, each in zip(TIMES, times, strict=True)}
+                log.put("/own", t + i * 10**6, f"own/msg/{kind}", "", peer=i, **values)
         return log.write(path)
 
     return write

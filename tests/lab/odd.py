@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from tests.lab.recordings import flip, mcap
-from tests.lab.strangers import STORE, Log, Room, add_scans, instants_s, message, ns, quaternion
+from tests.lab.messages import At, yawed
+from tests.lab.recordings import flip
+from tests.lab.strangers import ROS, Log, Room, add_scans, instants_s, ns
 
 Change = Callable[[Log, Room], None]
 SECONDS = 8.0
@@ -103,7 +104,7 @@ def repeated(after_ns: int, *topics: str) -> Change:
     return change
 
 
-def of_sensor(frame: str, mount: tuple[float, float, float], *, known: bool = True) -> Change:
+def of_sensor(frame: str, mount: At, *, known: bool = True) -> Change:
     """Odometry whose poses are those of a sensor; known: tf_static has its mount, by way of a frame between."""
 
     def change(log: Log, room: Room) -> None:
@@ -113,7 +114,7 @@ def of_sensor(frame: str, mount: tuple[float, float, float], *, known: bool = Tr
             cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
             at = content.pose.pose
             at.position.x, at.position.y = x_m + cos * ahead_m - sin * left_m, y_m + sin * ahead_m + cos * left_m
-            at.orientation = quaternion(yaw_rad + turned_rad)
+            at.orientation = ROS.vector(*yawed(yaw_rad + turned_rad), name="Quaternion")
             content.child_frame_id = frame
         if known:
             log.tf(ns(0.0), "base_link", "plate", (mount[0], 0.0, 0.0), 0.1, "/tf_static")
@@ -217,20 +218,9 @@ def beside(topic: str) -> Change:
 
     def change(log: Log, room: Room) -> None:
         for t_s in instants_s(SECONDS, 1):
-            log.add(topic, ns(t_s), message("std_msgs/msg/String", "hello"))
+            log.put(topic, ns(t_s), "std_msgs/msg/String", data="hello")
 
     return change
-
-
-def written(log: Log, path: Path) -> Path:
-    """The log as an MCAP file of many chunks, so that damage to one leaves the others."""
-    types = {
-        topic: (content.__msgtype__, STORE.generate_msgdef(content.__msgtype__, ros_version=2)[0], "")
-        for _, topic, content in log.messages
-    }
-    rows = sorted(log.messages, key=lambda row: row[0])
-    cdr = [(topic, t_ns, bytes(STORE.serialize_cdr(each, each.__msgtype__))) for t_ns, topic, each in rows]
-    return mcap(path, cdr, types=types, chunk_size=20_000)
 
 
 def cut(path: Path) -> None:

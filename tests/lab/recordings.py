@@ -16,7 +16,8 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from quadlog.simulation.synthetic.ros_encoding import RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import LINKTRACK, RosEncoder
+from tests.lab.messages import store_of
 
 Message = tuple[str, int, bytes]
 BASE_NS = 1_700_000_000 * 10**9
@@ -76,6 +77,7 @@ def db3(
     path: Path, messages: Sequence[Message], serialization: str = "cdr", index: bool = True, types: Types = STRINGS
 ) -> Path:
     connection = sqlite3.connect(path)
+    connection.execute("PRAGMA synchronous = OFF")
     fill_db3(connection, messages, serialization, index, types)
     connection.close()
     return path
@@ -111,30 +113,39 @@ Row = tuple[str, int, str, bytes]
 
 
 @cache
-def _store(ros: Stores, type_name: str) -> Any:
+def _definition(name: str) -> str:
+    """LinkTrack's frames carry a header, as the encoder writes them."""
+    return (
+        RosEncoder().definition(name)
+        if name == LINKTRACK
+        else store_of("little").generate_msgdef(name, ros_version=2)[0]
+    )
+
+
+@cache
+def _store(ros: Stores, name: str) -> Any:
     store = get_typestore(ros)
-    if type_name not in store.fielddefs:
-        text = RosEncoder().definition(type_name)
-        store.register({type_name: get_types_from_msg(text, type_name)[type_name]})
+    types = get_types_from_msg(_definition(name), name)
+    store.register({each: fields for each, fields in types.items() if each not in store.fielddefs})
     return store
 
 
-def in_ros1(type_name: str, payload: bytes) -> tuple[bytes, str, str]:
+def in_ros1(name: str, payload: bytes) -> tuple[bytes, str, str]:
     """A CDR payload as ROS 1 has it, and the definition and digest that a bag embeds."""
-    converted = _store(Stores.ROS2_HUMBLE, type_name).cdr_to_ros1(payload, type_name)
-    return bytes(converted), *_store(Stores.ROS1_NOETIC, type_name).generate_msgdef(type_name, ros_version=1)
+    converted = _store(Stores.ROS2_HUMBLE, name).cdr_to_ros1(payload, name)
+    return bytes(converted), *_store(Stores.ROS1_NOETIC, name).generate_msgdef(name, ros_version=1)
 
 
-def written(path: Path, rows: Sequence[Row]) -> Path:
-    """A recording of messages of the encoder's types, in the container that its extension names."""
-    encoder, messages, types = RosEncoder(), [], {}
+def written(path: Path, rows: Sequence[Row], **options: Any) -> Path:
+    """A recording in the container that its extension names, MCAP without one."""
+    messages, types = [], {}
     for topic, t_ns, name, cdr in rows:
-        payload, *described = in_ros1(name, cdr) if path.suffix == ".bag" else (cdr, encoder.definition(name), "")
+        payload, *described = in_ros1(name, cdr) if path.suffix == ".bag" else (cdr, _definition(name), "")
         types[topic] = (name, *described)
         messages.append((topic, t_ns, payload))
-    if path.suffix == ".mcap":
-        return mcap(path, messages, types=types, chunk_size=1 << 20)
-    return {".bag": bag, ".db3": db3}[path.suffix](path, messages, types=types)
+    if path.suffix in (".bag", ".db3"):
+        return {".bag": bag, ".db3": db3}[path.suffix](path, messages, types=types)
+    return mcap(path, messages, types, **{"chunk_size": 1 << 20} | options)
 
 
 def build(form: str, path: Path, messages: Sequence[Message], **options: Any) -> Path:

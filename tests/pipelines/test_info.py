@@ -23,7 +23,7 @@ from quadlog.recordings.containers.container import EXCERPT
 from quadlog.recordings.recording import open_recording
 from quadlog.results.tables import read_table
 from quadlog.storage.remote_path import to_path
-from tests.lab.strangers import START_NS, STORE, Log, header, message
+from tests.lab.strangers import ROS, START_NS, Log
 from tests.pipelines.conftest import FIXTURES
 
 TAGFRAME = b"\0\1\0\0\2\5" + bytes(2 + 4 + 4 + 4 + 36) + np.array([1.5, 0, 2.5, 0, 0, 0, 0, 0], "<f4").tobytes()
@@ -37,12 +37,12 @@ Row = tuple[str, str, bytes, int]
 
 def rows_of(log: Log) -> Iterator[Row]:
     for t_ns, topic, content in log.messages:
-        yield topic, content.__msgtype__, bytes(STORE.serialize_cdr(content, content.__msgtype__)), t_ns
+        yield topic, content.__msgtype__, ROS.serialise(content), t_ns
 
 
 def write(path: Path, rows: Iterable[Row], defined: Iterable[str] = (), **settings: Any) -> Path:
     """An MCAP of the rows; without definitions but those of some types."""
-    texts = {name: STORE.generate_msgdef(name, ros_version=2)[0].encode() for name in defined}
+    texts = {name: ROS.channel("", name).schema for name in defined}
     with path.open("wb") as file:
         writer, channels = Writer(file, **settings), {}
         writer.start()
@@ -60,9 +60,7 @@ def test_the_whole_object(tmp_path):
     log, frames = Log(), []
     for i in range(12):
         t_ns = START_NS + i * 10**8
-        log.add(
-            "/point", t_ns, message(POINT, header(47 * 10**9, ""), message("geometry_msgs/msg/Point", 1.0, 2.0, 3.0))
-        )
+        log.put("/point", t_ns, POINT, header=ROS.header(47 * 10**9, ""))
         frames.append(("/uwb", "nlink_parser/msg/LinktrackTagframe0", TAGFRAME[: -30 if i == 6 else None], t_ns))
     info = describe_recording(write(tmp_path / "walk.mcap", [*rows_of(log), *frames], [POINT]), Config())
     assert json.loads(json.dumps(info, allow_nan=False)) == info

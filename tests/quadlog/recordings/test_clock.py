@@ -185,7 +185,7 @@ def test_clocks_of_streams_that_are_compared(log, name):
         elif stream == "/uwb":
             log.container.add(UWB, log_ns, RANGES)
         else:
-            message = log.ros.cloud(stamp_ns, POINTS) if stream == "/points" else log.ros.odometry(stamp_ns, 0.0)
+            message = log.ros.cloud(stamp_ns, POINTS) if stream == "/points" else log.ros.odometry(stamp_ns)
             log.add(stream, log_ns, message)
 
     for log_ns in range(T0, T0 + 12 * S, 100 * MS):

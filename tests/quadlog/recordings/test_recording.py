@@ -22,7 +22,7 @@ def times(recording, *arguments):
 def add_odometry(log, rows):
     """rows: log times and stamps after T0."""
     for i, (log_ns, stamp_ns) in enumerate(rows):
-        log.add("/odom", T0 + log_ns, log.ros.odometry(T0 + stamp_ns, float(i)))
+        log.add("/odom", T0 + log_ns, log.ros.odometry(T0 + stamp_ns, (i, 0, 0)))
 
 
 @pytest.mark.parametrize("topics", ["/odm", "odom", ["/odom", "/odm"], {"/odm": 1}, iter(["/odm"])])
@@ -57,7 +57,7 @@ def test_distant_clocks_are_never_mixed(log, rows):
         if stamp_ns is None:
             log.container.add(RANGING, T0 + log_ns, RANGING_PAYLOAD)
         else:
-            log.add(topic, T0 + log_ns, log.ros.odometry(T0 + stamp_ns, 0.0))
+            log.add(topic, T0 + log_ns, log.ros.odometry(T0 + stamp_ns))
     topics = sorted({topic for topic, _, _ in rows})
     with pytest.raises(ClocksDiffer, match=r"/odom.*--stamp log|/odom"):
         list(Recording(log.container).messages(topics))
@@ -108,7 +108,7 @@ def test_topics_that_cannot_be_decoded_are_a_loss_unless_they_are_of_no_use(log)
     """Of two types, or of an unknown encoding; a String is of no use."""
     add_odometry(log, [(0, 0)])
     log.add("/odom", T0 + 1, log.ros.range(T0, 1.0))
-    log.add("/other", T0 + 2, log.ros.odometry(T0, 0.0))
+    log.add("/other", T0 + 2, log.ros.odometry(T0))
     for topic, name, encoding in (
         ("/points", "sensor_msgs/msg/PointCloud2", "cbor"),
         ("/chatter", "std_msgs/msg/String", "cdr"),

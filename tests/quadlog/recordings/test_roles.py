@@ -20,6 +20,10 @@ SPHERE = np.random.default_rng(0).normal(size=(500, 3))
 CLOUDS = {"cloud": SPHERE, "wide": 2 * SPHERE, "flat": SPHERE * [1, 1, 0], "few": SPHERE[:20]}
 CLOUDS["empty"] = np.zeros((500, 3))
 RAW = {
+    "Odometry": "nav_msgs/msg/Odometry",
+    "Range": "sensor_msgs/msg/Range",
+    "Tf": "tf2_msgs/msg/TFMessage",
+    "Pose": "geometry_msgs/msg/PoseStamped",
     "gtec": "gtec_msgs/msg/Ranging",
     "packets": "velodyne_msgs/msg/VelodyneScan",
     "bytes": "nlink_parser/msg/LinktrackNodeframe0",
@@ -40,15 +44,7 @@ def add(log, topic, kind):
         for k in range(12):
             log.add(topic, T0 + k, ros.cloud(T0 + k, SPHERE if k > 8 else np.full((500, 3), np.nan)))
     else:
-        pose = ros.type("geometry_msgs/msg/PoseStamped")
-        level = (0.0, 0.0, 0.0, 1.0)
-        made = {
-            "odometry": lambda: ros.odometry(T0, 0.0),
-            "range": lambda: ros.range(T0, 1.0),
-            "tf": ros.tf,
-            "pose": lambda: pose(ros.header(T0), ros.pose((0.0, 0.0, 0.0), level)),
-        }
-        log.add(topic, T0, made[kind]())
+        log.add(topic, T0, ros.make(RAW[kind.title()]))
 
 
 def roles_of(log, topics, **settings):

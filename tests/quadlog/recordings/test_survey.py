@@ -30,7 +30,7 @@ def test_counts_rates_gaps_and_clock_offset(log: Any) -> None:
     t_ns = T0
     for i in range(200):
         t_ns += 1000 * MS if i == 100 else (100 if i < 100 else 50) * MS
-        log.add("/odom", t_ns, log.ros.odometry(t_ns - 30 * MS, 0.0))
+        log.add("/odom", t_ns, log.ros.odometry(t_ns - 30 * MS))
     (topic,) = survey(Recording(log.container)).topics
     assert topic.messages == 200
     assert topic.hz_max == pytest.approx(20)
@@ -42,8 +42,7 @@ def test_counts_rates_gaps_and_clock_offset(log: Any) -> None:
 
 def test_offset_of_types_that_quadlog_does_not_decode(log: Any) -> None:
     """Only the header at the payload's front is read, by the embedded definition or the standard one."""
-    kind = log.ros.type("geometry_msgs/msg/PointStamped")
-    message = kind(log.ros.header(T0 - 7 * MS), log.ros.type("geometry_msgs/msg/Point")(0.0, 0.0, 0.0))
+    message = log.ros.make("geometry_msgs/msg/PointStamped", header=log.ros.header(T0 - 7 * MS))
     log.add("/embedded", T0, message)
     bare = Channel("/bare", "geometry_msgs/msg/PointStamped", "cdr", "", b"")
     log.container.add(bare, T0, log.ros.serialise(message))

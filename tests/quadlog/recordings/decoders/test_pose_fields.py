@@ -34,26 +34,24 @@ TYPES = {
 }
 
 
-@pytest.fixture(params=["ros1", "cdr"])
-def lab(request: pytest.FixtureRequest, both_ros: Any) -> Any:
-    ros = type(both_ros.cdr)(request.param)
+@pytest.fixture
+def lab(ros: Any) -> Any:
     for name, text in TYPES.items():
         ros.store.register(get_types_from_msg(text, name))
     return ros
 
 
-def messages_of(ros: Any, occluded: bool = False) -> dict[str, Any]:
+def messages_of(ros: Any, **changed: Any) -> dict[str, Any]:
     """One message with the same pose of every type that holds one."""
     pose, header = ros.pose(XYZ, TURN), ros.header(T_NS, "/world")
     transform = ros.transform(T_NS, "/world", "", XYZ, TURN).transform
-    covered = ros.type("geometry_msgs/msg/PoseWithCovariance")(pose, np.zeros(36))
-    parts = {
-        SUBJECT: (header, "dog", occluded, pose.position, pose.orientation),
-        "lab/msg/Tracked": (header, 3, covered, np.array([0.5, 0.25])),
-        "lab/msg/Frame": (header, 9, ros.type("lab/msg/Body")("dog", transform)),
-        "lab/msg/Wrapped": (ros.type("geometry_msgs/msg/PoseStamped")(header, pose),),
+    parts: dict[str, dict[str, Any]] = {
+        SUBJECT: {"header": header, "position": pose.position, "orientation": pose.orientation} | changed,
+        "lab/msg/Tracked": {"header": header, "where__pose": pose, "residuals": [0.5, 0.25]},
+        "lab/msg/Frame": {"header": header, "body__place": transform},
+        "lab/msg/Wrapped": {"stamped__header": header, "stamped__pose": pose},
     }
-    return {name: ros.type(name)(*each) for name, each in parts.items()}
+    return {name: ros.make(name, **values) for name, values in parts.items()}
 
 
 def test_the_pose_of_an_unknown_type(lab: Any) -> None:
@@ -75,17 +73,13 @@ def test_types_without_one_pose_and_a_header_are_not_taken(lab: Any) -> None:
     assert not any(kinds_of(lab.channel("/topic", name)) for name in others)
 
 
-def recording(log: Any, ros: Any, topics: dict[str, str]) -> Recording:
-    container, messages = log.container, messages_of(ros)
-    for topic, name in topics.items():
-        payload = ros.serialise(messages[name]) if name in messages else b"\0\1\0\0"
-        container.add(ros.channel(topic, name), T_NS, payload)
-    return Recording(container)
-
-
 def test_roles_of_unknown_types_are_explained(lab: Any, log: Any) -> None:
     topics = {"/dog": SUBJECT, "/all": "lab/msg/Bodies", "/plan": "lab/msg/Two", "/id": "lab/msg/Frame"}
-    dogs = recording(log, lab, topics)
+    messages = messages_of(lab)
+    for topic, name in topics.items():
+        payload = lab.serialise(messages[name]) if name in messages else b"\0\1\0\0"
+        log.container.add(lab.channel(topic, name), T_NS, payload)
+    dogs = Recording(log.container)
     roles = detect_roles(dogs, Topics())
     expected = {"/dog": ("reference", SUBJECT), "/all": (None, "bodies"), "/plan": (None, "seen, wanted")}
     for topic, (role, words) in (expected | {"/id": (None, "--set topics.reference=/id")}).items():
