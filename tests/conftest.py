@@ -33,7 +33,7 @@ DATASETS = ("edge_cases", "lidar_16beam", "odometry", "uwb_labyrinth", "uwb_lias
 
 ANY_FIXTURE: Any = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 settings.register_profile("dev", max_examples=15, **ANY_FIXTURE)
-settings.register_profile("ci", max_examples=40, derandomize=True, print_blob=True, **ANY_FIXTURE)
+settings.register_profile("ci", max_examples=15, derandomize=True, print_blob=True, **ANY_FIXTURE)
 settings.register_profile("nightly", max_examples=500, **ANY_FIXTURE)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 

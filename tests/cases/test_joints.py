@@ -38,7 +38,7 @@ def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2), every_ns: int = ST
     """
     (position_rad, force_n), log = trot(), Log()
     still = ROS.make("unitree_go/msg/LowState", imu_state__quaternion=[1, 0, 0, 0])
-    motor, force_n = still.motor_state[0], force_n[:, feet].astype(np.int16)
+    motor, force_n = still.motor_state[0], np.ascontiguousarray(force_n[:, feet], np.int16)
     for i in range(N):
         t_ns = START_NS + i * STEP_NS
         motors = [replace(motor, q=position_rad[i, joint]) for joint in MOTORS] + still.motor_state[12:]

@@ -75,7 +75,7 @@ def zeroed(kind: str, name: str, /, **values: Any) -> Any:
             made.append(zero(what, detail, within.pop(field, {})))
         else:
             made.append(np.array(values.pop(field), dtype) if dtype else values.pop(field))
-    assert not (values or within), (name, values, within)
+    assert not values | within, name
     return store_of(kind).types[name](*made)
 
 
