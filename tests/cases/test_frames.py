@@ -202,33 +202,6 @@ def test_a_reference_without_stamps_does_not_stop_a_replay(tmp_path: Path, capsy
     assert set(read_table(tmp_path / "runs" / "log", "poses")["source"]) == {"odometry"}
 
 
-def test_log_times_are_proposed_only_for_topics_that_are_used(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = Log()
-    for t_s in instants_s(2.0, 20):
-        log.odometry(ns(t_s), Room(6.0).at(t_s))
-    on_another_clock(log)
-    log.tf(0, "base_link", "laser", (0.0, 0.0, 0.0), 0.1, "/tf_static")
-    log.put("/chatter", ns(0.5), "std_msgs/msg/String", data="no stamp")
-    log.messages = [(max(t_ns, ns(0.0)), *rest) for t_ns, *rest in log.messages]
-    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
-    err = capsys.readouterr().err
-    assert "header stamps of 1 topic lie" in err
-    assert "--stamp log" not in err
-
-
-def test_an_intact_log_of_nothing_that_is_used_is_nothing_to_replay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = Log()
-    log.put("/chatter", ns(0.0), "std_msgs/msg/String", data="hello")
-    assert run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs")]) == 1
-    err = capsys.readouterr().err
-    assert "nothing to replay" in err
-    assert "nothing readable" not in err
-
-
 def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path: Path) -> None:
     log = Log()
     way(log)
@@ -332,7 +305,7 @@ FRAMES = {
     "a tf that is repeated in a namespace": FrameCase((mounted, sent, row(sent, "/dog/tf", 10)), source="tf"),
     "robots of which the second is seen": FrameCase(
         (row(mounted, prefix="dog2/"), row(sent, shift=FAR, prefix="dog1/"), row(sent, prefix="dog2/")),
-        ("tf moves 2 robots: the one of dog2/base_link is taken",),
+        ("tf moves 2 robots: the one of dog2/base_link is taken", "'topics.base_frame=\"dog1/base_link\"'"),
         source="tf", scan=("/scan", "dog2/lidar"), never=("lidar.mount",),
     ),
     "two senders of one transform": FrameCase(

@@ -284,8 +284,8 @@ CASES = {
             never=("no fix", "NLOS"),
         )
         for name, n, each in (
-            ("1 ns later", 800, twice(1)), ("5 ms later", 800, twice(5_000_000)), ("at once", 800, twice(0)),
-            ("each third", 534, twice(10**6, every=3)), ("by a relay", 800, twice(3_000_000, "/relay")),
+            ("at once", 800, twice(0)), ("each third", 534, twice(5_000_000, every=3)),
+            ("by a relay", 800, twice(3_000_000, "/relay")),
         )
     },
     "tried again": Case(
@@ -318,7 +318,7 @@ CASES = {
             rms_m=0.05, source="uwb" if named else "odometry", never=("fit the anchors",) if named else (),
             links=None if named else 0, info=() if named else (f"fit the anchors in {unit}",),
         )
-        for unit, scale in (("cm", 100), ("mm", 1000)) for named in (False, True)
+        for unit, scale, named in (("cm", 100, False), ("mm", 1000, False), ("mm", 1000, True))
     },
     "frames in cm": Case(
         written(frames_of(measure()[0], 100 * measure()[1])), worst_m=0.2,
@@ -385,7 +385,7 @@ CASES = {
     "carried by two": Case(all_but([0, 1], (0, 0, 0)), ("2 of the 3",), config="", source="fixed"),
     **{
         f"carried, all {nowhere}": Case(all_but(range(4), nowhere), ("ranges are not used",), config="", source="fixed")
-        for nowhere in ((0.0, 0.0, 0.0), (np.nan, 1.0, 1.0), (np.inf, 0.0, 0.0), (1e30, 0.0, 0.0))
+        for nowhere in ((0.0, 0.0, 0.0), (np.nan, 1.0, 1.0))
     },
     "carried, one moves": Case(
         carried(lambda anchor, i: jittered(anchor, i) + (anchor == 2) * i / 200), ("anchor 102 by ",), config="",
@@ -424,10 +424,9 @@ def test_what_comes_of_it(name: str, tmp_path: Path, replayed: Any, described: A
         assert all(sum(words in line for line in info["warnings"]) == 1 for words in case.info), info["warnings"]
 
 
-@pytest.mark.parametrize("back_s", [2, 1.2])
-def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replayed, described, back_s):
+def test_a_clock_that_is_set_back_does_not_interleave_two_walks(tmp_path, replayed, described):
     """Part of the log is stamped early: every pose is of the walk before or of the one after."""
-    path, (t_ns, _) = set_back(back_s)(tmp_path / "back"), measure()
+    path, (t_ns, _), back_s = set_back(1.2)(tmp_path / "back"), measure(), 1.2
     done = replayed(path, "--until", "position", "--set", "uwb.smooth=false", config=site())
     (lost,) = (line for line in done.err.splitlines() if "go back by" in line)
     assert (done.code, lost[:10], "--stamp log" in lost) == (3, "lost: /uwb", True)
@@ -464,7 +463,7 @@ def test_the_side_of_anchors_on_a_line_is_chosen_and_said(tmp_path, replayed, si
 
 
 def test_wrong_places_of_anchors_are_named_and_right_ones_are_not(tmp_path, replayed, described):
-    path = written(frames_of(*measure(anchors_m=SIX_M, count=800)))(tmp_path / "six")
+    path = written(frames_of(*measure(anchors_m=SIX_M, count=400)))(tmp_path / "six")
     moved_m = SIX_M.copy()
     moved_m[2, :2] += [0.9, -0.6]
     found = []
@@ -483,11 +482,11 @@ def test_wrong_places_of_anchors_are_named_and_right_ones_are_not(tmp_path, repl
 
 def test_many_tags_are_located_and_a_person_from_when_it_appears(tmp_path, replayed):
     t_ns, range_m = measure()
-    tags = [frame for tag in range(1, 30) for frame in frames_of(t_ns[50:70] + 1000 * tag, range_m[50:70], tag)]
+    tags = [frame for tag in range(1, 12) for frame in frames_of(t_ns[50:70] + 1000 * tag, range_m[50:70], tag)]
     path = written([*frames_of(t_ns, range_m), *tags])(tmp_path / "walk")
     done = replayed(path, "--until", "position", config=site())
-    assert set(done.table("fixes")["tag"]) == set(range(30))
-    assert "messages for 20 of them are omitted" in done.err
+    assert set(done.table("fixes")["tag"]) == set(range(12))
+    assert "messages for 2 of them are omitted" in done.err
     assert done.sources("target") == {"uwb"}
     assert done.table("target")["t_ns"][0] == t_ns[50] + 1000
     assert run_cli(["info", str(path), "-c", str(tmp_path / "quadlog.toml")]) == 0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tests.lab.messages import At, Ros, yawed
-from tests.lab.recordings import written
+from tests.lab.recordings import Row, written
 
 ROS = Ros()
 START_NS = 1_700_000_000_000_000_000
@@ -68,10 +68,14 @@ class Log:
         values |= {"name": names, "velocity": np.zeros(len(efforts_nm))}
         self.put("/joint_states", t_ns, "sensor_msgs/msg/JointState", "", **values)
 
+    def rows(self) -> list[Row]:
+        """What is written."""
+        ordered = sorted(self.messages, key=lambda row: row[0])
+        return [(topic, t_ns, each.__msgtype__, ROS.serialise(each)) for t_ns, topic, each in ordered]
+
     def write(self, path: Path, **options: Any) -> Path:
         """A recording in the container that the path's extension names."""
-        rows = sorted(self.messages, key=lambda row: row[0])
-        return written(path, [(topic, t, each.__msgtype__, ROS.serialise(each)) for t, topic, each in rows], **options)
+        return written(path, self.rows(), **options)
 
 
 class Room:
@@ -97,10 +101,6 @@ class Room:
         turn_rad = SPEED_MPS * max(t_s - 1.0, 0.0) / ((a_m + b_m) / 2)
         along = (-a_m * np.sin(turn_rad), b_m * np.cos(turn_rad))
         return a_m * np.cos(turn_rad) - a_m, b_m * np.sin(turn_rad), float(np.arctan2(along[1], along[0]))
-
-    def way_m(self, t_ns: Array) -> Array:
-        """(N, 2) positions at instants (N,)."""
-        return np.array([self.at((t - START_NS) * 1e-9)[:2] for t in t_ns.tolist()])
 
     def ranges_m(self, t_s: float, beams: int, mount: At, span_rad: float) -> Array:
         """(beams,) distances to the walls, with 1 cm of noise; mount: x_m, y_m, yaw_rad of the scanner in base."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from quadlog.config.schema import Topics
 from quadlog.messages import Batch
-from quadlog.recordings.clocks.clock import Sender, clock_losses, kept_rows, left_out, repeated_rows
+from quadlog.recordings.clocks.clock import Sender, clock_losses, left_out, repeated_rows
 from quadlog.recordings.clocks.clock_offsets import LATE_NS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording
@@ -88,13 +88,6 @@ def test_kept_stamps_go_back_by_no_more_than_messages_may_overtake(tenths):
     kept = t_ns[~repeated_rows(t_ns)]
     assert bool(len(kept)) == bool(len(t_ns))
     assert (kept >= np.maximum.accumulate(kept) - LATE_NS).all()
-
-
-@given(st.lists(st.integers(0, 10), max_size=20))
-def test_late_stamps_are_sorted_in_and_the_first_of_equal_ones_is_kept(tenths):
-    t_ns = stamps(*(100 * each for each in tenths))
-    rows = kept_rows(t_ns, repeated_rows(t_ns))
-    assert rows.tolist() == [tenths.index(each) for each in sorted(set(tenths))]
 
 
 UWB = Channel("/uwb", "gtec_msgs/msg/Ranging", "cdr", "", b"")

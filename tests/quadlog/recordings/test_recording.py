@@ -34,13 +34,6 @@ def test_a_topic_that_is_not_there_is_refused_at_once(log, topics):
     assert raised.value.choices == ["/gtec", "/odom"]
 
 
-def test_zero_stamps_fall_back_to_log_time_with_a_warning(log):
-    add_odometry(log, [(0, -T0)])
-    recording = Recording(log.container)
-    assert times(recording, ["/odom"]) == [T0]
-    assert len(recording.warnings) == 1
-
-
 @pytest.mark.parametrize(
     "rows",
     [
@@ -117,13 +110,3 @@ def test_topics_that_cannot_be_decoded_are_a_loss_unless_they_are_of_no_use(log)
     recording = Recording(log.container)
     assert [each.topic for each in recording.messages(["/odom", "/other", "/points", "/chatter"])] == ["/other"]
     assert {loss.topic for loss in recording.losses} == {"/odom", "/points"}
-
-
-def test_ends_of_single_ranges_come_from_the_topic(log):
-    expected = {"/n_3/n_7": (3, [7]), "/n_7/n_5": (5, [7]), "/mapped": (1, [9]), "/sonar": (None, [-1])}
-    for topic in expected:
-        log.add(topic, T0, log.ros.range(T0, 2.5))
-    recording = Recording(log.container, range_topics={"/mapped": (1, 9)}, anchor_ids=[7])
-    for topic, ends in expected.items():
-        (timed,) = recording.messages([topic])
-        assert (timed.message.tag, timed.message.anchor.tolist()) == ends

@@ -52,19 +52,6 @@ def test_offset_of_types_that_quadlog_does_not_decode(log: Any) -> None:
     assert offsets == {name: pytest.approx(-0.007) for name in ("/embedded", "/bare", "/idl")}
 
 
-def test_links_and_losses(log: Any) -> None:
-    for i in range(4):
-        log.add("/uwb/n_0/n_2", T0 + i, log.ros.range(T0 + i, 1.0 + i))
-    raw = log.container.raw[0]
-    log.container.raw[0] = type(raw)(raw.channel, raw.log_time_ns, b"")
-    recording = Recording(log.container)
-    seen = survey(recording)
-    (link,) = seen.links["/uwb/n_0/n_2"]
-    assert (link.tag, link.anchor, link.messages, link.range_min_m, link.range_max_m) == (0, 2, 3, 2.0, 4.0)
-    assert [(loss.cause, loss.count) for loss in recording.losses] == [("decode", 1)]
-    assert seen.messages == 4
-
-
 def seen_of(path: Path, budget: Budget | None) -> tuple[list[Any], list[str]]:
     """What every message's log time tells, and the warnings: read whole, or from the index beside an excerpt."""
     with open_recording(path) as recording:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.range_ends import ends_of_topic
 from quadlog.recordings.decoders.ranges import own_ranges
+from quadlog.recordings.recording import Recording
 from tests.lab.decoded import decoded
 from tests.lab.messages import channel_of, serialised, zeroed
 
@@ -229,28 +229,24 @@ def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
     np.testing.assert_allclose(ranges.range_m, away_m, atol=0.01)
 
 
+ENDS = {
+    "/uwb/tof/n_3/n_7/distance": (3, 7),
+    "/uwb/anchor_4/range": (0, 4),
+    "/uwb/anchor_0/tag_2": (2, 0),
+    "/uwb/tag_0/anchor_2": (0, 2),
+    "/uwb/Anchor0/Tag2/range": (2, 0),
+    "/uwb/anchors/0/n_2": (2, 0),
+    "/uwb/anchor_id_0_tag_id_2": (2, 0),
+    "/uwb/anchor_3/n_7": (7, 3),
+    "/uwb/n_3/tag_7": (7, 3),
+    "/uwb_anchor/n_3/n_7": (3, 7),
+} | dict.fromkeys(("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20))
+
+
 @pytest.mark.parametrize(
     ("topic", "ends", "mapped", "anchors"),
     [
-        *(
-            (topic, ends, {}, [])
-            for topic, ends in {
-                "/uwb/tof/n_3/n_7/distance": (3, 7),
-                "/uwb/anchor_4/range": (0, 4),
-                "/uwb/anchor_0/tag_2": (2, 0),
-                "/uwb/tag_0/anchor_2": (0, 2),
-                "/uwb/Anchor0/Tag2/range": (2, 0),
-                "/uwb/anchors/0/n_2": (2, 0),
-                "/uwb/anchor_id_0_tag_id_2": (2, 0),
-                "/uwb/anchor_3/n_7": (7, 3),
-                "/uwb/n_3/tag_7": (7, 3),
-                "/uwb_anchor/n_3/n_7": (3, 7),
-            }.items()
-        ),
-        *(
-            (each, None, {}, [])
-            for each in ("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20)
-        ),
+        *((topic, ends, {}, []) for topic, ends in ENDS.items()),
         ("/n_7/n_5", (5, 7), {}, [7]),
         ("/n_7/n_5", (7, 5), {}, [5, 7]),
         ("/n_7/n_5", (1, 2), {"/n_7/n_5": (1, 2)}, [7]),
@@ -258,5 +254,7 @@ def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
         ("/uwb/anchor_0/anchor_2", (2, 0), {}, [0]),
     ],
 )
-def test_the_configuration_then_words_then_known_anchors_decide(topic, ends, mapped, anchors):
-    assert ends_of_topic(topic, mapped, anchors) == ends
+def test_the_configuration_then_words_then_known_anchors_decide(log, topic, ends, mapped, anchors):
+    log.add(topic, T_NS, log.ros.range(T_NS, 2.5))
+    (timed,) = Recording(log.container, range_topics=mapped, anchor_ids=anchors).messages([topic])
+    assert (timed.message.tag, *timed.message.anchor.tolist()) == (ends or (None, -1))
