@@ -19,7 +19,6 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages.log import open_log, read_log
 from quadlog.results.tables import read_table
-from tests.cases.conftest import Replayed
 from tests.lab.strangers import LEGS, ROS, Log, Room, add_scans, instants_s, ns
 
 
@@ -28,9 +27,7 @@ def way(log: Log, parent: str = "odom", child: str = "base_footprint") -> None:
         log.tf(ns(t_s), parent, child, Room(6.0).at(t_s))
 
 
-def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(tmp_path, capsys):
     log = Log()
     way(log)
     log.tf(ns(0.0), "base_footprint", "base_link", (0.0, 0.0, 0.0), 0.1, "/tf_static")
@@ -123,12 +120,7 @@ FORETOLD: dict[str, tuple[Callable[[Log], None], str, str, str]] = {
         "fixed",
         "what could give it:  --set topics.position=/a  or  --set topics.position=/b",
     ),
-    "another-payload": (
-        each(odometry()),
-        "",
-        "nothing",
-        "/odom cannot be decoded: not a nav_msgs/msg/Odometry",
-    ),
+    "another-payload": (each(odometry()), "", "nothing", "/odom cannot be decoded: not a nav_msgs/msg/Odometry"),
     "another-payload-beside-joints": (
         each(odometry(), joints(*LEGS)),
         "",
@@ -322,9 +314,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize("name", FRAMES)
-def test_poses_are_those_of_the_robot_whatever_frame_and_tf_give_them(
-    name: str, tmp_path: Path, replayed: Callable[..., Replayed]
-) -> None:
+def test_poses_are_those_of_the_robot_whatever_frame_and_tf_give_them(name, tmp_path, replayed):
     case, log = FRAMES[name], Log()
     for make in case.make:
         make(log)

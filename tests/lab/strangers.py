@@ -137,12 +137,7 @@ def ns(t_s: float) -> int:
 
 
 def add_scans(
-    log: Log,
-    room: Room,
-    duration_s: float,
-    beams: int = 360,
-    mount: At = (0.0, 0.0, 0.0),
-    **where: str,
+    log: Log, room: Room, duration_s: float, beams: int = 360, mount: At = (0.0, 0.0, 0.0), **where: str
 ) -> None:
     """LaserScans at 10 Hz all round; where: topic and frame."""
     for t_s in instants_s(duration_s, 10):

@@ -120,9 +120,7 @@ def test_what_chunks_hold_beyond_their_size_counts_once_for_a_file_and_however_o
 
 @pytest.mark.parametrize("form", ["bag", "mcap"])
 @pytest.mark.parametrize(("noise_bytes", "read"), [(18_000, True), (2_000, False)])
-def test_more_messages_than_bytes_of_the_file_are_refused(
-    tmp_path: Path, form: str, noise_bytes: int, read: bool
-) -> None:
+def test_more_messages_than_bytes_of_the_file_are_refused(tmp_path, form, noise_bytes, read):
     """Chunks of 10 000 empty messages that took less than a byte each."""
     noise = random.Random(0).randbytes(noise_bytes)
     if form == "bag":

@@ -72,9 +72,7 @@ MESSAGES = st.lists(
 
 @pytest.mark.parametrize("form", ["mcap", "mcap-loose", "bag", "bag-lz4", "db3", "db3-unindexed", "split"])
 @given(steps=MESSAGES, start_s=st.sampled_from([0, 100, 1_700_000_000]))
-def test_survey_by_index_equals_survey_of_all_messages(
-    form: str, steps: list[tuple[str, int, int]], start_s: int
-) -> None:
+def test_survey_by_index_equals_survey_of_all_messages(form, steps, start_s):
     """Late messages, equal times, clocks that go back, and chunks that overlap."""
     messages, t_ms = [], start_s * 1000
     for topic, forward, length in steps:
@@ -91,9 +89,7 @@ def test_survey_by_index_equals_survey_of_all_messages(
 
 
 @pytest.mark.parametrize("form", ["mcap", "bag"])
-def test_no_more_is_read_than_the_index_and_the_excerpt(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
-) -> None:
+def test_no_more_is_read_than_the_index_and_the_excerpt(tmp_path, monkeypatch, form):
     noise = Random(1)
     messages = [(topic, t_ns, noise.randbytes(6000)) for topic, t_ns, _ in recordings.some(400)]
     path = recordings.build(form, tmp_path / "walk", messages)

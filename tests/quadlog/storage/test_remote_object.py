@@ -70,9 +70,7 @@ def test_ranges_are_the_file_s_and_are_fetched_once(web: Any, file: str, monkeyp
     ("content", "headers", "size_bytes"),
     [(b"", {}, 0), (CONTENT, {}, len(CONTENT)), (gzip.compress(CONTENT), {"Content-Encoding": "gzip"}, None)],
 )
-def test_a_server_without_ranges_says_so_and_is_read_whole(
-    web: Any, file: str, content: bytes, headers: dict[str, str], size_bytes: int | None
-) -> None:
+def test_a_server_without_ranges_says_so_and_is_read_whole(web, file, content, headers, size_bytes):
     """The length of a compressed response is not that of the file."""
     web.answer = lambda _: http.Response(body=content, headers=headers)
     remote, info = opened(file), info_of(file)

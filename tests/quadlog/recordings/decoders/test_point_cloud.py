@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,9 +58,7 @@ def layouts(draw: st.DrawFn) -> dict[str, Any]:
 
 
 @given(layout=layouts(), encoding=st.sampled_from(["ros1", "cdr"]))
-def test_any_layout_is_read_like_a_structured_array(
-    both_ros: SimpleNamespace, layout: dict[str, Any], encoding: str
-) -> None:
+def test_any_layout_is_read_like_a_structured_array(both_ros, layout, encoding):
     ros = getattr(both_ros, encoding)
     random = np.random.default_rng(layout["seed"])
     points = np.zeros(layout["count"], layout["dtype"])

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 
@@ -69,15 +69,8 @@ def names_a_line(error: QuadlogError, content: bytes) -> bool:
     return True
 
 
-@given(
-    rows=terrains,
-    header=st.permutations([0, 1, 2]),
-    end=st.sampled_from(["\n", "\r\n"]),
-    after=st.integers(0, 3),
-)
-def test_any_map_comes_back(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[str], header: list[int], end: str, after: int
-) -> None:
+@given(rows=terrains, header=st.permutations([0, 1, 2]), end=st.sampled_from(["\n", "\r\n"]), after=st.integers(0, 3))
+def test_any_map_comes_back(tmp_path_factory, rows, header, end, after):
     path = tmp_path_factory.mktemp("maps") / "a.map"
     head = ["type octile", f"height {len(rows)}", f"width {len(rows[0])}"]
     path.write_bytes((end.join([*(head[each] for each in header), "map", *rows]) + end * after).encode())
@@ -101,9 +94,7 @@ MIXED = SCEN.replace(b"\t", b" ").replace(b" ", b"\t", 9).replace(b"version\t", 
 @pytest.mark.parametrize(
     ("content", "read", "expected"), [(MAP, of_map, cell_by_cell), (MIXED, of_scen, field_by_field)]
 )
-def test_a_damaged_file_is_read_as_it_stands_or_refused(
-    tmp_path: Path, content: bytes, read: Callable[[Path], object], expected: Callable[[bytes], object]
-) -> None:
+def test_a_damaged_file_is_read_as_it_stands_or_refused(tmp_path, content, read, expected):
     path, refused = tmp_path / "a", 0
     for each in damaged(content):
         path.write_bytes(each)
@@ -128,14 +119,7 @@ rows_of_scen = st.tuples(st.integers(0, 10**6), names, cells, cells, st.floats(0
     end=st.sampled_from(["\n", "\r\n"]),
     after=st.integers(0, 3),
 )
-def test_any_scenario_comes_back(
-    tmp_path_factory: pytest.TempPathFactory,
-    queries: list[tuple[int, str, tuple[int, int], tuple[int, int], float]],
-    tabs: bool,
-    version: str,
-    end: str,
-    after: int,
-) -> None:
+def test_any_scenario_comes_back(tmp_path_factory, queries, tabs, version, end, after):
     path = tmp_path_factory.mktemp("scens") / "a.scen"
     between, blank = ("\t", " ") if tabs else (" ", "_")
     expected = [
