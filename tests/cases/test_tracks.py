@@ -138,7 +138,6 @@ CASES = {
         JOINTS | {UWB_TOPIC, ROBOT_TRUTH_TOPIC}, source="uwb", site=True, target="uwb",
         says=("velocities by legs steady its track",),
     ),
-    "no joints, chosen": Case({ODOMETRY_TOPIC}, ["topics.position=legs"], code=1, says=("topics.position = 'legs'",)),
     "a gap, no IMU": Case(
         {JOINT_TOPIC}, [MODEL], change=silent(4.0, 4.5), never=("no foot stands",),
         says=("silent for up to 0.5 s, 1 silence above 0.1 s, 0.5 s in all", "some 0.3", "there is no IMU"),
@@ -180,9 +179,7 @@ CASES = {
         {ODOMETRY_TOPIC, UWB_TOPIC, ROBOT_TRUTH_TOPIC}, source="uwb", site=True, target="uwb", never=("contradict",),
         change=said(lambda s, place_m: 1.15 * place_m), body=False,
     ),
-    "lidar alone": Case(SCANS, until="map", source="lidar", worst_m=0.1, body=False),
-    "odometry before lidar": Case(SCANS | {ODOMETRY_TOPIC}, source="odometry", worst_m=0.3, body=False),
-    "lidar, chosen": Case(SCANS | {ODOMETRY_TOPIC}, [LIDAR], source="lidar", worst_m=0.1, body=False),
+    "lidar, chosen": Case(SCANS | {ODOMETRY_TOPIC}, [LIDAR], "lidar", until="map", worst_m=0.1, body=False),
     "lidar beside ranges": Case(
         SCANS | {UWB_TOPIC, ROBOT_TRUTH_TOPIC}, ["lidar.odometry=true"], "uwb", ("velocities by lidar steady",),
         site=True, target="uwb", other="lidar", body=False,

@@ -51,7 +51,8 @@ def test_a_json_type_of_ones_own_becomes_ranges_with_a_role_and_failures_are_a_l
     for fields in ({"t": T0, "m": [1.5, 2.5]}, {"t": T0 + 1, "m": [1.0, 2.0]}, {"t": T0}, {"t": T0, "m": [1.0] * 3}):
         add_json(log, "/beacons", "beacon.Report", **fields)
     recording = Recording(log.container)
-    first, second = (each.message for each in recording.messages(["/beacons"]))
+    for _ in range(2):  # reading again does not count the same losses again
+        first, second = (each.message for each in recording.messages(["/beacons"]))
     assert (first.stamp_ns, second.stamp_ns, first.tag) == (T0, T0 + 1, 3)
     assert (first.anchor.dtype, first.range_m.dtype) == (np.int64, np.float64)
     assert (first.anchor.tolist(), first.range_m.tolist()) == ([5, 7], [1.5, 2.5])

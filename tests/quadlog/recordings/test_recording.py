@@ -85,18 +85,6 @@ def test_each_transform_of_a_message_is_on_the_clock_and_static_ones_are_of_any_
     assert [(each.t_ns, each.message.stamp_ns) for each in static] == [(T0, 0), (T0, T0 - 9 * DAY)]
 
 
-def test_a_broken_message_is_counted_and_the_rest_is_read(log):
-    add_odometry(log, [(i, i) for i in range(5)])
-    raw = log.container.raw
-    raw[1] = type(raw[1])(raw[1].channel, raw[1].log_time_ns, raw[1].payload[:40])
-    raw[3] = type(raw[3])(raw[3].channel, raw[3].log_time_ns, b"")
-    recording = Recording(log.container)
-    for _ in range(2):  # reading again does not count the same losses again
-        assert [each.message.position_m[0] for each in recording.messages(["/odom"])] == [0, 2, 4]
-        (loss,) = recording.losses
-        assert (loss.cause, loss.topic, loss.count) == ("decode", "/odom", 2)
-
-
 def test_topics_that_cannot_be_decoded_are_a_loss_unless_they_are_of_no_use(log):
     """Of two types, or of an unknown encoding; a String is of no use."""
     add_odometry(log, [(0, 0)])

@@ -36,9 +36,3 @@ def test_payloads_that_do_not_fit_are_decode_errors(both_ros: Any, payload: byte
     for decode in (lambda payload: decoded(channel, payload), Definitions().deserialiser(channel)):
         with pytest.raises(DecodeError, match="/odom"):
             decode(payload)
-
-
-def test_broken_embedded_definition_is_refused(both_ros: Any) -> None:
-    channel = Channel("/odom", "nav_msgs/msg/Odometry", "cdr", "ros2msg", b"Nonsense !!")
-    with pytest.raises(DecodeError, match="cannot be parsed"):
-        decoded(channel, b"")
