@@ -65,8 +65,6 @@ class File(NamedTuple):
 
 
 FILES = {
-    "bag": File(lambda folder: written(folder / "r.bag", rows())),
-    "db3": File(lambda folder: written(folder / "r.db3", rows())),
     "split": File(lambda folder: split(folder / "walk")),
     "a stray stamp": File(one(lambda log_ns, scan: stamped(scan, log_ns + 2 * HOUR_NS)), 15, "more than an hour from"),
     "a stamp of 0": File(one(lambda _, scan: stamped(scan, 0)), warning="1 messages have the stamp 0"),

@@ -463,7 +463,7 @@ def test_the_side_of_anchors_on_a_line_is_chosen_and_said(tmp_path, replayed, si
 
 
 def test_wrong_places_of_anchors_are_named_and_right_ones_are_not(tmp_path, replayed, described):
-    path = written(frames_of(*measure(anchors_m=SIX_M, count=400)))(tmp_path / "six")
+    path = written(frames_of(*measure(anchors_m=SIX_M, count=600)))(tmp_path / "six")
     moved_m = SIX_M.copy()
     moved_m[2, :2] += [0.9, -0.6]
     found = []

@@ -90,15 +90,17 @@ def test_a_topic_of_several_types_is_a_loss_if_one_is_read(tmp_path, capsys, com
 @with_datasets
 def test_real_files_are_described_or_refused_and_their_topics_have_a_role_or_a_reason():
     """Large files are left to tests of their own; every odd one is described or refused by name."""
+    small = [path for path in sorted(DATASETS.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")]
+    small = [path for path in small if path.stat().st_size < 3_000_000]
+    alike = [path for path in small if "mcap_conformance" in path.parts]  # a test of the reader reads all of them
     seen = 0
-    for path in (path for path in sorted(DATASETS.rglob("*")) if path.suffix in (".mcap", ".bag", ".db3")):
-        if path.stat().st_size < 3_000_000:
-            try:
-                json.dumps(describe_recording(path, Config()), allow_nan=False)
-                seen += 1
-            except QuadlogError as error:
-                assert path.name in str(error)  # noqa: PT017
-    assert seen > 100
+    for path in {*small} - {*alike} | {*alike[::10]}:
+        try:
+            json.dumps(describe_recording(path, Config()), allow_nan=False)
+            seen += 1
+        except QuadlogError as error:
+            assert path.name in str(error)  # noqa: PT017
+    assert seen > 25
     several = "edge_cases/lidar_fields/several_pointcloud2_types.bag"
     for name in ("odometry/jackal_odom_imu.bag", several, "uwb_tiers/rosbag2_2022_09_07-17_25_41"):
         info = describe_recording(DATASETS / name, Config())
