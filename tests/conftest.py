@@ -174,8 +174,9 @@ def lias_site() -> SimpleNamespace:
 
 @pytest.fixture
 def web(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[WebServer]:
-    """The files of `web.folder` behind `web.url`, on loopback."""
+    """The files of `web.folder` behind `web.url`, on loopback; what fails is tried again at once."""
     monkeypatch.setenv("NO_PROXY", "*")
+    monkeypatch.setattr("quadlog.storage.remote_object.WAIT_S", 0.0)
     folder = tmp_path / "served"
     folder.mkdir()
     with serve(folder) as server:

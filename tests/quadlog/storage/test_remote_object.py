@@ -15,16 +15,10 @@ import pytest
 from aiohttp import web as http
 
 from quadlog.errors import QuadlogError, StorageChanged, StorageFailed
-from quadlog.storage import remote_object
 from quadlog.storage.remote_object import BLOCK_BYTES, RemoteBytes, info_of
 
 CONTENT = random.Random(3).randbytes(3 * BLOCK_BYTES + 1234)
 EARLIER, LATER = "Mon, 01 Jan 2024 00:00:00 GMT", "Tue, 02 Jan 2024 00:00:00 GMT"
-
-
-@pytest.fixture(autouse=True)
-def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote_object, "WAIT_S", 0.0)
 
 
 @pytest.fixture

@@ -43,10 +43,7 @@ def recorded(tmp_path_factory):
         PoseInFrameChannel("/pose").log(PoseInFrame(frame_id="map", **where), log_time=T_NS)
     with path.open("rb") as stream:
         read = list(make_reader(stream).iter_messages())
-    return {
-        c.topic: (Channel(c.topic, s.name, c.message_encoding, s.encoding, s.data), message.data)
-        for s, c, message in read
-    }
+    return {c.topic: (Channel(c.topic, s.name, c.message_encoding, s.encoding, s.data), m.data) for s, c, m in read}
 
 
 def decoded(channel: Channel, payload: bytes) -> Any:
