@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from quadlog.config.schema import Topics
 from quadlog.messages import Batch
-from quadlog.recordings.clocks.clock import Sender, clock_losses, left_out, repeated_rows
+from quadlog.recordings.clocks.clock import repeated_rows
 from quadlog.recordings.clocks.clock_offsets import LATE_NS
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording
@@ -55,31 +55,6 @@ def stamps(*ms: int) -> np.ndarray:
 )
 def test_repeated_rows(t_ns, left_out):
     assert np.flatnonzero(repeated_rows(t_ns)).tolist() == left_out
-
-
-SENDERS = {"/imu": (0, 103, 50), "/odom": (0, 103, 10), "/seldom": (0, 103, 0.2), "/other": (0, 103, 10)}
-
-
-@pytest.mark.parametrize(
-    ("ahead_s", "until_s", "alone", "lost"),
-    [
-        (1000, 3, (0.0, 2.5), {"/imu": 150, "/odom": 30, "/seldom": 1, "/alone": 25}),  # it ran ahead for a short time
-        (1000, 3, (4.0, 103.0), {"/imu": 150, "/odom": 30, "/seldom": 1}),
-        (60, 70, (0.0, 69.0), {"/imu": 1650, "/odom": 330, "/seldom": 7}),  # it is set back for the rest
-        (60, 70, (71.0, 103.0), {"/imu": 1650, "/odom": 330, "/seldom": 7, "/alone": 320}),
-        (6, 40, (42.0, 103.0), {"/imu": 300, "/odom": 60, "/seldom": 2, "/alone": 40}),
-    ],
-)
-def test_all_senders_on_one_clock_lose_the_same_stretch(ahead_s, until_s, alone, lost):
-    """Whatever their rates, and one (alone) that is not heard when the clock is set; another clock loses nothing."""
-    senders = []
-    for topic, (begin_s, end_s, hz) in (SENDERS | {"/alone": (*alone, 10)}).items():
-        t_ns = stamps(*(1000 * np.arange(begin_s * hz, end_s * hz) / hz))
-        ahead_ns = (t_ns < until_s * S) * (topic != "/other") * ahead_s * S
-        senders.append(Sender(topic, "messages", T0 + t_ns, T0 + t_ns + ahead_ns))
-    masks = left_out(senders)
-    assert {each.topic: int(mask.sum()) for each, mask in zip(senders, masks, strict=True) if mask.any()} == lost
-    assert {each.topic: each.count for each in clock_losses(senders, masks)} == lost
 
 
 @given(st.lists(st.integers(0, 400), max_size=40))

@@ -57,8 +57,8 @@ def test_late_stamps_are_sorted_in_repeated_and_stray_ones_are_dropped(log, stam
 
 @pytest.mark.parametrize(("ahead_s", "until", "lost"), [(3, 120, range(120, 180)), (1000, 12, range(12))])
 def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log, ahead_s, until, lost):
-    """Ranges, odometry, a reference and tf at three rates, and tf with a second transform on another clock. Of a clock
-    that was wrong for a short time at first the rest is kept.
+    """Ranges, odometry, a reference and tf at three rates, tf with a second transform on another clock, and one
+    that begins after the clock was set. Of a clock that was wrong for a short time at first the rest is kept.
     """
     for i in range(200):
         t_ns = T0 + i * S // 20
@@ -71,7 +71,9 @@ def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log, ahead_s
             log.add("/odom", t_ns, log.ros.odometry(stamp, (i, 0, 0)))
             log.add("/uwb/n_0/n_2", t_ns, log.ros.range(stamp, float(i)))
             log.add("/uwb/n_0/n_3", t_ns, log.ros.range(t_ns, float(i)))
-    topics = {"odometry": "/odom", "reference": "/truth", "uwb": ["/uwb/n_0/n_2", "/uwb/n_0/n_3"], "tf": ["/tf"]}
+            if i >= 150:
+                log.add("/uwb/n_0/n_4", t_ns, log.ros.range(stamp, float(i)))
+    topics = {"odometry": "/odom", "reference": "/truth", "uwb": [f"/uwb/n_0/n_{n}" for n in (2, 3, 4)], "tf": ["/tf"]}
     streams = gather(Recording(log.container), **topics)
     tf, ranges = streams.tf, streams.ranges
     for step, found in (
@@ -82,10 +84,12 @@ def test_a_clock_that_is_set_back_costs_all_topics_the_same_stretch(log, ahead_s
     ):
         assert found.tolist() == [i for i in range(0, 200, step) if i not in lost]
     assert (ranges.anchor == 3).sum() == 40
+    assert ranges.range_m[ranges.anchor == 4].tolist() == [i for i in range(150, 200, 5) if i not in lost]
     assert tf.pose_series("odom", "map").position_m[:, 0].tolist() == [*range(2, 200, 4)]
     counts = {each.topic: each.count for each in streams.losses}
     each, fifth, half = (len(lost[::step]) for step in (1, 5, 2))
-    assert counts == {"/truth": each, "/odom": fifth, "/uwb/n_0/n_2": fifth, "/tf": half}
+    alone = {"/uwb/n_0/n_4": 6} if until == 120 else {}
+    assert counts == {"/truth": each, "/odom": fifth, "/uwb/n_0/n_2": fifth, "/tf": half} | alone
     by_log = gather(Recording(log.container, stamp="log"), **topics)
     assert len(by_log.reference.t_ns) == 200
     assert by_log.losses == []
