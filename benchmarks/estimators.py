@@ -19,8 +19,9 @@ from benchmarks.figures import run_apart
 from quadlog.geometry import base_to_tag, yaw_from_quat
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.body import locate_body
-from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, locate
+from quadlog.positioning.locate import Anchors, TagInfo, locate
 from quadlog.positioning.odometry import BodyMotion
+from quadlog.positioning.settings import LocateSettings
 
 SCENARIOS, WALK_S, WALK_SEEDS = ("follow", "forest", "corridor"), 60.0, (1, 2, 3)
 CASE_SEEDS = range(10_000, 10_020)  # tests take 0 to 39

@@ -56,7 +56,7 @@ def _near_walls() -> Iterator[Figure]:
     from quadlog.lidar.paper_method import PaperSettings
     from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
     from quadlog.messages import PointCloud
-    from quadlog.simulation.synthetic.labelled_scans import labelled_scans
+    from tests.lab.labelled_scans import labelled_scans
 
     settings = {"range_image": RangeImageSettings(), "paper": PaperSettings()}
     for place in ("wall_ahead", "corridor"):

@@ -12,6 +12,7 @@ from benchmarks.figures import Figure
 from quadlog.control.following.lookahead import FuzzyLookahead
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.settings import PursuitSettings
 from quadlog.simulation.course_walk import line, walk_course
 from quadlog.simulation.robot.height_field import undulating
 from quadlog.simulation.robot.model import quadruped_model
@@ -33,5 +34,5 @@ def _robot() -> WalkingRobot:
 
 def _real_time_factor(robot: WalkingRobot) -> float:
     began = time.perf_counter()
-    walk_course(line(), robot, FuzzyLookahead(), 1.5, 50.0)
+    walk_course(line(), robot, FuzzyLookahead(PursuitSettings()), 1.5)
     return robot.t_s / (time.perf_counter() - began)

@@ -5,8 +5,8 @@ The completion scripts are click's own: `eval "$(_QUADLOG_COMPLETE=bash_source q
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import reduce
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, reduce
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -50,18 +50,6 @@ def files(*also: str) -> Complete:
 
 config_keys = words(lambda: [f"{key}=" for key in import_module("quadlog.config.file").all_keys()])
 metrics = words(lambda: import_module("quadlog.metrics.catalogue").CATALOGUE)
-
-
-def all_planners() -> tuple[str, ...]:
-    """Names of quadlog's own planners, then those of plug-ins."""
-    from quadlog.plugins import PLANNERS, plugin_names
-
-    return tuple(dict.fromkeys((*PLANNER_NAMES, *plugin_names(PLANNERS))))
-
-
-def planner_name(text: str) -> str:
-    """A planner of quadlog or of a plug-in; plug-ins are searched only for names that quadlog does not have."""
-    return text if text in PLANNER_NAMES else click.Choice(all_planners()).convert(text, None, None)
 
 
 class PathType(click.Path):
@@ -128,10 +116,28 @@ def output_option(text: str, default: str | None = None, **settings: Any) -> Dec
     return click.option("-o", "--output", default=place, help=text, **{"type": LOCAL_PATH, **settings})
 
 
-def planner_option(*names: str, help: str, **settings: Any) -> Decorator:  # noqa: A002 - as click calls it
-    """An option that takes the name of a planner."""
-    how: dict[str, Any] = {"type": planner_name, "metavar": "NAME", "shell_complete": words(all_planners)}
+def plugged_option(*names: str, own: Sequence[str], group: str, help: str, **settings: Any) -> Decorator:  # noqa: A002
+    """An option that takes a name of quadlog's own or of a plug-in; plug-ins are searched only for other names."""
+
+    def every() -> tuple[str, ...]:
+        from quadlog.plugins import plugin_names
+
+        return tuple(dict.fromkeys((*own, *plugin_names(group))))
+
+    def name(text: str) -> str:
+        return text if text in own else click.Choice(every()).convert(text, None, None)
+
+    how: dict[str, Any] = {"type": name, "metavar": "NAME", "shell_complete": words(every)}
     return click.option(*names, help=help, **how, **settings)
+
+
+planner_option = partial(plugged_option, own=PLANNER_NAMES, group="quadlog.planners")
+
+
+def controller_option(own: Sequence[str]) -> Decorator:
+    """The option --controller, with quadlog's own in its help."""
+    text = f"Controller: {', '.join(own)}, or a plug-in."
+    return plugged_option("--controller", own=own, group="quadlog.controllers", help=text)
 
 
 def replay_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,7 +10,7 @@ import click
 
 from quadlog.cli import options
 from quadlog.cli.progress import open_progress, print_json, say, show
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
+from quadlog.config.controllers import CONTROLLER_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @options.set_option("uwb.tag_height_m=0.6")
 @options.output_option("Folder for the run folders.", "runs", type=options.PATH_OR_URL)
 @options.planner_option("--planner", help="Planner: astar, ia_star, d_star_lite, ….")
-@options.named("--controller", choices=[*CONTROLLERS, NO_CONTROLLER], what="Controller")
+@options.controller_option(CONTROLLER_NAMES)
 @options.replay_options
 @options.SEED
 @options.NO_PLOTS

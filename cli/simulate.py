@@ -18,7 +18,7 @@ TROT = "trot-32s"
 
 @options.command("simulate", "s-curve --controller fpmw --seeds 10", "path.csv --terrain 3cm --disturbed --json")
 @click.argument("course", metavar="COURSE", shell_complete=options.files("line", "circle", "s-curve", TROT))
-@options.named("--controller", choices=CONTROLLERS, what="Controller")
+@options.controller_option([*CONTROLLERS])
 @options.named("--terrain", choices=TERRAINS, what="Ground")
 @click.option("--speed", metavar="MPS", type=float, help="Walking speed. Default: 0.6; s-curve: 0.5.")
 @click.option("--disturbed", is_flag=True, help="Add pushes, mass and velocity errors, pose noise and lag.")
@@ -40,7 +40,8 @@ def command(
     the columns x_m and y_m. Each seed has a run folder.
 
     Controllers: fpmw (fuzzy look-ahead, MPC, whole-body control), fpm (without whole-body control), pmw (fixed
-    look-ahead), kinematic (a point without a body). The default terrain is flat. A fall is a result, not an error.
+    look-ahead), kinematic (a point without a body), plug-ins. The default terrain is flat. A fall is a result, not an
+    error.
 
     trot-32s has no controller: the joints follow a foot curve. Its runs are OUTPUT/trot-32s/baseline and 3d-curve; its
     keys are simulation.trot.*.

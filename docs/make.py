@@ -45,9 +45,9 @@ UNITS = {
 
 CONFIGURATION = """# Configuration
 
-Every key of `quadlog.toml`. `make docs` writes this page from the models in `quadlog/config/`; a test fails when it is
-out of date. `quadlog init RECORDING` writes a file with the keys that a recording can use: what was detected is filled
-in, defaults are comments.
+Every key of `quadlog.toml`. `make docs` writes this page from the models that `quadlog/config/schema.py` puts together;
+a test fails when it is out of date. `quadlog init RECORDING` writes a file with the keys that a recording can use: what
+was detected is filled in, defaults are comments.
 
 Precedence, lowest to highest: defaults, file, `--preset`, `--set` and options for single keys such as
 `--planner`. An option and a `--set` of the same key that differ are a usage error. An unknown key is refused by name,

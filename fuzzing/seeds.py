@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType
 
 from quadlog.messages import Imu, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.simulation.sensors.lidar import SimulatedScan
-from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import ENCODED, RosEncoder
 from tests.lab import recordings as lab
 
 BASE_NS = lab.BASE_NS
@@ -64,7 +64,7 @@ def _encode(ros: int, scene: list[tuple[str, Message | SimulatedScan]]) -> tuple
     encoder = RosEncoder()
     found = []
     for i, (topic, message) in enumerate(scene):
-        name, cdr = TYPE_NAMES[type(message)], encoder.encode(message)
+        name, cdr = ENCODED[type(message)][0], encoder.encode(message)
         payload, text, digest = lab.in_ros1(name, cdr) if ros == 1 else (cdr, encoder.definition(name), "")
         found.append(Encoded(topic, name, (text, digest), BASE_NS + i * 10_000_000, payload))
     return tuple(found)

@@ -22,9 +22,10 @@ from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, LATE_NS
 from quadlog.recordings.containers.container import EXCERPT, UWB_EXCERPT, Budget, Damaged, Loss, RawMessage
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import several, stamps_go_back
-from quadlog.recordings.recording import Recording, open_configured
+from quadlog.recordings.recording import Recording, open_recording
 from quadlog.recordings.survey import Survey, TopicSurvey, indexed_times, survey
-from quadlog.recordings.topics.roles import Roles, configured_topics, detect_roles
+from quadlog.recordings.topics.look import Roles
+from quadlog.recordings.topics.roles import configured_topics, detect_roles
 from quadlog.recordings.topics.unread import hint, unread
 from quadlog.storage.atomic_write import write_whole
 
@@ -47,7 +48,7 @@ def describe_recording(
     Counts and times come from the recording's index, the rest from an excerpt of a large recording (sampled). With
     full, or without an index, all of it is read, with progress. Raises the errors of open_recording and UnknownTopic.
     """
-    with open_configured(path, config, msg_path) as recording:
+    with open_recording(path, config, msg_path=msg_path) as recording:
         configured_topics(recording, config.topics)  # refuses what is not there before all is read
         budget = None if full else UWB_EXCERPT if config.uwb.anchors else EXCERPT
         part, seen, unindexed = _look(recording, budget, open_progress)
@@ -227,7 +228,7 @@ def propose_config(path: Path, msg_path: Sequence[Path] = (), *, everything: boo
     Raises the errors of open_recording.
     """
     # Only static transforms are used, which hold on any clock.
-    with open_configured(path, Config(), msg_path, "log") as recording:
+    with open_recording(path, Config(), msg_path=msg_path, stamp="log") as recording:
         roles = detect_roles(recording, Config().topics)
         seen = survey(recording)
         found = find_mount(recording, roles, Config(), unless_ambiguous(roles, "lidar"), None)

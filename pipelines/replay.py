@@ -5,18 +5,21 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from quadlog.config.controllers import COMMAND
+from quadlog.config.schema import Config
 from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnother, UnknownRunFormat
-from quadlog.pipelines.executor.progress import Progress
+from quadlog.pipelines.executor.progress import Progress, start_up
+from quadlog.pipelines.executor.second_process import second_process
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
-from quadlog.pipelines.store import Do, Doing, Keyed, Keys, Store, log_key, not_done, run_key
+from quadlog.pipelines.store import Do, Doing, Keyed, Keys, R, Stage, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
 from quadlog.results.find_runs import FAILED, is_run, own_files, run_name
 from quadlog.results.record import InputRecord, describe_input, read_metrics, read_record, write_record
@@ -42,23 +45,38 @@ class StageResults(NamedTuple):
 
 
 def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> StageResults:
-    """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
-    from quadlog.pipelines.stages.control import resimulate
+    """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none.
+
+    A stage is imported where it is reached.
+    """
     from quadlog.pipelines.stages.log import ingest
-    from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
-    from quadlog.pipelines.stages.plan import replan
     from quadlog.pipelines.stages.positions.position import locate
 
     seed = request.options.seed
     facts = do(ingest, log)
     data = Keyed(facts.key, lambda: log.get()())
     tracks = do(locate, data)
+    undone = StageResults(facts, tracks, Keyed("", partial(not_done, ("control",))))
+    if last in ("ingest", "position"):
+        return undone
+    by_command = request.config.simulation.controller == COMMAND
+    if by_command and last == "control":  # which needs no maps
+        from quadlog.pipelines.stages.control import walk_by_commands
+
+        return undone._replace(body=do(walk_by_commands, data, tracks, seed))
+    from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
+
     # Only the papers' fit of the ground draws numbers.
     drawn = seed if request.config.lidar.method == "paper" else 0
     maps = do(filter_scans if last == "filter" else filter_and_map, data, tracks, drawn)
+    if last in ("filter", "map"):
+        return undone
+    from quadlog.pipelines.stages.control import resimulate, walk_by_commands
+    from quadlog.pipelines.stages.plan import replan
+
     do(replan, maps, tracks)
-    body = do(resimulate, maps, tracks, seed)
-    return StageResults(facts, tracks, body)
+    body = do(walk_by_commands, data, tracks, seed) if by_command else do(resimulate, maps, tracks, seed)
+    return undone._replace(body=body)
 
 
 def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
@@ -78,6 +96,7 @@ def replay(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
 
 
 def _replay_here(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
+    began_s = start_up.seconds
     if request.existing is Existing.RESUME:
         refuse_another(request)
         if reusable := reusable_stages(request):
@@ -93,11 +112,10 @@ def _replay_here(request: ReplayRequest, progress: Progress) -> ReplayOutcome:
         new_folder(request.run.parent),
         new_run(request.run, replaces) as run,
     ):
-        do, made, startup_s = _do_stages(request, log, run, journal)
-        with journal.clock.stage("report"):
-            # Drawing is not loaded before there is something to draw.
+        do, made = _do_stages(request, log, run, journal)
+        with start_up.loading():  # drawing is not loaded before there is something to draw
             from quadlog.pipelines.stages.report import Finished, finish
-        metrics = finish(run, Finished(request, log, do, made, startup_s))
+        metrics = finish(run, Finished(request, log, do, made, start_up.seconds - began_s))
         if request.existing is Existing.RESUME:
             refuse_another(request)  # which another process may have finished meanwhile
     Store(request.run.parent).settle(do.keys.values())
@@ -135,29 +153,55 @@ def _opened(request: ReplayRequest, journal: Journal) -> Iterator[Log]:
     """The open recording; that counts as `ingest`."""
     journal.progress.begin("open", None)
     with ExitStack() as stack:
-        with journal.clock.stage("ingest"):
+        with start_up.loading():
             from quadlog.pipelines.stages.log import open_log
-
+        with journal.clock.stage("ingest"):
             log = stack.enter_context(open_log(request.recording, request.config, request.options))
         yield log
 
 
-def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) -> tuple[Doing, StageResults, float]:
-    """Do the stages up to the last one that is wanted and that the log allows; also the seconds spent on compiling."""
-    from quadlog.pipelines.executor.compilation import compilation, compiling_s
+def _do_stages(request: ReplayRequest, log: Log, run: Path, journal: Journal) -> tuple[Doing, StageResults]:
+    """Do the stages up to the last one that is wanted and that the log allows."""
     from quadlog.pipelines.stages.log import read_log
 
-    compiled_s = compiling_s()
     last, store = log.last_stage(), Store(request.run.parent)
     missing = [name for name, key in planned_keys(request, last).items() if not store.has(key)]
-    with compilation(missing, request.config, journal.progress) as before:
-        do = Doing(store, run, request.config, last, journal, before)
+    with ExitStack() as stack:
+        second = stack.enter_context(second_process(missing, request, journal.progress))
+        before = stack.enter_context(_compiling(missing, log, request.config, journal.progress))
+        made_there = (lambda _: False) if second is None else second.made
+        do = Doing(store, run, request.config, last, journal, before, made_there)
         read = cache(partial(read_log, log, journal.progress))
         made = steps(do, Keyed(log_key(request.recording, request.options), lambda: read), request, last)
-    if request.options.until != last == "position":
+    if request.options.until == "report" != last:
         why = log.roles.choices("lidar") or log.roles.why_none("lidar")
-        journal.warn(f"stopped after position: {why}")
-    return do, made, compiling_s() - compiled_s
+        journal.warn(f"stopped after {last}: {why}")
+    return do, made
+
+
+def _compiling(
+    stages: list[str], log: Log, config: Config, progress: Progress
+) -> AbstractContextManager[Callable[[str], None]]:
+    """As compilation, whose import takes half a second, where stages have compiled code."""
+    from quadlog.pipelines.stages.outlook import wants_lidar_track
+
+    if {*stages} <= {"ingest", "position"} and not wants_lidar_track(log, config):
+        return nullcontext(lambda _: None)
+    with start_up.loading():
+        from quadlog.pipelines.executor.compilation import compilation
+
+    return compilation(config, progress)
+
+
+def control_alone(request: ReplayRequest, scratch: Path, progress: Progress) -> None:
+    """Fill the store with the result of stage `control`, which needs none of `plan`; what is before it is there."""
+
+    def do_without_plan(stage: Stage[R], *inputs: Any) -> Keyed[R]:
+        return Keyed("", partial(not_done, stage.names)) if stage.names == ("plan",) else do(stage, *inputs)
+
+    do = Doing(Store(request.run.parent), scratch, request.config, "control", Journal(progress))
+    read = partial(not_done, ("ingest",))
+    steps(do_without_plan, Keyed(log_key(request.recording, request.options), read), request, "control")
 
 
 def planned_keys(request: ReplayRequest, last: str | None = None) -> dict[str, str]:

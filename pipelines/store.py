@@ -106,10 +106,11 @@ class Doing:
         config: Config,
         last: str,
         journal: Journal,
-        before: Callable[[str], None],
+        before: Callable[[str], None] = lambda _: None,
+        made: Callable[[str], bool] = lambda _: False,
     ) -> None:
-        """before: called with the name of each stage that is done next."""
-        self._before = before
+        """Functions of a stage's name. before: called when it is done next; made: whether another process just did."""
+        self._before, self._made = before, made
         self._store, self._run, self._config, self._last = store, run, config, last
         self._dumped = config.model_dump(mode="json")
         self.journal = journal
@@ -120,8 +121,9 @@ class Doing:
         key = key_of(stage, self._dumped, inputs)
         if self._last in self.keys:
             return Keyed(key, partial(not_done, stage.names))
-        kept, reused = self._store.get(key, partial(self._fill, stage, inputs), self._run)
-        if reused:
+        made = self._made(stage.names[0])
+        kept, there = self._store.get(key, partial(self._fill, stage, inputs), self._run)
+        if there and not made:
             self.reused += tuple(name for name in stage.names if name != "ingest")
         self.keys |= dict.fromkeys(stage.names, key)
         self.journal.add(kept["journal"])

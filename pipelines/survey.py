@@ -18,11 +18,12 @@ from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import Log, LogData, open_log, read_log, tell_recording
+from quadlog.pipelines.stages.outlook import wants_lidar_track
 from quadlog.pipelines.stages.positions.check_anchors import HEIGHT_STD_M, PRIORS, fault_warnings
 from quadlog.pipelines.stages.positions.position import robot_track
 from quadlog.pipelines.stages.positions.uwb import tags_of, with_carried_anchors
 from quadlog.pipelines.stages.positions.uwb_tags import body_tags_of, lever_of
-from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
+from quadlog.pipelines.stages.scans import LidarTracker
 from quadlog.positioning.anchors.survey import AnchorSurvey, SurveyedAnchor, survey_anchors
 from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way

@@ -44,10 +44,10 @@ def nearest(name: str, names: Iterable[str]) -> str | None:
 MAX_LISTED = 20
 
 
-def some_of(names: Sequence[str]) -> str:
+def some_of(names: Sequence[str], most: int = MAX_LISTED, between: str = ", ") -> str:
     """The names, or the first of them and how many more there are."""
-    more = [f"and {len(names) - MAX_LISTED} more"] if len(names) > MAX_LISTED else []
-    return ", ".join([*(clipped(name) for name in names[:MAX_LISTED]), *more])
+    more = [f"and {len(names) - most} more"] if len(names) > most else []
+    return between.join([*map(clipped, names[:most]), *more])
 
 
 def set_flag(key: str, values: Sequence[str]) -> str:
@@ -188,11 +188,11 @@ class AmbiguousTopic(QuadlogError):
     """Several topics, or several groups of topics, could play one role. Lists the choices as flags to paste."""
 
     def __init__(self, role: str, choices: Iterable[Sequence[str]]) -> None:
-        self.choices = [tuple(topics) for topics in choices]
-        several = "topics" if all(len(topics) == 1 for topics in self.choices) else "groups of topics"
-        what = f"{len(self.choices)} {several}" if len(self.choices) != 1 else "one topic"
-        flags = [set_flag(f"topics.{role}", topics) for topics in self.choices[:MAX_LISTED]]
-        if (more := len(self.choices) - MAX_LISTED) > 0:
+        groups = list(choices)
+        several = "topics" if all(len(topics) == 1 for topics in groups) else "groups of topics"
+        what = f"{len(groups)} {several}" if len(groups) != 1 else "one topic"
+        flags = [set_flag(f"topics.{role}", topics) for topics in groups[:MAX_LISTED]]
+        if (more := len(groups) - MAX_LISTED) > 0:
             flags.append(f"one of {more} more")
         super().__init__(f"{what} could be the {role}; choose with  {'  or  '.join(flags)}")
 
@@ -203,7 +203,6 @@ class UnknownTopic(QuadlogError):
     def __init__(
         self, role: str | None, topic: str, choices: Sequence[str], why: str = "is not in the recording"
     ) -> None:
-        self.choices = choices
         where = f"topics.{role}: " if role else ""
         super().__init__(f"{where}{topic} {why}; topics of the recording: {some_of(choices) or 'none'}")
 
@@ -230,7 +229,6 @@ class UnknownConfigKey(QuadlogError):
     """A key that no section has; the nearest valid one is named."""
 
     def __init__(self, key: str, nearest: str | None, source: str) -> None:
-        self.nearest = nearest
         hint = f"; did you mean {nearest}?" if nearest else ""
         super().__init__(f"{source}: unknown key {clipped(key)}{hint}")
 
@@ -299,7 +297,6 @@ class UnreadableFile(FileError):
 
     def __init__(self, path: Path | str, reason: str, line: int | None = None) -> None:
         super().__init__(f"{path}, line {line}" if line is not None else path, reason)
-        self.path, self.line = path, line
 
 
 class UnusableRobot(FileError):
@@ -313,14 +310,6 @@ class AnchorsNotObserved(QuadlogError):
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(f"survey: {reason}; {remedy}")
-
-
-class EmptyWindow(QuadlogError):
-    """--start and --duration leave no message; names how long the recording is."""
-
-    def __init__(self, path: Path | str, span_ns: tuple[int, int] | None) -> None:
-        length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
-        super().__init__(f"{path}: no message within --start and --duration{length}")
 
 
 class UnknownRunFormat(FileError):

@@ -78,16 +78,10 @@ def roll_pitch_from_quat(quat_xyzw: Float) -> Float:
     return np.stack([roll_rad, np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))], axis=-1)
 
 
-def quat_from_yaw(yaw_rad: Float) -> Float:
-    """Quaternions (..., 4) as x, y, z, w that turn by yaw about z."""
-    half = np.asarray(yaw_rad, dtype=np.float64) / 2
-    zero = np.zeros_like(half)
-    return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
-
-
-def quat_from_euler(yaw_rad: Float, pitch_rad: Float, roll_rad: Float) -> Float:
-    """Quaternions (N, 4) as x, y, z, w of R_z(yaw) R_y(pitch) R_x(roll), angles (N,)."""
-    (cz, sz), (cy, sy), (cx, sx) = ((np.cos(half), np.sin(half)) for half in (yaw_rad / 2, pitch_rad / 2, roll_rad / 2))
+def quat_from_euler(yaw_rad: Float, pitch_rad: Float | float = 0.0, roll_rad: Float | float = 0.0) -> Float:
+    """Quaternions (..., 4) as x, y, z, w of R_z(yaw) R_y(pitch) R_x(roll), angles (...)."""
+    halves = np.broadcast_arrays(*(np.asarray(each, float) / 2 for each in (yaw_rad, pitch_rad, roll_rad)))
+    (cz, sz), (cy, sy), (cx, sx) = ((np.cos(half), np.sin(half)) for half in halves)
     quat = [
         cz * cy * sx - sz * sy * cx,
         cz * sy * cx + sz * cy * sx,

@@ -143,6 +143,15 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True)
+class Twist:
+    """A velocity that is wanted, in the body: linear_mps (3,), angular_radps (3,)."""
+
+    stamp_ns: int | None
+    linear_mps: Float
+    angular_radps: Float
+
+
+@dataclass(frozen=True, slots=True)
 class Imu:
     """quat_xyzw (4,) or None where the sensor gives no orientation; angular_radps, linear_mps2 (3,)."""
 
@@ -182,7 +191,7 @@ class JointStates:
 
 TICKS = 1 << 24
 """Float32 holds all numbers below; it divides 2^32, at which devices' ticks wrap."""
-Message = PointCloud | UwbRanges | Pose | Odometry | Imu | Transforms | JointStates
+Message = PointCloud | UwbRanges | Pose | Odometry | Twist | Imu | Transforms | JointStates
 
 NO_ID = -1
 """Of a tag or an anchor that neither the message nor its topic names."""
@@ -199,6 +208,7 @@ ROWS: dict[type[Message], np.dtype[np.void]] = {
     UwbRanges: np.dtype([*UNPLACED.descr, ("anchor_position_m", *_XYZ)]),
     Pose: _rows(*_POSE),
     Odometry: _rows(*_POSE, ("linear_mps", *_XYZ), ("angular_radps", *_XYZ)),
+    Twist: _rows(("linear_mps", *_XYZ), ("angular_radps", *_XYZ)),
     Imu: _rows(("quat_xyzw", "f8", 4), ("angular_radps", *_XYZ), ("linear_mps2", *_XYZ)),
     Transforms: _rows(*_POSE, ("index", "i8")),
     JointStates: _rows(
@@ -278,6 +288,13 @@ class ImuSeries(Series):
     angular_radps: Float
     quat_xyzw: Float | None
     frame_id: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TwistSeries(Series):
+    """Commands of a body: twist (N, 3), speeds ahead and to the left in m/s, and yaw rate in rad/s."""
+
+    twist: Float
 
 
 @dataclass(frozen=True, slots=True)

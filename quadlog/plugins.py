@@ -6,13 +6,15 @@ A distribution names what it adds in its pyproject.toml:
     greedy = "my_package.greedy:Greedy"                 # a class: quadlog.planning.protocol.Planner
     [project.entry-points."quadlog.decoders"]
     "my_msgs/msg/Report" = "my_package.report:decoder"  # an object: quadlog.recordings.plugged.MessageDecoder
+    [project.entry-points."quadlog.controllers"]
+    spring = "my_package.spring:Spring"                 # a class: quadlog.control.locomotion.plugged.Controller
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -22,7 +24,8 @@ from quadlog.errors import QuadlogError
 
 PLANNERS = "quadlog.planners"
 DECODERS = "quadlog.decoders"
-KINDS = {PLANNERS: "planner", DECODERS: "decoder"}
+CONTROLLERS = "quadlog.controllers"
+KINDS = {PLANNERS: "planner", DECODERS: "decoder", CONTROLLERS: "controller"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +40,17 @@ class Plugin:
 
     @property
     def kind(self) -> str:
-        """`planner` or `decoder`."""
+        """`planner`, `decoder` or `controller`."""
         return KINDS[self.group]
 
     def load(self) -> Any:
         """The object it names. Raises QuadlogError where importing it fails, whatever the reason."""
         with foreign_code(lambda failure: self.unusable(f"cannot be loaded: {failure}")):
             return self.entry_point.load()
+
+    def doing(self, task: str) -> AbstractContextManager[None]:
+        """Run its code: what that raises becomes `unusable`, as `could not plan: ValueError: lost`."""
+        return foreign_code(lambda failure: self.unusable(f"could not {task}: {failure}"))
 
     def unusable(self, reason: str) -> QuadlogError:
         """The error that says why it cannot be used."""
@@ -105,6 +112,21 @@ def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
         several = f"several have that name ({', '.join(owners)})"
         raise QuadlogError(f"{KINDS[group]} {name}: {several}; rename one, or uninstall what adds it")
     return found[0]
+
+
+SAVED = "saved"
+"""The context in which the configuration of a run is read, which may have been made with plug-ins that are not here."""
+
+
+def known_name(name: str, info: Any, *, group: str, own: Iterable[str]) -> str:
+    """The name, if quadlog or a plug-in has it; plug-ins are looked for only where none of quadlog's own has.
+
+    info: pydantic's. Raises ValueError, which lists all there are.
+    """
+    if info.context != SAVED and name not in own and name not in (others := plugin_names(group)):
+        names = ", ".join(dict.fromkeys((*own, *others)))
+        raise ValueError(f"there is no such {KINDS[group]}; choose one of: {names}")
+    return name
 
 
 @cache

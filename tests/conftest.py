@@ -19,6 +19,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from quadlog import plugins
+from quadlog.pipelines.executor import second_process
 from tests.lab.web_server import WebServer, serve
 
 if TYPE_CHECKING:
@@ -44,6 +45,10 @@ os.environ["COLUMNS"] = "80"
 signal.signal(signal.SIGINT, signal.default_int_handler)
 for number in (signal.SIGHUP, signal.SIGTERM):
     signal.signal(number, signal.SIG_DFL)
+
+
+# Replays of this process; commands have their second process, as at a user's.
+second_process.cores = lambda: 1
 
 
 def pytest_sessionstart() -> None:

@@ -21,7 +21,6 @@ from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoding import CloudReader, RowReader, reader_of
 from quadlog.recordings.survey import indexed_times
-from quadlog.recordings.types import FOXGLOVE
 
 READ = (ExitCode.DONE, ExitCode.WITH_LOSS, ExitCode.FAILED)
 _MOST_MESSAGES = 1_000_000
@@ -134,7 +133,7 @@ def definitions(folder: Path, data: bytes) -> None:
 def _read(reader: RowReader | CloudReader | None, payload: bytes) -> None:
     """Every payload becomes a cloud, rows, or a reason."""
     if isinstance(reader, CloudReader):
-        expect(reader.full(payload) is not None, "a decoder gives nothing")
+        expect(reader.decode(payload, True) is not None, "a decoder gives nothing")
     elif reader is not None:
         (found,) = reader.read([payload])
         expect(found.failed == 0 or bool(found.why), "a payload is refused without a reason")
@@ -175,8 +174,8 @@ def _channels() -> tuple[Channel, ...]:
     bare = ("gtec_msgs/msg/Ranging", "uwb_driver/msg/UwbRange", "livox_ros_driver2/msg/CustomMsg")
     bare += ("nlink_parser/msg/LinktrackNodeframe2", "nlink_parser/msg/LinktrackAnchorframe0", "sensor_msgs/msg/Range")
     found += [Channel("/uwb_3", name, encoding, "", b"") for name in bare for encoding in ("ros1", "cdr")]
-    found += [Channel("/j", name, "json", "jsonschema", b"{}") for name in FOXGLOVE]
-    for name in FOXGLOVE:
+    for name in ("foxglove.PointCloud", "foxglove.PoseInFrame"):
+        found.append(Channel("/j", name, "json", "jsonschema", b"{}"))
         schema = getattr(messages, name.rpartition(".")[2]).get_schema()
         found.append(Channel("/p", name, "protobuf", "protobuf", bytes(schema.data)))
     return tuple(found)

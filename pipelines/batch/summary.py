@@ -12,7 +12,6 @@ from quadlog.errors import ExitCode, NotARun, QuadlogError
 from quadlog.pipelines.executor.progress import Progress, Silent
 from quadlog.pipelines.request import ReplayOutcome
 from quadlog.results.find_runs import FAILED, SUMMARY, fetch, is_run, run_name
-from quadlog.results.page.runs_page import MOST_DRAWN, write_folder_page
 from quadlog.results.record import is_finished, read_metrics, read_object, read_record
 from quadlog.results.run import check_place
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
@@ -55,6 +54,8 @@ def summarise(folder: Path, progress: Progress) -> None:
             if not rows:
                 return
             columns = {name: [row.get(name, float("nan")) for row in rows] for name in TABLES["summary"].names}
+            from quadlog.results.page.runs_page import write_folder_page  # loads the templates
+
             write_table(here / SUMMARY, TABLES["summary"], columns)
             write_folder_page(here)
             if isinstance(folder, RemotePath):
@@ -111,6 +112,8 @@ def _is_ours(folder: Path) -> bool:
 
 def _fetched(folder: RemotePath, scratch: Path) -> Path:
     """A copy of a folder of runs, with what table and page need of it: of the first runs their tracks, too."""
+    from quadlog.results.page.runs_page import MOST_DRAWN  # loads the templates
+
     here = scratch / run_name(folder.name)
     here.mkdir()
     files = {name: folder / name for name in (SUMMARY,) if (folder / name).is_file()}

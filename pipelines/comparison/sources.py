@@ -31,7 +31,7 @@ from quadlog.results.tables import has_table
 from quadlog.simulation.worlds.replanning_walk import WorldWalk, asked_at, walk_world
 from quadlog.simulation.worlds.scenes import MOST_PER_M2, forest_world
 from quadlog.simulation.worlds.world import World
-from quadlog.storage.formats.movingai import ScenQuery, check_scen, read_movingai_map, read_movingai_scen
+from quadlog.storage.formats.movingai import ScenQuery, read_movingai_map, read_movingai_scen
 from quadlog.storage.formats.ros_map import read_rosmap
 from quadlog.storage.remote_path import RemotePath, to_path
 
@@ -173,8 +173,7 @@ def movingai_source(path: Path, name: str, scen: Path | None, ends: Ends | None)
     about = f"a map of {cols} by {rows} cells, not grown, rows counted from the top, lengths in cells"
     if scen is None:
         return _on_map(name, f"{about}, one query", window, blocked, [_checked(name, ends, blocked.shape)])
-    queries = read_movingai_scen(scen)
-    check_scen(queries, (rows, cols), scen)
+    queries = read_movingai_scen(scen, (rows, cols))
     about = f"{about}, {len(queries)} {'query' if len(queries) == 1 else 'queries'} of {scen}"
     source = _on_map(name, about, window, blocked, [(query.start, query.goal) for query in queries])
     return replace(source, queries=tuple(queries))

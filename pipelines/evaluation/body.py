@@ -42,7 +42,7 @@ def known_robot(config: Config) -> Robot | None:
     """None where no robot is configured: its mass and legs would be a guess. Raises UnknownName and UnusableRobot."""
     from quadlog.pipelines.stages.positions.legs import robot_of
 
-    return robot_of(config) if config.robot.model_fields_set & {"model", "preset"} else None
+    return robot_of(config) if "model" in config.robot.model_fields_set else None
 
 
 def logged_body(run: Path) -> BodySeries:

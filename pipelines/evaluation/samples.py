@@ -16,10 +16,10 @@ from quadlog.metrics.planning import search_samples
 from quadlog.metrics.positioning import ellipse_samples, residual_samples
 from quadlog.metrics.reference_offset import TRAJECTORY_METRICS
 from quadlog.metrics.summary import Samples, finite_samples
-from quadlog.metrics.walking import body_samples, clearance_samples, tracking_samples
+from quadlog.metrics.walking import body_samples, clearance_samples, speed_difference, tracking_samples
 from quadlog.pipelines.evaluation import reference as references
 from quadlog.pipelines.evaluation.body import logged_body, resimulated_body
-from quadlog.results.tables import read_table
+from quadlog.results.tables import BODY_COLUMNS, read_table
 
 _BOTH_TRACKS = ("poses", "other_poses")
 _COMPARED_GAP_S = 0.5
@@ -113,10 +113,17 @@ def _plans(run: _Run) -> dict[str, Samples]:
 
 def _control(run: _Run) -> dict[str, Samples]:
     errors = ("error_m", "cross_track_m", "time_error_m", "heading_error_rad", "plan_error_m")
-    table = read_table(run.path, "control", ["t_ns", "tau_00_nm", "fallen", *errors])
+    table = read_table(run.path, "control", ["t_ns", "tau_00_nm", *BODY_COLUMNS, *errors])
     if not np.isfinite(table["tau_00_nm"]).any():
         del table["fallen"]  # a robot without joints cannot fall
     return tracking_samples(table)
+
+
+def _speed_difference(run: _Run) -> dict[str, Samples]:
+    walk = read_table(run.path, "control", ["t_ns", "x_m", "y_m", "cmd_vy_mps"])
+    poses = read_table(run.path, "poses", ["t_ns", "x_m", "y_m", "source"])
+    by_commands = np.isfinite(walk["cmd_vy_mps"]).any()  # others had another way than the log
+    return {"speed_difference_rms_mps": speed_difference(walk, poses)} if by_commands else {}
 
 
 _SOURCES = (
@@ -143,10 +150,11 @@ _SOURCES = (
         ("control.parquet",),
         (
             *("eta_m", "sigma_m", "eta_time_m", "sigma_time_m", "max_error_m", "cross_track_rmse_m"),
-            *("heading_rmse_rad", "plan_error_m", "fallen"),
+            *("heading_rmse_rad", "plan_error_m", "fallen", "force_error_rms_n", "us_step_median", "us_step_p95"),
         ),
         _control,
     ),
+    _Source(("control.parquet", "poses.parquet"), ("speed_difference_rms_mps",), _speed_difference),
     _Source(
         ("clearances.parquet",),
         ("clearance_min_m", "collisions", "following_distance_mean_m"),

@@ -17,7 +17,7 @@ from quadlog.positioning.ellipses import ellipse_95
 from quadlog.positioning.locate import Located, TagResult
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import Streams, gather
-from quadlog.recordings.topics.roles import Roles
+from quadlog.recordings.topics.look import Roles
 
 
 def uwb_diagnostics(

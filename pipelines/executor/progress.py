@@ -58,11 +58,28 @@ class Progress:
 Silent = Progress
 
 
-def working_s() -> float:
-    """A clock that stands while this process compiles."""
-    from quadlog.pipelines.executor.compilation import compiling_s
+@dataclass(slots=True)
+class StartUp:
+    """Seconds that this process has loaded libraries, compiled, or waited for a process that does: no stage's time."""
 
-    return time.perf_counter() - compiling_s()
+    seconds: float = 0.0
+
+    @contextmanager
+    def loading(self) -> Iterator[None]:
+        """The block imports, or loads what compiled code needs."""
+        began_s = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds += time.perf_counter() - began_s
+
+
+start_up = StartUp()
+
+
+def working_s() -> float:
+    """A clock that stands while this process starts up."""
+    return time.perf_counter() - start_up.seconds
 
 
 class StageClock:

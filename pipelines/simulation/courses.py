@@ -15,7 +15,7 @@ from quadlog.messages import Float
 from quadlog.results.arrays import read_arrays
 from quadlog.results.find_runs import run_name
 from quadlog.results.tables import read_table
-from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
+from quadlog.simulation.course_walk import COURSES, RATE_HZ, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map
 from quadlog.storage.formats.path_file import read_path
@@ -84,7 +84,7 @@ def find_course(name: str, config: Config) -> Course:
     course = COURSES[name]() if name in COURSES else Course(run_name(Path(name).stem), _path_of(name), SPEED_MPS)
     if config.pursuit.speed_mps is not None:
         course = replace(course, speed_mps=config.pursuit.speed_mps)
-    ticks = longest_s(course) * config.pursuit.rate_hz
+    ticks = longest_s(course) * RATE_HZ
     if ticks > MAX_TICKS:
         raise TooLarge(f"ticks of a walk along {name}", int(ticks), MAX_TICKS)
     return course

@@ -3,42 +3,47 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from quadlog.config.controllers import CONTROLLERS, NO_CONTROLLER
+from quadlog.config.controllers import COMMAND, CONTROLLERS, NO_CONTROLLER
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
 from quadlog.metrics.walking import effort_metrics, tracking_samples
 from quadlog.pipelines.batch.summary import summarise
-from quadlog.pipelines.executor.compilation import SAID, compiling_s, on_first_compilation
+from quadlog.pipelines.executor.compilation import SAID, on_first_compilation
 from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.executor.pool import LocalPool
-from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb
+from quadlog.pipelines.executor.progress import Progress, StageClock, peak_memory_mb, start_up
+from quadlog.pipelines.simulation import trot as trotting
 from quadlog.pipelines.simulation import walk as walking
 from quadlog.pipelines.simulation.courses import LEAST_POINTS, find_course, make_ground
 from quadlog.results.figures import drawings_of, write_plots
+from quadlog.results.find_runs import run_name
 from quadlog.results.foxglove import write_foxglove
 from quadlog.results.page.run_page import write_run_page
-from quadlog.results.record import InputRecord, RunRecord, StageRecord, describe_input
+from quadlog.results.record import InputRecord, PluginRecord, RunRecord, StageRecord, describe_input
 from quadlog.results.run import Run, check_place, create_run, finish_run, new_run, write_result
-from quadlog.results.tables import TABLES
+from quadlog.results.tables import BODY_COLUMNS, TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
-from quadlog.simulation.robot.height_field import HeightField
 from quadlog.simulation.robot.model import TIMESTEP_S
+from quadlog.simulation.settings import Simulation
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
 
 DISTURBED_OVERRIDES = tuple(
-    f"simulation.disturbances.{name}={getattr(DISTURBED, name)!r}" for name in DISTURBED.__dataclass_fields__
+    f"simulation.disturbances.{name}={value!r}" for name, value in DISTURBED.model_dump().items()
 )
 """What --disturbed is short for, as --set takes it."""
 
@@ -111,22 +116,35 @@ def _shown(run: SimulatedRun, progress: Progress) -> SimulatedRun:
 def _walks(request: SimulateRequest) -> list[PlannedWalk]:
     """One along the course for each seed."""
     controller = request.config.simulation.controller
-    if controller == NO_CONTROLLER:
-        raise UsageError(f"there is nothing to simulate without a controller; use --controller {'|'.join(CONTROLLERS)}")
-    walking.check_rate(request.config.pursuit.rate_hz)
+    if controller in (NO_CONTROLLER, COMMAND):
+        lacks = "commands of a log" if controller == COMMAND else "a controller"
+        raise UsageError(f"there is nothing to simulate without {lacks}; use --controller {'|'.join(CONTROLLERS)}")
     course = find_course(request.course, request.config)
     pursuit = request.config.pursuit.model_copy(update={"speed_mps": course.speed_mps})
     request = replace(request, config=request.config.model_copy(update={"pursuit": pursuit}))
-    folder = request.output / f"{course.name}-{controller}"
-    return [PlannedWalk(request, course, controller, seed, folder / f"seed-{seed:03d}") for seed in request.seeds]
+    folder = request.output / f"{course.name}-{run_name(controller)}"
+    walk = partial(_along_course, request, course)
+    return [
+        PlannedWalk(
+            *(request, course.name, controller, seed, folder / f"seed-{seed:03d}"),
+            warm_up=partial(walk, seed, most_s=0.1),
+            walk=partial(walk, seed),
+        )
+        for seed in request.seeds
+    ]
 
 
 def _trots(request: SimulateRequest) -> list[PlannedWalk]:
     """One with each curve for each seed, in the curve's folder: below it where there are several seeds."""
     folders = {seed: f"seed-{seed:03d}" if len(request.seeds) > 1 else "" for seed in request.seeds}
+    simulation = request.config.simulation
     return [
-        PlannedWalk(request, None, curve, seed, request.output / TROT / curve / folder)
-        for curve in walking.CURVES
+        PlannedWalk(
+            *(request, TROT, curve, seed, request.output / TROT / curve / folder),
+            warm_up=partial(trotting.plan_trot, simulation, curve, seed),
+            walk=partial(_trot, simulation, curve, seed),
+        )
+        for curve in trotting.CURVES
         for seed, folder in folders.items()
     ]
 
@@ -136,8 +154,7 @@ def _save(walk: PlannedWalk) -> SimulatedRun:
     walked = walk.walk()
     with new_run(walk.run, walk.request.force) as folder:
         metrics = fill_folder(folder, walk, walked)
-    name = TROT if walk.course is None else walk.course.name
-    return SimulatedRun(walk.run, name, walk.controller, walk.seed, walked.ended, metrics)
+    return SimulatedRun(walk.run, walk.course, walk.controller, walk.seed, walked.ended, metrics)
 
 
 NS = 1_000_000_000
@@ -145,36 +162,18 @@ NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class PlannedWalk:
-    """One walk and its run folder. course: None for a trot, whose curve is `controller`."""
+    """One walk and its run folder. controller: of a trot its curve.
+
+    warm_up loads and compiles, and raises what is wrong with robot, ground or curve.
+    """
 
     request: SimulateRequest
-    course: Course | None
+    course: str
     controller: str
     seed: int
     run: Path
-
-    def warm_up(self) -> None:
-        """Load and compile by the plan of a trot or a tenth of a second of a walk.
-
-        Raises what is wrong with robot, ground or curve.
-        """
-        config = self.request.config
-        if self.course is None:
-            walking.plan_trot(config.simulation, self.controller, self.seed)
-        else:
-            walking.walk_once(self.course, config, self._ground(self.course), 0, most_s=0.1)
-
-    def walk(self) -> Walked:
-        """Simulate it."""
-        config = self.request.config
-        if self.course is None:
-            return trotted_results(walking.trot_once(config.simulation, self.controller, self.seed))
-        ground = self._ground(self.course)
-        simulated = walking.walk_once(self.course, config, ground, self.seed)
-        return walked_results(self.request, self.course, ground, simulated)
-
-    def _ground(self, course: Course) -> HeightField:
-        return make_ground(self.request.course, course, self.request.config, self.seed)
+    warm_up: Callable[[], object]
+    walk: Callable[[], Walked]
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +204,7 @@ def fill_folder(folder: Path, planned: PlannedWalk, walked: Walked) -> dict[str,
         pose = {name: control[name] for name in ("t_ns", "x_m", "y_m", "yaw_rad", "z_m")}
         write_tum(folder / "trajectory.tum", **pose, tilt_rad=tilt_rad)
         results = Run(folder, record)
-        if planned.course is not None:
+        if "paths" in walked.tables:
             write_foxglove(results)
         drawings = drawings_of(results)
         if planned.request.plots:
@@ -229,39 +228,43 @@ def _record(planned: PlannedWalk, walked: Walked, clock: StageClock) -> RunRecor
         seed=planned.seed,
         recorded_s=walked.lasted_s,
         stages=[StageRecord(name=name, seconds=spent_s[name], peak_memory_mb=peaks_mb[name]) for name in spent_s],
-        startup_s=compiling_s(),
+        startup_s=start_up.seconds,
         realtime_factor=walked.lasted_s / walked.walking_s,
+        plugins=PluginRecord.of([] if planned.course is None else [controller_plugin(planned.controller)]),
         **walked.record | {"warnings": warnings},
     )
 
 
-def trotted_results(trotted: walking.TrottedCurve) -> Walked:
-    """What a trot leaves."""
-    walk, robot = trotted.walk, trotted.planned.robot
-    fallen = walk.fallen.any()
+def _trot(simulation: Simulation, curve: str, seed: int) -> Walked:
+    planned = trotting.plan_trot(simulation, curve, seed)
+    robot = planned.robot
+    model, started = trotting.trot_model(robot), time.perf_counter()
+    walk = trotting.walk_trot(model, planned.targets_rad, planned.posture_rad)
+    seconds, t_ns, fallen = time.perf_counter() - started, walk["t_ns"], walk["fallen"]
+    lasted_s = float(t_ns[-1]) / NS
     return Walked(
-        tables={"control": dict.fromkeys(TABLES["control"].names, np.full(len(walk.t_ns), np.nan)) | walk.columns()},
-        metrics=walking.trot_metrics(trotted),
-        ended=f"fell after {walk.t_ns[np.argmax(walk.fallen)] / NS:.2f} s" if fallen else "",
-        lasted_s=float(walk.t_ns[-1]) / NS,
-        walking_s=trotted.seconds,
+        tables={"control": dict.fromkeys(TABLES["control"].names, np.full(len(t_ns), np.nan)) | walk},
+        metrics=trotting.trot_metrics(walk) | {"realtime_factor": Metric(lasted_s / seconds, 1, "")},
+        ended=f"fell after {t_ns[np.argmax(fallen)] / NS:.2f} s" if fallen.any() else "",
+        lasted_s=lasted_s,
+        walking_s=seconds,
         record={
-            "input": _input(TROT, trotted.planned.targets_rad),  # the joint angles that the robot is sent to
-            "counts": {"samples": len(walk.t_ns)},
+            "input": _input(TROT, planned.targets_rad),  # the joint angles that the robot is sent to
+            "counts": {"samples": len(t_ns)},
             "warnings": [],
             "notes": [
-                f"y(t) has a peak of {1e3 * trotted.planned.peak_m:.2f} mm",
+                f"y(t) has a peak of {1e3 * planned.peak_m:.2f} mm",
                 f"drawn: friction {robot.friction:.4f}, feet of {1e3 * robot.foot_radius_m:.2f} mm radius, a posture",
             ],
         },
     )
 
 
-def walked_results(
-    request: SimulateRequest, course: Course, ground: HeightField, simulated: walking.SimulatedWalk
-) -> Walked:
-    """What a walk along a course leaves."""
-    control, name = simulated.walk.control, request.course
+def _along_course(request: SimulateRequest, course: Course, seed: int, most_s: float | None = None) -> Walked:
+    name, config = request.course, request.config
+    ground = make_ground(name, course, config, seed)
+    simulated = walking.walk_once(course, config, ground, seed, most_s)
+    control = simulated.walk.control
     # The course is the one plan of the walk.
     (x_m, y_m), n = course.path_m.T, len(course.path_m)
     path = {"x_m": x_m, "y_m": y_m, "smooth_x_m": x_m, "smooth_y_m": y_m}
@@ -283,7 +286,7 @@ def walked_results(
         record={
             "input": _input(name, course.path_m) if name in COURSES else describe_input(Path(name)),
             "counts": {"ticks": len(control["t_ns"])} | simulated.counts,
-            "warnings": walking.walk_warnings(simulated.counts, simulated.walk.mass_kg, request.config.mpc.f_max_n),
+            "warnings": walking.walk_warnings(simulated.counts, simulated.walk.mass_kg, config.mpc.f_max_n),
             "notes": [],
         },
     )
@@ -294,7 +297,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
     walk = simulated.walk
     control = walk.control
     errors = ("t_ns", "error_m", "cross_track_m", "time_error_m", "heading_error_rad")
-    columns = {name: control[name] for name in (*errors, *(["fallen"] if walk.effort is not None else []))}
+    columns = {name: control[name] for name in (*errors, *(BODY_COLUMNS if walk.effort is not None else ()))}
     metrics = metrics_of(tracking_samples(columns))
     if walk.completed_ns is not None:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tomli_w
 
-from quadlog.config.control import RobotConfig
+from quadlog.config.robots import RobotConfig
 from quadlog.config.schema import Anchor, Config, LidarConfig, Mount, Tag, Topics, UwbConfig
 from quadlog.errors import CannotWrite, UnknownName, UsageError
 from quadlog.pipelines.executor.progress import Progress

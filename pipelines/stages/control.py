@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
+from quadlog.config.controllers import CONTROLLERS, parts_of
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.robot import ROBOTS
+from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.errors import TooLarge
 from quadlog.mapping.grid import crop, window_at
 from quadlog.mapping.memory import OCCUPIED
 from quadlog.messages import NS_PER_S, Float, Int
@@ -19,16 +23,19 @@ from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
 from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.journal import Journal
+from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.tracks import RobotTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
-from quadlog.simulation.contacts import Contact
-from quadlog.simulation.course_walk import SPEED_MPS
-from quadlog.simulation.resimulation import MapInstant, PursuitSettings, Resimulation
+from quadlog.simulation.commanded import held, walk_commanded
+from quadlog.simulation.contacts import Contact, Footprint
+from quadlog.simulation.course_walk import RATE_HZ, SPEED_MPS, Driver
+from quadlog.simulation.resimulation import MAX_TICKS, MapInstant, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
-from quadlog.simulation.robot.disturbances import DisturbanceSettings
+from quadlog.simulation.robot.height_field import HeightField, flat
+from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.storage.formats.ros_map import read_rosmap
@@ -63,23 +70,78 @@ def resimulate(
         starts = _starts(np.sort(maps_ns), tracks.robot, config.lidar.pose_gap_s)
         replanner = planning.replanner_of(config, target)
         instants = _counted(_with_what_stands(maps, starts), journal.progress)
-        robot = _robot(journal, config, maps, starts.pop(int(maps_ns.min())), seed)
-        resim = walk(instants, target.at, robot, walks.lookahead_control(config), replanner, _settings(config))
+        ground, why_plane = walkable_ground(maps, config.simulation.friction)
+        if why_plane and config.simulation.has_body:
+            journal.warn(why_plane)
+        robot = _robot(config, ground, starts.pop(int(maps_ns.min())), seed)
+        body, driver = Footprint(*config.robot.body_m[:2]), _driver(config, robot)
+        resim = walk(instants, target.at, driver, replanner, body, config.pursuit.clear_chord)
         _write_walk(folder, resim)
-    if np.any(resim.control["fallen"]):
-        journal.warn("the re-simulated robot fell, and lay from there on")
-    journal.count("ticks", len(np.atleast_1d(resim.control["t_ns"])))
     if resim.outside_replans:
         journal.count("replans_outside_window", resim.outside_replans)
     if resim.outside_ticks:
         journal.count("ticks_outside_window", resim.outside_ticks)
         journal.warn(f"{resim.outside_ticks} ticks of the re-simulated walk lie outside the recorded maps")
+    return _body_of(robot, journal, config, resim.control)
+
+
+@stage("control", reads=("pursuit", "robot", "mpc", "simulation", "lidar.pose_gap_s"), load=WalkedBody.load)
+def walk_by_commands(
+    folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int
+) -> dict[str, Any] | None:
+    """control, of a robot driven open loop by the log's commands, on a plane from its first pose on. Returns the body.
+
+    Raises TooLarge.
+    """
+    commands, track, hold_s = data.streams.commands, tracks.robot, config.simulation.command_hold_s
+    if commands is None:
+        journal.warn("no re-simulation: the log holds no command in this time")
+        return None
+    journal.use("command")
+    journal.progress.begin("control", None)
+    with journal.clock.stage("control"):
+        tick_ns, (first_ns, last_ns) = NS_PER_S / RATE_HZ, track.t_ns[[0, -1]].tolist()
+        ticks = int((last_ns - first_ns) / tick_ns) + 1
+        if ticks > MAX_TICKS:
+            raise TooLarge("ticks of the re-simulated walk", ticks, MAX_TICKS)
+        t_ns = first_ns + np.rint(np.arange(ticks) * tick_ns).astype(np.int64)
+        logged = track.poses_at(t_ns, config.lidar.pose_gap_s)
+        robot = _robot(config, flat(), logged[0].copy(), seed)
+        assert isinstance(robot, WalkingRobot), "commands drive a body"
+        if track.source == "fixed":
+            logged[:] = np.nan
+        twist, stale = held(t_ns, commands.t_ns, commands.twist, hold_s)
+        control = walk_commanded(robot, _driver(config, robot), t_ns, twist, logged)
+        write_table(folder / "control.parquet", TABLES["control"], control)
+    journal.warn("the re-simulated robot walks on a plane, open loop: metrics of its way are differences from the log")
+    if stale.any():
+        journal.warn(
+            f"in {stale.mean():.0%} of the walk the last command is older than {hold_s:g} s and counts as 0; let them "
+            f"hold longer with  --set simulation.command_hold_s={2 * hold_s:g}"
+        )
+    return _body_of(robot, journal, config, control)
+
+
+def _body_of(
+    robot: WalkingRobot | UnicycleRobot, journal: Journal, config: Config, control: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """What a walk leaves of its robot's body, None without one; says how the walk went."""
+    if np.any(control["fallen"]):
+        journal.warn("the re-simulated robot fell, and lay from there on")
+    journal.count("ticks", len(np.atleast_1d(control["t_ns"])))
     if not isinstance(robot, WalkingRobot):
         return None
     journal.counts |= robot.counts
     journal.warn(*walks.walk_warnings(robot.counts, robot.mass_kg, config.mpc.f_max_n))
     effort = {name: float(value) for name, value in asdict(robot.effort).items()}
     return {"mass_kg": float(robot.mass_kg), "ticks": int(robot.ticks), "effort": effort}
+
+
+def warm_up(controller: str) -> None:
+    """Load what a robot with a body needs, and compile it at the first start, by a tenth of a second of one."""
+    settings = WalkerSettings(whole_body=(parts_of(controller) or CONTROLLERS["fpmw"]).whole_body)
+    model = quadruped_model(ROBOTS["tracking"], flat())
+    WalkingRobot(model, settings, np.zeros(3), np.random.default_rng(0)).walk(50, 0.3, 0.1)
 
 
 def _write_walk(folder: Path, resim: Resimulation) -> None:
@@ -126,21 +188,17 @@ def _counted(instants: Iterator[MapInstant], progress: Progress) -> Iterator[Map
         progress.advance((instant.t_ns - first_ns) / NS_PER_S)
 
 
-def _robot(journal: Journal, config: Config, maps: Path, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
-    """A robot with a body, on the run's own ground where feet can stand on it, else on a plane; or one without."""
+def _robot(config: Config, ground: HeightField, start_pose: Float, seed: int) -> WalkingRobot | UnicycleRobot:
+    """A robot with a body on a ground, or one without."""
     rng = np.random.default_rng([seed, *b"resimulation"])
-    disturbances = DisturbanceSettings(**config.simulation.disturbances.model_dump())
+    disturbances = config.simulation.disturbances
     if not config.simulation.has_body:
-        return UnicycleRobot(start_pose, 1 / config.pursuit.rate_hz, rng, disturbances)
-    walks.check_rate(config.pursuit.rate_hz)
-    ground, why_plane = walkable_ground(maps, config.simulation.friction)
-    if why_plane:
-        journal.warn(why_plane)
+        return UnicycleRobot(start_pose, 1 / RATE_HZ, rng, disturbances)
     model = walks.robot_model(config, ground)
     return WalkingRobot(model, walks.walker_settings(config), start_pose, rng, disturbances)
 
 
-def _settings(config: Config) -> PursuitSettings:
-    speed_mps = SPEED_MPS if config.pursuit.speed_mps is None else config.pursuit.speed_mps
-    same = {name: getattr(config.pursuit, name) for name in ("max_yaw_rate_radps", "rate_hz", "clear_chord")}
-    return PursuitSettings(speed_mps, body_length_m=config.robot.length_m, body_width_m=config.robot.width_m, **same)
+def _driver(config: Config, robot: WalkingRobot | UnicycleRobot) -> Driver:
+    """What drives the robot along its plans."""
+    speed_mps = config.pursuit.speed_mps or SPEED_MPS
+    return Driver(robot, walks.lookahead_control(config), speed_mps, config.pursuit.max_yaw_rate_radps)

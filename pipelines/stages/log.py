@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from quadlog.config.controllers import COMMAND
 from quadlog.config.schema import Config, Mount
-from quadlog.errors import MAX_LISTED, EmptyWindow, MissingInput, NothingToReplay, set_flag
+from quadlog.errors import MAX_LISTED, MissingInput, NothingToReplay, QuadlogError, set_flag
 from quadlog.lidar.levelling import UpSeries
 from quadlog.lidar.point_times import AS_THEY_COME, TimeReading, find_reading
 from quadlog.messages import PointCloud
@@ -25,7 +26,7 @@ from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners
 from quadlog.pipelines.store import only, stage
-from quadlog.recordings.recording import open_configured
+from quadlog.recordings.recording import open_recording
 from quadlog.recordings.streams import Streams, gather
 from quadlog.recordings.topics.roles import detect_roles, position_topics
 from quadlog.results import STAGES
@@ -48,15 +49,18 @@ class Log(Outlook):
 
     path: Path
     options: ReplayOptions
+    by_command: bool = False
 
     def last_stage(self) -> str:
-        """The last stage that was asked for, or `position` where it was not by its name and there is no lidar.
+        """The last stage that was asked for, or of those that need no lidar where it was not by its name.
 
-        Raises MissingInput and AmbiguousTopic.
+        by_command: commands drive the simulated robot, which needs no map. Raises MissingInput and AmbiguousTopic.
         """
-        until = self.options.until
-        if until == "report" and "lidar" not in self.roles.found:
-            return "position"
+        until, may_walk = self.options.until, self.by_command and self.options.until in ("control", "report")
+        if may_walk and self.roles.topic("command") is None:
+            raise MissingInput("control", self.roles.why_none("command"), "choose another  --controller")
+        if (until == "report" or may_walk) and "lidar" not in self.roles.found:
+            return "control" if may_walk else "position"
         if STAGES.index(until) >= STAGES.index("filter") and self.roles.topic("lidar") is None:
             raise MissingInput("filter", self.roles.why_none("lidar"), "stop before it with  --until position")
         return until
@@ -83,7 +87,7 @@ class Log(Outlook):
     def span_ns(self, streams: Streams) -> tuple[int, int]:
         """First and last instant of what was read, not of a reference alone.
 
-        Raises EmptyWindow when --start and --duration leave nothing, NothingToReplay when there never was anything.
+        Raises QuadlogError when --start and --duration leave nothing, NothingToReplay when there never was anything.
         """
         series = [streams.ranges, streams.odometry, streams.imu, streams.joints, streams.target]
         times_ns = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None]
@@ -95,19 +99,21 @@ class Log(Outlook):
             return int(t_ns.min()), int(t_ns.max())
         begin_ns = self._first_ns()
         if self.window != (None, None):
-            raise EmptyWindow(self.recording.path, self.recording.span_ns)
+            span_ns = self.recording.span_ns
+            length = f"; the recording lasts {(span_ns[1] - span_ns[0]) * 1e-9:.1f} s" if span_ns else ""
+            raise QuadlogError(f"{self.recording.path}: no message within --start and --duration{length}")
         return begin_ns, begin_ns
 
 
 @contextmanager
 def open_log(path: Path, config: Config, options: ReplayOptions) -> Iterator[Log]:
     """Open a recording and detect the roles of its topics; only its index and a few messages are read."""
-    config = only(config, READING)
-    with open_configured(path, config, options.msg_path, options.stamp) as recording:
+    by_command, config = config.simulation.controller == COMMAND, only(config, READING)
+    with open_recording(path, config, msg_path=options.msg_path, stamp=options.stamp) as recording:
         roles = detect_roles(recording, config.topics)
         if config.lidar.mount != Mount():
             roles.frames.bodies.clear()  # base is what the mount is given in, not what odometry is of
-        yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options)
+        yield Log(recording, roles, config, locates_by_uwb(recording, roles, config), path, options, by_command)
 
 
 @dataclass(frozen=True)
@@ -153,7 +159,7 @@ class LogData:
 def read_log(log: Log, progress: Progress) -> LogData:
     """The first reading of a log: the small topics, and the stamps of its clouds.
 
-    Raises AmbiguousTopic for a role that is needed, EmptyWindow, NothingToReplay and ClocksDiffer.
+    Raises AmbiguousTopic for a role that is needed, QuadlogError for an empty window, NothingToReplay and ClocksDiffer.
     """
     recording, roles, config = log.recording, log.roles, log.config
     described = describe_input_aside(log.path)
@@ -249,9 +255,9 @@ def tell_recording(data: LogData, journal: Journal) -> None:
             journal.warn(f"{what}: {choices}")
     base = None if roles.frames.configured else roles.frames.base
     others = [] if base is None else roles.frames.other_robots(base)
-    flags = [set_flag("topics.tf", each) for each in roles.other_tf]
+    flags = [set_flag("topics.tf", each) for each in roles.transforms[1:]]
     if flags := [*flags, *(set_flag("topics.base_frame", [frame]) for frame in others)]:
-        taken, some = roles.topics("tf")[0] if roles.other_tf else base, "  or  ".join(flags[:MAX_LISTED])
+        taken, some = roles.topics("tf")[0] if len(roles.transforms) > 1 else base, "  or  ".join(flags[:MAX_LISTED])
         journal.warn(f"tf moves {len(flags) + 1} robots: the one of {taken} is taken; choose another with  {some}")
     for topic, why in roles.unused_truths.items():
         journal.warn(f"no reference is used: {topic} {why}")

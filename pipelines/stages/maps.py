@@ -33,7 +33,7 @@ MAPPING = (
     *FILTERING,
     *(f"grid.{key}" for key in ("cell_m", "size_cells", "min_height_m", "max_height_m", "min_points")),
     *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "target_radius_m")),
-    *("robot.preset", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
+    *("robot.model", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
 )
 
 
@@ -125,7 +125,7 @@ def _filtered(
     if config.lidar.deskew:
         journal.warn(*data.point_times.warnings(journal.counts.get("scans", 0)))
     lidars = data.log.lidars
-    planar = all(PLANAR_SCANS.keys() >= {*data.log.recording.types_of(topic)} for topic in lidars)
+    planar = all({*data.log.recording.types_of(topic)} <= PLANAR_SCANS for topic in lidars)
     where = f" ({', '.join(lidars)}: {data.log.roles.of_topic(lidars[0])[1]})"
     tally.tell(journal, config, where, planar=planar)
 
@@ -217,7 +217,7 @@ class _Mapper:
     """Lays scans on the grid, one after the other: the map at each, and those of the whole run."""
 
     def __init__(self, config: Config, target: TargetTrack | None, maps: MapsWriter) -> None:
-        self._grid, self._height_mm, self._maps = config.grid, round(config.robot.height_m * 1000), maps
+        self._grid, self._height_mm, self._maps = config.grid, round(config.robot.body_m[2] * 1000), maps
         # Returns of a target with a body are kept out of the map.
         self._target = target if target is not None and target.has_body else None
         self._placing = _placing_settings(config)
@@ -268,13 +268,13 @@ ABOVE_M = 0.1
 
 
 def _placing_settings(config: Config) -> PlacingSettings:
-    grid, robot = config.grid, config.robot
+    grid, (length_m, width_m, height_m) = config.grid, config.robot.body_m
     return PlacingSettings(
         min_height_m=grid.min_height_m,
         max_height_m=grid.max_height_m,
-        body_length_m=robot.length_m,
-        body_width_m=robot.width_m,
-        highest_m=max(grid.max_height_m, robot.height_m) + ABOVE_M,
+        body_length_m=length_m,
+        body_width_m=width_m,
+        highest_m=max(grid.max_height_m, height_m) + ABOVE_M,
         min_points=grid.min_points,
         target_radius_m=grid.target_radius_m,
     )

@@ -22,13 +22,14 @@ from quadlog.messages import Float, Imu, ImuSeries, Odometry, PointCloud, Pose, 
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import Streams
 from quadlog.recordings.tf_tree import BASE_FRAMES, TransformTree, is_named
-from quadlog.recordings.topics.roles import Roles
+from quadlog.recordings.topics.look import Roles
 
 
 def frame_of(recording: Recording, topic: str) -> str | None:
     """The frame that the first message of a topic names; None where it cannot be decoded or has none."""
-    first = next(iter(recording.sample(topic, 1)), None)
-    return first.frame_id if isinstance(first, (PointCloud, Imu, Odometry, Pose)) else None
+    kinds: tuple[type[PointCloud | Pose | Odometry | Imu], ...] = (PointCloud, Pose, Odometry, Imu)
+    first = [each for kind in kinds for each in recording.sample(topic, 1, kind)]
+    return first[0].frame_id if first else None
 
 
 def imu_mount(frame_id: str, tree: TransformTree) -> Float | None:
@@ -230,7 +231,7 @@ WEIGHED, WEIGHT_MPS2, MOST_APART_RAD = 200, (7.0, 13.0), np.radians(30.0)
 
 def contradicts_gravity(recording: Recording, imu: str) -> str | None:
     """A warning where an IMU's orientation turns the gravity that it measures off the vertical; None elsewhere."""
-    messages = [each for each in recording.sample(imu, WEIGHED) if isinstance(each, Imu)]
+    messages = recording.sample(imu, WEIGHED, Imu)
     oriented = [(each.quat_xyzw, each.linear_mps2) for each in messages if each.quat_xyzw is not None]
     if not oriented:
         return None

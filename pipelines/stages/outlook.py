@@ -17,7 +17,8 @@ from quadlog.recordings.clocks.clock import Clock
 from quadlog.recordings.decoders.anchor_places import places_of
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.tf_tree import TransformTree
-from quadlog.recordings.topics.roles import LONE_SOURCES, POSITION_WORDS, Roles, position_topics
+from quadlog.recordings.topics.look import Roles
+from quadlog.recordings.topics.roles import LONE_SOURCES, POSITION_WORDS, position_topics
 
 SEE_INFO = "see  quadlog info"
 AUTO_ORDER = POSITION_WORDS[1:]
@@ -54,7 +55,7 @@ class Outlook:
         if not self._hears(*roles.played):
             return nowhere | {"missing": [self.why_nothing()]}
         lidars, odometry = self.lidars, unless_ambiguous(roles, "odometry")
-        target, where, missing = topics.target, roles.base_in_map(topics), [*self._unplaced(), *self._unheard()]
+        target, where, missing = topics.target, roles.base_in_map, [*self._unplaced(), *self._unheard()]
         if target == "auto":
             target = "uwb" if source == "uwb" and len(tags) > 1 else "none" if source == "fixed" else "ahead"
         if source == "fixed":
@@ -77,7 +78,7 @@ class Outlook:
         roles, topics = self.roles, self.config.topics
         there: dict[str, Callable[[], bool]] = {
             "uwb": lambda: self.by_uwb and self._hears(*roles.topics("uwb")),
-            "tf": lambda: roles.base_in_map(topics) is not None,
+            "tf": lambda: roles.base_in_map is not None,
             "odometry": lambda: self._hears(*roles.topics("odometry")),
             "pose": lambda: self._has_one("pose"),
             "legs": lambda: "joints" in roles.found and self._hears(*roles.topics("joints")),
@@ -162,6 +163,7 @@ class Outlook:
             "odometry": chosen or odometry,
             "imu": roles.topic("imu") if self.by_uwb and position in ("auto", "uwb") else upright,
             "joints": unless_ambiguous(roles, "joints"),
+            "command": roles.topic("command"),
             "reference": unless_ambiguous(roles, "reference"),
             "target": roles.topic("target"),
             "tf": roles.topics("tf"),
@@ -216,3 +218,12 @@ def may_use_uwb(config: Config) -> bool:
 def unless_ambiguous(roles: Roles, role: str) -> str | None:
     """The topic of an optional role; None if there is a choice."""
     return roles.found[role].topics[0] if role in roles.found else None
+
+
+def wants_lidar_track(log: Outlook, config: Config) -> bool:
+    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position."""
+    position = config.topics.position
+    if "lidar" not in log.roles.found:
+        return False
+    by_both = log.by_uwb and config.lidar.odometry
+    return position == "lidar" or by_both or (position == "auto" and log.position() == "lidar")

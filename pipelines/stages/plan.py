@@ -25,7 +25,7 @@ from quadlog.simulation.resimulation import MapInstant
 
 PLANNING = (
     *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
-    *("robot.length_m", "robot.width_m"),
+    *("robot.model", "robot.length_m", "robot.width_m"),
 )
 
 
@@ -113,5 +113,5 @@ def replanner_of(config: Config, target: TargetTrack) -> Replanner:
 def growth_of(config: Config) -> Growth:
     """How obstacles grow by the section grid."""
     if config.grid.dilation == "body":
-        return Growth(math.hypot(config.robot.length_m, config.robot.width_m) / 2)
+        return Growth(math.hypot(*config.robot.body_m[:2]) / 2)
     return Growth(config.grid.dilation_m, config.grid.dilation)

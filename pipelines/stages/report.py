@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from quadlog.config.schema import Config
+from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
@@ -35,7 +36,7 @@ CHOSEN = "chosen in the configuration"
 
 
 class Finished:
-    """All that is known at the end of a replay. startup_s: spent on compiling.
+    """All that is known at the end of a replay. startup_s: as StartUp has it.
 
     tracks, body: None where no stage gave them. results: keys of what the stages left.
     """
@@ -121,7 +122,7 @@ def _of_bodies(run: Path, done: Finished, effort: Metrics) -> Metrics:
         return {}
     known, body = known_robot(done.config), done.body
     if known is None:
-        done.journal.note("no logged_cost_of_transport: set robot.preset or robot.model")
+        done.journal.note("no logged_cost_of_transport: set robot.model")
     masses_kg = {
         "logged": math.nan if known is None else known.mass_kg,
         "resimulated": math.nan if body is None else body.mass_kg,
@@ -183,14 +184,15 @@ def _record(done: Finished) -> RunRecord:
 
 
 def _plugins(done: Finished) -> list[PluginRecord]:
-    """The plug-ins among the decoders of the topics used and, where there was planning, the planner."""
+    """The plug-ins among the decoders of the topics used, the planner and the controller, as far as it went."""
     used = {each.topic for each in _topics(done)}
     types = sorted({each.type_name for each in done.log.recording.channels if each.topic in used})
     found = [decoder_plugin(name) for name in types]
     if "plan" in stages_until(done.request.options.until):
         found.append(planner_plugin(done.config.planner.name))
-    names = ("group", "name", "distribution", "version")
-    return [PluginRecord(**{name: getattr(one, name) for name in names}) for one in found if one is not None]
+    if done.body is not None:
+        found.append(controller_plugin(done.config.simulation.controller))
+    return PluginRecord.of(found)
 
 
 def _topics(done: Finished) -> list[TopicRecord]:
@@ -203,7 +205,7 @@ def _topics(done: Finished) -> list[TopicRecord]:
             role=role,
             topic=topic,
             type=channels[topic].type_name,
-            messages=channels[topic].count or 0,
+            messages=channels[topic].count,
             why=whys.get(role, CHOSEN),
         )
         for role, topics in done.journal.topics.items()

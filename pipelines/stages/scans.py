@@ -15,7 +15,6 @@ from quadlog.lidar.levelling import NotLevelled, UpSeries, level_rotations
 from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.messages import Float, Int, PointCloud
-from quadlog.pipelines.stages.outlook import Outlook
 from quadlog.positioning.lidar_odometry import (
     FEWEST_RETURNS_MATCHED,
     LidarOdometry,
@@ -87,15 +86,6 @@ class Scanner:
 def _upright(t_ns: Int, up: UpSeries | None) -> tuple[Float, NotLevelled | None]:
     """(W, 3, 3) rotations that turn base upright at the instants (W,) of a scan, and why they do not, or None."""
     return (np.tile(np.eye(3), (len(t_ns), 1, 1)), None) if up is None else level_rotations(t_ns, up)
-
-
-def wants_lidar_track(log: Outlook, config: Config) -> bool:
-    """Whether the robot is tracked by the lidar: as configured, or under auto where nothing else gives its position."""
-    position = config.topics.position
-    if "lidar" not in log.roles.found:
-        return False
-    by_both = log.by_uwb and config.lidar.odometry
-    return position == "lidar" or by_both or (position == "auto" and log.position() == "lidar")
 
 
 class LidarTracker:

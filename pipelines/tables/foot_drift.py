@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from quadlog.config.control import Simulation
-from quadlog.pipelines.simulation.walk import trot_metrics, trot_once
+from quadlog.metrics.catalogue import THEMES
+from quadlog.pipelines.simulation.trot import plan_trot, trot_metrics, trot_model, walk_trot
 from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Study, StudyTable, grid
 from quadlog.pipelines.tables.judge import NEGLIGIBLE, SIZE, Judge, beyond, not_comparable, number
+from quadlog.simulation.settings import Simulation
 
 K = 175.0
 """Of the curve as it is derived, in 1/m; ours: 10 mm aside."""
@@ -14,8 +15,9 @@ K = 175.0
 def trot(k: float | None, seed: int) -> Figures:
     """One walk, as `quadlog simulate trot-32s` has it; k: of eq. 12, None for the baseline."""
     keys = {} if k is None else {"foot_curve_k": k}
-    trotted = trot_once(Simulation.model_validate({"trot": keys}), "baseline" if k is None else "3d-curve", seed)
-    figures = {name: metric.value for name, metric in trot_metrics(trotted).items() if name != "realtime_factor"}
+    plan = plan_trot(Simulation.model_validate({"trot": keys}), "baseline" if k is None else "3d-curve", seed)
+    walked = walk_trot(trot_model(plan.robot), plan.targets_rad, plan.posture_rad)
+    figures = {name: metric.value for name, metric in trot_metrics(walked).items() if name not in THEMES["Computing"]}
     return figures | {
         "drift_mm": 1e3 * abs(figures["lateral_drift_m"]),
         "turn_degps": abs(figures["yaw_rate_degps"]),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from quadlog.control.locomotion import leg_dynamics as legs
-from quadlog.control.locomotion.foot_trajectory import FootCycle
+from quadlog.control.locomotion.kinematics import leg_inverse, leg_jacobian
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.messages import GRAVITY_MPS2, Float
+from quadlog.pipelines.simulation.trot import FootCycle
 from quadlog.pipelines.tables.claims import Claim, Figures, Group, Study, StudyTable
 from quadlog.pipelines.tables.judge import EXACT, always, beyond, number, rests
+from quadlog.simulation.robot.height_field import flat
+from quadlog.simulation.robot.model import quadruped_model
 
 ROBOT = ROBOTS["foot"]
 LEG_KG, HEIGHT_M, STRIDE_M, PERIOD_S, ACCELERATION_MPS2 = 0.5, 0.2, 0.05, 0.5, 0.08
@@ -27,47 +31,89 @@ def ground_force(carried_kg: float) -> Float:
     return carried_kg * np.array([ACCELERATION_MPS2, 0.0, GRAVITY_MPS2])
 
 
+def stance_feet(side: float, count: int) -> Float:
+    """(count, 3) a foot from its hip, half a stride ahead to half a stride behind, under its leg's plane [eq. 5]."""
+    ahead_m = np.linspace(STRIDE_M / 2, -STRIDE_M / 2, count)
+    return np.column_stack([ahead_m, np.full(count, side * ROBOT.lengths_m[0]), np.full(count, -HEIGHT_M)])
+
+
+def joints_of(feet_m: Float, side: float) -> Float:
+    """(N, 3) joints for feet (N, 3) from the hip, the knee behind as an elbow [eq. 3, corrected]."""
+    joints = np.empty((len(feet_m), 3))
+    for row, foot in zip(joints, feet_m, strict=True):
+        leg_inverse(foot, side, ROBOT.lengths, row)
+    return joints
+
+
+def stance_torques(joints_rad: Float, force_n: Float, side: float) -> Float:
+    """(N, 3) motor torques in N m of joints (N, 3) that hold a force (3,) of the ground on the foot [eq. 6].
+
+    torque = -J' force: motors and ground do no work together on links without mass.
+    """
+    torques, jacobian = np.empty((len(joints_rad), 3)), np.empty((3, 3))
+    for row, joints in zip(torques, joints_rad, strict=True):
+        leg_jacobian(joints, side, ROBOT.lengths, jacobian)
+        row[:] = -jacobian.T @ force_n
+    return torques
+
+
 def torques_of(side: float, carried_kg: float) -> Float:
-    """(N, 3) joint torques over a stance, from touch-down to lift-off."""
-    feet = legs.stance_feet(side, ROBOT.lengths, HEIGHT_M, STRIDE_M, 101)
-    joints = legs.stance_joints(feet, side, ROBOT.lengths, legs.KNEE_BEHIND)
-    return legs.stance_torques(joints, ground_force(carried_kg), side, ROBOT.lengths)
+    """(N, 3) joint torques over a stance, from touch-down to lift-off [eqs 5 and 6]."""
+    return stance_torques(joints_of(stance_feet(side, 101), side), ground_force(carried_kg), side)
 
 
 def touch_down_about_diagonal() -> float:
     """N m about the diagonal, backwards positive, as left fore and right hind foot touch down under half the body each.
 
-    The couples at both hips, and the forces there about the middle between the feet.
+    The couples with which the legs turn the body at its hips, and the forces there about the middle between the feet.
     """
     force, ahead = ground_force(ROBOT.mass_kg / 2), np.array([STRIDE_M / 2, 0.0, -HEIGHT_M])
     moment = np.zeros(3)
     for leg, side in ((0, LEFT), (3, RIGHT)):
-        moment += legs.hip_reaction(legs.stance_feet(side, ROBOT.lengths, HEIGHT_M, STRIDE_M, 2)[:1], force)[0]
-        moment += np.cross(ROBOT.hips_m[leg] - ahead, force)
+        moment += np.cross(stance_feet(side, 2)[0] + ROBOT.hips_m[leg] - ahead, force)
     # From right to left: turning about it is tipping backwards for the body's own -y.
     axis = -np.array([LENGTH_M, WIDTH_M, 0.0]) / np.hypot(LENGTH_M, WIDTH_M)
     return float(moment @ axis)
 
 
 def swing_hip_reaction(gravity_mps2: float, period_s: float = PERIOD_S) -> Float:
-    """(N,) N m on the body about the hip's own axis while a leg swings as in eq. 9, without its y.
+    """(N,) N m on the body about the hip's own axis while the right fore leg swings as in eq. 9, without its y.
 
-    Stride, period and height are Table 2's, the lift is section 4's.
+    What MuJoCo's inverse dynamics ask of the hip's motor, taken backwards. Stride, period and height are Table 2's, the
+    lift is section 4's.
     """
-    cycle = FootCycle(period_s, STRIDE_M, LIFT_M)
+    cycle, own = FootCycle(period_s, STRIDE_M, LIFT_M), slice(3, 6)
     t_s = np.linspace(0.0, cycle.swing_share * period_s, SWING_POINTS)
     feet = cycle.at(t_s) + np.array([0.0, RIGHT * ROBOT.lengths_m[0], -HEIGHT_M])
-    joints = legs.stance_joints(feet, RIGHT, ROBOT.lengths, legs.KNEE_BEHIND)
-    # Straight under the leg's plane, the hip's axis is the body's -y.
-    return -legs.swing_reaction(ROBOT, RIGHT, t_s, joints, gravity_mps2)[:, 1]
+    spline = CubicSpline(t_s, joints_of(feet, RIGHT))
+    quadruped = quadruped_model(ROBOT, flat())
+    model, data = quadruped.model, mujoco.MjData(quadruped.model)
+    model.opt.gravity[2], model.dof_armature[:] = -gravity_mps2, 0.0
+    data.qpos[2] = 1.0  # no foot touches the ground
+    qpos, qvel = quadruped.joint_qpos[own], quadruped.joint_qvel[own]
+    asked = np.empty(SWING_POINTS)
+    for k, at_s in enumerate(t_s):
+        data.qpos[qpos], data.qvel[qvel], data.qacc[qvel] = (spline(at_s, order) for order in range(3))
+        mujoco.mj_inverse(model, data)
+        asked[k] = data.qfrc_inverse[qvel[1]]
+    return -asked
+
+
+def mass_behind() -> tuple[float, float]:
+    """Mass m in kg and d in metres [eq. 7]: thigh and shank of a standing leg, and how far behind its hip."""
+    quadruped = quadruped_model(ROBOT, flat())
+    model, data = quadruped.model, mujoco.MjData(quadruped.model)
+    data.qpos[quadruped.joint_qpos] = ROBOT.standing_joints_rad
+    mujoco.mj_forward(model, data)
+    thigh = model.body("right_fore_thigh").id
+    return float(model.body_subtreemass[thigh]), float(data.xpos[thigh, 0] - data.subtree_com[thigh, 0])
 
 
 def measure() -> Figures:
     """Everything; torques in N m."""
     leg = torques_of(RIGHT, LEG_KG)
     swing = float(swing_hip_reaction(GRAVITY_MPS2)[: SWING_POINTS // 2 + 1].mean())
-    standing = ROBOT.standing_joints_rad[3:6]
-    mass_kg, behind_m = legs.mass_behind(ROBOT, RIGHT, standing)
+    mass_kg, behind_m = mass_behind()
     ahead_m = -4 * mass_kg * behind_m / ROBOT.mass_kg
     return {
         "tau 1, abduction (N m)": float(leg[0, 0]),

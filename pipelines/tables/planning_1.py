@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.control.following.path import nearest_on_path
-from quadlog.control.following.pure_pursuit import pure_pursuit
+from quadlog.control.following.pure_pursuit import PathFollower
 from quadlog.geometry import arc_lengths, wrap_angle
 from quadlog.messages import Float
 from quadlog.pipelines.tables.claims import Change, Claim, Figures, Group, Ratio, Study, StudyTable, grid
@@ -41,7 +41,7 @@ def pursue(world: World, planner: Planner) -> Figures:
     goal_m = world.goal.at(0)
     to_goal_m = goal_m - world.start_xy_m
     pose = (float(world.start_xy_m[0]), float(world.start_xy_m[1]), math.atan2(to_goal_m[1], to_goal_m[0]))
-    path_m: Float = np.empty((0, 2))
+    follower: PathFollower | None = None
     walked: list[Float] = []
     waited = 0
     while waited <= walks.PATIENCE and len(walked) < walks.MOST_REPLANS:
@@ -50,8 +50,8 @@ def pursue(world: World, planner: Planner) -> Figures:
         instant = walks.look(world, here_m, t_ns)
         path = replanner.replan(t_ns, instant.window, instant.occupied, here_m, goal_m).path
         if path is not None:
-            path_m = path.smooth_xy_m
-        rows = _follow(pose, path_m, instant, world.speed_mps)
+            follower = PathFollower(path.smooth_xy_m)
+        rows = _follow(pose, follower, instant, world.speed_mps)
         there = np.flatnonzero(np.hypot(*(rows[:, :2] - goal_m).T) <= AT_GOAL_M)
         if len(there):
             return _figures(np.concatenate([*walked, rows[: there[0] + 1]]), arrived=True)
@@ -63,17 +63,21 @@ def pursue(world: World, planner: Planner) -> Figures:
     return _figures(np.concatenate(walked), arrived=False)
 
 
-def _follow(pose: tuple[float, float, float], path_m: Float, instant: walks.ReplanInstant, speed_mps: float) -> Float:
-    """Ticks along a path (K, 2) until the next replan: pose and clearance, (TICKS_PER_REPLAN + 1, 4), the first now."""
+def _follow(
+    pose: tuple[float, float, float], follower: PathFollower | None, instant: walks.ReplanInstant, speed_mps: float
+) -> Float:
+    """Ticks until the next replan, along a path if there is one: pose and clearance, (TICKS_PER_REPLAN + 1, 4), the
+    first now.
+    """
     centres_m = occupied_centres(instant.occupied, instant.window)
     rows = np.empty((TICKS_PER_REPLAN + 1, 4))
     x, y, yaw = pose
     for row in rows:
         row[:3] = x, y, yaw
         row[3] = body_clearance(x, y, yaw, *BODY_M, centres_m, instant.window.cell_m)
-        if len(path_m):
-            near = nearest_on_path(path_m, x, y)
-            command = pure_pursuit(x, y, yaw, path_m, near, LOOKAHEAD_M, speed_mps, MAX_YAW_RATE_RADPS)
+        if follower is not None:
+            place = follower.step(x, y, yaw)
+            command = follower.pursue(x, y, yaw, place, LOOKAHEAD_M, speed_mps, MAX_YAW_RATE_RADPS)
             x, y, yaw = unicycle_step(x, y, yaw, command.v_mps, command.yaw_rate_radps, TICK_S)
     return rows
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 
 from quadlog.config.schema import Config
+from quadlog.metrics.catalogue import THEMES
 from quadlog.pipelines.simulation.courses import find_course, make_ground
 from quadlog.pipelines.simulation.simulate import walk_metrics
 from quadlog.pipelines.simulation.walk import walk_once
@@ -44,7 +43,7 @@ def config_of(terrain: str, steering: str, disturbed: bool) -> Config:
     return Config.model_validate(
         {
             "pursuit": {"lookahead_m": LOOKAHEAD_M, "fuzzy": {"tables": "printed"}},
-            "simulation": {**simulation, "disturbances": asdict(DISTURBED) if disturbed else {}},
+            "simulation": {**simulation, "disturbances": DISTURBED.model_dump() if disturbed else {}},
         }
     )
 
@@ -56,7 +55,7 @@ def track(course: str, terrain: str, steering: str, condition: str, seed: int) -
     simulated = walk_once(found, config, make_ground(course, found, config, seed), seed)
     control = simulated.walk.control
     metrics = walk_metrics(simulated)
-    figures = {name: metric.value for name, metric in metrics.items() if name != "realtime_factor"}
+    figures = {name: metric.value for name, metric in metrics.items() if name not in THEMES["Computing"]}
     return figures | {
         "lookahead_range_m": float(np.ptp(control["lookahead_m"])),
         "speed_mean_mps": float(np.mean(control["vx_mps"])),

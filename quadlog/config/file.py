@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from difflib import get_close_matches
+from functools import reduce
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from quadlog.config.robots import robot_of_later
+from quadlog.config.robots import without_preset
 from quadlog.config.schema import UNKNOWN_METRIC, Config, ExpectedRange
 from quadlog.errors import (
     InvalidConfigValue,
@@ -42,15 +43,23 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 """What the papers did, where quadlog's own default may differ."""
 
-
 RETIRED = {
-    "results.frames": "the pictures of the simulated robot are gone; the player shows the walk",
-    "grid.decay_s": "a memory that decays is gone; log_odds clears what is seen through, after grid.clear_s",
-    "simulation.swing": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
-    "simulation.swing_aside_m": "feet swing by the quintic; trot-32s compares the curves of [Foot]",
-    "wbc": "whole-body control has fixed gains, and the friction and forces of [mpc]",
+    "results.frames": "now the player shows the walk",
+    "grid.decay_s": "now log_odds clears what is seen through, after grid.clear_s",
+    "robot.preset": "now robot.model, which brings the body's size",
+    "wbc": "now constant, but for friction and force, which are those of [mpc]",
+    **dict.fromkeys(
+        (
+            *("simulation.swing", "simulation.swing_aside_m", "pursuit.rate_hz", "pursuit.fuzzy.k_v0"),
+            *("pursuit.fuzzy.k_w0", "mpc.horizon", "mpc.dt_s", "mpc.every_s", "mpc.weight_rpy", "mpc.weight_position"),
+            *("mpc.weight_omega", "mpc.weight_velocity", "mpc.turning_share", "mpc.alpha", "mpc.f_min_n"),
+            *(f"simulation.trot.{key}" for key in ("height_m", "lateral", "lateral_shape", "first_pair")),
+            *(f"simulation.trot.{key}" for key in ("friction_spread", "foot_radius_spread", "posture_spread_deg")),
+        ),
+        "now constant",
+    ),
 }
-"""Keys and sections of earlier versions, which are ignored with a note, and why they went."""
+"""Keys and sections of earlier versions, which files may still have, with a note, and what stands for them."""
 
 
 class Layer(NamedTuple):
@@ -102,25 +111,23 @@ def configure(
     if preset is not None and preset not in PRESETS:
         raise UnknownName("preset", preset, PRESETS)
     table, retired = without_retired({} if path is None else _read_toml(path))
-    file = [] if path is None else [Layer(str(path), table)]
-    presets = [] if preset is None else [Layer(f"preset {preset}", PRESETS[preset])]
+    file, chosen = Layer(str(path), table), Layer(f"preset {preset}", PRESETS[preset] if preset else {})
     typed = [_override_layer(override) for override in overrides]
     given = [flag for flag in flags if flag.value is not None]
     for flag in given:
         _refuse_contradiction(flag, typed)
     later = [
         *typed,
-        *(Layer(f"{flag.name} {flag.value}", _nest(flag.key.split("."), flag.value, flag.name)) for flag in given),
-        *(Layer("settings", _nest(str(key).split("."), value, "settings")) for key, value in settings.items()),
+        *(_layer(f"{flag.name} {flag.value}", flag.key, flag.value) for flag in given),
+        *(_layer("settings", str(key), value) for key, value in settings.items()),
     ]
-    robot = robot_of_later(_merged([*file, *presets]), _merged(later))
-    layers = [*file, *presets, Layer("robot.preset", robot), *later]
+    layers = [file, chosen, *later]
     try:
         config = Config.model_validate(_merged(layers))
     except ValidationError as error:
         raise _explain(error, layers) from None
-    notes = [f"{path}: {line}" for line in retired]
-    return Configured(config, (*notes, *(line for each in presets for line in _replaced(each, file, later))))
+    notes = [f"{path}: {retired}"] if retired else []
+    return Configured(config, (*notes, *_replaced(chosen, file, later)))
 
 
 def read_bounds(path: Path) -> dict[str, dict[str, ExpectedRange | None]]:
@@ -131,8 +138,7 @@ def read_bounds(path: Path) -> dict[str, dict[str, ExpectedRange | None]]:
     """
     content = _read_toml(path)
     for key in content.keys() - {"default", "recordings"}:
-        (nearest,) = difflib.get_close_matches(key, ("default", "recordings"), 1, 0.0)
-        raise UnknownConfigKey(key, nearest, str(path))
+        raise UnknownConfigKey(key, _nearest(key, ("default", "recordings")), str(path))
     recordings = content.get("recordings", {})
     if not isinstance(recordings, dict):
         raise InvalidConfigValue("recordings", "is a table", str(path))
@@ -154,18 +160,21 @@ def _bounds(table: Any, where: str, path: Path) -> dict[str, ExpectedRange | Non
         raise _explain(error, [Layer(str(path), {"expect": table})], where) from None
 
 
-def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """A configuration without the keys and sections of RETIRED, and one line for every retired one in it."""
-    kept, lines = deepcopy(dict(table)), []
+def without_retired(table: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """A configuration without the keys and sections of RETIRED, and a line that names those in it, "" for none."""
+    kept, found = deepcopy(dict(table)), dict[str, list[str]]()
+    robot = kept.get("robot")
     for key, why in RETIRED.items():
         *sections, name = key.split(".")
         of: Any = kept
         for section in sections:
             of = of.get(section) if isinstance(of, dict) else None
         if isinstance(of, dict) and name in of:
-            shown = f"[{key}]" if isinstance(of.pop(name), dict) else key
-            lines.append(f"{shown} is ignored: {why}")
-    return kept, lines
+            if of is robot:
+                kept["robot"] = without_preset(robot)
+            found.setdefault(why, []).append(f"[{key}]" if isinstance(of.pop(name), dict) else key)
+    gone = "; ".join(f"{', '.join(keys)} ({why})" for why, keys in found.items())
+    return kept, f"keys of an earlier version: {gone}" if gone else ""
 
 
 SCHEMA = Path(__file__).with_name("quadlog.schema.json")
@@ -246,19 +255,17 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 def _override_layer(override: str) -> Layer:
     key, equals, text = override.partition("=")
-    source = f"--set {clipped(override)}"
     if not equals or not key.strip():
         raise InvalidConfigValue(override, "expected section.key=value", "--set")
-    return Layer(source, _nest(key.strip().split("."), _parse_value(text.strip()), source))
+    return _layer(f"--set {clipped(override)}", key.strip(), _parse_value(text.strip()))
 
 
-def _nest(keys: Sequence[str], value: Any, source: str) -> dict[str, Any]:
+def _layer(source: str, key: str, value: Any) -> Layer:
+    """The layer that sets one dotted key."""
+    keys = key.split(".")
     if len(keys) > MAX_DEPTH:
-        raise UnknownConfigKey(".".join(keys), None, source)
-    nested = value
-    for key in reversed(keys):
-        nested = {key: nested}
-    return dict(nested)
+        raise UnknownConfigKey(key, None, source)
+    return Layer(source, reduce(lambda nested, part: {part: nested}, reversed(keys), value))
 
 
 def _parse_value(text: str) -> Any:
@@ -278,16 +285,16 @@ def _refuse_contradiction(flag: Flag, typed: Sequence[Layer]) -> None:
         raise UsageError(f"{flag.name} {flag.value} and {setters[-1].source} differ; use one of them")
 
 
-def _replaced(preset: Layer, file: Sequence[Layer], later: Sequence[Layer]) -> Iterator[str]:
+def _replaced(preset: Layer, file: Layer, later: Sequence[Layer]) -> Iterator[str]:
     """A line with the keys of the file whose values the preset replaced, where there are any."""
-    before, after = _flat(_merged(file)), _flat(_merged(later))
+    before, after = _flat(file.table), _flat(_merged(later))
     keys = [
         f"{key} = {_shown(value)} instead of {_shown(before[key])}"
         for key, value in _flat(preset.table).items()
         if key in before and key not in after and before[key] != value
     ]
     if keys:
-        yield f"{preset.source} replaces keys of {file[0].source}: {', '.join(keys)}"
+        yield f"{preset.source} replaces keys of {file.source}: {', '.join(keys)}"
 
 
 def _shown(value: Any) -> str:
@@ -304,20 +311,15 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _merged(layers: Sequence[Layer]) -> dict[str, Any]:
-    merged: dict[str, Any] = {}
-    for layer in layers:
-        _merge(merged, layer.table)
-    return merged
+    return reduce(_over, (layer.table for layer in layers), {})
 
 
-def _merge(into: dict[str, Any], table: Mapping[str, Any]) -> None:
+def _over(below: Any, table: Mapping[str, Any]) -> dict[str, Any]:
+    """A nested table over another, or over a value that it replaces."""
+    merged = dict(below) if isinstance(below, Mapping) else {}
     for key, value in table.items():
-        if not isinstance(value, Mapping):
-            into[key] = value
-            continue
-        if not isinstance(into.get(key), dict):
-            into[key] = {}
-        _merge(into[key], value)
+        merged[key] = _over(merged.get(key), value) if isinstance(value, Mapping) else value
+    return merged
 
 
 def _explain(error: ValidationError, layers: Sequence[Layer], expect: str = "expect") -> QuadlogError:
@@ -328,21 +330,24 @@ def _explain(error: ValidationError, layers: Sequence[Layer], expect: str = "exp
     source = next((layer.source for layer in reversed(layers) if _has(layer.table, loc)), "configuration")
     if loc[:1] == ["expect"]:
         key = ".".join([expect, *loc[1:]])
+    if key in RETIRED and first["type"] == "extra_forbidden":
+        return InvalidConfigValue(key, f"is a key of an earlier version: {RETIRED[key]}", source)
     if first["type"] == "extra_forbidden":
         position = next((part for part in loc if part.isdigit()), "0")
         sides = [f"{key.rpartition('.')[0]}.{side}" for side in ExpectedRange.model_fields if loc[0] == "expect"]
-        keys = sides or sorted(_keys_of(Config, "", position))
-        matches = difflib.get_close_matches(key, keys, n=1, cutoff=0.0)
-        return UnknownConfigKey(key, matches[0] if matches else None, source)
+        return UnknownConfigKey(key, _nearest(key, sides or sorted(_keys_of(Config, "", position))), source)
     if first["type"] == UNKNOWN_METRIC:
         name = str(first["ctx"]["metric"])
-        near = difflib.get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
-        return UnknownConfigKey(f"{key}.{name}", f"{key}.{near[0]}" if near else None, source)
+        return UnknownConfigKey(f"{key}.{name}", f"{key}.{_nearest(name, CATALOGUE)}", source)
     reason = first["msg"].removeprefix("Value error, ")
     given = first.get("input")
     if isinstance(given, str | int | float | bool):
         reason += f" (got {str(given)[:80]!r})"
     return InvalidConfigValue(key, reason[0].lower() + reason[1:], source)
+
+
+def _nearest(key: str, keys: Iterable[str]) -> str:
+    return get_close_matches(key, list(keys), 1, 0.0)[0]
 
 
 def _has(table: Any, loc: Sequence[str]) -> bool:

@@ -11,11 +11,14 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from quadlog.config.control import MpcConfig, Pursuit, RobotConfig, Simulation
-from quadlog.config.robots import with_robot_preset
+from quadlog.config.controllers import with_commands
+from quadlog.config.robots import RobotConfig
 from quadlog.config.section import Metres, Section, in_order
+from quadlog.control.settings import MpcSettings, PursuitSettings
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.planning.settings import PlannerSettings, SmoothingSettings
+from quadlog.positioning.settings import LocateSettings
+from quadlog.simulation.settings import Simulation
 
 
 def _as_list(value: object) -> object:
@@ -58,6 +61,11 @@ class Topics(Section):
     reference: str = Field(
         "",
         description='true pose; empty: a pose topic named truth, gt, mocap, vicon, ...; "none": no reference',
+    )
+    command: str = Field(
+        "",
+        description='commands that simulation.controller = "command" walks by: Twist, TwistStamped, or how the robot '
+        "moved by its odometry, sportmodestate or a pose; auto, and empty with that controller: the only commands",
     )
     position: str = Field(
         "auto",
@@ -139,68 +147,19 @@ class RangeTopic(Section):
         return self
 
 
-class UwbConfig(Section):
+class UwbConfig(LocateSettings):
     """From ranges to positions."""
 
-    range_std_m: float | None = Field(
-        None,
-        ge=0.001,
-        le=10,
-        description="standard deviation of a range in sight; unset: estimated from the log, link by link, for tracks, "
-        "and 0.1 for fixes, in which late ranges count in full [Following, Fig. 9]",
-    )
     tag_height_m: Metres = Field(0.6, description="height of tags without their own; a person's is 1.3 [Following]")
     person_height_m: Metres = Field(1.3, description="height of the person's tag without its own [Following]")
-    calibrate: bool = Field(
-        True,
-        description="constant bias of each link, estimated with the track, where the ranges show one; with uwb.smooth "
-        "also a scale of all ranges, where it is clear",
-    )
-    smooth: bool = Field(
-        True,
-        description="poses and target smoothed over the whole log; false: what the robot could have known then",
-    )
-    method: Literal["gauss_newton", "linear", "weighted", "paper", "huber"] = Field(
-        "gauss_newton",
-        description="how ranges become a fix: gauss_newton (maximum likelihood), huber (the same, late ranges count "
-        "less), linear, weighted (linear with the full covariance), paper (linear as weighted in [Following])",
-    )
-    height: Literal["auto", "given", "solved"] = Field(
-        "auto",
-        description="a tag's height: as given, or solved for; auto solves where the anchors' heights determine it",
-    )
-    mirror: Literal["refuse", "left", "right"] = Field(
-        "refuse",
-        description="anchors on a line leave two mirrored tracks: refuse, or the one that starts to the left or right "
-        "of the way from the first anchor to the last",
-    )
     odometry: bool = Field(
         True, description="steady the robot's track with the odometry's velocity, where there is one"
-    )
-    min_range_m: float = Field(0.05, ge=0, le=1e5, description="shorter ranges are dropped and counted")
-    max_range_m: float = Field(300.0, gt=0, le=1e5, description="longer ranges are dropped and counted")
-    epoch_s: float | None = Field(
-        None,
-        ge=0.0001,
-        le=5,
-        description="single ranges of one tag this close together make one fix; unset: one round of the anchors, "
-        "as the log has it",
-    )
-    outlier_m: float = Field(
-        0.5, gt=0, le=1e5, description="a fix whose residual rms exceeds this is marked and not tracked"
-    )
-    acceleration_std_mps2: float = Field(
-        1.0, ge=0.001, le=1000, description="how hard the robot or person accelerates; stiffness of the smoother"
     )
     anchors: list[Anchor] = Field([], description="positions of the anchors in map; without them UWB is not used")
     tags: list[Tag] = Field([], description="without this table the lowest id is the robot, the next one the person")
     range_topics: list[RangeTopic] = Field(
         [], description="for topics that do not name a range's ends, have another unit, or messages of any type"
     )
-
-    @model_validator(mode="after")
-    def _ranges_are_in_order(self) -> UwbConfig:
-        return in_order(self, "min_range_m", "max_range_m")
 
     @model_validator(mode="after")
     def _ids_are_unique(self) -> UwbConfig:
@@ -359,14 +318,14 @@ class Config(Section):
     grid: Grid = Grid()
     planner: PlannerSettings = PlannerSettings()
     smoothing: SmoothingSettings = SmoothingSettings()
-    pursuit: Pursuit = Pursuit()
+    pursuit: PursuitSettings = PursuitSettings()
     robot: RobotConfig = RobotConfig()
-    mpc: MpcConfig = MpcConfig()
+    mpc: MpcSettings = MpcSettings()
     simulation: Simulation = Simulation()
     results: Results = Results()
     expect: Expect = Expect()
 
     @model_validator(mode="before")
     @classmethod
-    def _of_the_preset(cls, data: object) -> object:
-        return with_robot_preset(data)
+    def _reads_commands(cls, data: object) -> object:
+        return with_commands(data)

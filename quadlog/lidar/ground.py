@@ -2,7 +2,7 @@
 
 Columns are walked from the lidar outwards, beam by beam. Short pieces of a beam that stand out of the ground are a box
 or a log, however gentle the slope up to them. Constants were chosen on seed 100 of
-quadlog.simulation.synthetic.labelled_scans, and are never reported on that seed.
+tests.lab.labelled_scans, and are never reported on that seed.
 """
 
 from __future__ import annotations

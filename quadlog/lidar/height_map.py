@@ -2,7 +2,7 @@
 
 Measured against Patchwork++ (pypatchworkpp 1.4.1) on the same clouds: the map keeps more of the ground on slopes and in
 corridors and claims fewer obstacles that are none. Constants were chosen on seed 100 of
-quadlog.simulation.synthetic.labelled_scans, and are never reported on that seed.
+tests.lab.labelled_scans, and are never reported on that seed.
 """
 
 from __future__ import annotations

@@ -272,7 +272,7 @@ WINDOW, ROWS, SUPPORTERS = 4, 2, 2
 NEAR_M, NEAR_PER_M = np.float32(0.10), np.float32(0.025)
 """Supporters lie within NEAR_M + NEAR_PER_M r, WINDOW columns and, where the own row has too few, ROWS rows.
 
-Chosen on seed 100 of quadlog.simulation.synthetic.labelled_scans; never reported on that seed.
+Chosen on seed 100 of tests.lab.labelled_scans; never reported on that seed.
 """
 # Returns of one surface, four standard deviations of a range apart at most, are averaged.
 _SAME_SURFACE_M = np.float32(0.08)

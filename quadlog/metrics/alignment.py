@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quadlog.geometry import quat_from_yaw, yaw_from_quat
+from quadlog.geometry import quat_from_euler, yaw_from_quat
 from quadlog.messages import NS_PER_S, Float, Int, PoseSeries
 from quadlog.metrics.summary import Samples, finite_samples
 
@@ -35,7 +35,7 @@ def align_rigidly(estimate: PoseSeries, reference: PoseSeries, axes: int = 3) ->
 def project_to_plane(trajectory: PoseSeries) -> PoseSeries:
     """The trajectory in the plane z = 0: heights, roll and pitch left out."""
     position_m = trajectory.position_m * np.array([1.0, 1.0, 0.0])
-    return PoseSeries(trajectory.t_ns, position_m, quat_from_yaw(yaw_from_quat(trajectory.quat_xyzw)))
+    return PoseSeries(trajectory.t_ns, position_m, quat_from_euler(yaw_from_quat(trajectory.quat_xyzw)))
 
 
 LEAST_MOVED_M = 0.25

@@ -159,6 +159,9 @@ _WALKING = (
     MetricEntry("plan_error_m", "m", "distance to the current plan",
         "mean distance from the re-simulated robot to the current plan, which starts at the robot",
         "1/N Σ plan_error_i", _OURS, "control ticks with a plan"),
+    MetricEntry("speed_difference_rms_mps", "m/s", "speed beside the log's",
+        "root mean square of the speed of a robot driven by the log's commands less the logged robot's",
+        "√( 1/N Σ (v_i − v_logged_i)² ), v over 1 s", _OURS, "control ticks with a logged pose"),
     MetricEntry("lateral_drift_m", "m", "drift to the left", "how far to the left a trot along x ended",
         "y_end − y_start", "[Foot] Figs 5, 6", "samples of the trot", better=""),
     MetricEntry("yaw_rate_degps", "deg/s", "turning drift", "rate at which a trot along x turns to the left",
@@ -180,6 +183,9 @@ _OF_BODY = (
     MetricEntry("height_rms_m", "m", "height error",
         "root mean square of the body's height less the height that the ground asks for",
         "√( 1/N Σ (z_i − wanted_i)² )", _OURS, _BODY),
+    MetricEntry("force_error_rms_n", "N", "forces beside the MPC's",
+        "root mean square of the normal forces that the MPC plans less those on the feet",
+        "√( 1/N Σ 1/4 Σ_j (wanted_ij − fz_ij)² )", _OURS, "control ticks with planned forces", better=""),
     *_RESIMULATED,
     *_LOGGED,
     MetricEntry("logged_cost_of_transport", "", "cost of transport, logged",
@@ -193,6 +199,11 @@ _COMPUTING = (
     MetricEntry("realtime_factor", "", "times real time",
         "recorded seconds per second of computing, start-up and compilation apart", "recorded_s / Σ stage seconds",
         _OURS, "runs: 1", kind="factor", better="higher"),
+    MetricEntry("us_step_median", "µs", "time of a controller's step",
+        "median time that the controller takes for a tick of the simulation, with the MPC when it is due",
+        "median us_median_i", _OURS, "control ticks"),
+    MetricEntry("us_step_p95", "µs", "longest step in 95 % of the ticks",
+        "95th percentile of the longest step within a control tick", "p95 us_max_i", _OURS, "control ticks"),
 )  # fmt: skip
 _BY_THEME = {
     "Position": _POSITION, "Planning": _PLANNING, "Walking": _WALKING, "Body": _OF_BODY, "Computing": _COMPUTING

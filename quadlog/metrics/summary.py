@@ -15,7 +15,7 @@ from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.metrics.catalogue import CATALOGUE
 from quadlog.metrics.intervals import SHORTEST_S, Interval, mean_interval_in_time, positive_interval
 
-Statistic = Literal["mean", "std", "rms", "sum", "min", "max"]
+Statistic = Literal["mean", "std", "rms", "sum", "min", "max", "median", "p95"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +101,8 @@ _VALUES: dict[Statistic, Callable[[Float], Any]] = {
     "sum": np.sum,
     "min": np.min,
     "max": np.max,
+    "median": np.median,
+    "p95": lambda x: np.percentile(x, 95),
 }
 
 
@@ -112,7 +114,7 @@ def value_of(samples: Samples) -> float:
 def effects(samples: Samples) -> Float | None:
     """A series (N,) whose mean is the value, and whose every sample moves that mean as the sample moves the value.
 
-    To first order (the delta method); None of extremes, of counts, and of a value of 0 that only grows.
+    To first order (the delta method); None of extremes, of quantiles, of counts, and of a value of 0 that only grows.
     """
     x, value = samples.values, value_of(samples)
     if samples.statistic in ("std", "rms") and value > 0:
@@ -130,7 +132,7 @@ def interval_of(samples: Samples) -> Interval | None:
     """95 % interval of the value, from that of the mean of its effects; see `intervals.COVERAGE`.
 
     It says how the value would scatter over walks as long as this one that go on as it did, not how other walks differ.
-    None of extremes, of counts, of too few samples, and of less than SHORTEST_S.
+    None of extremes, of quantiles, of counts, of too few samples, and of less than SHORTEST_S.
     """
     series, x, value = effects(samples), samples.values, value_of(samples)
     found = None if series is None or is_short(samples.t_ns) else mean_interval_in_time(series)

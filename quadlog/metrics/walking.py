@@ -88,6 +88,8 @@ _TRACKED: tuple[tuple[str, Statistic, str], ...] = (
     ("heading_rmse_rad", "rms", "heading_error_rad"),
     ("plan_error_m", "mean", "plan_error_m"),
     ("fallen", "max", "fallen"),
+    ("us_step_median", "median", "us_median"),
+    ("us_step_p95", "p95", "us_max"),
 )
 
 
@@ -95,12 +97,17 @@ def tracking_samples(walk: Mapping[str, NDArray[Any]]) -> dict[str, Samples]:
     """The samples of eta_m, sigma_m, [Tracking] eqs 46 and 47, and their kin; those that do not apply are absent.
 
     walk: t_ns and columns of control.parquet (T,), NaN where nothing was measured; `fallen` only if it can fall.
+    Forces that are wanted come with those on the feet.
     """
-    return {
+    samples = {
         name: finite_samples(walk["t_ns"], walk[column], statistic)
         for name, statistic, column in _TRACKED
         if column in walk
     }
+    if "wanted_fz_0_n" in walk:
+        apart_n = [walk[f"wanted_fz_{leg}_n"] - walk[f"fz_{leg}_n"] for leg in range(4)]
+        samples["force_error_rms_n"] = finite_samples(walk["t_ns"], np.sqrt(np.mean(np.square(apart_n), axis=0)), "rms")
+    return samples
 
 
 def clearance_samples(t_ns: Int, clearance_m: Float, target_distance_m: Float) -> dict[str, Samples]:
@@ -170,6 +177,12 @@ def ground_speed(t_ns: Int, places_ns: Int, xy_m: Float, max_gap_s: float = 0.5)
     over_s = (ends_ns[1] - ends_ns[0]) / NS_PER_S
     known = (over_s >= LEAST_OVER_S) & (t_ns >= first_ns) & (t_ns <= last_ns)
     return np.where(known, np.hypot(*(after_m - before_m).T) / np.maximum(over_s, LEAST_OVER_S), np.nan)
+
+
+def speed_difference(walk: Mapping[str, NDArray[Any]], poses: Mapping[str, NDArray[Any]]) -> Samples:
+    """Speed of a walk less that of the log, over SPEED_OVER_S, from t_ns, x_m, y_m of each (T,), (N,)."""
+    speeds = (ground_speed(walk["t_ns"], of["t_ns"], np.column_stack([of["x_m"], of["y_m"]])) for of in (walk, poses))
+    return finite_samples(walk["t_ns"], np.subtract(*speeds), "rms")
 
 
 def uneven_share(t_ns: Int) -> float:

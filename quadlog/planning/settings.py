@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
 from quadlog.config.section import Section
 from quadlog.planning.planners import PLANNER_NAMES
-from quadlog.plugins import PLANNERS, plugin_names
-
-
-def _is_planner(name: str) -> str:
-    """The name, if a planner has it; plug-ins are looked for only when none of quadlog's own has."""
-    if name not in PLANNER_NAMES and name not in (others := plugin_names(PLANNERS)):
-        raise ValueError(f"there is no such planner; choose one of: {', '.join((*PLANNER_NAMES, *others))}")
-    return name
+from quadlog.plugins import PLANNERS, known_name
 
 
 class PlannerSettings(Section):
     """Who plans, and on what."""
 
-    name: Annotated[str, AfterValidator(_is_planner)] = Field(
+    name: Annotated[str, AfterValidator(partial(known_name, group=PLANNERS, own=PLANNER_NAMES))] = Field(
         "ia_star", description="any planner of quadlog compare-planners; ia_star [Planning]"
     )
     stop_short_m: float = Field(1.0, ge=0, le=1000, description="the path ends so far from a person")

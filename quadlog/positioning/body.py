@@ -14,8 +14,9 @@ from quadlog.positioning.batch.factors import TagRanges
 from quadlog.positioning.batch.motion import Track
 from quadlog.positioning.batch.tracking import KNOT_S, Body, Starts
 from quadlog.positioning.heading import UNKNOWN_YAW_STD_RAD, TagsYaw
-from quadlog.positioning.locate import Anchors, LocateSettings, TagInfo, TagResult, no_track, steadied, with_track
+from quadlog.positioning.locate import Anchors, TagInfo, TagResult, no_track, steadied, track_settings, with_track
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion
+from quadlog.positioning.settings import LocateSettings
 
 LEAST_LEVER_M = 0.01
 """Tags that are no farther than this from their middle show no yaw."""
@@ -88,7 +89,7 @@ def locate_body(
     first_ns, range_m = int(t_ns[0]), range_m[order] - anchors.known_bias_m[column]
     heights_m, n_anchors = np.array([tag.height_m for tag in tags]), len(anchors.ids)
     ranges = TagRanges(seconds_since(t_ns, first_ns), number, column, range_m, arms_m, heights_m, n_anchors)
-    how = settings.of_track(all(tag.height_solved for tag in tags))
+    how = track_settings(settings, all(tag.height_solved for tag in tags))
     cuts_s = seconds_since(max(tags, key=lambda tag: len(tag.track)).restart_ns, first_ns)
     seen = bool(np.hypot(*arms_m.T).max() > LEAST_LEVER_M)
     body, middle = Body(ranges, anchors.position_m, how, cuts_s, yaw=seen), TagInfo(-1, 0.0, motion, *middle_m.tolist())

@@ -12,8 +12,6 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d
-from scipy.special import expit
 
 from quadlog.geometry import roll_pitch_from_quat, seconds_since, turned, yaw_from_quat
 from quadlog.messages import Float, ImuSeries, Int, JointSeries
@@ -150,6 +148,9 @@ def _attitude(t_ns: Int, imu: ImuSeries | None) -> tuple[Float, AttitudeSource]:
 
 def _carrying(joints: JointSeries, geometry: LegGeometry, rpy_rad: Float) -> tuple[Float, tuple[ContactSource, ...]]:
     """(N, 4) in 0..1 how sure it is that a foot carries, and by which sensor, for each foot."""
+    from scipy.ndimage import minimum_filter1d  # slow to import
+    from scipy.special import expit
+
     carries, load_n, below_m = np.empty((3, len(joints), 4))
     sources = [ContactSource.HEIGHT] * 4
     for first in range(0, len(joints), MOST_ROWS):

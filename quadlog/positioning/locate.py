@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from quadlog.positioning.batch.tracking import LONGEST_GAP_S, Body, Starts, Trac
 from quadlog.positioning.epochs import Epochs, RangeCounts, group_epochs, screen_ranges
 from quadlog.positioning.fixes import Fixes, are_on_line, heights_are_told, solve_fixes, solve_on_side
 from quadlog.positioning.odometry import BodyMotion, MeasuredMotion, measure_motion
+from quadlog.positioning.settings import LocateSettings
 
 FEW_FIXES = 0.1
 """Share of good fixes below which ranges are tried for a scale."""
@@ -51,38 +51,15 @@ class TagInfo:
     y_m: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class LocateSettings:
-    """How ranges become positions.
+def usual_std_m(settings: LocateSettings) -> float:
+    """Of a range, before a track has shown more."""
+    return settings.range_std_m or USUAL_STD_M
 
-    method, height, mirror: as the configuration's section `uwb` explains them.
-    epoch_s: single ranges this close together make one fix; None: derived from the log, tag by tag.
-    calibrate: estimate a constant bias of each link and subtract it, and a scale of all ranges where it is clear;
-    without, one bias that all links share.
-    smooth: estimate tracks from the whole log; False: every pose, bias and covariance as it was known at its instant.
-    """
 
-    range_std_m: float | None = None
-    min_range_m: float = 0.05
-    max_range_m: float = 300.0
-    epoch_s: float | None = None
-    outlier_m: float = 0.5
-    acceleration_std_mps2: float = 1.0
-    method: str = "gauss_newton"
-    height: Literal["auto", "given", "solved"] = "auto"
-    mirror: Literal["refuse", "left", "right"] = "refuse"
-    calibrate: bool = True
-    smooth: bool = True
-
-    @property
-    def usual_std_m(self) -> float:
-        """Of a range, before a track has shown more."""
-        return self.range_std_m or USUAL_STD_M
-
-    def of_track(self, height_solved: bool) -> TrackSettings:
-        """What a track is estimated with."""
-        height_std_m = HEIGHT_STD_M if height_solved else 0.0
-        return TrackSettings(self.range_std_m, self.acceleration_std_mps2, height_std_m, self.calibrate)
+def track_settings(settings: LocateSettings, height_solved: bool) -> TrackSettings:
+    """What a track is estimated with."""
+    height_std_m = HEIGHT_STD_M if height_solved else 0.0
+    return TrackSettings(settings.range_std_m, settings.acceleration_std_mps2, height_std_m, settings.calibrate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +112,7 @@ def locate(ranges: RangeSeries, anchors: Anchors, tags: Sequence[TagInfo], setti
     asked for, UnknownName for a method that is none, TooLarge for a log beyond what is allocated.
     """
     refuse = settings.mirror == "refuse"
-    on_line = are_on_line(anchors.ids, anchors.position_m, settings.usual_std_m, refuse=refuse)
+    on_line = are_on_line(anchors.ids, anchors.position_m, usual_std_m(settings), refuse=refuse)
     tag_ids = np.array([tag.id for tag in tags], dtype=np.int64)
     usable, counts = screen_ranges(ranges, tag_ids, anchors.ids, settings.min_range_m, settings.max_range_m)
     return Located(tuple(_locate(usable, anchors, tag, settings, on_line) for tag in tags), counts, on_line)
@@ -156,13 +133,14 @@ def _locate(
     """
     epochs, epoch_s = group_epochs(ranges, tag.id, anchors.ids, settings.epoch_s)
     known_m: Float = epochs.range_m - anchors.known_bias_m
-    start = _fix(replace(settings, method="gauss_newton"), anchors, known_m, tag.height_m, settings.mirror, on_line)
+    first = settings.model_copy(update={"method": "gauss_newton"})
+    start = _fix(first, anchors, known_m, tag.height_m, settings.mirror, on_line)
     height_solved = settings.height == "solved" and not on_line
     if settings.height == "auto" and not on_line:
-        height_solved = heights_are_told(anchors.position_m, start, settings.usual_std_m)
+        height_solved = heights_are_told(anchors.position_m, start, usual_std_m(settings))
     mine, none = ranges.rows(ranges.tag == tag.id), np.empty(0, np.int64)
     rows = RangeRows(mine.t_ns, mine.anchor, mine.range_m, np.full(len(mine), np.nan), np.zeros(len(mine)))
-    of_tag, unknown_m = (tag.id, tag.height_m, epoch_s, height_solved), np.full(len(anchors.ids), settings.usual_std_m)
+    of_tag, unknown_m = (tag.id, tag.height_m, epoch_s, height_solved), np.full(len(anchors.ids), usual_std_m(settings))
     result = TagResult(*of_tag, epochs, start, rows, no_track(), none, none, np.empty(0), unknown_m)
 
     fixed, fix_ns = start.solved & ~start.outlier, epochs.t_ns if settings.smooth else epochs.last_ns
@@ -174,7 +152,7 @@ def _locate(
         range_m, t_s = mine.range_m - anchors.known_bias_m[column], seconds_since(mine.t_ns, first_ns)
         place = np.zeros((1, 2)), np.array([tag.height_m])
         heard = TagRanges(t_s, 0 * column, column, range_m, *place, len(anchors.ids))
-        body = Body(heard.rows(row), anchors.position_m, settings.of_track(height_solved), np.empty(0))
+        body = Body(heard.rows(row), anchors.position_m, track_settings(settings, height_solved), np.empty(0))
         starts = Starts(seconds_since(fix_ns[fixed], first_ns), start.position_m[fixed])
         if on_line and settings.smooth:
             # Its fixes are all on one side of the line, which a track that goes on as it did may cross.
@@ -204,8 +182,8 @@ def _fix(
 ) -> Fixes:
     """Fixes of epochs (E, A), of anchors on a line on the side of places (E, 2), or the side that is asked for."""
     if on_line and height_m is not None:
-        return solve_on_side(anchors.position_m, range_m, height_m, settings.usual_std_m, settings.outlier_m, side)
-    seen = anchors.position_m, range_m, height_m, settings.usual_std_m
+        return solve_on_side(anchors.position_m, range_m, height_m, usual_std_m(settings), settings.outlier_m, side)
+    seen = anchors.position_m, range_m, height_m, usual_std_m(settings)
     return solve_fixes(settings.method, *seen, settings.outlier_m)
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from quadlog.errors import DecodeError
 from quadlog.geometry import FARTHEST_M
@@ -16,7 +15,6 @@ from quadlog.messages import (
     NO_ID,
     ROWS,
     Batch,
-    Float,
     Imu,
     Message,
     PointCloud,
@@ -26,16 +24,10 @@ from quadlog.messages import (
 )
 from quadlog.plugins import Plugin, foreign_code
 from quadlog.recordings.containers.container import MAX_TIME_NS
-from quadlog.recordings.decoders.rows import Part, part, unit_rows
-from quadlog.recordings.types import is_static
+from quadlog.recordings.decoders.rows import part, unit_rows
+from quadlog.recordings.tf_tree import is_static
 
-Interpret = Callable[[Any, str], tuple[Message, ...]]
-
-_CLOUD: dict[str, tuple[DTypeLike, tuple[int, ...]]] = {
-    "xyz_m": (np.float32, (3,)),
-    "ring": (np.uint16, ()),
-    "offset_ns": (np.int64, ()),
-}
+_CLOUD = np.dtype([("xyz_m", "f4", 3), ("ring", "u2"), ("offset_ns", "i8")])
 _MAY_BE_NONE = {"ring", "offset_ns", "first_path_gap_db", "anchor_position_m"}
 
 
@@ -63,18 +55,23 @@ def check_decoder(plugin: Plugin, found: Any) -> MessageDecoder:
     return found
 
 
-def interpreter(decoder: MessageDecoder) -> Interpret:
-    """Its decode, with arrays of the types that quadlog computes with. Raises DecodeError for whatever goes wrong."""
+def interpreter(decoder: MessageDecoder, failed: str = "its plug-in failed") -> Callable[[Any, str], list[Any]]:
+    """From a message and its topic to the rows, or clouds, of what decode makes of it.
 
-    def interpret(message: Any, topic: str) -> tuple[Message, ...]:
-        with foreign_code(lambda failure: DecodeError(topic, f"its plug-in failed: {failure}")):
-            return tuple(_sound(each, decoder.gives, topic) for each in decoder.decode(message, topic))
+    Raises DecodeError for whatever goes wrong, with `failed` before it.
+    """
+
+    def interpret(message: Any, topic: str) -> list[Any]:
+        with foreign_code(lambda failure: DecodeError(topic, f"{failed}: {failure}")):
+            return [made for each in decoder.decode(message, topic) for made in parts_of(each, decoder.gives, topic)]
 
     return interpret
 
 
-def _sound(message: Any, gives: type[Message], topic: str) -> Message:
-    """The message as quadlog's own decoders give it. Raises DecodeError, or what a field of another kind raises."""
+def _sound(message: Any, gives: type[Message], topic: str) -> dict[str, Any]:
+    """A message's numbers and arrays by name, of the right type and shape; positions are within reach, rotations of
+    unit length. Raises DecodeError, or what a field of another kind raises.
+    """
     if not isinstance(message, gives):
         raise DecodeError(topic, f"its plug-in gave {type(message).__name__} instead of {gives.__name__}")
     sound: dict[str, Any] = {
@@ -88,72 +85,56 @@ def _sound(message: Any, gives: type[Message], topic: str) -> Message:
     for name in ("frame_id", "child_frame_id"):
         if not isinstance(getattr(message, name, ""), str):
             raise DecodeError(topic, f"its plug-in gave a {name} that is no text")
-    if isinstance(message, Transforms):
-        sound["transforms"] = tuple(_sound(each, Pose, topic) for each in message.transforms)
-    sound |= _sound_arrays(message, gives, topic)
-    return replace(message, **sound)
-
-
-def _sound_arrays(message: Any, gives: type[Message], topic: str) -> dict[str, Float]:
-    """Its arrays by name, of the right type and shape; positions are within reach, rotations of unit length.
-
-    Raises DecodeError, ValueError.
-    """
-    several, wanted = gives in (PointCloud, UwbRanges), dict(_CLOUD if gives is PointCloud else {})
-    for name in () if gives in (PointCloud, Transforms) else _fields_of(gives):
-        dtype = ROWS[gives][name]
-        if name not in ("tag", "tick"):  # numbers of joints as they come; their rows have half of the bits
-            wanted[name] = np.float64 if dtype.base.kind == "f" else dtype.base, dtype.shape
-    lengths, arrays = set[int](), dict[str, Float]()
-    for name, (kind, shape) in wanted.items():
-        value = getattr(message, name)
-        if value is None and (name in _MAY_BE_NONE or (gives, name) == (Imu, "quat_xyzw")):
+    several, lengths = gives in (PointCloud, UwbRanges), set[int]()
+    for name in _fields_of(gives):
+        value, wanted = getattr(message, name), _CLOUD[name] if gives is PointCloud else ROWS[gives][name]
+        if name in sound or (value is None and (name in _MAY_BE_NONE or (gives, name) == (Imu, "quat_xyzw"))):
             continue
-        array = np.asarray(value, dtype=kind)
-        if array.ndim != len(shape) + several or array.shape[several:] != shape:
-            raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {('N',) * several + shape}")
+        array = np.asarray(value, dtype=wanted.base)
+        if array.ndim != len(wanted.shape) + several or array.shape[several:] != wanted.shape:
+            shape = ("N",) * several + wanted.shape
+            raise DecodeError(topic, f"its plug-in gave {name} of shape {array.shape}, not {shape}")
         lengths |= {len(array)} if several else set()
         if name == "position_m" and not (np.abs(array) <= FARTHEST_M).all():
             raise DecodeError(topic, f"its position is not finite, or beyond {FARTHEST_M:.0e} m")
         if name == "quat_xyzw":
-            unit, finite = unit_rows(array[None])
+            (array,), finite = unit_rows(array[None])
             if not finite.all():
                 raise DecodeError(topic, "its quaternion is not finite")
-            array = unit[0]
-        arrays[name] = array
+        sound[name] = array
     if len(lengths) > 1:
         raise DecodeError(topic, f"its plug-in gave arrays of lengths {sorted(lengths)}")
-    return arrays
+    return sound
 
 
 def _fields_of(kind: type[Message]) -> tuple[str, ...]:
-    """Fields of a kind's rows that its messages have too."""
-    return (ROWS[kind].names or ())[2:]
+    """Fields of a kind's rows, or of a cloud, that its messages have too."""
+    return () if kind is Transforms else _CLOUD.names or () if kind is PointCloud else (ROWS[kind].names or ())[2:]
 
 
-def parts_of(message: Message) -> Iterator[Part]:
-    """The rows of a message, in parts: one for each transform, one for all other kinds."""
-    if isinstance(message, Transforms):
+def parts_of(message: Any, gives: type[Message], topic: str) -> Iterator[Any]:
+    """A sound cloud, or the rows of a message: a Part for each transform, one for all other kinds. Raises as _sound."""
+    values = _sound(message, gives, topic)
+    if isinstance(message, PointCloud):
+        yield replace(message, **values)
+    elif isinstance(message, Transforms):
         for index, each in enumerate(message.transforms):
-            (made,) = parts_of(each)
-            values: dict[str, Any] = {"index": index} | {name: made.rows[name] for name in _fields_of(Pose)}
-            yield part(Transforms, 1, **values)._replace(stamp_ns=made.stamp_ns, frames=made.frames)
-        return
-    given: dict[str, Any] = {name: getattr(message, name) for name in _fields_of(type(message))}
-    n, of, why = 1, None, ""
-    if isinstance(message, UwbRanges):
-        # One that was not measured is left out of the arrays.
-        n, why = len(message.anchor) or bool(message.unmeasured), message.unmeasured
-        of, given = (
-            np.zeros(n, np.int64),
-            {name: each for name, each in given.items() if name == "tag" or np.size(each)},
-        )
-        given = {"first_path_gap_db": None} | {name: each for name, each in given.items() if each is not None}
-        given["tag"] = NO_ID if message.tag is None else message.tag
-    filled: dict[str, Any] = {name: np.nan if each is None else each for name, each in given.items()}
-    stamps = None if message.stamp_ns is None else np.array([message.stamp_ns])
-    frames = getattr(message, "frame_id", ""), getattr(message, "child_frame_id", "")
-    yield part(type(message), n, of=of, unmeasured=why, **filled)._replace(stamp_ns=stamps, frames=frames)
+            (made,) = parts_of(each, Pose, topic)
+            rows: dict[str, Any] = {name: made.rows[name] for name in _fields_of(Pose)}
+            yield made._replace(kind=Transforms, rows=part(Transforms, 1, index=index, **rows).rows)
+    else:
+        stamp_ns, n, of, why = values.pop("stamp_ns"), 1, None, ""
+        if isinstance(message, UwbRanges):
+            # One that was not measured is left out of the arrays.
+            n, why = len(values["anchor"]) or int(bool(message.unmeasured)), message.unmeasured
+            of, values = np.zeros(n, np.int64), {name: each for name, each in values.items() if np.size(each)}
+            values = {"first_path_gap_db": np.nan} | values
+            values["tag"] = NO_ID if values["tag"] is None else values["tag"]
+        elif isinstance(message, Imu):
+            values = {"quat_xyzw": np.nan} | values
+        frames = getattr(message, "frame_id", ""), getattr(message, "child_frame_id", "")
+        stamps = None if stamp_ns is None else np.array([stamp_ns])
+        yield part(gives, n, of=of, unmeasured=why, **values)._replace(stamp_ns=stamps, frames=frames)
 
 
 def messages_of(batches: Iterable[Batch]) -> Iterator[tuple[int, int, str, Message]]:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, cast
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.messages import Batch, Int, PointCloud, Timed, Transforms, UwbRanges
+from quadlog.messages import Batch, Int, Timed, Transforms, UwbRanges
 from quadlog.recordings.clocks.clock import Mask
 from quadlog.recordings.clocks.clock_offsets import stream_name
 from quadlog.recordings.containers.container import Channel, RawMessage
+from quadlog.recordings.decoders.payload import Payload
 from quadlog.recordings.decoders.rows import Part
 from quadlog.recordings.decoding import CloudReader, RowReader
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import is_static
 
 if TYPE_CHECKING:
     from quadlog.recordings.recording import Recording
@@ -25,28 +26,14 @@ MOST_WAITING, MOST_WAITING_BYTES = 4096, 1 << 20
 """Small messages of a channel that are decoded at once."""
 
 
-Take = Callable[[int, RawMessage], Iterable[Batch | Timed]]
-
-
+@dataclass(slots=True)
 class _Waiting:
-    """Small messages of a channel that wait until there are enough to be decoded at once."""
+    """Small messages of a channel that wait until there are enough to be decoded at once: order, log time, payload."""
 
-    def __init__(self, channel: Channel, reader: RowReader, rows: Callable[[_Waiting], Iterator[Batch]]) -> None:
-        self.channel, self.reader, self._rows = channel, reader, rows
-        self.messages, self.size = list[tuple[int, int, bytes]](), 0
-
-    def take(self, order: int, raw: RawMessage) -> Iterable[Batch]:
-        """What can be given out with the next message. Its payload is copied, so that no chunk is kept for it."""
-        payload = bytes(raw.payload)
-        self.messages.append((order, raw.log_time_ns, payload))
-        self.size += len(payload)
-        return self._rows(self) if self.size >= MOST_WAITING_BYTES or len(self.messages) >= MOST_WAITING else ()
-
-    def drain(self) -> tuple[Int, Int, Sequence[bytes]]:
-        """Orders, log times and payloads of all that wait; then none do."""
-        orders, log_ns, payloads = zip(*self.messages, strict=True) if self.messages else ((), (), ())
-        self.messages, self.size = [], 0
-        return np.array(orders, np.int64), np.array(log_ns, np.int64), payloads
+    channel: Channel
+    reader: RowReader | CloudReader | None
+    messages: list[tuple[int, int, bytes]] = field(default_factory=list)
+    size: int = 0
 
 
 class Pass:
@@ -69,37 +56,35 @@ class Pass:
     ) -> None:
         self.start_ns, self.end_ns = start_ns, end_ns
         self._recording, self._points, self._timed, self._counted = recording, points, timed, counted
-        self._takers: dict[int, Take] = {}
-        self._waiting: list[_Waiting] = []
+        self._waiting: dict[int, _Waiting] = {}
         self._failed, self._zeros = Counter[str](), Counter[str]()
         self.decoded = self.log_ns = 0
         self.why: str | None = None
 
-    def take(self, order: int, raw: RawMessage) -> Iterable[Batch | Timed]:
-        """What can be given out with the next message. order: grows from message to message."""
-        return (self._takers.get(id(raw.channel)) or self._taker(raw.channel))(order, raw)
+    def over(self, raws: Iterable[RawMessage]) -> Iterator[Iterator[Batch | Timed]]:
+        """What messages become, in parts of one topic; at the end all that waits."""
+        for order, (channel, log_ns, raw) in enumerate(raws):
+            waiting = self._waiting.get(id(channel)) or self._begin(channel)
+            if isinstance(waiting.reader, CloudReader):
+                yield self._cloud(channel.topic, waiting.reader, log_ns, raw)
+            elif waiting.reader is not None:
+                payload = bytes(raw)  # copied, so that no chunk is kept for it
+                waiting.messages.append((order, log_ns, payload))
+                waiting.size += len(payload)
+                if waiting.size >= MOST_WAITING_BYTES or len(waiting.messages) >= MOST_WAITING:
+                    yield self._rows(channel, waiting)
+        for waiting in self._waiting.values():
+            if waiting.messages:
+                yield self._rows(waiting.channel, waiting)
 
-    def rest(self) -> Iterator[Batch]:
-        """All that waits."""
-        for waiting in self._waiting:
-            yield from self._rows(waiting)
+    def _begin(self, channel: Channel) -> _Waiting:
+        self._waiting[id(channel)] = _Waiting(channel, self._recording.reader(channel))
+        return self._waiting[id(channel)]
 
-    def _taker(self, channel: Channel) -> Take:
-        reader, take = self._recording.reader(channel), cast(Take, lambda *_: ())
-        if isinstance(reader, CloudReader):
-            take = partial(self._cloud, reader.full if self._points else reader.checked)
-        elif reader is not None:
-            self._waiting.append(_Waiting(channel, reader, self._rows))
-            take = self._waiting[-1].take
-        self._takers[id(channel)] = take
-        return take
-
-    def _cloud(
-        self, decode: Callable[[bytes | memoryview], PointCloud | None], _: int, raw: RawMessage
-    ) -> Iterator[Timed]:
-        topic, self.log_ns = raw.channel.topic, raw.log_time_ns
+    def _cloud(self, topic: str, reader: CloudReader, log_ns: int, payload: Payload) -> Iterator[Timed]:
+        self.log_ns = log_ns
         try:
-            cloud = decode(raw.payload)
+            cloud = reader.decode(payload, self._points)
         except DecodeError as error:
             self._fail(topic, 1, error.reason)
             return
@@ -107,14 +92,17 @@ class Pass:
             return
         self.decoded += 1
         stamp_ns = None if cloud.stamp_ns is None else np.array([cloud.stamp_ns])
-        t_ns, kept = self._times(topic, stamp_ns, np.array([self.log_ns]))
+        t_ns, kept = self._times(topic, stamp_ns, np.array([log_ns]))
         if kept[0]:
             yield Timed(int(t_ns[0]), topic, cloud)
 
-    def _rows(self, waiting: _Waiting) -> Iterator[Batch]:
-        channel, (orders, log_ns, payloads) = waiting.channel, waiting.drain()
+    def _rows(self, channel: Channel, waiting: _Waiting) -> Iterator[Batch]:
+        assert isinstance(waiting.reader, RowReader)
+        *numbers, payloads = zip(*waiting.messages, strict=True)
+        orders, log_ns = np.array(numbers, np.int64)
+        waiting.messages, waiting.size = [], 0
         failed, first = 0, (len(payloads), "")
-        for decoded in waiting.reader.read(payloads) if payloads else ():
+        for decoded in waiting.reader.read(payloads):
             failed += decoded.failed
             first = min(first, (int(decoded.which[0]), decoded.why)) if decoded.why else first
             self.decoded += len(decoded.which) - decoded.failed if decoded.parts else 0

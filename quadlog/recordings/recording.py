@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from copy import copy
 from difflib import get_close_matches
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,27 +19,28 @@ from quadlog.errors import DecodeError, UnknownTopic, clipped, some_of
 from quadlog.messages import NO_ID, UNITS_M, Batch, Int, Message, Timed, Transforms
 from quadlog.recordings.clocks.clock import FIRST_STAMPS, Clock, Mask, Stamp
 from quadlog.recordings.clocks.clock_offsets import FAR_APART_NS, Offsets, one_clock
-from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, ClosedOnExit, Container, Loss, RawMessage
+from quadlog.recordings.containers.container import EXCERPT, Budget, Channel, Container, Loss, RawMessage
 from quadlog.recordings.decoders.joints import JointOrder
-from quadlog.recordings.decoders.pose_fields import PoseField
+from quadlog.recordings.decoders.pose_fields import FoundPose
 from quadlog.recordings.decoders.range_ends import Ends, ends_of_topic
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoding import (
     CloudReader,
     RowReader,
     found_pose,
     kinds_of,
-    plugged_decoder,
     plugin_notes,
     reader_of,
+    way_of,
 )
 from quadlog.recordings.plugged import messages_of
 from quadlog.recordings.reading import Pass, picked, stamps_of
-from quadlog.recordings.types import is_static, own_types, type_of
+from quadlog.recordings.tf_tree import is_static
+from quadlog.recordings.types import own_types
 from quadlog.storage.remote_path import to_path
 
 UNPACKED_AT_ONCE = 64
+Kind = TypeVar("Kind", bound=Message)
 Stamps = tuple[str, str, Int, Int]
 """A topic, a stream and what stamps_of gives of it."""
 MARGIN_NS = 10_000_000_000
@@ -45,94 +48,49 @@ MARGIN_NS = 10_000_000_000
 
 
 def open_recording(
-    path: Path | str,
-    *,
-    stamp: Stamp = "auto",
-    msg_path: Sequence[Path | str] = (),
-    range_topics: Mapping[str, tuple[int, int]] | None = None,
-    anchor_ids: Collection[int] = (),
-    joints: JointOrder | None = None,
+    path: Path | str, config: Config | None = None, *, msg_path: Sequence[Path | str] = (), stamp: Stamp = "auto"
 ) -> Recording:
     """Open any recording quadlog reads. Use it as a context manager.
 
-    msg_path: folders of .msg files for types the recording does not define;
-    range_topics: topic -> (tag, anchor) for topics of single ranges; joints: their order, None: detected.
+    config: says how topics of its own types are read, between which ends single ranges are, and the order of joints.
+    msg_path: folders of .msg files for types the recording does not define.
     Raises RecordingNotFound, NotARecording or NothingReadable.
     """
     from quadlog.recordings.containers.open import open_container
 
-    return Recording(
-        open_container(to_path(path)),
-        stamp=stamp,
-        definitions=Definitions(msg_path),
-        range_topics=range_topics or {},
-        anchor_ids=anchor_ids,
-        joints=joints,
-    )
+    return Recording(open_container(to_path(path)), config or Config(), msg_path=msg_path, stamp=stamp)
 
 
-def open_configured(path: Path, config: Config, msg_path: Sequence[Path] = (), stamp: Stamp = "auto") -> Recording:
-    """The recording with the topics' ends and anchors that the configuration knows. Raises as open_recording does."""
-    rows = [row for row in config.uwb.range_topics if not (row.field or row.times)]
-    recording = open_recording(
-        path,
-        stamp=stamp,
-        msg_path=msg_path,
-        range_topics={r.topic: (r.tag, r.anchor) for r in rows if isinstance(r.tag, int) and isinstance(r.anchor, int)},
-        anchor_ids=[anchor.id for anchor in config.uwb.anchors],
-        joints=JointOrder(config.robot.joints, config.robot.feet),
-    )
-    recording.range_units = {r.topic: r.unit for r in rows if r.unit is not None}
-    recording.mapped = own_types(config)
-    recording.misnamed = _misnamed_warnings(recording, config)
-    return recording
-
-
-def _misnamed_warnings(recording: Recording, config: Config) -> list[str]:
-    """Of topics that the configuration says how to read and that the recording does not have."""
-    rows = [("uwb.range_topics", row.topic) for row in config.uwb.range_topics]
-    rows += [("topics.poses", row.topic) for row in config.topics.poses]
-    named = [(key, topic) for key, topic in rows if not recording.channels_of(topic)]
-    there = sorted({channel.topic for channel in recording.channels})
-    topics = f"topics of the recording: {some_of(there) or 'none'}"
-    near = {topic: get_close_matches(topic, there) for _, topic in named}
-    hints = {t: f"did you mean {some_of(each)}?" if each else topics for t, each in near.items()}
-    return [f"[[{k}]]: {clipped(t)} is not in the recording, nothing is read by it; {hints[t]}" for k, t in named]
-
-
-class Recording(ClosedOnExit):
+class Recording(AbstractContextManager["Recording"]):
     """Decoded messages of one recording; `losses` and `warnings` grow while it is read.
 
-    range_units: topic -> "m", "cm" or "mm", where its ranges are not in the unit of their type. mapped: topic -> how it
-    is read by configuration. misnamed: warnings of topics that only the configuration has. glimpsed: the stamps of all
-    that a glimpse shows, where somebody has read it already.
+    mapped: topic -> how it is read by configuration. glimpsed: the stamps of all that a glimpse shows, where somebody
+    has read it already.
     """
 
     def __init__(
         self,
         container: Container,
+        config: Config = Config(),  # noqa: B008 - never changed
         *,
+        msg_path: Sequence[Path | str] = (),
         stamp: Stamp = "auto",
-        definitions: Definitions | None = None,
-        range_topics: Mapping[str, tuple[int, int]] | None = None,
-        anchor_ids: Collection[int] = (),
-        joints: JointOrder | None = None,
     ) -> None:
-        self.container, self.stamp = container, stamp
-        self._definitions = definitions or Definitions()
-        self._range_topics, self._anchor_ids = dict(range_topics or {}), frozenset(anchor_ids)
-        self.range_units: dict[str, str] = {}
-        self.mapped: dict[str, Type] = {}
-        self.misnamed: list[str] = []
+        self.container, self.config, self.stamp = container, config, stamp
+        self._definitions = Definitions(msg_path)
+        rows = [row for row in config.uwb.range_topics if not (row.field or row.times)]
+        self._ends = {r.topic: (r.tag, r.anchor) for r in rows if isinstance(r.tag, int) and isinstance(r.anchor, int)}
+        self._units = {row.topic: row.unit for row in rows if row.unit is not None}
+        self._anchor_ids = frozenset(anchor.id for anchor in config.uwb.anchors)
+        self.mapped = own_types(config)
         self.glimpsed: list[Stamps] | None = None
         self._glimpsed_topics = frozenset(channel.topic for channel in container.channels)
-        self.joints = joints or JointOrder()
+        self.joints = JointOrder(config.robot.joints, config.robot.feet)
         self.clock = Clock(container.path, stamp)
         self._first_lags_ns: dict[str, list[int]] = {}
         self._readers: dict[int, tuple[Channel, RowReader | CloudReader | None]] = {}
         self._peeked: dict[str, tuple[int, list[Batch | Timed], str | None]] = {}
         self._undecodable: dict[str, str] = {}
-        self._why_undecodable: dict[tuple[str, str, str, bytes], str | None] = {}
         self._failures: dict[str, tuple[int, str]] = {}
         self._tagless: set[str] = set()
         self._mended: dict[str, None] = {}
@@ -167,8 +125,20 @@ class Recording(ClosedOnExit):
     def warnings(self) -> list[str]:
         """What a user should know about the recording, each once."""
         tagless = [f"{topic}: names no tag; its ranges are taken as those of tag 0" for topic in sorted(self._tagless)]
-        own = [*self.misnamed, *tagless, *plugin_notes(self.channels), *self._mended]
+        own = [*self._misnamed(), *tagless, *plugin_notes(self.channels), *self._mended]
         return list(dict.fromkeys([*self.container.warnings, *self.clock.warnings(), *own]))
+
+    def _misnamed(self) -> Iterator[str]:
+        """Of topics that the configuration says how to read and that the recording does not have."""
+        named = [("uwb.range_topics", row.topic) for row in self.config.uwb.range_topics]
+        named += [("topics.poses", row.topic) for row in self.config.topics.poses]
+        there = sorted(self._channels_of)
+        all_topics = some_of(there) or "none"
+        for key, topic in named:
+            if topic not in self._channels_of:
+                near = get_close_matches(topic, there)
+                hint = f"did you mean {some_of(near)}?" if near else f"topics of the recording: {all_topics}"
+                yield f"[[{key}]]: {clipped(topic)} is not in the recording, nothing is read by it; {hint}"
 
     def types_of(self, topic: str) -> list[str]:
         """The types of the messages on a topic; a sound recording has one per topic."""
@@ -189,7 +159,7 @@ class Recording(ClosedOnExit):
         return {topic: tuple(channels) for topic, channels in found.items()}
 
     @cached_property
-    def found_poses(self) -> dict[str, PoseField | str]:
+    def found_poses(self) -> dict[str, FoundPose | str]:
         """Type -> its pose by its definition, or why that is not taken, of types without a decoder of their own."""
         found = {channel.type_name: found_pose(channel) for channel in self.channels}
         return {name: field for name, field in found.items() if field}
@@ -208,11 +178,8 @@ class Recording(ClosedOnExit):
 
     def read(self, topics: Sequence[str], reading: Pass) -> Iterator[Batch | Timed]:
         """What a reading makes of topics; see `batches`."""
-        take = reading.take
-        for order, raw in enumerate(self._raws(topics, reading)):
-            if found := take(order, raw):
-                yield from found
-        yield from reading.rest()
+        for some in reading.over(self._raws(topics, reading)):
+            yield from some
 
     def messages(
         self, topics: str | Collection[str], start_ns: int | None = None, end_ns: int | None = None
@@ -222,16 +189,20 @@ class Recording(ClosedOnExit):
         return self._unpacked(known, Pass(self, start_ns, end_ns, points=True))
 
     def _unpacked(self, topics: list[str], reading: Pass) -> Iterator[Timed]:
-        waiting: list[Batch] = []
-        for order, raw in enumerate(self._raws(topics, reading)):
-            found = [*reading.take(order, raw)]
-            waiting += [each for each in found if isinstance(each, Batch)]
-            clouds = [each for each in found if isinstance(each, Timed)]
-            if clouds or order % UNPACKED_AT_ONCE == UNPACKED_AT_ONCE - 1:
-                yield from _in_order([*waiting, *reading.rest()])
-                yield from clouds
-                waiting = []
-        yield from _in_order([*waiting, *reading.rest()])
+        for window in self._windows(self._raws(topics, reading)):
+            found = [each for some in reading.over(window) for each in some]
+            yield from _in_order(each for each in found if isinstance(each, Batch))
+            yield from (each for each in found if isinstance(each, Timed))
+
+    def _windows(self, raws: Iterable[RawMessage]) -> Iterator[list[RawMessage]]:
+        """Messages that are decoded at once: up to a cloud, which is large, or so many."""
+        window: list[RawMessage] = []
+        for raw in raws:
+            window.append(raw)
+            if len(window) == UNPACKED_AT_ONCE or isinstance(self.reader(raw.channel), CloudReader):
+                yield window
+                window = []
+        yield window
 
     def _raws(self, topics: Sequence[str], reading: Pass) -> Iterator[RawMessage]:
         sound = self._sound_topics(topics)
@@ -293,12 +264,9 @@ class Recording(ClosedOnExit):
 
         What either finds is a loss or a warning of both. It is closed with this one.
         """
-        container = self.container.excerpt(budget)
-        if container is None:
-            return None
         part = copy(self)
-        part.container = container
-        return part
+        part.container = self.container.excerpt(budget) or self.container
+        return None if part.container is self.container else part
 
     def glimpse(self) -> Recording:
         """An excerpt, or all of a small recording, on log times, to look at before it is known which clock will do."""
@@ -311,10 +279,9 @@ class Recording(ClosedOnExit):
         """What a topic's first few messages hold, at log times, and why none can be decoded, None where some can."""
         known = self._peeked.get(topic)
         if known is None or known[0] < count:
-            reading, found = Pass(self, points=True, timed=False, counted=False), list[Batch | Timed]()
-            for order, raw in enumerate(islice(self.container.messages([topic]), count)):
-                found += reading.take(order, raw)
-            found += reading.rest()
+            reading = Pass(self, points=True, timed=False, counted=False)
+            parts = reading.over(islice(self.container.messages([topic]), count))
+            found = [each for some in parts for each in some]
             known = count, found, None if reading.decoded else reading.why
             if count <= FIRST_STAMPS or not any(isinstance(each, Timed) for each in found):  # clouds are large
                 self._peeked[topic] = known
@@ -322,11 +289,12 @@ class Recording(ClosedOnExit):
         rows = [picked(each, each.rows["order"] < count) for each in known[1] if isinstance(each, Batch)]
         return [*(each for each in rows if len(each.rows)), *clouds], known[2]
 
-    def sample(self, topic: str, count: int) -> list[Message]:
-        """The first few messages of a topic that can be decoded, for a look at their content."""
+    def sample(self, topic: str, count: int, kind: type[Kind]) -> list[Kind]:
+        """What the first few messages of a topic that can be decoded hold of a kind."""
         found, _ = self.peek(topic, count)
         small = messages_of(each for each in found if isinstance(each, Batch))
-        return [message for *_, message in small] + [each.message for each in found if isinstance(each, Timed)]
+        messages = [message for *_, message in small] + [each.message for each in found if isinstance(each, Timed)]
+        return [each for each in messages if isinstance(each, kind)]
 
     def compare_clocks(
         self, topics: Collection[str], tf: Collection[str], compared: Collection[str], reported: Collection[str]
@@ -372,40 +340,32 @@ class Recording(ClosedOnExit):
     def why_undecodable(self, topic: str) -> str | None:
         """Why no message of a known type can be decoded, or None where some may be."""
         for channel in self.channels_of(topic):
-            # Compiling a definition takes a millisecond, and thousands of topics may share one.
-            kind = channel.identity[1:]
-            if not kinds_of(channel, self.mapped):
-                continue
-            if kind not in self._why_undecodable:
-                self.reader(channel)
-                self._why_undecodable[kind] = self._undecodable.get(topic)
-            elif (why := self._why_undecodable[kind]) is not None:
-                self._undecodable[topic] = why
+            self.reader(channel)
         return self._undecodable.get(topic)
 
     def ends_of(self, topic: str) -> Ends | None:
-        """Tag and anchor of a topic of single ranges."""
-        return ends_of_topic(topic, self._range_topics, self._anchor_ids)
+        """Tag and anchor of a topic of single ranges: as configured, else by its name."""
+        return ends_of_topic(topic, self._ends, self._anchor_ids)
 
     def close(self) -> None:
         """Release the file."""
         self.container.close()
 
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def _sound_topics(self, topics: Collection[str]) -> list[str]:
         """Those of the topics that have messages quadlog decodes, all of one type."""
-        return [
-            topic
-            for topic in dict.fromkeys(topics)
-            if any(kinds_of(each, self.mapped) for each in self.channels_of(topic)) and len(self.types_of(topic)) == 1
-        ]
+        return [each for each in dict.fromkeys(topics) if self._is_decoded(each) and len(self.types_of(each)) == 1]
+
+    def _is_decoded(self, topic: str) -> bool:
+        return any(kinds_of(each, self.mapped) for each in self.channels_of(topic))
 
     def _mixed(self) -> dict[str, str]:
         """Topic -> why it is not decoded, of those that carry a type quadlog reads beside another one."""
-        kinds = Counter(topic for topic, _ in {(channel.topic, channel.type_name) for channel in self.channels})
-        useful = {each.topic for each in self.channels if kinds[each.topic] > 1 and kinds_of(each, self.mapped)}
-        types = {topic: self.types_of(topic) for topic in sorted(useful)}
-        several = {topic: some_of(names) for topic, names in types.items() if len(names) > 1}
-        return {topic: f"the topic carries several types ({names})" for topic, names in several.items()}
+        several = [topic for topic in sorted(self._channels_of) if len(self.types_of(topic)) > 1]
+        words = {topic: f"the topic carries several types ({some_of(self.types_of(topic))})" for topic in several}
+        return {topic: why for topic, why in words.items() if self._is_decoded(topic)}
 
     def reader(self, channel: Channel) -> RowReader | CloudReader | None:
         """What reads the channel's payloads; None where there is none, which is a loss if its type is known."""
@@ -427,9 +387,8 @@ class Recording(ClosedOnExit):
     def name_ranges(self, channel: Channel, rows: np.ndarray) -> None:
         """Bring rows of ranges into metres, and name their ends where only the topic does."""
         topic = channel.topic
-        if topic in self.range_units:
-            kind = None if plugged_decoder(channel.type_name) else type_of(channel.type_name)
-            rows["range_m"] *= UNITS_M[self.range_units[topic]] / UNITS_M[kind.unit if kind else "m"]
+        if topic in self._units:
+            rows["range_m"] *= UNITS_M[self._units[topic]] / UNITS_M[getattr(way_of(channel), "unit", "m")]
         nameless = rows["tag"] == NO_ID
         if nameless.any():
             named = rows["anchor"] != NO_ID

@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.geometry import quat_from_yaw, turned
+from quadlog.geometry import quat_from_euler, turned, yaw_from_quat
 from quadlog.messages import (
     NO_ID,
+    NS_PER_S,
     UNPLACED,
     Batch,
     Float,
@@ -29,6 +30,8 @@ from quadlog.messages import (
     RangeSeries,
     Timed,
     Transforms,
+    Twist,
+    TwistSeries,
     UwbRanges,
 )
 from quadlog.recordings.clocks.bursts import spread
@@ -37,8 +40,7 @@ from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoders.anchor_places import AnchorPlace, places_of
 from quadlog.recordings.reading import Pass
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import WORLD_FRAMES, TransformTree, is_named, is_static
 
 MOST_OF_A_JOINT = 1e5
 """Larger angles, rates, torques and forces are no measurements."""
@@ -71,6 +73,7 @@ class Streams:
     clouds_of: Int
     repeated_clouds: Mask
     joints: JointSeries | None = None
+    commands: TwistSeries | None = None
     estimates: Mapping[str, PoseSeries] = field(default_factory=dict)
 
 
@@ -84,20 +87,26 @@ class Wanted(NamedTuple):
     target: str | None = None
     tf: Sequence[str] = ()
     joints: str | None = None
+    command: str | None = None
     estimates: Sequence[str] = ()
     lidar: Sequence[str] = ()
 
     def topics(self, *, static: bool) -> list[str]:
         """Those of static transforms, which hold before any window too, or all others, each once."""
-        single = (self.odometry, self.imu, self.joints, self.reference, self.target)
+        single = (self.odometry, self.imu, self.joints, self.reference, self.target, self.command)
         topics = dict.fromkeys([*self.uwb, *filter(None, single), *self.estimates, *self.lidar, *self.tf])
         return [topic for topic in topics if (topic in self.tf and is_static(topic)) == static]
 
     def kinds(self) -> dict[type[Message], set[str | None]]:
         """The topics of each kind of rows."""
-        poses = {self.odometry, self.reference, self.target, *self.estimates}
+        poses = {self.odometry, self.reference, self.target, self.command, *self.estimates}
         kinds: dict[type[Message], set[str | None]] = {Pose: poses, Odometry: poses, Imu: {self.imu}}
-        return kinds | {JointStates: {self.joints}, UwbRanges: {*self.uwb}, Transforms: {*self.tf}}
+        return kinds | {
+            Twist: {self.command},
+            JointStates: {self.joints},
+            UwbRanges: {*self.uwb},
+            Transforms: {*self.tf},
+        }
 
 
 def gather(
@@ -158,6 +167,10 @@ class _Track(NamedTuple):
         times: Int = self.rows["t_ns"]
         return times
 
+    def columns(self, *names: str) -> list[Any]:
+        """Copies of their times and of columns, with which the rows can go."""
+        return [self.rows[name].copy() for name in ("t_ns", *names)]
+
     def parts(self, kind: type[Message]) -> list[NDArray[np.intp]]:
         """The rows of each sender: of ranges of each link, since tags of a topic may be late by different amounts."""
         if kind is not UwbRanges or not goes_back(self.t_ns):
@@ -207,9 +220,7 @@ class _Logged:
     def streams(self, *, spread_bursts: bool = False) -> Streams:
         """All series. spread_bursts: joints that come in bursts get the times at which they were sent."""
         wanted, warnings = self._wanted, self._warnings
-        ranged = [batches for key, batches in self._batches.items() if key[0] is UwbRanges]
-        places = places_of(each.rows for batches in ranged for each in batches)
-        del ranged
+        places = places_of(each.rows for key, some in self._batches.items() if key[0] is UwbRanges for each in some)
         tracks = {key: _Track.of(self._batches.pop(key)) for key in [*self._batches]}
         if spread_bursts:
             self._spread_joints(tracks)
@@ -218,13 +229,15 @@ class _Logged:
         ranges, gap_db = self._ranges(tracks)
         poses = {topic: _poses(tracks, topic) for topic in self._kinds[Pose]}
         odometry, twist = poses[wanted.odometry], tracks.get((Odometry, str(wanted.odometry), ""))
-        still_mps = None if odometry is None else np.zeros((len(odometry), 3))
+        velocities = [None, None] if odometry is None else [np.zeros((len(odometry), 3))] * 2
+        if twist is not None:
+            _, *velocities = twist.columns("linear_mps", "angular_radps")
         return Streams(
             ranges=ranges,
             range_gap_db=gap_db,
             odometry=odometry,
-            odometry_linear_mps=still_mps if twist is None else twist.rows["linear_mps"].copy(),
-            odometry_angular_radps=still_mps if twist is None else twist.rows["angular_radps"].copy(),
+            odometry_linear_mps=velocities[0],
+            odometry_angular_radps=velocities[1],
             imu=self._imu(tracks),
             reference=poses[wanted.reference],
             target=poses[wanted.target],
@@ -236,6 +249,7 @@ class _Logged:
             clouds_of=clouds[0],
             repeated_clouds=repeated_clouds,
             joints=self._joints(tracks),
+            commands=_commands(tracks, wanted.command),
             estimates={topic: series for topic in wanted.estimates if (series := poses[topic]) is not None},
         )
 
@@ -265,10 +279,8 @@ class _Logged:
             kept = kept_rows(track.t_ns, whole[key], equal=repeats)
             equal = len(track.rows) - len(kept) - int(whole[key].sum())
             if equal and key[0] is not Transforms:
-                text = (
-                    f"{track.topic}: {equal} of {len(track.rows)} messages have the stamp of another; they are dropped"
-                )
-                self._warnings.append(text)
+                some = f"{track.topic}: {equal} of {len(track.rows)} messages"
+                self._warnings.append(f"{some} have the stamp of another; they are dropped")
             tracks[key] = track._replace(rows=track.rows[kept])
         return clock_losses(senders, masks), repeated
 
@@ -287,9 +299,8 @@ class _Logged:
         for track in (tracks[key] for key in tracks if key[0] is UwbRanges):
             known = (track.rows["tag"] != NO_ID) & (track.rows["anchor"] != NO_ID)
             if count := int((~known).sum()):
-                self._warnings.append(
-                    f"{track.topic}: {count} ranges without ids are left out; name their ends in [[uwb.range_topics]]"
-                )
+                some = f"{track.topic}: {count} ranges without ids"
+                self._warnings.append(f"{some} are left out; name their ends in [[uwb.range_topics]]")
             found.append(track.rows[known])
         total = sum(map(len, found)) + self._unmeasured.total()
         for why, count in sorted(self._unmeasured.items()):
@@ -322,32 +333,50 @@ class _Logged:
         track = tracks.get((Imu, str(self._wanted.imu), ""))
         if track is None:
             return None
-        quat_xyzw = track.rows["quat_xyzw"].copy()
+        t_ns, rates, quat_xyzw = track.columns("angular_radps", "quat_xyzw")
         finite = np.isfinite(quat_xyzw)
         if finite.any() and not finite.all():
             self._warnings.append(f"{track.topic}: not every message has an orientation; none is used")
-        rates = track.rows["angular_radps"].copy()
-        return ImuSeries(track.t_ns.copy(), rates, quat_xyzw if finite.all() else None, track.frame_id)
+        return ImuSeries(t_ns, rates, quat_xyzw if finite.all() else None, track.frame_id)
 
     def _joints(self, tracks: Mapping[_Key, _Track]) -> JointSeries | None:
         track = tracks.get((JointStates, str(self._wanted.joints), ""))
         if track is None:
             return None
-        names = {"angles": "position_rad", "speeds": "velocity_radps", "torques": "torque_nm"}
-        parts = {what: track.rows[name].copy() for what, name in (names | {"foot forces": "foot_force_n"}).items()}
-        for what, part in parts.items():
+        t_ns, *parts = track.columns("position_rad", "velocity_radps", "torque_nm", "foot_force_n")
+        for what, part in zip(("angles", "speeds", "torques", "foot forces"), parts, strict=True):
             unfit = ~(np.abs(part) <= MOST_OF_A_JOINT)
             # A message that gives none of them has NaN everywhere.
             if unfit.any() and not np.isnan(part).all():
-                self._warnings.append(
-                    f"{track.topic}: {unfit.sum()} of {unfit.size} {what} are no finite numbers; left out"
-                )
+                some = f"{track.topic}: {unfit.sum()} of {unfit.size} {what}"
+                self._warnings.append(f"{some} are no finite numbers; left out")
             part[unfit] = np.nan
-        for what in ("torques", "foot forces"):
             # Drivers that measure none write zeros.
-            if not np.nan_to_num(parts[what]).any():
-                parts[what][:] = np.nan
-        return JointSeries(track.t_ns.copy(), *parts.values())
+            if what in ("torques", "foot forces") and not np.nan_to_num(part).any():
+                part[:] = np.nan
+        return JointSeries(t_ns, *parts)
+
+
+MOVED_OVER_S = 0.2
+"""Speeds that a pose does not come with are its differences over so long."""
+
+
+def _commands(tracks: Mapping[_Key, _Track], topic: str | None) -> TwistSeries | None:
+    """Velocities in the body: as they are wanted or were measured; without any the differences of poses."""
+    kinds = ((kind, str(topic), "") for kind in (Twist, Odometry, Pose))
+    track = next((tracks[key] for key in kinds if key in tracks), None)
+    if track is None:
+        return None
+    t_ns, rows, names = track.t_ns.copy(), track.rows, track.rows.dtype.names or ()
+    placed = "position_m" in names and not np.isnan(rows["position_m"]).any()
+    if "linear_mps" in names and (rows["linear_mps"].any() or not placed):
+        return TwistSeries(t_ns, np.column_stack([rows["linear_mps"][:, :2], rows["angular_radps"][:, 2]]))
+    yaw_rad = np.unwrap(yaw_from_quat(rows["quat_xyzw"]))
+    ends_ns = [np.clip(t_ns + sign * MOVED_OVER_S / 2 * NS_PER_S, t_ns[0], t_ns[-1]) for sign in (-1, 1)]
+    poses = (*rows["position_m"].T[:2], yaw_rad)
+    before, after = (np.column_stack([np.interp(at_ns, t_ns, each) for each in poses]) for at_ns in ends_ns)
+    moved = (after - before) / np.maximum(ends_ns[1] - ends_ns[0], 1)[:, None] * NS_PER_S
+    return TwistSeries(t_ns, np.column_stack([turned(-yaw_rad, moved[:, :2]), moved[:, 2]]))
 
 
 VELOCITY_FRAME = "velocity_start"
@@ -360,14 +389,14 @@ def _integrated(t_ns: Int, linear_mps: Float, angular_radps: Float, frame: str) 
     yaw_rad = np.append(0.0, np.cumsum(mean_radps[:, 2:] * step_s))
     steps_m = turned((yaw_rad[1:] + yaw_rad[:-1]) / 2 * (not in_world), mean_mps * step_s)
     position_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps_m, axis=0)])
-    return PoseSeries(t_ns, position_m, quat_from_yaw(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
+    return PoseSeries(t_ns, position_m, quat_from_euler(yaw_rad), VELOCITY_FRAME, "" if in_world else frame)
 
 
 def _poses(tracks: Mapping[_Key, _Track], topic: str | None) -> PoseSeries | None:
     track = tracks.get((Odometry, str(topic), "")) or tracks.get((Pose, str(topic), ""))
     if track is None:
         return None
-    t_ns, position_m, quat_xyzw = (track.rows[name].copy() for name in ("t_ns", "position_m", "quat_xyzw"))
+    t_ns, position_m, quat_xyzw = track.columns("position_m", "quat_xyzw")
     if np.isnan(position_m).all():
         return _integrated(t_ns, track.rows["linear_mps"], track.rows["angular_radps"], track.child_frame_id)
     return PoseSeries(t_ns, position_m, quat_xyzw, track.frame_id, track.child_frame_id)

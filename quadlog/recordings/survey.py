@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import groupby
 from statistics import median
 
 import numpy as np
@@ -24,11 +23,11 @@ from quadlog.recordings.decoders.ros_messages import standard_types
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.reading import Pass, stamps_of
 from quadlog.recordings.recording import Recording, Stamps
-from quadlog.recordings.types import is_static
+from quadlog.recordings.tf_tree import is_static
+from quadlog.recordings.types import last_part
 
 HEADER_LINE = re.compile(r"(std_msgs/(msg/)?)?Header\s+\w+")
-IDL_STRUCT = re.compile(r"struct\s+(\w+)\s*\{([^}]*)\}")
-IDL_HEADER = re.compile(r"\s*+(?:@\w+\s*+(?:\([^()]*\))?+\s*+)*+std_msgs::msg::Header")
+IDL_HEADER = r"\s*\{\s*+(?:@\w+\s*+(?:\([^()]*\))?+\s*+)*+std_msgs::msg::Header"
 FRONT_BYTES = 1 << 16  # of a definition; its first field stands near the top
 RATE_INTERVALS = 10
 GAP_MEDIANS = 3
@@ -138,20 +137,17 @@ def survey(
     found: dict[str, _Found] = defaultdict(_Found)
     reading, stamps = Pass(recording, timed=False), list[Stamps]()
 
-    def take(topic: str, some: list[Batch | Timed]) -> None:
-        found[topic].take(some)
-        if keep_stamps:
-            stamps.extend((topic, *stamps_of(each)) for each in some)
+    def noted() -> Iterator[RawMessage]:
+        for raw in watch(recording.container.messages()):
+            if id(raw.channel) not in seen:
+                seen[id(raw.channel)] = _Seen(raw.channel, recording)
+            seen[id(raw.channel)].take(raw)
+            yield raw
 
-    for order, raw in enumerate(watch(recording.container.messages())):
-        key = id(raw.channel)
-        if key not in seen:
-            seen[key] = _Seen(raw.channel, recording)
-        seen[key].take(raw)
-        if some := [*reading.take(order, raw)]:
-            take(raw.channel.topic, some)
-    for topic, rest in groupby(reading.rest(), key=lambda each: each.topic):
-        take(topic, [*rest])
+    for part in reading.over(noted()):
+        if some := [*part]:
+            found[some[0].topic].take(some)
+            stamps += [(each.topic, *stamps_of(each)) for each in some] if keep_stamps else []
     read = {each.channel: np.sort(np.frombuffer(each.log_ns, np.int64)) for each in seen.values()}
     whole = read if times is None else times
     topics = [_surveyed(each, whole[each.channel], found.get(each.channel.topic, _Found())) for each in seen.values()]
@@ -209,18 +205,15 @@ class _Found:
     def take(self, some: Sequence[Batch | Timed]) -> None:
         """What was read at once, in any order."""
         batches = [each for each in some if isinstance(each, Batch)]
-        self._take_stamps(np.concatenate([_first_stamps(each) for each in some], axis=1))
+        self._take_stamps(*np.concatenate([_first_stamps(each) for each in some], axis=1))
         for each in batches:
             if each.kind is Transforms:
                 self.transforms[each.frame_id, each.child_frame_id] += len(each.rows)
-        if ranges := [each for each in batches if each.kind is UwbRanges]:
-            self._take_senders([each for each in ranges if each.stamp_ns is not None])
-            for each in ranges:
-                if not each.unmeasured:
-                    self._take_ranges(each.rows)
+            elif each.kind is UwbRanges and not each.unmeasured:
+                self._take_ranges(each.rows)
+        self._take_senders([each for each in batches if each.kind is UwbRanges and each.stamp_ns is not None])
 
-    def _take_stamps(self, stamps: Int) -> None:
-        order, log_ns, stamp_ns = stamps
+    def _take_stamps(self, order: Int, log_ns: Int, stamp_ns: Int) -> None:
         first = np.unique(order, return_index=True)[1]  # a message may hold several
         first = first[stamp_ns[first] != 0]
         offsets_ns = stamp_ns[first] - log_ns[first]
@@ -300,8 +293,7 @@ def starts_with_header(type_name: str, message_encoding: str, schema_encoding: s
         fields = standard_types(message_encoding, type_name).get(type_name, ([], []))[1]
         return bool(fields) and fields[0][1][1] == HEADER_TYPE
     if schema_encoding == "ros2idl":
-        bodies = dict(reversed(IDL_STRUCT.findall(text)))
-        return IDL_HEADER.match(bodies.get(type_name.rpartition("/")[2], "")) is not None
+        return re.search(rf"struct\s+{re.escape(last_part(type_name))}{IDL_HEADER}", text) is not None
     bare = (line.split("#")[0].strip() for line in text.splitlines())
     first = next((line for line in bare if line and "=" not in line), "")
     return HEADER_LINE.fullmatch(first) is not None

@@ -31,6 +31,11 @@ def is_named(frame: str, names: Sequence[str]) -> bool:
     return frame.rsplit("/", 1)[-1] in names
 
 
+def is_static(topic: str) -> bool:
+    """Whether a topic of transforms carries static ones, by its name, as tf2 has it."""
+    return topic.rsplit("/", 1)[-1] == "tf_static"
+
+
 @dataclass(eq=False)
 class Edge:
     """Poses of a child frame in its parent over time; static: from a topic of such, with one pose that always holds.
@@ -115,6 +120,10 @@ class TransformTree:
         return len(self._edges)
 
     @property
+    def _moving(self) -> list[Edge]:
+        return [edge for _, edge in sorted(self._edges.items()) if not edge.static]
+
+    @property
     def frames(self) -> list[str]:
         """Every frame, sorted."""
         return sorted({frame for key in self._edges for frame in key})
@@ -138,20 +147,15 @@ class TransformTree:
             robots = [first, *self.other_robots(first)]
             near = (each for each in robots if any(self.static_transform(seen, each) is not None for seen in self.seen))
             return next(near, first)
-        riders = {
-            edge.child for edge in self._edges.values() if not edge.static and is_named(edge.parent, WORLD_FRAMES)
-        }
+        riders = {edge.child for edge in self._moving if is_named(edge.parent, WORLD_FRAMES)}
         riders = riders if len(riders) == 1 else self.bodies.intersection(self.frames)
         return riders.pop() if len(riders) == 1 else None
 
     def other_robots(self, base: str) -> list[str]:
         """Frames named as base is, but for their prefix, that move apart from it."""
         alike = [frame for frame in self.frames if frame != base and is_named(frame, (base.rsplit("/", 1)[-1],))]
-        return [
-            frame
-            for frame in alike
-            if self.fixed_frame(frame) is not None and self.static_transform(frame, base) is None
-        ]
+        moving = [frame for frame in alike if self.fixed_frame(frame) is not None]
+        return [frame for frame in moving if self.static_transform(frame, base) is None]
 
     def fixed_frame(self, base: str, configured: str = "map") -> str | None:
         """The frame in which base moves: the configured one, else the root of the tree that base hangs on.
@@ -193,7 +197,7 @@ class TransformTree:
     def chains(self, base: str | None) -> list[list[Edge]]:
         """The chain of base, and that of each other frame with a transform over time, if none such hangs on it."""
         first = [] if base is None else self.chain(base)
-        chains = [self.chain(edge.child) for _, edge in sorted(self._edges.items()) if not edge.static]
+        chains = [self.chain(edge.child) for edge in self._moving]
         inner = {id(edge) for chain in [*chains, first] for edge in chain[:-1]} | {id(edge) for edge in first}
         return [each for each in (first, *chains) if each and (each is first or id(each[-1]) not in inner)]
 
@@ -209,7 +213,7 @@ class TransformTree:
 
     def span_ns(self) -> tuple[int, int] | None:
         """The first and the last instant of all transforms but the static ones; None without one."""
-        ends = [end for edge in self._edges.values() if not edge.static for end in edge.t_ns[[0, -1]].tolist()]
+        ends = [end for edge in self._moving for end in edge.t_ns[[0, -1]].tolist()]
         return (min(ends), max(ends)) if ends else None
 
     def static_transform(self, source: str, target: str) -> Float | None:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from functools import partial
 
 from quadlog.config.schema import Config
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms
-from quadlog.recordings.decoders import body, poses, ranges
-from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, laser_scan
-from quadlog.recordings.decoders.rows import HEADER, Type
+from quadlog.messages import Imu, JointStates, Odometry, PointCloud, Pose, Transforms, Twist
+from quadlog.recordings.decoders import body, foxglove, poses, ranges
+from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO, scan_decoder
+from quadlog.recordings.decoders.point_cloud import PointCloud2Decoder, decode_livox
+from quadlog.recordings.decoders.rows import HEADER, Clouds, Type
+from quadlog.recordings.plugged import MessageDecoder
 
-TYPES: dict[str, Type] = {
+LIVOX, LIVOX_PACKAGES = "CustomMsg", "livox_"
+TYPES: dict[str, Type | Clouds | MessageDecoder] = {
     "geometry_msgs/msg/PointStamped": Type((Pose,), HEADER | {"position": "point:xyz"}, poses.pose),
     "geometry_msgs/msg/Pose2D": Type((Pose,), {"x": "x", "y": "y", "theta": "theta"}, poses.flat_pose),
     "geometry_msgs/msg/PoseStamped": Type((Pose,), poses.pose_at("pose"), poses.pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Type((Pose,), poses.pose_at("pose.pose"), poses.pose),
     "geometry_msgs/msg/TransformStamped": Type((Pose,), poses.TRANSFORM, poses.pose),
+    "geometry_msgs/msg/Twist": Type((Twist,), poses.COMMAND, poses.command),
     "geometry_msgs/msg/TwistStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
     "geometry_msgs/msg/TwistWithCovarianceStamped": Type((Odometry,), HEADER | poses.VELOCITY, poses.velocity),
     "gtec_msgs/msg/Ranging": ranges.type_of_ranges(
@@ -47,15 +51,16 @@ TYPES: dict[str, Type] = {
     ),
     "LinktrackNodeframe5": ranges.NODES,
     "LinktrackTagframe0": ranges.type_of_ranges(zero_is_none=True, tag="id", range="dis_arr[]"),
+    "sensor_msgs/msg/PointCloud2": Clouds(lambda channel, _, warn: PointCloud2Decoder(channel, warn)),
+    "sensor_msgs/msg/LaserScan": Clouds(partial(scan_decoder, LASER_SCAN)),
+    "sensor_msgs/msg/MultiEchoLaserScan": Clouds(partial(scan_decoder, MULTI_ECHO)),
+    # Each Livox driver has its package, and others copy its message: matched by the last part of the type, outside of
+    # Livox's packages by the definition, too.
+    LIVOX: Clouds(lambda channel, *_: partial(decode_livox, channel)),
+    "foxglove.PointCloud": MessageDecoder(PointCloud, foxglove.cloud),
+    "foxglove.PoseInFrame": MessageDecoder(Pose, foxglove.pose),
 }
-PLANAR_SCANS: dict[str, tuple[Mapping[str, str], Callable[..., PointCloud]]] = {
-    "sensor_msgs/msg/LaserScan": (HEADER | LASER_SCAN, laser_scan),
-    "sensor_msgs/msg/MultiEchoLaserScan": (HEADER | MULTI_ECHO, laser_scan),
-}
-# Bodies too large for columns: read by hand. Each Livox driver has its package, and others copy its message: matched by
-# the last part of the type, outside of Livox's packages by the definition, too.
-POINT_CLOUD, LIVOX, LIVOX_PACKAGES = "sensor_msgs/msg/PointCloud2", "CustomMsg", "livox_"
-FOXGLOVE: dict[str, type[Message]] = {"foxglove.PointCloud": PointCloud, "foxglove.PoseInFrame": Pose}
+PLANAR_SCANS = {"sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan"}
 # Types that look as if they held what quadlog wants, and why they do not.
 REFUSED = {
     "LinktrackNodeframe0": "carries raw bytes of other nodes, no ranges",
@@ -67,16 +72,6 @@ REFUSED = {
 def last_part(type_name: str) -> str:
     """`LinktrackTagframe0` of `any_package/msg/LinktrackTagframe0`."""
     return type_name.rpartition("/")[2]
-
-
-def type_of(type_name: str) -> Type | None:
-    """The row of a type that is read as columns, None for all others."""
-    return TYPES.get(type_name) or TYPES.get(last_part(type_name))
-
-
-def is_static(topic: str) -> bool:
-    """Whether a topic of transforms carries static ones, by its name, as tf2 has it."""
-    return topic.rsplit("/", 1)[-1] == "tf_static"
 
 
 def own_types(config: Config) -> dict[str, Type]:

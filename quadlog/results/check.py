@@ -15,7 +15,7 @@ import tomli_w
 
 from quadlog.config.schema import ExpectedRange
 from quadlog.errors import printable
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.results.record import SavedMetric
 from quadlog.results.run import Run
 from quadlog.results.text import TitledTable, print_tables, terminal_width
@@ -105,7 +105,7 @@ def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:
 
     The worse side is bounded, both where neither is better. The margin beyond the worst run is 10 % of its value, at
     least 0.0001, which allows for rounding on another machine; 0.01 for shares, 0 for falls and contacts. Bounds are
-    rounded outwards to three digits. realtime_factor has none, because it depends on the machine.
+    rounded outwards to three digits. Those of computing have none: they depend on the machine.
     """
     by_name: dict[str, list[Mapping[str, SavedMetric]]] = {}
     for run in runs:
@@ -114,7 +114,7 @@ def propose(runs: Sequence[Run]) -> dict[str, dict[str, ExpectedRange]]:
         name: {
             metric: _bound(metric, [float(run[metric].value) for run in mine])
             for metric in CATALOGUE
-            if metric != "realtime_factor" and all(metric in run for run in mine)
+            if metric not in THEMES["Computing"] and all(metric in run for run in mine)
         }
         for name, mine in by_name.items()
     }

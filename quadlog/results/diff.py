@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from quadlog.errors import clipped, printable, some_of
+from quadlog.metrics.catalogue import THEMES
 from quadlog.results import STAGE_FILES
 from quadlog.results.record import RunRecord
 from quadlog.results.run import Run
@@ -27,7 +28,7 @@ _KEYS = ("t_ns", "tag", "anchor", "i", "body", "joint", "phase")
 COLUMNS = ("stage", "result", "column", "rows", "t_ns", "a", "b", "apart", "largest")
 MADE = "made"
 """The stage of how the runs were made, which is no difference of results."""
-TIMINGS = frozenset({"ms", "us", "realtime_factor"})
+TIMINGS = frozenset({"ms", "us"})
 """Not compared: they differ from machine to machine."""
 
 WORDS = {
@@ -206,7 +207,7 @@ def _frame(run: Run, name: str) -> DataFrame:
         return places.assign(occupied=[int(n) for n, _ in seen], cells=[digest for _, digest in seen], **same)
     if name == "metrics.json":
         kept = ((f"{key}.{part}", getattr(of, part)) for key, of in run.metrics.items() for part in ("value", "n")
-                if key not in TIMINGS)  # fmt: skip
+                if key not in THEMES["Computing"])  # fmt: skip
         return DataFrame([dict(kept)])
     if suffix == "npz":
         arrays = {key: Series(array.ravel()) for key, array in (run.arrays(stem) or {}).items()}

@@ -227,7 +227,7 @@ def scan_scene(run: Run) -> Scene | None:
     ]  # fmt: skip
     if not layers:
         return None
-    half_m = np.array([run.config.robot.length_m, run.config.robot.width_m]) / 2
+    half_m = np.array(run.config.robot.body_m[:2]) / 2
     layers.append(line("robot", "robot", *(half_m * [[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]).T))
     reach = max(3.0, float(np.percentile(np.abs(every).max(axis=1), 98)))
     return Scene(layers, (-reach, reach, -0.6 * reach, 0.6 * reach), axes=("forward (m)", "left (m)"))
@@ -263,7 +263,7 @@ FIGURES = (
     Figure("commands", "Commands", "Commanded speeds, and those that the robot reaches [Tracking, eqs 15–16].",
            curves("control", {
                "forward speed (m/s)": "vx_mps, reached, resim; cmd_v_mps, commanded, robot",
-               "speed to the left (m/s)": "vy_mps, reached, resim",
+               "speed to the left (m/s)": "vy_mps, reached, resim; cmd_vy_mps, commanded, robot",
                "yaw rate (rad/s)": "yaw_rate_radps, reached, resim; cmd_yaw_rate_radps, commanded, robot",
            })),
     Figure("lookahead", "Look-ahead", "Of the pure pursuit, and the fuzzy gains that adapt it [Tracking, eq. 17].",
@@ -278,6 +278,14 @@ FIGURES = (
                f"{name} leg (N·m)": f"tau_{3 * leg + 2:02d}_nm, calf, plan; tau_{3 * leg + 1:02d}_nm, thigh, target; "
                f"tau_{3 * leg:02d}_nm, hip, robot" for leg, name in enumerate(_LEGS)
            }), compared=False),
+    Figure("forces", "Forces of the feet",
+           "Normal to the ground: planned by the MPC [Tracking, eq. 28], and on the simulated feet.",
+           curves("control", {
+               f"{name} foot (N)": f"fz_{leg}_n, on the foot, resim; wanted_fz_{leg}_n, planned, robot"
+               for leg, name in enumerate(_LEGS)
+           }), compared=False),
+    Figure("step_time", "Time of the controller's steps", "Of the simulation's ticks within each tick of control.",
+           curves("control", {"time of a step (µs)": "us_max, longest, target; us_median, median, robot"})),
     Figure("expanded", "Cells per replan",
            "Cells that the planner expanded (closed) and generated (ever opened) in each replan [Planning, Fig. 18].",
            search),

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
-from typing import Any, cast
+from typing import Any, Self, cast
 from uuid import uuid4
 
 import numpy as np
@@ -22,6 +22,7 @@ from quadlog.config.file import without_retired
 from quadlog.config.schema import Config
 from quadlog.config.version import describe_host, package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound, UnknownRunFormat, clipped, printable
+from quadlog.plugins import SAVED, Plugin
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.file_names import recording_files
 from quadlog.storage.atomic_write import write_whole
@@ -84,12 +85,17 @@ class StageRecord(Record):
 
 
 class PluginRecord(Record):
-    """A planner or decoder of another distribution that was used."""
+    """A planner, decoder or controller of another distribution that was used."""
 
     group: str
     name: str
     distribution: str
     version: str
+
+    @classmethod
+    def of(cls, plugins: Iterable[Plugin | None]) -> list[Self]:
+        """Those that there are."""
+        return [cls(**{name: getattr(each, name) for name in cls.model_fields}) for each in plugins if each is not None]
 
 
 class RunRecord(Record):
@@ -185,7 +191,7 @@ def read_record(run: Path, *, unfinished: bool = False) -> RunRecord:
             f"{__version__}, reads format {RUN_FORMAT}: use that version, or replay the recording again",
         )
     with reading(run / "run.json"):
-        record = RunRecord.model_validate(content)
+        record = RunRecord.model_validate(content, context=SAVED)
     if not (record.finished or unfinished):
         raise NotARun(run, "is an unfinished run (finished: false in run.json)")
     return record

@@ -41,7 +41,7 @@ def walk_scene(run: Run) -> view.Scene | None:
     whole = view.extent_of(*walked, *places, margin=AROUND_M)
     if walls and side < STANDS_M:
         extent = _filled(walls[0])
-    body, known = (run.config.robot.length_m, run.config.robot.width_m), dict(_activity(run))
+    body, known = run.config.robot.body_m[:2], dict(_activity(run))
     return view.Scene(layers, extent, body=body, whole=whole, moments=_moments(run), activity=known)
 
 
@@ -312,7 +312,7 @@ def _claimed_error(run: Run, source: str, t_ns: int, **of_tag: int) -> dict[str,
 
 def _nearest_obstacle(run: Run, clearance_m: float, t_ns: int, body: Any) -> dict[str, Any]:
     """From the simulated body, a rectangle, to the cell that is as near as said; a point where that lies inside."""
-    maps, half = run.maps, (run.config.robot.length_m + 1j * run.config.robot.width_m) / 2
+    maps, half = run.maps, complex(*run.config.robot.body_m[:2]) / 2
     at = -1 if maps is None else int(np.searchsorted(maps.t_ns, t_ns, side="right")) - 1
     if maps is None or at < 0:
         return {}

@@ -40,6 +40,9 @@ CONTACTS = tuple(f"contact_{leg}" for leg in range(4))
 FOOT_FORCES = tuple(f"foot_force_{leg}_n" for leg in range(4))
 DUTY_FACTORS = tuple(f"duty_factor_{leg}" for leg in range(4))
 FORCES, _TORQUES = tuple(f"fz_{leg}_n" for leg in range(4)), JOINT_COLUMNS[2]
+WANTED_FORCES = tuple(f"wanted_{name}" for name in FORCES)
+BODY_COLUMNS = ("fallen", *FORCES, *WANTED_FORCES, "us_median", "us_max")
+"""Of control, what only a robot with a body has, and metrics are made of."""
 _PLANS = table_schema(
     "t_ns:int planner:text found:bool expanded:int generated:int cost length_m optimal_cost from_scratch:bool "
     "reused_cells:int start_x_m start_y_m goal_x_m goal_y_m goal_projected:bool us"
@@ -75,7 +78,7 @@ TABLES: dict[str, pa.Schema] = {
     "control": table_schema(
         "t_ns:int x_m y_m z_m roll_rad pitch_rad yaw_rad vx_mps vy_mps yaw_rate_radps ref_x_m ref_y_m error_m "
         "cross_track_m time_error_m heading_error_rad plan_error_m lookahead_m k_v k_w cmd_v_mps cmd_yaw_rate_radps "
-        f"{' '.join((*_TORQUES, *FORCES))} fallen:bool energy_j"
+        f"{' '.join((*_TORQUES, *FORCES))} fallen:bool energy_j {' '.join(WANTED_FORCES)} us_median us_max cmd_vy_mps"
     ),
     "clearances": table_schema("t_ns:int clearance_m target_distance_m"),
     "contacts": table_schema("t_ns:int duration_s x_m y_m clearance_m cause:text collision:bool"),
@@ -90,8 +93,8 @@ TABLES: dict[str, pa.Schema] = {
 }
 
 # Columns that may be left out when writing, and are then null.
-OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "worker"}
-OPTIONAL |= {*_TORQUES, *FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
+OPTIONAL = {"optimal_cost", "k_v", "k_w", "plan_error_m", "energy_j", "us_median", "us_max", "cmd_vy_mps", "worker"}
+OPTIONAL |= {*_TORQUES, *FORCES, *WANTED_FORCES, *CONTACTS, *METRIC_NAMES, *COST_NAMES}
 
 UNBOUNDED = frozenset({"clearance_m", "bias_std_m", "bound_m", "yaw_std_rad", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"})
 """Columns in which infinity is valid: nothing near, or nothing known. Elsewhere it is damage."""
@@ -118,7 +121,7 @@ class TableWriter(ExitStack[bool | None]):
         super().__init__()
         self.path, self.schema = path, schema
         self._rows: list[Mapping[str, Any]] = []
-        self._pending = schema.empty_table()
+        self._pending = pa.Table.from_batches([], schema)
 
     def __enter__(self) -> Self:
         texts = [field.name for field in self.schema if field.type == pa.string()]
@@ -250,7 +253,10 @@ def _table(schema: pa.Schema, columns: Mapping[str, Any]) -> pa.Table:
 
 
 def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Array:
-    """One column, NaN as no value; never an int from a float, which would have lost nanoseconds on the way."""
+    """One column, NaN as no value; never an int from a float, which would have lost nanoseconds on the way.
+
+    From buffers: pa.array imports pandas, a third of a second, to see whether it has a Series.
+    """
     if values is None and field.type != pa.string():
         return pa.nulls(rows, field.type)
     values = np.broadcast_to(np.array("") if values is None else values, rows)
@@ -259,8 +265,14 @@ def _to_arrow(field: pa.Field, values: NDArray[Any] | None, rows: int) -> pa.Arr
         raise TypeError(f"{field.name}: {values.dtype} is no {field.type}")
     if field.type == pa.string():
         # File names may hold bytes that are no text; the table must not fail for it.
-        return pa.array([text.encode("utf-8", "replace") for text in values.tolist()], pa.string())
-    return pa.array(np.ascontiguousarray(values, _NUMPY[field.type]), field.type, from_pandas=True)
+        texts = [text.encode("utf-8", "replace") for text in values.tolist()]
+        ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
+        return pa.Array.from_buffers(field.type, rows, [None, pa.py_buffer(ends), pa.py_buffer(b"".join(texts))])
+    values = np.ascontiguousarray(values, _NUMPY[field.type])
+    known = None if field.type != pa.float64() else ~np.isnan(values)
+    missing = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
+    held = np.packbits(values, bitorder="little") if field.type == pa.bool_() else values
+    return pa.Array.from_buffers(field.type, rows, [missing, pa.py_buffer(held)])
 
 
 # The earliest instant of these, so that all figures share one time axis.

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     CourseRobot = UnicycleRobot | WalkingRobot
 
 
+RATE_HZ = 50.0
+"""Ticks of the control: how often a robot is steered, and rows of control.parquet; it divides the simulation's rate."""
 SPACING_M = 0.02
 SPEED_MPS = 0.6
 """Of the line and the circle [Tracking, section 5], and of every path without a speed of its own."""
@@ -93,12 +95,15 @@ TICK_COLUMNS = (
     *(f"tau_{joint:02d}_nm" for joint in range(12)),
     *(f"fz_{leg}_n" for leg in range(4)),
     *("fallen", "energy_j"),
+    *(f"wanted_fz_{leg}_n" for leg in range(4)),
+    *("us_median", "us_max", "cmd_vy_mps"),
 )
 """Columns of control.parquet without the times, in this order."""
-POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY = (
+POSE, VELOCITY, REFERENCE, PLAN_ERROR, LOOKAHEAD, COMMAND, EFFORT, FALLEN, ENERGY, WANTED, LEFT = (
     TICK_COLUMNS.index(name)
     for name in (
         *("x_m", "vx_mps", "ref_x_m", "plan_error_m", "lookahead_m", "cmd_v_mps", "tau_00_nm", "fallen", "energy_j"),
+        *("wanted_fz_0_n", "cmd_vy_mps"),
     )
 )
 
@@ -134,16 +139,11 @@ class Driver:
     """Steers a robot along paths by pure pursuit, once in a fixed number of ticks of its simulation."""
 
     def __init__(
-        self,
-        robot: CourseRobot,
-        lookahead: LookaheadControl,
-        speed_mps: float,
-        max_yaw_rate_radps: float,
-        rate_hz: float,
+        self, robot: CourseRobot, lookahead: LookaheadControl, speed_mps: float, max_yaw_rate_radps: float
     ) -> None:
-        self.robot, self.lookahead = robot, lookahead
+        self.robot, self.lookahead, self.speed_mps = robot, lookahead, speed_mps
         self._limits = speed_mps, max_yaw_rate_radps
-        self.every = max(round(1 / (rate_hz * robot.tick_s)), 1)
+        self.every = max(round(1 / (RATE_HZ * robot.tick_s)), 1)
 
     def steer(self, row: Float, path: FollowedPath | None, reference: FollowedPath | None) -> Steered:
         """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command until the next call.
@@ -170,6 +170,7 @@ class Driver:
         row[EFFORT:FALLEN] = *robot.torques_nm.tolist(), *robot.foot_loads_n.tolist()
         if (effort := robot.effort) is not None:
             row[ENERGY] = effort.energy_j
+        row[WANTED:LEFT] = *robot.wanted_loads_n.tolist(), *robot.step_us
         return Steered(command, on_path, on_reference)
 
 
@@ -202,16 +203,15 @@ def walk_course(
     robot: CourseRobot,
     lookahead: LookaheadControl,
     max_yaw_rate_radps: float,
-    rate_hz: float,
     most_s: float | None = None,
 ) -> CourseWalk:
     """Walk the course until its end, a fall, or until it takes too long.
 
-    rate_hz: of control, a divisor of the simulation's rate. Errors are those of the true pose, whatever the robot
-    knows of it. most_s: stop after so long, None for what the course should take at most.
+    Errors are those of the true pose, whatever the robot knows of it. most_s: stop after so long, None for what the
+    course should take at most.
     """
     path = FollowedPath(course.path_m)
-    driver = Driver(robot, lookahead, course.speed_mps, max_yaw_rate_radps, rate_hz)
+    driver = Driver(robot, lookahead, course.speed_mps, max_yaw_rate_radps)
     if most_s is None:
         most_s = longest_s(course)
     rows: list[Float] = []

@@ -20,11 +20,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.control.following.lookahead import LookaheadControl
 from quadlog.control.following.path import FreeSpace
 from quadlog.control.following.pure_pursuit import Command, FollowState
 from quadlog.errors import TooLarge
@@ -45,15 +44,13 @@ from quadlog.simulation.contacts import (
 from quadlog.simulation.course_walk import (
     COMMAND,
     PLAN_ERROR,
+    RATE_HZ,
     TICK_COLUMNS,
     Driver,
     FollowedPath,
     write_errors,
 )
 from quadlog.simulation.worlds.world import body_clearance, body_gaps
-
-if TYPE_CHECKING:
-    from quadlog.simulation.course_walk import CourseRobot
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.
 MAX_TICKS = 5_000_000
@@ -74,21 +71,6 @@ class MapInstant:
     occupied: Bool
     standing: Bool | None = None
     start_pose: Float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class PursuitSettings:
-    """How a robot follows its plans, and how large it is.
-
-    clear_chord: the look-ahead ends where the straight line to it leaves the space that the plan could use.
-    """
-
-    speed_mps: float = 0.6
-    max_yaw_rate_radps: float = 1.5
-    rate_hz: float = 50.0
-    body_length_m: float = 0.62
-    body_width_m: float = 0.26
-    clear_chord: bool = True
 
 
 class HeldPlan(NamedTuple):
@@ -159,20 +141,19 @@ class _State:
 def resimulate(
     instants: Iterable[MapInstant],
     target_xy_at: Callable[[Int], Float],
-    robot: CourseRobot,
-    lookahead: LookaheadControl,
+    driver: Driver,
     replanner: Replanner,
-    settings: PursuitSettings,
+    body: Footprint,
+    clear_chord: bool = True,
 ) -> Resimulation:
     """Walks from where the robot is, at the first map's instant, until the last one's, without the gaps.
 
     instants: in time order; only two are held at a time.
     target_xy_at: from t_ns (N,) to (N, 2) in map, NaN where there is none.
-    replanner: plans between the maps; see Replanner for stopping short.
+    replanner: plans between the maps; see Replanner for stopping short. clear_chord: the look-ahead ends where the
+    straight line to it leaves the space that the plan could use.
     Raises TooLarge when the maps span more than MAX_TICKS ticks, ValueError when they are not in order.
     """
-    body = Footprint(settings.body_length_m, settings.body_width_m)
-    driver = Driver(robot, lookahead, settings.speed_mps, settings.max_yaw_rate_radps, settings.rate_hz)
     walk = _State(driver, TouchableCells(body))
     ticks_ns: list[Int] = [np.empty(0, dtype=np.int64)]
     rows: list[Float] = [np.empty((0, len(TICK_COLUMNS) + 1))]
@@ -183,12 +164,12 @@ def resimulate(
             replanner.restart()
             first_ns, tick, ticks = None, 0, ticks + tick
         first_ns = instant.t_ns if first_ns is None else first_ns
-        _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], settings)
+        _replan(walk, replanner, instant, target_xy_at(np.array([instant.t_ns]))[0], clear_chord)
         # Ticks up to the next map's instant, which itself belongs to that map's plan.
-        until = max(math.ceil((next_ns - first_ns) * settings.rate_hz / NS_PER_S), 0)
+        until = max(math.ceil((next_ns - first_ns) * RATE_HZ / NS_PER_S), 0)
         if ticks + until > MAX_TICKS:
             raise TooLarge("ticks of the re-simulated walk", ticks + until, MAX_TICKS)
-        t_ns = first_ns + np.rint(np.arange(tick, until) * (NS_PER_S / settings.rate_hz)).astype(np.int64)
+        t_ns = first_ns + np.rint(np.arange(tick, until) * (NS_PER_S / RATE_HZ)).astype(np.int64)
         tick = until
         ticks_ns.append(t_ns)
         rows.append(_follow(walk, instant, next_ns, t_ns))
@@ -208,9 +189,7 @@ def _with_next(instants: Iterable[MapInstant]) -> Iterator[tuple[MapInstant, int
         yield instant, next_ns
 
 
-def _replan(
-    walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float, settings: PursuitSettings
-) -> None:
+def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: Float, clear_chord: bool) -> None:
     here = walk.driver.robot.pose[:2]
     if not np.isfinite(target_m).all():
         return
@@ -222,14 +201,14 @@ def _replan(
     if replan.path is not None:
         walk.paths.append(replan.path)
         space = None
-        if settings.clear_chord and replan.query is not None:
+        if clear_chord and replan.query is not None:
             blocked = passable(replan.query, instant.occupied, replanner.growth.shape)
             origin_x_m, origin_y_m = instant.window.origin_m.tolist()
             space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
         walk.plan = FollowedPath(replan.path.smooth_xy_m, space)
         walk.planned_at_ns = instant.t_ns
         if walk.held is None or instant.t_ns >= walk.held.until_ns:
-            walk.held = hold(walk.plan, instant.t_ns, settings.speed_mps)
+            walk.held = hold(walk.plan, instant.t_ns, walk.driver.speed_mps)
             walk.driver.lookahead.reset()
 
 

@@ -41,17 +41,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     check_name(path)
     if path.exists() and not (path.is_file() or path.is_dir()):  # a FIFO, a socket or a device is never replaced
         raise CannotWrite(path, "it is no regular file")
-    with _part_in(path.parent) as part:
+    with _part_in(path.parent, path) as part:
         with writing(path):
             with suppress(OSError):
                 remove_stale_parts(part.parent)
             part.open("xb").close()  # nobody's file or link is written through
-        try:
-            yield part
-        except OSError as error:
-            if is_full(error):
-                raise CannotWrite(path, os.strerror(error.errno or 0)) from error
-            raise
+        yield part
         # Data first, then the name: a power cut must not leave the name without the data.
         with writing(path, gone="its unfinished file, or the folder, was removed by another process"):
             with part.open("rb") as file:
@@ -60,12 +55,19 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def _part_in(folder: Path) -> Iterator[Path]:
-    """The place of a new file or folder, which is removed when the block ends if it still has that name."""
+def _part_in(folder: Path, path: Path | None = None) -> Iterator[Path]:
+    """The place of a new file or folder, which is removed when the block ends if it still has that name.
+
+    Raises CannotWrite, of the path if given, where the block ends because the disk is full or what was begun is gone.
+    """
     part = folder / f"{part_prefix(os.getpid())}{secrets.token_hex(4)}.part"
     _unfinished.add(part)  # before it is there, since a signal may come at any moment
     try:
         yield part
+    except OSError as error:
+        if is_full(error) or not part.exists():
+            raise CannotWrite(path or error.filename or folder, error.strerror or str(error)) from error
+        raise
     finally:
         _remove(part)
         _unfinished.discard(part)
@@ -95,16 +97,11 @@ def part_folder(parent: Path) -> Iterator[Path]:
     """
     check_name(parent)
     with _part_in(parent) as part:
-        try:
-            for _ in range(_TRIES):
-                with suppress(FileNotFoundError):  # another process has removed the empty parent
-                    part.mkdir(parents=True)
-                    break
-            yield part
-        except OSError as error:
-            if is_full(error) or not part.is_dir():
-                raise CannotWrite(error.filename or parent, error.strerror or str(error)) from error
-            raise
+        for _ in range(_TRIES):
+            with suppress(FileNotFoundError):  # another process has removed the empty parent
+                part.mkdir(parents=True)
+                break
+        yield part
 
 
 def _remove(part: Path) -> None:

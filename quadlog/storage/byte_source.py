@@ -6,23 +6,26 @@ import os
 import shutil
 import tempfile
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
-from typing import Protocol
 from weakref import finalize
 
-from quadlog.errors import FileError
+from quadlog.errors import FileError, TooLarge
+from quadlog.storage.atomic_write import writing
 
 Span = tuple[int, int]
 """Offset and length."""
 
 
-class ByteSource(Protocol):
+class ByteSource(ABC):
     """A file of known size, on this machine or on a server; safe to use from several threads."""
 
     size: int
 
+    @abstractmethod
     def read(self, offset: int, length: int) -> bytes:
         """The bytes from offset on, fewer where the file ends.
 
@@ -31,15 +34,16 @@ class ByteSource(Protocol):
 
     def read_each(self, spans: Sequence[Span]) -> list[bytes]:
         """The same for small stretches that lie far apart."""
+        return [self.read(offset, length) for offset, length in spans]
 
-    def check_unchanged(self) -> None:
+    def check_unchanged(self) -> None:  # noqa: B027 - on this machine no file is replaced under an open one
         """Raises StorageChanged where a server has another file now than when it was opened."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - of what is read by requests nothing is open
         """Release it; nothing may be reading."""
 
 
-class LocalBytes:
+class LocalBytes(ByteSource):
     """An open file of this machine."""
 
     def __init__(self, path: Path) -> None:
@@ -53,14 +57,25 @@ class LocalBytes:
             data += more
         return data
 
-    def read_each(self, spans: Sequence[Span]) -> list[bytes]:
-        return [self.read(offset, length) for offset, length in spans]
-
-    def check_unchanged(self) -> None:
-        pass
-
     def close(self) -> None:
         self._file.close()
+
+
+def fill(target: Path, blocks: Iterable[bytes], what: object, size: int = 0) -> int:
+    """Write blocks into a new file, at most half of what is free: the rest of the machine lives there too.
+
+    Returns how many bytes. Raises TooLarge, before the first where the size is known; CannotWrite on a full disk.
+    """
+    room, written = shutil.disk_usage(target.parent).free // 2, 0
+    with target.open("xb", buffering=0) as file:
+        for block in chain([b""], blocks):
+            written += len(block)
+            if max(written, size) > room:
+                limit = "at most half of what is free there; TMPDIR names another folder"
+                raise TooLarge(f"{what}: bytes to write to {target.parent} ({limit})", max(written, size), room)
+            with writing(target):
+                file.write(block)
+    return written
 
 
 class Kept:

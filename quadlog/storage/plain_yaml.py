@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from quadlog.errors import clipped
 
+Model = TypeVar("Model", bound=BaseModel)
 Plain: TypeAlias = "dict[str, Plain] | list[Plain] | str | None"
 
 _MAX_DEPTH = 20
@@ -65,8 +69,24 @@ def _check(events: Iterator[Any]) -> None:
             raise NotPlainYaml(reason, event.start_mark.line + 1 if event.start_mark else None)
 
 
-def mapping_of(value: Plain, name: str) -> dict[str, Plain]:
-    """A mapping that stands under a name. Raises NotPlainYaml."""
-    if not isinstance(value, dict):
-        raise NotPlainYaml(f"{name} is no mapping")
-    return value
+def read_model(path: Path, model: type[Model], most_bytes: int, under: str = "") -> Model:
+    """What a YAML file says, or the mapping under a key of it, as a model; null is as if it were not there.
+
+    Raises OSError, and NotPlainYaml, also where the file is longer, or says what the model does not take.
+    """
+    with path.open("rb") as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise NotPlainYaml(f"is larger than {most_bytes} bytes")
+    said = parse_yaml(content)
+    if under and isinstance(said, dict):
+        said = said.get(under)
+    if not isinstance(said, dict):
+        raise NotPlainYaml(f"{under or 'the document'} is no mapping")
+    try:
+        return model.model_validate({key: value for key, value in said.items() if value is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        given = "" if first["type"] == "missing" else f" is {clipped(repr(first['input']), 50)}"
+        key = ".".join(map(str, first["loc"]))
+        raise NotPlainYaml(f"{f'{key}{given}: ' if key else ''}{first['msg'].removeprefix('Value error, ')}") from None

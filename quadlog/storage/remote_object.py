@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from quadlog.errors import FileError, StorageChanged, StorageFailed
-from quadlog.storage.byte_source import Kept, Span
+from quadlog.storage.byte_source import ByteSource, Kept, Span
 from quadlog.storage.urls import explained, is_web, protocol_of, redacted
 
 # A server that never answers is given up after a minute and a half.
@@ -59,7 +59,7 @@ def info_of(url: str) -> ObjectInfo:
         return object_info(system.info(place))
 
 
-class RemoteBytes:
+class RemoteBytes(ByteSource):
     """An object that is read by range (ByteSource); what was read is kept, so that it is fetched once."""
 
     def __init__(self, url: str, info: ObjectInfo) -> None:
@@ -85,9 +85,6 @@ class RemoteBytes:
             if info_of(self._url) == self._info:
                 return
         raise StorageChanged(redacted(self._url))
-
-    def close(self) -> None:
-        pass
 
     def stream(self) -> Iterator[bytes]:
         """All bytes from the first on, in blocks, of which nothing is kept. Raises StorageFailed, StorageChanged."""

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import io
 import posixpath
-import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 from quadlog.errors import CannotWrite, StorageFailed, TooLarge
+from quadlog.storage.byte_source import fill
 from quadlog.storage.remote_object import ObjectInfo, RemoteBytes, filesystem, info_of, object_info
 from quadlog.storage.urls import explained, is_url, is_web, local_path, protocol_of, reason_of, redacted, split_query
 
@@ -39,19 +40,10 @@ def to_path(text: str | Path) -> Path:
 def copy_object(remote: RemotePath, target: Path) -> None:
     """All bytes of an object into a new file.
 
-    Raises TooLarge where it would fill more than half of the disk's free room, FileNotFoundError, StorageFailed,
-    StorageChanged.
+    Raises what `fill` raises, FileNotFoundError, StorageFailed, StorageChanged.
     """
-    # Half of what is free: the rest of the machine lives there too.
-    room = shutil.disk_usage(target.parent).free // 2
-    info, what = remote.info(), f"{remote}: bytes to copy to {target.parent}"
-    if info.st_size > room:
-        raise TooLarge(what, info.st_size, room)
-    with target.open("xb") as file:
-        for block in RemoteBytes(remote.url, info).stream():
-            if file.tell() + len(block) > room:
-                raise TooLarge(what, file.tell() + len(block), room)
-            file.write(block)
+    info = remote.info()
+    fill(target, RemoteBytes(remote.url, info).stream(), remote, info.st_size)
 
 
 _NO_LISTING = "a web server's folders cannot be listed; name the recordings in them"
@@ -60,17 +52,15 @@ _PATTERN = frozenset("*?[")
 MAX_WHOLE_BYTES = 1 << 26
 
 
+@dataclass(unsafe_hash=True, repr=False, slots=True)
 class RemotePath:
     """One URL. Its text leaves out what is secret; url is the whole. What is found there is kept.
 
     Methods do what those of pathlib.Path do, and raise StorageFailed and FileError beside their errors.
     """
 
-    __slots__ = ("_info", "url")
-
-    def __init__(self, url: str, info: ObjectInfo | None = None) -> None:
-        self.url = url
-        self._info = info
+    url: str
+    _info: ObjectInfo | None = field(default=None, compare=False)
 
     def __str__(self) -> str:
         return redacted(self.url)
@@ -78,21 +68,12 @@ class RemotePath:
     def __repr__(self) -> str:
         return f"RemotePath({str(self)!r})"
 
-    def __hash__(self) -> int:
-        return hash(self.url)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, RemotePath) and self.url == other.url
-
     def __lt__(self, other: object) -> bool:
         # Paths of this machine come first; Python asks this one where they do not know what it is.
         return isinstance(other, RemotePath) and self.url < other.url
 
     def __gt__(self, other: object) -> bool:
         return not isinstance(other, RemotePath) or self.url > other.url
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return RemotePath, (self.url,)
 
     @property
     def name(self) -> str:

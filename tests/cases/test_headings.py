@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from quadlog.geometry import quat_from_yaw, wrap_angle
+from quadlog.geometry import quat_from_euler, wrap_angle
 from quadlog.messages import Imu, Odometry, Pose, UwbRanges
 from quadlog.pipelines.evaluation.reference import compare_with_own_reference
 from quadlog.pipelines.stages.tracks import RobotTrack
@@ -71,7 +71,7 @@ class Made:
         for k, t_ns in enumerate(START_NS + np.rint(t_s * 1e9).astype(np.int64).astype(object)):
             yield SynthesizedMessage("/uwb", t_ns, UwbRanges(t_ns, 0, np.arange(4), ranges[k]))
             place = np.array([*(xy_m[k] + self.reference_shift_m), 0.0])
-            yield SynthesizedMessage("/truth", t_ns, Pose(t_ns, "map", "base", place, quat_from_yaw(yaw[k])))
+            yield SynthesizedMessage("/truth", t_ns, Pose(t_ns, "map", "base", place, quat_from_euler(yaw[k])))
 
     def _imu(self) -> Iterator[SynthesizedMessage]:
         t_s = np.arange(round(DURATION_S * IMU_HZ)) / IMU_HZ
@@ -79,7 +79,7 @@ class Made:
         rate = self.gyro_sign * np.gradient(yaw, t_s) + self.gyro_bias_radps + 0.01 * self.rng.standard_normal(len(t_s))
         if self.gyro_nan_at is not None:
             rate[self.gyro_nan_at] = np.nan
-        quat = np.zeros((len(t_s), 4)) if self.imu_yaw is None else quat_from_yaw(self.imu_yaw(t_s, yaw))
+        quat = np.zeros((len(t_s), 4)) if self.imu_yaw is None else quat_from_euler(self.imu_yaw(t_s, yaw))
         for k, t_ns in enumerate(START_NS + np.rint(t_s * 1e9).astype(np.int64).astype(object)):
             imu = Imu(t_ns, "base", quat[k], np.array([0.0, 0.0, rate[k]]), np.array([0.0, 0.0, 9.81]))
             yield SynthesizedMessage("/imu", t_ns, imu)
@@ -91,7 +91,7 @@ class Made:
         xy_m, yaw = self.base(t_s)
         said = self.odometry_yaw(t_s, yaw)
         for k, t_ns in enumerate(START_NS + np.rint(t_s * 1e9).astype(np.int64).astype(object)):
-            place, quat = np.array([*xy_m[k], 0.0]), quat_from_yaw(said[k])
+            place, quat = np.array([*xy_m[k], 0.0]), quat_from_euler(said[k])
             yield SynthesizedMessage(
                 "/odom", t_ns, Odometry(t_ns, "odom", "base", place, quat, np.zeros(3), np.zeros(3))
             )

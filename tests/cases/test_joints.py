@@ -123,7 +123,7 @@ def test_broken_messages_are_counted_and_torques_that_are_no_numbers_said(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "setting", ["robot.joints=['a','b']", "robot.feet=[0,0,1,2]", "robot.feet=[1,2]", "robot.preset=spot"]
+    "setting", ["robot.joints=['a','b']", "robot.feet=[0,0,1,2]", "robot.feet=[1,2]", "robot.preset=go2"]
 )
 def test_an_order_that_is_none_is_refused(setting, tmp_path, replayed):
     done = replayed(joint_log(tmp_path / "walk", NAMES, count=3), "--set", setting)
@@ -161,7 +161,7 @@ def test_a_real_go2_walks_as_far_as_motion_capture_saw(every, stamp, stride_hz, 
             row[1] = int(t_ns)
         rows = states[::every] + [row for row in rows if row[0] != "/lowstate"]
         log = mcap(tmp_path / "even.mcap", sorted(rows, key=lambda row: row[1]), types)
-    done = replayed(log, "--set", "robot.preset=go2", "--stamp", stamp)
+    done = replayed(log, "--set", "robot.model=go2", "--stamp", stamp)
     poses, metrics = done.table("poses"), done.metrics
     step_m = np.hypot(np.diff(poses["x_m"]), np.diff(poses["y_m"]))
     assert (done.code, step_m.max() < 0.3, 6.0 < step_m.sum() < 9.0) == (0, True, True), done.err

@@ -513,7 +513,7 @@ CASES = {
         together(odometry, joints(*LEGS)),
         *(0, "odometry"),
         never=("duty_factor", "torque_", "cost_of_transport"),
-        settings=("robot.preset=go1",),
+        settings=("robot.model=go1",),
     ),
     "imu-upright": Case(level_imu(9.81), 0, "odometry", never=("gravity",)),
     "imu-upside-down": Case(level_imu(-9.81), 0, "odometry", says=("/imu: its orientation contradicts the gravity",)),
@@ -523,7 +523,7 @@ CASES = {
         together(odometry, joints(*LEGS, zeros=True)),
         *(0, "odometry"),
         never=("duty_factor", "torque_", "cost_of_transport"),
-        settings=("robot.preset=go1",),
+        settings=("robot.model=go1",),
     ),
 }
 

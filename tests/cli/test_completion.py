@@ -7,6 +7,7 @@ from click.shell_completion import BashComplete
 
 from quadlog.cli.main import COMMANDS, cli
 from quadlog.planning.planners import PLANNER_NAMES
+from quadlog.plugins import CONTROLLERS
 from quadlog.plugins import PLANNERS as GROUP
 from quadlog.results import STAGES
 
@@ -51,7 +52,10 @@ def test_files_are_left_to_the_shell_beside_words(typed, words):
     assert (kind in ("file", "dir"), last) == (True, typed.rpartition(" ")[2])
 
 
-def test_planners_of_plugins_are_offered_and_not_imported(install):
-    install("quadlog-zig", "1.0", {GROUP: {"zigzag": "zig:Zigzag"}}, {"zig": "raise SystemExit(9)"})
-    for command in ("replay", "compare-planners"):
-        assert completed(f"{command} --planner z") == [("plain", "zigzag")]
+def test_planners_and_controllers_of_plugins_are_offered_and_not_imported(install):
+    points = {GROUP: {"zigzag": "zig:Zigzag"}, CONTROLLERS: {"zag": "zig:Zag"}}
+    install("quadlog-zig", "1.0", points, {"zig": "raise SystemExit(9)"})
+    for words in ("replay --planner", "compare-planners --planner"):
+        assert completed(f"{words} z") == [("plain", "zigzag")]
+    for words in ("replay --controller", "simulate --controller"):
+        assert completed(f"{words} z") == [("plain", "zag")]

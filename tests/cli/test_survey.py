@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from quadlog.config.file import load_config
-from quadlog.geometry import quat_from_yaw
+from quadlog.geometry import quat_from_euler
 from quadlog.messages import Odometry, UwbRanges
 from quadlog.pipelines.simulation.synthesize import write_recording
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
@@ -83,7 +83,7 @@ def circle(tmp_path):
             place_m = np.array([radius_m * np.sin(angle), radius_m * (1 - np.cos(angle)), 0.0])
             if radius_m == 0:
                 place_m, angle = np.array([0.02 * step, 0.0, 0.0]), 0.0
-            pose = Odometry(t_ns, "odom", "base", place_m, quat_from_yaw(np.array(angle)), np.zeros(3), np.zeros(3))
+            pose = Odometry(t_ns, "odom", "base", place_m, quat_from_euler(np.array(angle)), np.zeros(3), np.zeros(3))
             range_m = np.linalg.norm(anchors_m - place_m - [0, 0, 0.6], axis=1)
             range_m = scale * range_m + rng.normal(0.1, 0.05, len(anchors_m)) + rng.exponential(late_m, len(anchors_m))
             if spoiled is not None and step % 10 == 0:

@@ -23,6 +23,7 @@ from quadlog.cli.main import run
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
 from quadlog.results.record import PluginRecord
+from tests.conftest import forget_plugins
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "plugins"
@@ -177,6 +178,56 @@ def test_a_broken_planner_is_one_line(install, capsys, tmp_path, command, source
     assert last == f"quadlog: planner broken of quadlog-broken 0.2: {reason}"
 
 
+def test_the_controller_walks_a_course_beside_ours(example, tmp_path, capsys):
+    """Without a fall and on its way, turning; run.json names it, and `metrics` has both in one table."""
+    course = tmp_path / "bend.csv"
+    course.write_text("0,0\n0.7,0\n1.1,0.3\n")
+    for name in ("virtual_model", "pmw"):
+        assert run(["simulate", str(course), "--controller", name, "--no-plots", "-o", str(tmp_path)]) == 0
+    runs = [tmp_path / f"bend-{name}" / "seed-000" for name in ("virtual_model", "pmw")]
+    theirs, ours = (quadlog.load_run(each) for each in runs)
+    assert (theirs.metric("fallen"), ours.metric("fallen")) == (0, 0)
+    assert theirs.metric("completion_time_s") == pytest.approx(ours.metric("completion_time_s"), abs=0.5)
+    assert theirs.metric("pitch_rms_rad") < 0.12
+    assert [each.name for each in theirs.record.plugins] == ["virtual_model"]
+    assert ours.record.plugins == []
+    capsys.readouterr()
+    assert run(["metrics", *map(str, runs)]) == 0
+    assert "Metrics of bend-virtual_model/seed-000, bend-pmw/seed-000" in capsys.readouterr().out.replace("\n", " ")
+
+
+def test_runs_of_plugins_are_read_where_these_are_not_installed(example, plugin_site, tmp_path, capsys):
+    course = tmp_path / "step.csv"
+    course.write_text("0,0\n0.2,0\n")
+    words = ["--controller", "virtual_model", "--set", "planner.name=greedy", "--no-plots", "-o", str(tmp_path)]
+    assert run(["simulate", str(course), *words]) == 0
+    shutil.rmtree(plugin_site / "quadlog_examples-1.0.dist-info")
+    forget_plugins()
+    walked = str(tmp_path / "step-virtual_model" / "seed-000")
+    assert [run([command, walked]) for command in ("metrics", "report")] == [0, 0]
+    assert run(["simulate", str(course), *words[2:], "--force"]) == 1, "nor is it walked again"
+
+
+BROKEN_CONTROLLER = """
+class Broken:
+    def __init__(self, robot, gait): pass
+    def step(self, t_s, state, wanted): return [t_s] * 11
+"""
+
+
+def test_a_broken_controller_is_one_line_and_leaves_no_run(install, capsys, tmp_path):
+    points = {"quadlog.controllers": {"broken": "quadlog_broken:Broken"}}
+    install("quadlog-broken", "0.2", points, {"quadlog_broken": BROKEN_CONTROLLER})
+    words = ["simulate", "line", "-o", str(tmp_path / "runs"), "--controller"]
+    assert run([*words, "broken"]) == 1
+    *_, last = capsys.readouterr().err.splitlines()
+    reason = "its torques are float64 (11,), not numbers (12,)"
+    assert last == f"quadlog: controller broken of quadlog-broken 0.2: {reason}"
+    assert run([*words, "brokn"]) == 2
+    assert "'broken'" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
 def _shell_lines() -> Iterator[list[str]]:
     for block in (EXAMPLE / "README.md").read_text().split("```sh\n")[1:]:
         for line in block.split("```")[0].splitlines():
@@ -188,9 +239,13 @@ def _shell_lines() -> Iterator[list[str]]:
 def test_every_command_of_its_readme_runs(example, tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     told = list(_shell_lines())
-    assert len(told) == 3
+    assert len(told) == 5
     for words in told:
         shortened = [str(tmp_path / word) if word.startswith("runs") else word for word in words]
         if words[0] == "replay":
             shortened += ["--duration", "1.5", "--until", "plan", "--no-plots"]
+        if words[0] == "simulate":
+            course = tmp_path / "line.csv"
+            course.write_text("0,0\n0.3,0\n")
+            shortened = ["simulate", str(course), *shortened[2:], "--no-plots"]
         assert run(shortened) == 0

@@ -11,7 +11,7 @@ import numpy as np
 from quadlog.simulation.sensors.scene import Cylinder, Obstacle
 from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, TF_STATIC_TOPIC
-from quadlog.simulation.synthetic.ros_encoding import POINT, TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import ENCODED, POINT, RosEncoder
 from tests.lab.recordings import Row
 from tests.lab.strangers import STORE, header, message
 
@@ -57,7 +57,7 @@ def rows(change: Change = lambda n, log_ns, scan: (log_ns, scan), beside_ns: int
     for topic, log_ns, content in RECORDING.messages():
         if topic not in WANTED:
             continue
-        type_name, changed = TYPE_NAMES[type(content)], content
+        type_name, changed = ENCODED[type(content)][0], content
         if topic == LIDAR_TOPIC:
             log_ns, changed = change(n, log_ns, content)
             n += 1

@@ -88,7 +88,7 @@ def decoded(
     reader = reader_of(channel, definitions or Definitions(), order or JointOrder(), mapped)
     assert reader is not None
     if isinstance(reader, CloudReader):
-        cloud = reader.full(payload)
+        cloud = reader.decode(payload, True)
         return () if cloud is None else (cloud,)
     (found,) = together(channel.topic, reader, [payload])
     if isinstance(found, DecodeError):

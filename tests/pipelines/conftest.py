@@ -27,7 +27,7 @@ from quadlog.pipelines.executor.progress import BatchLines, Silent, send_to
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing, ReplayOptions, ReplayOutcome, ReplayRequest
 from quadlog.pipelines.simulation.synthesize import make_recording
-from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import ENCODED, RosEncoder
 from tests.lab.recordings import written
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -116,7 +116,7 @@ def season(once: Once) -> Path:
         recording = make_recording("follow", seed=1, duration_s=1.0, azimuth_steps=90)
         encoder = RosEncoder()
         messages = [
-            (each.topic, each.log_time_ns, TYPE_NAMES[type(each.message)], encoder.encode(each.message))
+            (each.topic, each.log_time_ns, ENCODED[type(each.message)][0], encoder.encode(each.message))
             for each in recording.messages()
         ]
         for suffix in ("mcap", "bag", "db3"):

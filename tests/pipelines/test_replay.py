@@ -13,7 +13,7 @@ from evo.core import sync
 from evo.tools import file_interface
 
 from quadlog.config.file import load_config
-from quadlog.errors import EmptyWindow, MissingInput
+from quadlog.errors import MissingInput, QuadlogError
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.replay import finished_outcome, replay
 from quadlog.pipelines.request import Existing
@@ -144,7 +144,7 @@ def test_a_replay_that_cannot_work_says_so_and_harms_no_earlier_run(tmp_path):
     request = fixture_request(tmp_path / "run", duration_s=0.5, until="position")
     first = replay(request, Silent())
     nothing = replace(request, options=replace(request.options, start_s=100.0), existing=Existing.FORCE)
-    with pytest.raises(EmptyWindow, match=r"lasts 12\.0 s"):
+    with pytest.raises(QuadlogError, match=r"lasts 12\.0 s"):
         replay(nothing, Silent())
     without = load_config(FIXTURES / "follow.toml", ["topics.position=tf"])
     for folder in (tmp_path / "run", tmp_path / "new"):
@@ -212,7 +212,7 @@ NO_WALK = "simulation.controller=none"
 TAGS = "uwb.tags=[{id=0, role='robot', x_m=-0.07}, {id=1, role='person', height_m=1.3}]"
 CONFIGURATIONS = {
     "kinematic": (None, "plan", ["simulation.controller=kinematic"]),
-    "fpmw": (None, "control", ["pursuit.rate_hz=50.0", "simulation.disturbances.push_n=60.0"]),
+    "fpmw": (None, "control", ["simulation.disturbances.push_n=60.0"]),
     "fpm": (None, "control", ["simulation.controller=fpm", "simulation.gait=walk", "grid.extent=run"]),
     "odometry": (None, "control", ["topics.position=odometry", "topics.target=ahead", "grid.memory=scan", NO_WALK]),
     "fixed": (None, "control", ["topics.position=fixed", "topics.target=fixed", "lidar.level=false", NO_WALK]),

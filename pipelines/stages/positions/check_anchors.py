@@ -14,7 +14,8 @@ from quadlog.positioning.anchors.check import SurveyFaults, TagEpochs, check_sur
 from quadlog.positioning.anchors.survey import survey_anchors
 from quadlog.positioning.anchors.walk import OdometryPrior, make_walk
 from quadlog.positioning.batch.factors import TagRanges, Way
-from quadlog.positioning.locate import Anchors, Located, LocateSettings
+from quadlog.positioning.locate import Anchors, Located, usual_std_m
+from quadlog.positioning.settings import LocateSettings
 
 HEIGHT_STD_M = 0.05
 """How well heights that are given are known."""
@@ -47,7 +48,7 @@ def check_located(
             TagEpochs(replace(each.epochs, range_m=own_m), each.height_m)
             for each, own_m in zip(located.tags, range_m, strict=True)
         ]
-        named = check_survey(logs, anchors.position_m, settings.usual_std_m, settings.acceleration_std_mps2)
+        named = check_survey(logs, anchors.position_m, usual_std_m(settings), settings.acceleration_std_mps2)
         found = named if found is None or named.swapped or named.shifted else found
     found = found or SurveyFaults()
     if found == SurveyFaults() or all(each.bias is None or each.bias.scale == 0 for each in located.tags):

@@ -58,10 +58,10 @@ def tell_legs(data: LogData, journal: Journal, track: LegTrack) -> None:
     from quadlog.positioning.leg_odometry import HOLD_S, MAX_GAP_S, AttitudeSource, ContactSource
 
     robot = data.config.robot
-    if not robot.model_fields_set & {"model", "preset"}:
+    if "model" not in robot.model_fields_set:
         journal.warn(
             f"legs: no robot is configured; leg lengths of {robot.model!r} are assumed, and distances scale "
-            "with them; set robot.preset or robot.model"
+            "with them; set robot.model"
         )
     else:
         journal.note(f"legs: lengths and hips are those of {robot.model!r}")

@@ -18,13 +18,12 @@ from quadlog.metrics.alignment import find_frame_offset
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.mount import frozen
-from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO, wants_uwb
+from quadlog.pipelines.stages.outlook import AUTO_ORDER, SEE_INFO, wants_lidar_track, wants_uwb
 from quadlog.pipelines.stages.positions.heading import find_heading
 from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
-from quadlog.pipelines.stages.scans import LidarTracker, wants_lidar_track
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
 from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
@@ -45,7 +44,7 @@ LIDAR_FRAME = "lidar_start"
 
 
 LOCATING = (
-    *("topics", "uwb", "robot.preset", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
+    *("topics", "uwb", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
     *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m", "pose_gap_s")),
 )
 
@@ -58,7 +57,11 @@ def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dic
     """
     journal.progress.begin("position", None)
     with journal.clock.stage("position"):
-        tracker = LidarTracker(data, config) if wants_lidar_track(data.log, config) else None
+        tracker = None
+        if wants_lidar_track(data.log, config):
+            from quadlog.pipelines.stages.scans import LidarTracker  # loads the compiler
+
+            tracker = LidarTracker(data, config)
         config = with_carried_anchors(config, data.streams.anchor_places)
         data = replace(data, config=config, tracker=tracker)
         data = replace(data, legs=track_legs(data))

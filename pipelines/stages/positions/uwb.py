@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ from quadlog.positioning.batch.robust import USUAL_STD_M
 from quadlog.positioning.body import LocatedBody
 from quadlog.positioning.epochs import USUAL_EPOCH_S, RangeCounts, likely_unit
 from quadlog.positioning.lidar_odometry import body_motion
-from quadlog.positioning.locate import Anchors, Located, LocateSettings, TagInfo, TagResult, locate
+from quadlog.positioning.locate import Anchors, Located, TagInfo, TagResult, locate
 from quadlog.positioning.odometry import BodyMotion
 from quadlog.recordings.decoders.anchor_places import FEWEST_ANCHORS, AnchorPlace, place_warnings
 from quadlog.recordings.formatting import listed
@@ -206,7 +206,7 @@ def locate_tags(data: LogData, journal: Journal) -> UwbPositions | None:
     if robot and motion is not None and motion.source == "odometry":
         journal.use("odometry")
     if len(robot) > 1:
-        located, body = solve_body(config, located, robot, anchors_of(config), settings_of(config), motion)
+        located, body = solve_body(config, located, robot, anchors_of(config), config.uwb, motion)
         tell_body(journal, body)
     tell_roles(config, journal, located)
     journal.warn(*place_faults(config, located, robot, data.streams.odometry))
@@ -228,7 +228,7 @@ def locate_each(config: Config, ranges: RangeSeries, motion: BodyMotion | None) 
     if len(robot) == 1 and motion is not None:
         x_m, y_m = uwb_tags.lever_of(config, robot[0])
         tags[robot[0]] = replace(tags[robot[0]], body_motion=motion, x_m=x_m, y_m=y_m)
-    return locate(ranges, anchors_of(config), list(tags.values()), settings_of(config)), robot
+    return locate(ranges, anchors_of(config), list(tags.values()), config.uwb), robot
 
 
 def unit_warning(config: Config, ranges: RangeSeries, topics: Sequence[str]) -> str:
@@ -250,7 +250,7 @@ def unit_warning(config: Config, ranges: RangeSeries, topics: Sequence[str]) -> 
 def place_faults(config: Config, located: Located, robot: list[int], odometry: PoseSeries | None) -> list[str]:
     """A line for each anchor that seems to stand elsewhere. robot: the tags that it carries."""
     anchors, levers_m = anchors_of(config), {tag: uwb_tags.lever_of(config, tag) for tag in robot}
-    return fault_warnings(check_located(located, anchors, settings_of(config), levers_m, odometry), anchors)
+    return fault_warnings(check_located(located, anchors, config.uwb, levers_m, odometry), anchors)
 
 
 def _tell_places(data: LogData, journal: Journal) -> None:
@@ -326,11 +326,6 @@ def tags_of(config: Config, ranges: RangeSeries) -> dict[int, TagInfo]:
     heights = {tag: config.uwb.person_height_m if tag == person else config.uwb.tag_height_m for tag in wanted}
     heights |= {tag: row.height_m for tag, row in table.items() if row.height_m is not None and tag in heights}
     return {tag: TagInfo(tag, heights[tag]) for tag in wanted}
-
-
-def settings_of(config: Config) -> LocateSettings:
-    """The section `uwb` as the algorithms take it."""
-    return LocateSettings(**{each.name: getattr(config.uwb, each.name) for each in fields(LocateSettings)})
 
 
 def write_uwb(folder: Path, data: LogData, uwb: UwbPositions) -> None:

@@ -18,8 +18,9 @@ from quadlog.recordings.formatting import listed
 if TYPE_CHECKING:  # what locates takes half a second to load, and `quadlog metrics` needs none of it
     from quadlog.pipelines.stages.journal import Journal
     from quadlog.positioning.body import LocatedBody
-    from quadlog.positioning.locate import Anchors, Located, LocateSettings
+    from quadlog.positioning.locate import Anchors, Located
     from quadlog.positioning.odometry import BodyMotion, MeasuredMotion
+    from quadlog.positioning.settings import LocateSettings
 
 
 def roles_of(config: Config, tags: list[int]) -> dict[str, int]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from quadlog.errors import UnknownName
+from quadlog.control.settings import PursuitSettings
 from quadlog.messages import Int
 
 Centroid = Literal["points", "continuous"]
@@ -154,45 +153,16 @@ class FixedLookahead:
         """There is nothing to forget."""
 
 
-@dataclass(frozen=True, slots=True)
-class FuzzySettings:
-    """l = l0 + lambda_v k_v v^2 + lambda_w k_w v, with k = k0 + delta k(e, ec), within l_min_m .. l_max_m.
+class FuzzyLookahead:
+    """The Mamdani look-ahead: shorter or longer by the tracking error and its rate.
 
-    e = gain_e_per_m times the distance to the path, or with `signed` the cross-track
-    error; ec = gain_ec_s_per_m times its derivative, smoothed by a first-order filter
-    of ec_filter_s (0: none). Both are clipped to [-3, 3].
-
-    The defaults are the paper's where it prints something (l0 = 2, seven points), with its
-    tables mended. It prints no gains, scopes or limits: its universe is taken to be in metres
-    and metres per second, and the limits lie outside what its rules reach up to 0.6 m/s.
+    l = l0 + lambda_v k_v v^2 + lambda_w k_w v, within l_min_m .. l_max_m: k_v and k_w by the rules, whose coefficients
+    without error are 0 [eq. 18], of e, gain_e_per_m times the distance to the path, or with `signed` the cross-track
+    error, and of ec, gain_ec_s_per_m times its derivative, smoothed by a first-order filter of ec_filter_s (0: none).
     """
 
-    l0_m: float = 2.0
-    lambda_v: float = 1.0
-    lambda_w: float = 1.0
-    k_v0: float = 0.0
-    k_w0: float = 0.0
-    gain_e_per_m: float = 1.0
-    gain_ec_s_per_m: float = 1.0
-    signed: bool = False
-    ec_filter_s: float = 0.0
-    l_min_m: float = 0.5
-    l_max_m: float = 5.0
-    tables: str = "corrected"
-    centroid: Centroid = "points"
-
-    def __post_init__(self) -> None:
-        if self.tables not in TABLES:
-            raise UnknownName("rule tables", self.tables, TABLES)
-        if not 0 < self.l_min_m <= self.l_max_m < math.inf:
-            raise ValueError(f"look-ahead limits must be 0 < l_min_m <= l_max_m, not {self.l_min_m}, {self.l_max_m}")
-
-
-class FuzzyLookahead:
-    """The Mamdani look-ahead: shorter or longer by the tracking error and its rate."""
-
-    def __init__(self, settings: FuzzySettings | None = None) -> None:
-        self.settings = settings or FuzzySettings()
+    def __init__(self, settings: PursuitSettings) -> None:
+        self.l0_m, self.settings = settings.lookahead_m, settings.fuzzy
         self.reset()
 
     def reset(self) -> None:
@@ -211,9 +181,8 @@ class FuzzyLookahead:
         error_m = cross_track_m if settings.signed else abs(cross_track_m)
         self._differentiate(error_m, dt_s)
         e, ec = settings.gain_e_per_m * error_m, settings.gain_ec_s_per_m * self._rate_mps
-        delta_k_v, delta_k_w = infer(e, ec, TABLES[settings.tables], settings.centroid)
-        k_v, k_w = settings.k_v0 + delta_k_v, settings.k_w0 + delta_k_w
-        l_m = settings.l0_m + settings.lambda_v * k_v * speed_mps**2 + settings.lambda_w * k_w * speed_mps
+        k_v, k_w = infer(e, ec, TABLES[settings.tables], settings.centroid)
+        l_m = self.l0_m + settings.lambda_v_s2_per_m * k_v * speed_mps**2 + settings.lambda_w_s * k_w * speed_mps
         return Lookahead(min(max(l_m, settings.l_min_m), settings.l_max_m), k_v, k_w)
 
     def _differentiate(self, error_m: float, dt_s: float) -> None:

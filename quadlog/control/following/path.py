@@ -57,36 +57,26 @@ def nearest_between(
     return PathPosition(*_nearest(path, low[0], low[1], high[0], high[1], x_m, y_m))
 
 
-def remaining_length(path: Float, segment: int, fraction: float) -> float:
-    """Metres along the path (K, 2) from a point on it to its end."""
-    length_m = np.hypot(*np.diff(path, axis=0).T)[segment:]
-    length_m[:1] *= 1 - fraction
-    return float(length_m.sum())
-
-
-def lookahead_within(
-    path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float, reach_m: float
+def lookahead(
+    path: Float,
+    x_m: float,
+    y_m: float,
+    near: PathPosition,
+    lookahead_m: float,
+    reach_m: float,
+    space: FreeSpace | None = None,
 ) -> tuple[float, float, float]:
     """(x_m, y_m, along_m) of the first point of the path, from the nearest on, that is lookahead_m away from the robot.
 
     At most reach_m along the path, and along_m is how far; the end of the path when it ends nearer than that; the
-    nearest point itself when that is farther already.
+    nearest point itself when that is farther already. With a space no farther along the path than the straight line to
+    every point before it runs in it: a robot that aims at a point behind an obstacle's corner cuts it, though its path
+    goes round. The point is at least LEAST_CHORD_M away all the same.
     """
-    return _ahead(path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m)
-
-
-def lookahead_in_free_space(
-    path: Float, x_m: float, y_m: float, near: PathPosition, lookahead_m: float, reach_m: float, space: FreeSpace
-) -> tuple[float, float, float]:
-    """The same, but no farther along the path than the straight line to every point before it runs in free space.
-
-    A robot that aims at a point behind an obstacle's corner cuts it, though its path goes round. The point is at least
-    LEAST_CHORD_M away all the same.
-    """
-    return _ahead_in_free_space(
-        path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m, space.blocked, *space.origin_m,
-        space.cell_m, LEAST_CHORD_M,
-    )  # fmt: skip
+    aim = path, near.segment, near.x_m, near.y_m, x_m, y_m, lookahead_m, reach_m
+    if space is None:
+        return _ahead(*aim)
+    return _ahead_in_free_space(*aim, space.blocked, *space.origin_m, space.cell_m, LEAST_CHORD_M)
 
 
 @kernel

@@ -12,10 +12,8 @@ from numpy.typing import ArrayLike
 from quadlog.control.following.path import (
     FreeSpace,
     PathPosition,
-    lookahead_in_free_space,
-    lookahead_within,
+    lookahead,
     nearest_between,
-    remaining_length,
 )
 from quadlog.errors import TooLarge
 from quadlog.messages import Float
@@ -37,58 +35,6 @@ class Command(NamedTuple):
     lookahead_y_m: float
 
 
-def pure_pursuit(
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    path: Float,
-    near: PathPosition,
-    lookahead_m: float,
-    speed_mps: float,
-    max_yaw_rate_radps: float,
-) -> Command:
-    """The command for a robot at a pose in map, near being its nearest point of a path (K, 2), K >= 1.
-
-    Curvature 2 y_l / l^2, y_l being how far left the look-ahead point lies and l
-    its distance: lookahead_m, less near the path's end. In curves tighter than
-    the yaw rate allows the robot goes slower, so it stays on the arc.
-    """
-    ahead_x, ahead_y, _ = lookahead_within(path, x_m, y_m, near, lookahead_m, math.inf)
-    to_walk_m = remaining_length(path, near.segment, near.fraction)
-    return arc_to(x_m, y_m, yaw_rad, (ahead_x, ahead_y), path[-1].tolist(), to_walk_m, speed_mps, max_yaw_rate_radps)
-
-
-def arc_to(
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
-    ahead_m: tuple[float, float],
-    end_m: tuple[float, float],
-    to_walk_m: float,
-    speed_mps: float,
-    max_yaw_rate_radps: float,
-) -> Command:
-    """The command from a pose in map to the look-ahead point, of a path that ends to_walk_m later in end_m."""
-    (ahead_x, ahead_y), (end_x, end_y) = ahead_m, end_m
-    to_walk = max(to_walk_m, math.hypot(end_x - x_m, end_y - y_m))
-    distance = math.hypot(ahead_x - x_m, ahead_y - y_m)
-    if to_walk <= ARRIVED_M or distance == 0:
-        return Command(0.0, 0.0, ahead_x, ahead_y)
-
-    bearing = math.atan2(ahead_y - y_m, ahead_x - x_m) - yaw_rad
-    bearing = (bearing + math.pi) % (2 * math.pi) - math.pi
-    # Behind the robot the arc would lead away from the point; it then turns as hard as for one at its side.
-    side = math.sin(min(max(bearing, -math.pi / 2), math.pi / 2))
-    curvature = 2 * side / distance
-
-    speed = min(speed_mps, math.sqrt(2 * BRAKING_MPS2 * to_walk))
-    if abs(curvature) * speed > max_yaw_rate_radps:
-        speed = max_yaw_rate_radps / abs(curvature)
-    yaw_rate = curvature * speed
-    forward = min(max(math.cos(bearing) / math.cos(SHARP_TURN_RAD), 0.0), 1.0)
-    return Command(speed * forward, yaw_rate, ahead_x, ahead_y)
-
-
 # Within this of its end, and of its length, a path counts as finished.
 FINISHED_M = 0.1
 # A robot that is pushed finds its place again so far behind and ahead of the last one.
@@ -101,6 +47,11 @@ GAP_M = 20.0
 MAX_POINTS = 1_000_000
 # Coordinates beyond this are no metres in a map, and their squares no distances.
 FARTHEST_M = 1e6
+
+
+def _wrapped(angle_rad: float) -> float:
+    """In [-pi, pi)."""
+    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
 
 class FollowState(NamedTuple):
@@ -187,8 +138,7 @@ class PathFollower:
         remaining_m = self.length_m - self._progress_m
         to_end_m = math.hypot(self._end_m[0] - x_m, self._end_m[1] - y_m)
         finished = max(remaining_m, to_end_m) <= FINISHED_M
-        heading_error = (yaw_rad - near.heading_rad + math.pi) % (2 * math.pi) - math.pi
-        return FollowState(near, self._progress_m, remaining_m, heading_error, finished)
+        return FollowState(near, self._progress_m, remaining_m, _wrapped(yaw_rad - near.heading_rad), finished)
 
     def pursue(
         self,
@@ -200,15 +150,28 @@ class PathFollower:
         speed_mps: float,
         max_yaw_rate_radps: float,
     ) -> Command:
-        """Pure pursuit's command for the pose whose state the last step gave; see pure_pursuit."""
-        aim = self.path, x_m, y_m, state.near, lookahead_m, REACH * lookahead_m
-        ahead_x, ahead_y, along_m = (
-            lookahead_within(*aim) if self._space is None else lookahead_in_free_space(*aim, self._space)
+        """The command for the pose in map whose state the last step gave.
+
+        Curvature 2 y_l / l^2, y_l being how far left the look-ahead point lies and l its distance: lookahead_m, less
+        near the path's end. In curves tighter than the yaw rate allows the robot goes slower, so it stays on the arc.
+        """
+        ahead_x, ahead_y, along_m = lookahead(
+            self.path, x_m, y_m, state.near, lookahead_m, REACH * lookahead_m, self._space
         )
         self._ahead_m = state.progress_m + along_m
-        return arc_to(
-            x_m, y_m, yaw_rad, (ahead_x, ahead_y), self._end_m, state.remaining_m, speed_mps, max_yaw_rate_radps
-        )
+        to_walk_m = max(state.remaining_m, math.hypot(self._end_m[0] - x_m, self._end_m[1] - y_m))
+        distance_m = math.hypot(ahead_x - x_m, ahead_y - y_m)
+        if to_walk_m <= ARRIVED_M or distance_m == 0:
+            return Command(0.0, 0.0, ahead_x, ahead_y)
+
+        bearing = _wrapped(math.atan2(ahead_y - y_m, ahead_x - x_m) - yaw_rad)
+        # Behind the robot the arc would lead away from the point; it then turns as hard as for one at its side.
+        curvature = 2 * math.sin(min(max(bearing, -math.pi / 2), math.pi / 2)) / distance_m
+        speed = min(speed_mps, math.sqrt(2 * BRAKING_MPS2 * to_walk_m))
+        if abs(curvature) * speed > max_yaw_rate_radps:
+            speed = max_yaw_rate_radps / abs(curvature)
+        forward = min(max(math.cos(bearing) / math.cos(SHARP_TURN_RAD), 0.0), 1.0)
+        return Command(speed * forward, curvature * speed, ahead_x, ahead_y)
 
     def reference_at(self, s_m: float) -> tuple[float, float]:
         """(x_m, y_m) of the point s_m along the path, or of its end: where a reference is that walks for s_m."""

@@ -106,6 +106,7 @@ _LAYOUT = np.dtype(
         ("position_m", "f8", 3),
         ("velocity_mps", "f8", 3),
         ("yaw_rate_radps", "f8"),
+        ("left_mps", "f8"),
         ("height_m", "f8"),
     ]
 )
@@ -133,21 +134,26 @@ def states_ahead(reference, dt_s, states):  # type: ignore[no-untyped-def]
     now = reference[0]
     yaw, yaw_rate = now.rpy[2], now.yaw_rate_radps
     x, y, z = now.position_m[0], now.position_m[1], now.position_m[2]
-    speed = math.cos(yaw) * now.velocity_mps[0] + math.sin(yaw) * now.velocity_mps[1]
+    speed, left = math.cos(yaw) * now.velocity_mps[0] + math.sin(yaw) * now.velocity_mps[1], now.left_mps
     for k in range(len(states)):
         middle = yaw + 0.5 * yaw_rate * dt_s
-        x, y = x + speed * math.cos(middle) * dt_s, y + speed * math.sin(middle) * dt_s
+        cos, sin = math.cos(middle), math.sin(middle)
+        x, y = x + (speed * cos - left * sin) * dt_s, y + (speed * sin + left * cos) * dt_s
         z += now.velocity_mps[2] * dt_s
         yaw += yaw_rate * dt_s
         to = states[k]
         to[0], to[1], to[2], to[3], to[4], to[5] = now.rpy[0], now.rpy[1], yaw, x, y, z
         to[6], to[7], to[8] = 0.0, 0.0, yaw_rate
-        to[9], to[10], to[11] = speed * math.cos(yaw), speed * math.sin(yaw), now.velocity_mps[2]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        to[9], to[10], to[11] = speed * cos - left * sin, speed * sin + left * cos, now.velocity_mps[2]
 
 
 @inlined
-def follow(reference, dt, speed, yaw_rate, measured, yaw, plane):  # type: ignore[no-untyped-def]
-    """Takes the reference on by dt; measured (3,) position and yaw; plane (3,) is that of the feet's centres."""
+def follow(reference, dt, speed, yaw_rate, measured, yaw, plane, left=0.0):  # type: ignore[no-untyped-def]
+    """Takes the reference on by dt, at a speed ahead and one to the left.
+
+    measured (3,) position and yaw; plane (3,) is that of the feet's centres.
+    """
     to = reference[0]
     rpy, position, velocity = to.rpy, to.position_m, to.velocity_mps
     to.yaw_rate_radps = yaw_rate
@@ -155,9 +161,12 @@ def follow(reference, dt, speed, yaw_rate, measured, yaw, plane):  # type: ignor
     rpy[2] = yaw + min(max(turned, -LEASH_RAD), LEASH_RAD)
     cos, sin = math.cos(rpy[2]), math.sin(rpy[2])
     slope = cos * plane[0] + sin * plane[1]
-    # The speed is along the ground.
-    level = speed / math.hypot(1.0, slope)
-    velocity[0], velocity[1], velocity[2] = cos * level, sin * level, slope * level
+    aside = cos * plane[1] - sin * plane[0]
+    # The speeds are along the ground.
+    level, beside = speed / math.hypot(1.0, slope), left / math.hypot(1.0, aside)
+    to.left_mps = beside
+    velocity[0], velocity[1] = cos * level - sin * beside, sin * level + cos * beside
+    velocity[2] = slope * level + aside * beside
     ahead_x = position[0] + velocity[0] * dt - measured[0]
     ahead_y = position[1] + velocity[1] * dt - measured[1]
     within = LEASH_M / max(math.hypot(ahead_x, ahead_y), LEASH_M)

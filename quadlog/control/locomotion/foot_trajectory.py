@@ -1,61 +1,9 @@
-"""The way of a foot through a swing: as the MPC walks it, and as [Foot, eqs 9-12] has it, corrected: a compound
-cycloid on and up, and a bulge aside.
-
-A swing has the phases 0..1. On: s - sin(2 pi s) / (2 pi). Up: the same at twice the pace, to the middle and back.
-Aside: b = 4 s (1 - s), which is eq. 12's y(t) over its peak: its speed is not 0 at the ends, as that of the other two
-is. b^3 has the same peak, and neither speed nor acceleration at its ends.
-"""
+"""The way of a foot through a swing, as the MPC walks it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from quadlog.compiled import inner
 from quadlog.messages import Float
-
-PARABOLA, EASED = 1, 3
-"""The power of b: as printed, or at rest at both ends. Any whole number of at least 1 goes."""
-
-
-@dataclass(frozen=True, slots=True)
-class FootCycle:
-    """A foot's whole cycle: a swing for swing_share (lambda) of period_s, then a stance back along the line.
-
-    step_m: S, how far it is carried on; lift_m: H; aside_m: the peak of y(t), left positive; power: of b.
-    """
-
-    period_s: float
-    step_m: float
-    lift_m: float
-    swing_share: float = 0.5
-    aside_m: float = 0.0
-    power: int = PARABOLA
-
-    def at(self, t_s: Float) -> Float:
-        """Positions (N, 3) at times (N,) from a lift-off on, about the middle of the step, level with the ground."""
-        cycle = np.mod(np.asarray(t_s, np.float64) / self.period_s, 1.0)
-        swings = cycle < self.swing_share
-        s = np.where(swings, cycle / self.swing_share, (cycle - self.swing_share) / (1.0 - self.swing_share))
-        on_m = self.step_m * _cycloid(s) - 0.5 * self.step_m
-        aside_m, up_m = self.aside_m * (4.0 * s * (1.0 - s)) ** self.power, _cycloid(2.0 * np.minimum(s, 1.0 - s))
-        return np.column_stack([np.where(swings, on_m, -on_m), swings * aside_m, swings * (self.lift_m * up_m)])
-
-
-def _cycloid(s: Float) -> Float:
-    """From 0 to 1, at rest at both ends."""
-    return s - np.sin(2.0 * np.pi * s) / (2.0 * np.pi)
-
-
-def lateral_peak_m(moment_nm: float, k: float, hip_inertia_kgm2: float, period_s: float) -> float:
-    """The peak of y(t) = M / (4 k J1) t (t - T/2), which solves 2 J1 k y'' = M, y(0) = y(T/2) = 0 [Foot, eqs 11-12].
-
-    moment_nm: M, about x on the body while the other pair stands; its sign alternates with the pair, and so does the
-    peak's. hip_inertia_kgm2: J1, of a leg about its abduction axis. As printed, k has the unit 1/m, and half of
-    period_s is swing.
-    """
-    return -moment_nm * period_s**2 / (64.0 * k * hip_inertia_kgm2)
 
 
 @inner

@@ -31,12 +31,6 @@ class Gait:
     duty: float
     offsets: tuple[float, float, float, float]
 
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.period_s) and self.period_s > 0 and 0 < self.duty <= 1):
-            raise ValueError(f"{self.name}: a gait needs a period above 0 s and a duty in (0, 1]")
-        if not all(math.isfinite(offset) for offset in self.offsets):
-            raise ValueError(f"{self.name}: a gait needs finite offsets")
-
 
 _GAITS = (
     # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.

@@ -12,7 +12,6 @@ mass, angular velocity and velocity in map. Lever arms (N, 4, 3) lead from the c
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,34 +23,12 @@ from quadlog.messages import GRAVITY_MPS2, Float
 STATES = 12
 LEVEL: Float = np.eye(3)
 """Level ground, seen along map's axes."""
-MOST_OF_WEIGHT = 1.2
-"""Of the robot's weight, what a foot may bear unless f_max_n is given."""
-
-PerAxis = tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class MpcSettings:
-    """Horizon, weights of squared state errors and of squared forces (alpha, per N^2), and what feet can push.
-
-    f_max_n: None for MOST_OF_WEIGHT.
-    """
-
-    horizon: int = 10
-    dt_s: float = 0.03
-    weight_rpy: PerAxis = (25.0, 25.0, 12.0)
-    weight_position: PerAxis = (20.0, 20.0, 80.0)
-    weight_omega: PerAxis = (0.15, 0.15, 0.4)
-    weight_velocity: PerAxis = (2.0, 2.0, 0.8)
-    alpha: float = 2e-5
-    mu: float = 0.6
-    f_min_n: float = 0.0
-    f_max_n: float | None = None
-
-    def pyramid(self, mass_kg: float) -> Pyramid:
-        """What the feet of a robot of that mass can push. Raises ValueError where that is nothing."""
-        f_max_n = MOST_OF_WEIGHT * mass_kg * GRAVITY_MPS2 if self.f_max_n is None else self.f_max_n
-        return Pyramid(self.mu, self.f_min_n, f_max_n)
+# All ours, for the paper prints none: steps that are planned ahead, and the length of each, after which forces are
+# planned again; and the weights of squared errors, by state in rad, m, rad/s and m/s, and of squared forces in N.
+HORIZON, DT_S = 10, 0.03
+_ATTITUDE, _POSITION, _ANGULAR, _VELOCITY = (25.0, 25.0, 12.0), (20.0, 20.0, 80.0), (0.15, 0.15, 0.4), (2.0, 2.0, 0.8)
+WEIGHTS: Float = np.array([*_ATTITUDE, *_POSITION, *_ANGULAR, *_VELOCITY])
+ALPHA = 2e-5
 
 
 class Mpc:
@@ -60,13 +37,11 @@ class Mpc:
     solves: how often forces were planned.
     """
 
-    def __init__(self, mass_kg: float, inertia_in_body: Float, settings: MpcSettings, pyramid: Pyramid) -> None:
-        self.mass_kg, self.settings, self.pyramid, self.solves = float(mass_kg), settings, pyramid, 0
+    def __init__(self, mass_kg: float, inertia_in_body: Float, pyramid: Pyramid) -> None:
+        self.mass_kg, self.pyramid, self.solves = float(mass_kg), pyramid, 0
         self._inverse_in_body = np.linalg.inv(inertia_in_body)
-        of = settings.weight_rpy, settings.weight_position, settings.weight_omega, settings.weight_velocity
-        self._weights = np.concatenate(of)
-        most = 12 * settings.horizon
-        shapes = (3, 3), (settings.horizon, STATES), (STATES,), (most, STATES)
+        most = 12 * HORIZON
+        shapes = (3, 3), (HORIZON, STATES), (STATES,), (most, STATES)
         self._room = *(np.empty(shape) for shape in shapes), np.empty(most, np.int64)
         self._hessian, self._gradient = np.empty(most * most), np.empty(most)
 
@@ -74,9 +49,8 @@ class Mpc:
         self, state: Float, reference: Float, lever_arms_m: Float, contacts: NDArray[np.bool_], ground_to_map: Float
     ) -> tuple[Float, Float]:
         """H (n, n) and g (n,) over the forces of all stance feet, step by step, along the ground's axes; see solve."""
-        settings = self.settings
         problem = state, reference, lever_arms_m, contacts, ground_to_map
-        body = self._inverse_in_body, self.mass_kg, self._weights, settings.alpha, settings.dt_s
+        body = self._inverse_in_body, self.mass_kg, WEIGHTS, ALPHA, DT_S
         n = _condense(*problem, *body, *self._room, self._hessian, self._gradient)
         return self._hessian[: n * n].reshape(n, n), self._gradient[:n]
 

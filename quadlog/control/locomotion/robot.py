@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,35 +19,21 @@ JOINTS = ("abduction", "hip", "knee")
 SIDES: Float = np.array([1.0, -1.0, 1.0, -1.0])
 """+1 for a left leg, -1 for a right one."""
 
-# How the links' mass is spread, ours, after common robots: the motors of hip and knee sit about the hip.
-_ABDUCTION_BALL_M, _THIGH_RADIUS_M, _SHANK_RADIUS_M = 0.045, 0.045, 0.012
-_THIGH_CENTRE = 0.15  # of the thigh's length, below the hip
-_SHANK_CENTRE = 0.5
-
-
-class Link(NamedTuple):
-    """A rigid piece: the trunk, or one of a left leg, of which the right leg's is the mirror image.
-
-    centre_m: (3,) its centre of mass from its joint, with all joints at 0; inertia_kgm2: (3,) about that centre, along
-    the body's axes.
-    """
-
-    mass_kg: float
-    centre_m: Float
-    inertia_kgm2: Float
-
 
 @dataclass(frozen=True)
 class Robot:
     """What a robot is; see ROBOTS for where the numbers come from.
 
-    trunk_m: length, width and height of the trunk, a box of even density about the body's origin.
+    trunk_m: length, width and height of the trunk, a box about the body's origin.
     hip_x_m, hip_y_m: where the abduction axes are, forward and aside of the origin.
     lengths_m: L1 aside to the leg's plane, L2 thigh, L3 shank to the foot's centre.
-    link_masses_kg: abduction link, thigh, shank, foot, of one leg.
+    link_masses_kg: abduction link, thigh, shank, foot, of one leg; in a robot of a file all its mass is the trunk's.
     standing_height_m: the body's origin above level ground.
+    trunk_centre_m, trunk_inertia_kgm2: the trunk's centre of mass, and xx, yy, zz, xy, xz, yz about it, where a maker
+    prints them; else it is an even box.
     hip_centre_m: the middle of the abduction axes in the body, where that is not its origin.
-    measured: (3,) centre of mass and (3, 3) inertia about it, standing, used where links have none.
+    centre_of_mass_m, inertia_kgm2: (3,) in the body and (3, 3) about it, along the body's axes, of the whole robot that
+    stands: the single rigid body of the MPC. Known of the robot of a QuadrupedModel, by MuJoCo; else NaN.
     """
 
     name: str
@@ -61,9 +46,11 @@ class Robot:
     torque_limit_nm: float
     standing_height_m: float
     foot_radius_m: float = 0.02
-    armature_kgm2: float = 0.01
+    trunk_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    trunk_inertia_kgm2: tuple[float, ...] | None = None
     hip_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    measured: tuple[Float, Float] | None = field(default=None, compare=False, repr=False)
+    centre_of_mass_m: Float = field(default_factory=lambda: np.full(3, np.nan), compare=False, repr=False)
+    inertia_kgm2: Float = field(default_factory=lambda: np.full((3, 3), np.nan), compare=False, repr=False)
 
     @property
     def mass_kg(self) -> float:
@@ -97,72 +84,6 @@ class Robot:
         if not reached:
             raise ValueError(f"{self.name}: legs of {self.lengths_m} m cannot stand {self.standing_height_m} m high")
         return joints
-
-    @cached_property
-    def trunk(self) -> Link:
-        """The trunk: an even box about the body's origin."""
-        return Link(self.trunk_mass_kg, np.zeros(3), _box(self.trunk_mass_kg, *self.trunk_m))
-
-    @cached_property
-    def links(self) -> tuple[Link, Link, Link]:
-        """A left leg's abduction link (a ball), thigh (a cylinder), and shank (a cylinder) with its foot (a ball)."""
-        abduction_kg, thigh_kg, shank_kg, foot_kg = self.link_masses_kg
-        aside_m, thigh_m, shank_m = self.lengths_m
-        abduction = Link(abduction_kg, np.array([0.0, aside_m / 2, 0.0]), _ball(abduction_kg, _ABDUCTION_BALL_M))
-        thigh = Link(thigh_kg, np.array([0.0, 0.0, -_THIGH_CENTRE * thigh_m]), _rod(thigh_kg, _THIGH_RADIUS_M, thigh_m))
-        below_m = np.array([-_SHANK_CENTRE * shank_m, -shank_m])
-        masses = np.array([shank_kg, foot_kg])
-        centre_m = float(masses @ below_m) / (shank_kg + foot_kg)
-        apart = float(masses @ (below_m - centre_m) ** 2) * np.array([1.0, 1.0, 0.0])
-        inertia = _rod(shank_kg, _SHANK_RADIUS_M, shank_m) + _ball(foot_kg, self.foot_radius_m) + apart
-        return abduction, thigh, Link(shank_kg + foot_kg, np.array([0.0, 0.0, centre_m]), inertia)
-
-    @cached_property
-    def centre_of_mass_m(self) -> Float:
-        """(3,) in the body, standing."""
-        return self._standing_masses[0]
-
-    @cached_property
-    def inertia_kgm2(self) -> Float:
-        """(3, 3) of the whole robot about its centre of mass, along the body's axes, standing.
-
-        The single rigid body of the MPC: it takes the legs as fixed where they stand. What walking moves of it, and
-        the rotors, which turn about their own joints only, are left out.
-        """
-        return self._standing_masses[1]
-
-    @cached_property
-    def _standing_masses(self) -> tuple[Float, Float]:
-        if self.measured is not None:
-            return self.measured
-        from quadlog.control.locomotion.leg_dynamics import leg_masses  # it takes a Robot
-
-        legs = [
-            leg_masses(self, side, joints[None])
-            for side, joints in zip(SIDES, self.standing_joints_rad.reshape(4, 3), strict=True)
-        ]
-        weights = np.concatenate([[self.trunk.mass_kg], *(leg.masses_kg for leg in legs)])
-        hips = zip(self.hips_m, legs, strict=True)
-        offsets = np.concatenate([[self.trunk.centre_m], *(hip + leg.centres_m[0] for hip, leg in hips)])
-        centre = weights @ offsets / weights.sum()
-        offsets -= centre
-        own = np.diag(self.trunk.inertia_kgm2) + np.sum([leg.inertias_kgm2[0] for leg in legs], axis=(0, 1))
-        apart = np.sum(weights * (offsets**2).sum(axis=1)) * np.eye(3) - (offsets.T * weights) @ offsets
-        return centre, own + apart
-
-
-def _box(mass_kg: float, x_m: float, y_m: float, z_m: float) -> Float:
-    return mass_kg / 12 * np.array([y_m**2 + z_m**2, x_m**2 + z_m**2, x_m**2 + y_m**2])
-
-
-def _ball(mass_kg: float, radius_m: float) -> Float:
-    return np.full(3, 0.4 * mass_kg * radius_m**2)
-
-
-def _rod(mass_kg: float, radius_m: float, length_m: float) -> Float:
-    """A cylinder along z."""
-    across = mass_kg * (3 * radius_m**2 + length_m**2) / 12
-    return np.array([across, across, mass_kg * radius_m**2 / 2])
 
 
 # [Tracking, Table 4]: mass, trunk box and link lengths. Ours: Table 4 gives neither hips, nor how the mass is shared
@@ -208,8 +129,8 @@ _FOOT = Robot(
     standing_height_m=0.20,
 )
 
-# [unitree_ros, const.xacro]: masses, lengths, hips, the trunk's box, and of the joints' torque limits the least. Ours:
-# standing heights, about 0.7 of the leg's length, as these robots stand.
+# [unitree_ros, const.xacro]: masses, lengths, hips, the trunk's box, centre and inertia, and of the torque limits
+# the least. Ours: standing heights, about 0.7 of the leg's length, as these robots stand.
 _GO1 = Robot(
     name="go1",
     trunk_mass_kg=4.8,
@@ -220,6 +141,8 @@ _GO1 = Robot(
     link_masses_kg=(0.510299, 0.898919, 0.158015, 0.06),
     torque_limit_nm=33.5,
     standing_height_m=0.29,
+    trunk_centre_m=(0.011611, 0.004437, 0.000108),
+    trunk_inertia_kgm2=(0.016130741919, 0.036507810812, 0.044693872053, 0.000593180607, 7.324662e-06, 2.0969537e-05),
 )
 _GO2 = Robot(
     name="go2",
@@ -231,6 +154,8 @@ _GO2 = Robot(
     link_masses_kg=(0.678, 1.152, 0.154, 0.06),
     torque_limit_nm=23.7,
     standing_height_m=0.29,
+    trunk_centre_m=(0.021112, 0.0, -0.005366),
+    trunk_inertia_kgm2=(0.02448, 0.098077, 0.107, 0.00012166, 0.0014849, -3.12e-05),
 )
 _A1 = Robot(
     name="a1",
@@ -242,6 +167,8 @@ _A1 = Robot(
     link_masses_kg=(0.595, 0.888, 0.151, 0.06),
     torque_limit_nm=33.5,
     standing_height_m=0.27,
+    trunk_centre_m=(0.0, 0.0041, -0.0005),
+    trunk_inertia_kgm2=(0.0158533, 0.0377999, 0.0456542, -3.66e-05, -6.11e-05, -2.75e-05),
 )
 _B1 = Robot(
     name="b1",
@@ -254,6 +181,8 @@ _B1 = Robot(
     torque_limit_nm=100.0,
     standing_height_m=0.48,
     foot_radius_m=0.04,
+    trunk_centre_m=(-0.01, 0.0, 0.0),
+    trunk_inertia_kgm2=(0.174426, 0.7001, 0.785955, 0.005544, 0.003278, 7e-06),
 )
 
 ROBOTS = {robot.name: robot for robot in (_TRACKING, _FOLLOWING, _FOOT, _GO1, _GO2, _A1, _B1)}

@@ -42,6 +42,7 @@ _STATE = np.dtype(
         ("position_m", "f8", 3),
         ("velocity_mps", "f8", 3),
         ("qvel", "f8", SIZE),
+        ("joints_rad", "f8", JOINTS),
         ("feet_m", "f8", (4, 3)),
         ("foot_jacobians", "f8", (4, 3, SIZE)),
         ("foot_jacobian_rates", "f8", (4, 3)),
@@ -63,7 +64,7 @@ _TARGETS = np.dtype(
 )
 _CONTROL = np.dtype(
     [
-        ("pyramid", "f8", 3),
+        ("pyramid", "f8", 2),
         ("limits_nm", "f8", JOINTS),
         ("out", "f8", (SIZE, 3)),
         ("hessian", "f8", (JOINTS, JOINTS)),
@@ -84,7 +85,7 @@ class WholeBodyState(Record):
     """Where the robot is, and its dynamics there, as its controller knows them.
 
     rotation_body_to_map (3, 3), its angles rpy (3,), position_m (3,) of the base, qvel (18,); velocity_mps (3,) is the
-    base's true one, where that in qvel is biased. feet_m (4, 3) in map, foot_jacobians (4, 3, 18) and
+    base's true one, where that in qvel is biased. joints_rad (12,). feet_m (4, 3) in map, foot_jacobians (4, 3, 18) and
     foot_jacobian_rates (4, 3), their change times qvel; mass_matrix (18, 18), bias (18,) of Coriolis forces and
     gravity; touches (4,): which feet are in contact with anything.
     """
@@ -94,6 +95,7 @@ class WholeBodyState(Record):
     position_m: Float
     velocity_mps: Float
     qvel: Float
+    joints_rad: Float
     feet_m: Float
     foot_jacobians: Float
     foot_jacobian_rates: Float
@@ -141,7 +143,7 @@ class WholeBodyControl(Record):
     def __init__(self, pyramid: Pyramid, limits_nm: float | Float) -> None:
         super().__init__(_CONTROL)
         self.pyramid = pyramid
-        self.record["pyramid"] = pyramid.mu, pyramid.f_min_n, pyramid.f_max_n
+        self.record["pyramid"] = pyramid.mu, pyramid.f_max_n
         self.record["limits_nm"] = limits_nm
 
     def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> Float:
@@ -172,8 +174,8 @@ def free_torques(state, targets, control):  # type: ignore[no-untyped-def]
     now, to, own = state[0], targets[0], control[0]
     commands(state, targets, control)
     n = _free_forces(now, to, own)
-    mu, f_min, f_max = own.pyramid
-    if not is_allowed(own.stance_n[0, :n], mu, f_min, f_max):
+    mu, f_max = own.pyramid
+    if not is_allowed(own.stance_n[0, :n], mu, f_max):
         return False
     _joint_torques(now, to, own)
     return True

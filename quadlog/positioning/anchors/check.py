@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from quadlog.geometry import seconds_since
 from quadlog.messages import Float, Int
@@ -205,6 +204,8 @@ def _placed(
         return None
     estimate, problem, m = tracked.last, tracked.last.problem, len(tracked.last.values)
     level = np.diag(np.tile(np.square([FREE_STD_M, FREE_STD_M, 1e-3]), n))
+    from scipy.linalg import block_diag  # slow to import
+
     priors = np.array([block_diag(prior, level) for prior in problem.priors])
     mean, values = (np.append(each, np.zeros(3 * n)) for each in (problem.mean, estimate.values))
     freed = replace(problem, model=replace(problem.model, free=m), mean=mean, priors=priors)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from quadlog.errors import AnchorsNotObserved
 from quadlog.messages import Float, Int
@@ -238,6 +237,8 @@ def _misfit(estimate: Estimate, lasts: Float) -> float:
 
 def _problem(walk: Walk, looseness: float, std_m: float) -> Problem:
     """The first knot stays where it is; looseness multiplies the usual drift, std_m is that of ranges in sight."""
+    from scipy.linalg import block_diag  # slow to import
+
     ranges, odometry, timeline = walk.ranges, walk.odometry, walk.timeline
     n, n_anchors, n_tags = ranges.n_links, walk.ranges.n_anchors, len(ranges.lever_m)
     place = np.column_stack([np.zeros((n_anchors, 2)), walk.heights_m[0]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int, RangeSeries
 from quadlog.positioning.batch.robust import USUAL_RANGES, link_stds
@@ -27,6 +26,8 @@ SCALE_STD, NO_SCALE = 0.05, 1e-5
 
 def range_priors(n_links: int, calibrate: bool, scaled: bool) -> Float:
     """(P, L + 1, L + 1) priors of the links' biases and the ranges' scale; without calibration the first two."""
+    from scipy.linalg import block_diag  # slow to import
+
     stds_m = np.maximum(LINK_STDS_M if calibrate else LINK_STDS_M[:2], NO_BIAS_M)[:, None, None]
     biases = np.where(stds_m > NO_BIAS_M, COMMON_STD_M, NO_BIAS_M) ** 2 + stds_m**2 * np.eye(n_links)
     return np.array([block_diag(each, (SCALE_STD if scaled else NO_SCALE) ** 2) for each in biases])

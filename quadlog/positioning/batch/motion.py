@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import expm
 
 from quadlog.messages import Float, Int
 
@@ -109,6 +108,8 @@ def lifting(std_m: float) -> Motion:
 @lru_cache(maxsize=1000)
 def _step_information(motions: tuple[Motion, ...], dt_s: float) -> Float:
     """(4D, 4D) information about two knots (q, q', q, q') dt_s apart from D motions between them [Van Loan]."""
+    from scipy.linalg import expm  # slow to import
+
     size = len(motions)
     found = np.zeros((4, size, 4, size))
     for axis, motion in enumerate(motions):

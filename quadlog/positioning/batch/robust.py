@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
-from scipy.special import erfc, erfcx
 
 from quadlog.messages import Float, Int
 
@@ -92,8 +93,11 @@ def symmetric_weights(residual_m: Float, link: Int, std_m: Float) -> Float:
     return 1 / (1 + (off_m / (HALF_TRUST_STD * std_m)) ** 2) ** 2
 
 
+@cache
 def _late_density() -> tuple[Float, Float]:
     """Residuals in std, and the logarithm of the density of late ones: normal noise and an exponential delay."""
+    from scipy.special import erfc, erfcx  # slow to import
+
     x = np.arange(-10.0, 200.0, 0.05)
     total = np.zeros(len(x))
     for mean in DELAYS_STD:
@@ -101,9 +105,6 @@ def _late_density() -> tuple[Float, Float]:
         falling = np.exp(np.minimum(0.5 / mean**2 - x / mean, 50.0)) * erfc(z)
         total += np.where(z < 0, falling, np.exp(-0.5 * x**2) * erfcx(z.clip(0.0))) / (2 * mean * len(DELAYS_STD))
     return x, np.log(total)
-
-
-_LATE = _late_density()
 
 
 def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) -> tuple[Float, Float, Float]:
@@ -116,7 +117,7 @@ def sight_probabilities(t_s: Float, link: Int, residual_m: Float, std_m: Float) 
     _, window = np.unique(link * (int(slot.max()) + 1) + slot, return_inverse=True)
     n, x = np.bincount(window), residual_m / std_m
     gauss, odd = np.exp(-0.5 * x**2 - 0.5 * np.log(2 * np.pi)), ODD_SHARE / ODD_SPAN_M * std_m
-    late = np.exp(np.interp(x, *_LATE))
+    late = np.exp(np.interp(x, *_late_density()))
     share = np.full(len(n), 0.2)
     for _ in range(8):
         sight, delayed = (1 - share[window]) * gauss, share[window] * late
@@ -130,7 +131,8 @@ def sure_share(link: Int, x: Float, sight: Float, odd: Float) -> Float:
 
     x (N,): residuals in std. Missing is the variance, over what a range may be, of the log likelihood's slope.
     """
-    late, slope = 1 - sight - odd, np.interp(x, _LATE[0], np.gradient(*_LATE[::-1]))
+    at, density = _late_density()
+    late, slope = 1 - sight - odd, np.interp(x, at, np.gradient(density, at))
     missing = sight * x**2 + late * slope**2 - (late * slope - sight * x) ** 2
     left = 1 - np.bincount(link, missing) / np.maximum(np.bincount(link, sight), 1e-12)
     return left.clip(LEAST_SURE, 1.0)[link]

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.lapack import dtbtrs
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch import robust
@@ -80,6 +78,8 @@ class Arrow:
     @cached_property
     def chol(self) -> Float:
         """The upper banded Cholesky factor U of A."""
+        from scipy.linalg import cholesky_banded  # slow to import
+
         size, n, band = self.size, self.n_knots * self.size, 2 * self.size - 1
         upper = np.zeros((band + 1, n))
         for j in range(2 * size):
@@ -90,14 +90,21 @@ class Arrow:
     @cached_property
     def reduced(self) -> tuple[Float, Float]:
         """Information (M, M) about the globals, the knots being free: C - B^T A^-1 B, and the pull c - B^T A^-1 a."""
+        from scipy.linalg.lapack import dtbtrs
+
         half = dtbtrs(self.chol, np.vstack([self.side.ravel(), self.border.T]).T, trans="T")[0]  # U^-T [a, B]
         inner = half.T @ half
         return self.corner - inner[1:, 1:], self.pull - inner[0, 1:]
 
     def step_of_knots(self, global_step: Float) -> Float:
         """(K, 2, D) step of the knots where the globals move by (M,)."""
-        side = self.side.ravel() - self.border @ global_step
-        return cho_solve_banded((self.chol, False), side, check_finite=False).reshape(self.n_knots, 2, -1)
+        return self._solved(self.side.ravel() - self.border @ global_step).reshape(self.n_knots, 2, -1)
+
+    def _solved(self, side: Float) -> Float:
+        from scipy.linalg import cho_solve_banded
+
+        solved: Float = cho_solve_banded((self.chol, False), side, check_finite=False)  # A^-1 side
+        return solved
 
     def covariances(self, global_covariance: Float) -> Float:
         """(K, 2D, 2D) marginals of the knots by selected inversion, with that of the globals (M, M)."""
@@ -109,7 +116,7 @@ class Arrow:
         gain, found = inverse[:-1] @ next_, inverse @ inverse.transpose(0, 2, 1)
         for k in range(count - 2, -1, -1):
             found[k] += gain[k] @ found[k + 1] @ gain[k].T
-        reach = cho_solve_banded((self.chol, False), self.border, check_finite=False).reshape(count, size, -1)
+        reach = self._solved(self.border).reshape(count, size, -1)
         return found + reach @ global_covariance @ reach.transpose(0, 2, 1)
 
 

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import block_diag
 
 from quadlog.messages import Float, Int
 from quadlog.positioning.batch.factors import ERRORS_LAST_S, Axes, RangeModel, Steps, TagRanges, Way
@@ -107,6 +106,8 @@ class Body:
 
     def problem(self) -> Problem:
         """All measurements; globals are the biases of the links, the scale of the ranges, then those of its motion."""
+        from scipy.linalg import block_diag  # slow to import
+
         n = self.ranges.n_links
         priors = range_priors(n, self.settings.calibrate, bool(self.scaled))
         mean, others = np.zeros(n + 1), tuple[Steps, ...]()

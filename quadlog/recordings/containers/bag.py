@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadlog.errors import NothingReadable
-from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
+from quadlog.recordings.containers.chunk_file import ROW, Chunk, Rows, listed_rows, name_of, read_at, read_each_at
 from quadlog.recordings.containers.chunked import ChunkedReader
 from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
@@ -150,7 +150,7 @@ class BagReader(ChunkedReader):
         except Damaged as damage:
             self._connections, self._chunks = {}, []
             detail = f"{damage.reason}; everything was read from the first byte on instead"
-            self._index_losses.append(Loss("index", detail))
+            self._losses.append(Loss("index", detail))
             self._walk(len(MAGIC))
         self._chunks = [chunk for chunk in self._chunks if not chunk.is_empty]
 
@@ -182,7 +182,7 @@ class BagReader(ChunkedReader):
             raise Damaged("the bag's index names connections that it does not have")
         for chunk, behind in zip(self._chunks, [*offsets[1:], index_offset], strict=False):
             chunk.index_end = behind
-            if chunk.is_empty and (body := self._load(chunk)) is not None and len(body.rows):
+            if chunk.is_empty and (body := self._body(chunk)) is not None and len(body.rows):
                 raise Damaged("the bag's index calls a chunk empty that has messages")
 
     def _identities(self) -> Iterable[tuple[int, Identity]]:
@@ -256,9 +256,7 @@ class BagReader(ChunkedReader):
         md5sum = fields.value(b"md5sum")
         self._connections[number] = _Connection(kind.text(b"topic"), type_name, definition, md5sum)
 
-    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
-        if chunk.loose:
-            return self._loose_body(chunk)
+    def _load(self, chunk: Chunk, at_most: int | None) -> tuple[memoryview, int] | None:
         fields, begin, end = _chunk_record(self._frame_at(chunk.offset))
         if chunk.length:  # found by a walk, which knows where it ends whatever the record says
             end = chunk.end
@@ -271,7 +269,7 @@ class BagReader(ChunkedReader):
             return decompress(scheme, stored, size, self._spare_bytes, begin)
 
         data = memoryview(self._unpacked.data(chunk.offset, unpack)) if scheme == "bz2" else unpack()
-        return self._body(data, end - begin)
+        return data, end - begin
 
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[_Fields, memoryview]]]:
         """See ChunkedReader. A recorder's messages have headers that differ in their values alone."""
@@ -330,19 +328,14 @@ def _chunk_of(header: _Fields, data: memoryview) -> Chunk:
 
 def _indexed_rows(index: bytes) -> Rows:
     """The messages of a chunk by the index records behind it. Raises Damaged."""
-    runs = {}
+    runs = list[tuple[int, bytes]]()
     for fields, begin, end in _records(index):
         if fields.op == INDEX:
             number = fields.number(b"conn")
             if fields.number(b"ver") != 1 or end - begin != fields.number(b"count") * _INDEX_ENTRY.itemsize:
                 raise Damaged("a message index is damaged")
-            if number in runs:
-                raise Damaged("the message index of a chunk names a connection twice")
-            runs[number] = index[begin:end]
-    entries = np.frombuffer(b"".join(runs.values()), _INDEX_ENTRY)
-    rows = np.zeros(len(entries), ROW)
+            runs.append((number, index[begin:end]))
+    rows, entries = listed_rows(runs, _INDEX_ENTRY)
     rows["t_ns"] = entries["seconds"].astype(np.int64) * 10**9 + entries["nanoseconds"]
     rows["begin"] = entries["offset"]
-    counts = [len(run) // _INDEX_ENTRY.itemsize for run in runs.values()]
-    rows["channel"] = np.repeat(np.array(list(runs), np.int64), counts)
     return rows

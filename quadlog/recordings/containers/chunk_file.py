@@ -33,6 +33,7 @@ from quadlog.storage.byte_source import ByteSource, Span
 ROW = np.dtype([("t_ns", "<i8"), ("channel", "<i8"), ("begin", "<i8"), ("end", "<i8")])
 """A message of a chunk: its log time, its channel's id, and where its payload lies in the decompressed chunk."""
 Rows = np.ndarray[Any, np.dtype[np.void]]
+Buffer = bytes | memoryview
 
 _LEAST_RECORDS = 256
 _LOOSE_BYTES = 1 << 22
@@ -116,15 +117,25 @@ class Chunk:
 
 
 class Body(NamedTuple):
-    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others.
-
-    stored_bytes: what it takes in the file.
-    """
+    """A chunk's decompressed records, its messages in file order, and what `_define` takes of the others."""
 
     data: memoryview
-    stored_bytes: int
     rows: Rows
     definitions: Sequence[tuple[Any, memoryview]] = ()
+
+
+def listed_rows(runs: Sequence[tuple[int, Buffer]], entry: np.dtype[np.void]) -> tuple[Rows, Rows]:
+    """A row for each entry of a chunk's message indexes, one a channel, with the channel alone; and the entries.
+
+    Raises Damaged where a channel has two.
+    """
+    numbers = [number for number, _ in runs]
+    if len(set(numbers)) < len(numbers):
+        raise Damaged("the message index of a chunk names a channel twice")
+    entries = np.frombuffer(b"".join(run for _, run in runs), entry)
+    rows = np.zeros(len(entries), ROW)
+    rows["channel"] = np.repeat(np.array(numbers, np.int64), [len(run) // entry.itemsize for _, run in runs])
+    return rows, entries
 
 
 def counts_of(rows: Rows) -> Counter[int]:
@@ -152,7 +163,6 @@ class ChunkFile(Container):
         self._definitions: dict[int, int] = {}
         self._definition_room = MAX_DEFINITION_BYTES
         self._trusted = 0
-        self._index_losses: list[Loss] = []
         self._walk_losses: list[Loss] = []
         # By offset: a damaged chunk, and why.
         self._lost: dict[int, tuple[Chunk, Damaged]] = {}
@@ -168,8 +178,10 @@ class ChunkFile(Container):
         """Channel ids of the file, in order, and what makes them a Channel."""
 
     @abstractmethod
-    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
-        """The chunk, checked and decompressed; None for one of more than at_most bytes. Raises Damaged."""
+    def _load(self, chunk: Chunk, at_most: int | None) -> tuple[memoryview, int] | None:
+        """A chunk's data, checked and decompressed, and how many bytes it takes in the file; None for one of more than
+        at_most bytes. Raises Damaged.
+        """
 
     @abstractmethod
     def _parse(self, data: memoryview, most: int) -> tuple[Rows, int, Sequence[tuple[Any, memoryview]]]:
@@ -196,19 +208,23 @@ class ChunkFile(Container):
 
     # Opening:
 
-    def _walk(self, position: int) -> None:
-        """Take in all records from this offset on. Where they make no sense, go on at the next chunk behind the last
-        one whose end is certain (_trusted).
+    def _walk(self, position: int, end: int | None = None) -> None:
+        """Take in all records from this offset on, up to a chunk that the index describes, if any. Where they make no
+        sense, go on there, or else at the next chunk behind the last one whose end is certain (_trusted).
         """
+        following: int | None = position
         self._trusted = position
-        while True:
+        while following is not None and following != end:
+            position = following
             try:
                 following = self._step(position)
+                if end is not None and (following is None or following > end):
+                    raise Damaged("a record, or the end of the data, overlaps a chunk of the index")
             except Damaged as damage:
+                if end is not None:
+                    self._lose_stretch(position, end, damage)
+                    return
                 following = self._resume(position, damage)
-            if following is None:
-                return
-            position = following
 
     def _resume(self, position: int, damage: Damaged) -> int | None:
         """Where to go on after damage; what lies before is a loss. None where nothing follows."""
@@ -241,7 +257,7 @@ class ChunkFile(Container):
     def _take_walked(self, chunk: Chunk) -> None:
         """A chunk that no index describes: it is read to learn what it holds."""
         try:
-            body = self._load(chunk)
+            body = self._body(chunk)
             assert body is not None
             for definition in body.definitions:
                 self._define(*definition)
@@ -280,20 +296,23 @@ class ChunkFile(Container):
             Loss(cause, f"{lost} after offset {begin} unreadable ({damage.reason}); read: {until}")
         )
 
-    def _body(self, data: memoryview, stored_bytes: int) -> Body:
-        """What the chunk's records hold, which took so many bytes of the file. Raises Damaged.
+    def _body(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
+        """What the chunk holds; None for one of more than at_most bytes. Raises Damaged.
 
         Time and memory are spent in proportion to what was read: a message takes some bytes of the file, because its
         time and its sequence number change.
         """
+        if chunk.loose:
+            data, stored_bytes = memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length
+        elif found := self._load(chunk, at_most):
+            data, stored_bytes = found
+        else:
+            return None
         most = _LEAST_RECORDS + stored_bytes
         rows, records, definitions = self._parse(data, most)
         if records > most:
             raise Damaged(f"it holds more than {most} records", "too-large")
-        return Body(data, stored_bytes, rows, definitions)
-
-    def _loose_body(self, chunk: Chunk) -> Body:
-        return self._body(memoryview(read_at(self._file, chunk.offset, chunk.length)), chunk.length)
+        return Body(data, rows, definitions)
 
     def _lose(self, chunk: Chunk, damage: Damaged) -> None:
         """Record a damaged chunk."""

@@ -7,6 +7,7 @@ from collections import Counter, deque
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -18,19 +19,21 @@ from quadlog.recordings.containers.chunk_file import Body, Chunk, ChunkFile, Row
 from quadlog.recordings.containers.compression import SUPPORTED
 from quadlog.recordings.containers.container import (
     JUMP_NS,
+    MAX_TIME_NS,
     Budget,
     Channel,
     Damaged,
     LogTimes,
     Loss,
     RawMessage,
+    merge_by_time,
     places_within,
     shared_channels,
     spread,
+    starts_back_ns,
 )
-from quadlog.recordings.containers.overlap import Held, chosen
 from quadlog.recordings.formatting import instant, several
-from quadlog.storage.byte_source import ByteSource
+from quadlog.storage.byte_source import ByteSource, Kept
 
 _DAY_NS = 86_400 * 10**9
 # Of the file's beginning, kept for the next look.
@@ -40,6 +43,10 @@ _LARGE_BYTES = 1 << 25
 # With one core, what is decompressed earlier has left its cache when it is decoded.
 _AHEAD = 0 if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) == 1 else 2
 _LISTED_AT_ONCE = 64
+# Data in memory of chunks that overlap in time; that of others is kept on disk.
+_HELD_BYTES = 1 << 27
+# Messages whose times and places are Python objects at once.
+_BLOCK = 1024
 # glibc reuses freed blocks up to the largest one freed (mallopt(3), M_MMAP_THRESHOLD): fresh pages for each chunk would
 # cost a third of decompressing it. This one is never written, so it takes no memory itself.
 bytes(1 << 24)
@@ -55,6 +62,58 @@ class _Odd(NamedTuple):
     zero_times: int
     jump_ns: int
     undeclared: Counter[int]
+
+
+class _OnDisk:
+    """Data in a temporary file. Raises Damaged where there is no room for it."""
+
+    def __init__(self, file: Kept, data: memoryview) -> None:
+        offset = file.append(data)
+        if offset is None:
+            raise Damaged("too many large chunks overlap in time", "too-large")
+        self._file, self._offset = file, offset
+
+    def __getitem__(self, part: slice) -> memoryview:
+        return memoryview(self._file.read(self._offset + part.start, part.stop - part.start))
+
+
+class _Reading:
+    """One reading of some channels in start_ns <= log time < end_ns: what it has in memory, and what it found.
+
+    counts: by the offset of a chunk, its messages for each channel id.
+    """
+
+    def __init__(self, wanted: Mapping[int, Channel], start_ns: int | None, end_ns: int | None) -> None:
+        self._wanted, self._start_ns, self._end_ns = wanted, start_ns, end_ns
+        self.counts: dict[int, Counter[int]] = {}
+        self._held_bytes, self._disk = 0, Kept()
+
+    def _chosen(self, rows: Rows) -> Rows:
+        """Those that are wanted, in order of log time."""
+        keep = np.fromiter(map(self._wanted.__contains__, rows["channel"].tolist()), np.bool_, len(rows))
+        if self._start_ns is not None:
+            keep &= rows["t_ns"] >= min(self._start_ns, MAX_TIME_NS)
+        if self._end_ns is not None and self._end_ns <= MAX_TIME_NS:
+            keep &= rows["t_ns"] < self._end_ns
+        rows = rows[keep]
+        t_ns = rows["t_ns"]
+        return rows[np.argsort(t_ns, kind="stable")] if np.any(t_ns[1:] < t_ns[:-1]) else rows
+
+    def blocks(self, body: Body) -> Iterator[Iterable[RawMessage]]:
+        """Messages of a chunk, whose data is held until the last one is given. Raises Damaged."""
+        rows, data, size, wanted = self._chosen(body.rows), body.data, len(body.data), self._wanted
+        held: memoryview | _OnDisk = data
+        if self._held_bytes and self._held_bytes + size > _HELD_BYTES and len(rows):
+            held, size = _OnDisk(self._disk, data), 0
+        del body, data
+        self._held_bytes += size
+        for at in range(0, len(rows), _BLOCK):
+            columns = rows[at : at + _BLOCK].view(np.int64).reshape(-1, 4).T.tolist()
+            yield (
+                RawMessage(wanted[number], t_ns, held[begin:end])
+                for t_ns, number, begin, end in zip(*columns, strict=True)
+            )
+        self._held_bytes -= size
 
 
 class ChunkedReader(ChunkFile):
@@ -79,11 +138,13 @@ class ChunkedReader(ChunkFile):
             self.span_ns = min(map(_START, held)), max(chunk.end_ns for chunk in held)
         declared = sum((each.counts or Counter() for each in self._chunks), Counter[int]())
         declared = self._declared = declared if self._declared is None else Counter(self._declared)
-        self._channel_of = shared_channels(self._identities(), declared.__getitem__)
+        self._channel_of = shared_channels((n, identity, declared[n]) for n, identity in self._identities())
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
-        self._opening_warnings, self._jumps_between = list(self.warnings), _jumps_between(self._chunks)
-        self._report()
-        self._opening_losses = list(self.losses)
+        spans = [(chunk.start_ns, chunk.end_ns) for chunk in sorted(held, key=_OFFSET) if chunk.end_ns]
+        self._jumps_between = [back_ns for back_ns in starts_back_ns(spans) if back_ns]
+        for chunk, _ in self._lost.values():
+            chunk.counts = self._counts(chunk)
+        self._opening_losses = self.losses
         unknown = sorted({chunk.compression for chunk in held}.difference(SUPPORTED))
         if held and all(chunk.compression in unknown for chunk in held):
             names = ", ".join(map(repr, unknown))
@@ -97,31 +158,37 @@ class ChunkedReader(ChunkFile):
     ) -> Iterator[RawMessage]:
         """See Container. Raises NothingReadable when every chunk there is was damaged."""
         wanted = {n: channel for n, channel in self._channel_of.items() if topics is None or channel.topic in topics}
-        due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_START)
-        held, bodies = Held(), self._read_ahead(due)
-        counts: dict[int, Counter[int]] = {}
+        due = sorted((each for each in self._chunks if each.may_hold(wanted, start_ns, end_ns)), key=_OFFSET)
+        reading, bodies = _Reading(wanted, start_ns, end_ns), self._read_ahead(sorted(due, key=_START))
         try:
-            for chunk, horizon_ns in zip(due, [*map(_START, due[1:]), None], strict=False):
-                body = next(bodies)
-                damage = body if isinstance(body, Damaged) else None
-                if isinstance(body, Body):
-                    counts[chunk.offset] = counts_of(body.rows)
-                    self._examine(chunk, body.rows, counts[chunk.offset])
-                    self._read_something |= len(body.rows) > 0
-                    damage = held.take(chunk, body, chosen(body.rows, wanted, start_ns, end_ns))
-                if damage is not None:
-                    self._lose(chunk, damage)
-                del body
-                yield from held.messages(horizon_ns, wanted)
-            self._first.clear()
-            self._file.check_unchanged()
-            if start_ns is None and end_ns is None:
-                self._compare_counts(wanted, due, counts)
+            streams = (chain.from_iterable(self._blocks_of(chunk, bodies, reading)) for chunk in due)
+            yield from merge_by_time(zip(map(_START, due), streams, strict=True))
         finally:
             bodies.close()
-            self._report()
+        self._first.clear()
+        self._file.check_unchanged()
+        if start_ns is None and end_ns is None:
+            self._compare_counts(wanted, due, reading.counts)
         if due and topics is None and not self._read_something and all(chunk.offset in self._lost for chunk in due):
             raise NothingReadable(self.path, self.losses[-1].detail)
+
+    def _blocks_of(
+        self, chunk: Chunk, bodies: Iterator[Body | Damaged], reading: _Reading
+    ) -> Iterator[Iterable[RawMessage]]:
+        """Wanted messages of a chunk, whose body is the next one, in order of time."""
+        try:
+            body = next(bodies)
+            if isinstance(body, Damaged):
+                raise body
+            counts = reading.counts[chunk.offset] = counts_of(body.rows)
+            self._examine(chunk, body.rows, counts)
+            self._read_something |= len(body.rows) > 0
+            blocks = reading.blocks(body)
+            del body
+            yield from blocks
+        except Damaged as damage:
+            chunk.counts = self._counts(chunk)
+            self._lose(chunk, damage)
 
     def _read_ahead(self, due: Sequence[Chunk]) -> Generator[Body | Damaged]:
         """Each chunk's body, or what is wrong with it; from the second one on, the next two are being read meanwhile:
@@ -139,11 +206,11 @@ class ChunkedReader(ChunkFile):
                 del body
 
     def _tried(self, chunk: Chunk, at_most: int | None = None) -> Body | Damaged | None:
-        """As `_load`; the file's first few are kept until a reading comes to its end."""
+        """As `_body`; the file's first few are kept until a reading comes to its end."""
         if (body := self._first.get(chunk.offset)) is not None:
             return body
         try:
-            body = self._load(chunk, at_most)
+            body = self._body(chunk, at_most)
         except Damaged as damage:
             return damage
         kept = [*self._first.values()]
@@ -155,9 +222,6 @@ class ChunkedReader(ChunkFile):
         """See Container. Warnings about times are given as if the messages were read."""
         if self._opening_losses:
             raise Damaged(self._opening_losses[0].detail)
-        return self._listed_times()
-
-    def _listed_times(self) -> Iterator[LogTimes]:
         tally: Counter[int] = Counter()
         for at in range(0, len(self._chunks), _LISTED_AT_ONCE):
             some = self._chunks[at : at + _LISTED_AT_ONCE]
@@ -170,7 +234,6 @@ class ChunkedReader(ChunkFile):
                     if (channel := self._channel_of.get(number)) is None:
                         raise Damaged(f"the message index names channel {number}, which nothing declares")
                     yield LogTimes(channel, t_ns)
-        self._report()
         self._file.check_unchanged()
         declared = Counter(self._declared or {})
         if +tally != +declared:
@@ -224,7 +287,7 @@ class ChunkedReader(ChunkFile):
             return
         present: Counter[int] = Counter()
         for chunk in due:
-            counts = self._counts(chunk) if chunk.offset in self._lost else read[chunk.offset]
+            counts = chunk.counts if chunk.offset in self._lost else read[chunk.offset]
             if counts is None:
                 return
             present.update(counts)
@@ -237,36 +300,41 @@ class ChunkedReader(ChunkFile):
                 detail = f"the index counts {several(count, 'message')}, {had[channel]} are in it"
                 self._miscounts[channel] = Loss("count", detail, channel.topic, max(count - had[channel], 0))
 
-    def _report(self) -> None:
-        """Losses and warnings as they stand now, in place: others hold these lists."""
-        odd = self._odd.values()
-        undeclared = sum((each.undeclared for each in odd), Counter[int]())
+    @property
+    def losses(self) -> list[Loss]:
+        """Those of the index, of chunks, of stretches without chunks, of messages that nothing declares, and counts."""
+        undeclared = sum((each.undeclared for each in self._odd.values()), Counter[int]())
         unknown = f"{several(undeclared.total(), 'message')} of channels that nothing declares"
         numbers = some_of([str(number) for number in sorted(undeclared)])
         undeclared_loss = Loss("damaged", f"{unknown}: {numbers}", count=undeclared.total())
-        self.losses[:] = [
-            *self._index_losses,
+        return [
+            *super().losses,
             *self._losses_of_chunks(),
             *self._walk_losses,
             *([undeclared_loss] if undeclared else []),
             *self._miscounts.values(),
         ]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Those of opening, and of the times of messages."""
+        odd, warnings = self._odd.values(), super().warnings
         jumps_ns = [*self._jumps_between, *(each.jump_ns for each in odd if each.jump_ns > JUMP_NS)]
         zeros, wrong = sum(each.zero_times for each in odd), sum(each.outside_index for each in odd)
-        self.warnings[:] = self._opening_warnings
         if jumps_ns:
             times, most_s = several(len(jumps_ns), "time"), max(jumps_ns) / 1e9
-            self.warnings.append(
+            warnings.append(
                 f"log time goes back {times} in the file, by up to {most_s:.3f} s; messages come in order of log time"
             )
         if zeros and self.span_ns and self.span_ns[1] >= _DAY_NS:
             until = instant(self.span_ns[1])
-            self.warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
+            warnings.append(f"{several(zeros, 'message')} logged at time 0, the others until {until}")
         if wrong:
-            self.warnings.append(
+            warnings.append(
                 f"the index gives wrong times for {several(wrong, 'chunk')}; "
                 "a time window may miss messages, and their order may be wrong"
             )
+        return warnings
 
     def _losses_of_chunks(self) -> Iterator[Loss]:
         """One for each cause, in the order in which the first of its chunks lies in the file."""
@@ -274,22 +342,10 @@ class ChunkedReader(ChunkFile):
         for _, (chunk, damage) in sorted(self._lost.items()):
             groups.setdefault(damage.cause, []).append((chunk, damage))
         for cause, group in groups.items():
-            counts = [self._counts(chunk) for chunk, _ in group]
-            known = [each.total() for each in counts if each is not None]
+            known = [chunk.counts.total() for chunk, _ in group if chunk.counts is not None]
             count = sum(known) if len(known) == len(group) else None
             messages = "an unknown number of messages" if count is None else several(count, "message")
             start_ns, end_ns = min(each.start_ns for each, _ in group), max(each.end_ns for each, _ in group)
             chunks = f"{several(len(group), 'chunk')} with {messages} between {instant(start_ns)} and {instant(end_ns)}"
             first = f"{'first' if len(group) > 1 else 'it lies'} at offset {group[0][0].offset}"
             yield Loss(cause, f"{chunks} lost; {first}: {group[0][1].reason}", count=count)
-
-
-def _jumps_between(chunks: Iterable[Chunk]) -> list[int]:
-    """By how many ns log time falls back, in file order, at each chunk where that is more than a second."""
-    jumps_ns, latest_ns = [], 0
-    for chunk in sorted(chunks, key=_OFFSET):
-        if not chunk.is_empty and chunk.end_ns:
-            if chunk.start_ns < latest_ns - JUMP_NS:
-                jumps_ns.append(latest_ns - chunk.start_ns)
-            latest_ns = max(latest_ns, chunk.end_ns)
-    return jumps_ns

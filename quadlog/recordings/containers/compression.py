@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import bz2
 import io
-import shutil
-import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -19,9 +17,10 @@ from typing import Any, BinaryIO
 import lz4.frame
 import zstandard
 
-from quadlog.errors import CannotWrite, NotARecording, TooLarge
+from quadlog.errors import NotARecording
 from quadlog.recordings.containers.container import MAX_CHUNK_BYTES, Damaged, Loss, RawMessage
 from quadlog.recordings.formatting import several
+from quadlog.storage.byte_source import fill
 
 SUPPORTED = ("", "none", "zstd", "lz4", "bz2")
 
@@ -162,37 +161,27 @@ _INFLATE: dict[str, Callable[[memoryview, int], bytes | bytearray]] = {
 }
 
 
-_MAX_UNPACKED_BYTES = 1 << 37
-_ELSEWHERE = "TMPDIR names another folder"
-
-
 def unpack(path: Path, target: Path) -> list[str]:
     """Decompress into a new file: no warning, or one where the compressed data is damaged.
 
     What lies before the damage is there: readers recover recordings without their end, and report it as a loss.
-    Raises NotARecording when there is nothing, TooLarge, or CannotWrite on a full disk.
+    Raises NotARecording when there is nothing, and what `fill` raises.
     """
-    warnings, written = list[str](), 0
-    # Half of what is free: the rest of the machine lives there too.
-    room = min(_MAX_UNPACKED_BYTES, shutil.disk_usage(target.parent).free // 2)
-    try:
-        with path.open("rb") as packed, target.open("wb") as file:
-            for block in zstd_blocks(packed):
-                written += len(block)
-                if written > room:
-                    limit = f"at most half of what is free there; {_ELSEWHERE}"
-                    raise TooLarge(f"{path}: bytes decompressed to {tempfile.gettempdir()} ({limit})", written, room)
-                try:
-                    file.write(block)
-                    file.flush()
-                except OSError as error:  # the system's own names no file
-                    where = f"decompressing it to {tempfile.gettempdir()}: {error.strerror or error} ({_ELSEWHERE})"
-                    raise CannotWrite(path, where) from error
-    except (zstandard.ZstdError, Incomplete) as error:
-        if written == 0:
-            raise NotARecording(path, f"it cannot be decompressed ({error})") from None
+    damage, warnings = list[Exception](), list[str]()
+
+    def blocks() -> Iterator[bytes]:
+        try:
+            with path.open("rb") as packed:
+                yield from zstd_blocks(packed)
+        except (zstandard.ZstdError, Incomplete) as error:
+            damage.append(error)
+
+    written = fill(target, blocks(), path)
+    if damage and not written:
+        raise NotARecording(path, f"it cannot be decompressed ({damage[0]})")
+    if damage:
         read = several(written, "byte")
-        warnings = [f"its compressed data is damaged ({error}); the {read} before that were read"]
+        warnings.append(f"its compressed data is damaged ({damage[0]}); the {read} before that were read")
     return warnings
 
 
@@ -216,6 +205,4 @@ def unpack_messages(messages: Iterable[RawMessage], losses: list[Loss]) -> Itera
             continue
         yield RawMessage(message.channel, message.log_time_ns, payload)
     for topic, count in sorted(unreadable.items()):
-        loss = Loss("compression", f"{several(count, 'message')} cannot be decompressed", topic, count)
-        if loss not in losses:
-            losses.append(loss)
+        losses.append(Loss("compression", f"{several(count, 'message')} cannot be decompressed", topic, count))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import heapq
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Self, TypeVar
+from typing import NamedTuple, TypeVar
+
+import numpy as np
 
 from quadlog.messages import Int
 
@@ -41,7 +44,7 @@ class Channel:
     protobuf and JSON schema names stay as they are (``foxglove.PointCloud``).
     message_encoding is ``ros1``, ``cdr``, ``protobuf`` or ``json``;
     schema_encoding ``ros1msg``, ``ros2msg``, ``ros2idl``, ``protobuf``, ``jsonschema`` or ``""``.
-    count is what the container's own index says, None where it says nothing.
+    count is what the container's own index says.
     """
 
     topic: str
@@ -49,7 +52,7 @@ class Channel:
     message_encoding: str
     schema_encoding: str
     schema: bytes
-    count: int | None = None
+    count: int = 0
 
     @property
     def identity(self) -> Identity:
@@ -118,22 +121,8 @@ class Loss:
     count: int | None = None
 
 
-class ClosedOnExit(ABC):
-    """A context manager that closes itself."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release what it holds."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class Container(ClosedOnExit):
-    """One recording, open for reading. `losses` and `warnings` grow while it is read, always in place.
+class Container(AbstractContextManager["Container"]):
+    """One recording, open for reading.
 
     channels: every topic and type. span_ns: log times of the first and the last message, None when there is none or no
     index has it. resources: what is closed with it.
@@ -143,9 +132,19 @@ class Container(ClosedOnExit):
     span_ns: tuple[int, int] | None = None
 
     def __init__(self, path: Path, warnings: Sequence[str] = ()) -> None:
-        self.path, self.warnings = path, list(warnings)
-        self.losses: list[Loss] = []
-        self.resources = ExitStack()
+        self.path, self.resources = path, ExitStack()
+        self._losses: list[Loss] = []
+        self._warnings = list(warnings)
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What could not be read so far, each once however often it was met."""
+        return list(dict.fromkeys(self._losses))
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is odd about what was read so far."""
+        return list(dict.fromkeys(self._warnings))
 
     @abstractmethod
     def messages(
@@ -171,10 +170,15 @@ class Container(ClosedOnExit):
         """Release the file. Reading again afterwards is an error of the caller."""
         self.resources.close()
 
-    def report(self, loss: Loss) -> None:
-        """Record a loss, once however often it is met."""
-        if loss not in self.losses:
-            self.losses.append(loss)
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def starts_back_ns(spans: Sequence[tuple[int, int]]) -> list[int]:
+    """By how much each span of log times starts before those ahead of it end; 0 where it is no more than JUMP_NS."""
+    begin_ns, end_ns = np.array(spans, np.int64).reshape(-1, 2).T
+    back_ns = np.maximum.accumulate(np.append(0, end_ns))[:-1] - begin_ns
+    return np.where(back_ns > JUMP_NS, back_ns, 0).tolist()
 
 
 Identity = tuple[str, str, str, str, bytes]
@@ -182,29 +186,21 @@ Identity = tuple[str, str, str, str, bytes]
 Key = TypeVar("Key", bound=Hashable)
 
 
-def shared_channels(
-    identities: Iterable[tuple[Key, Identity]], count_of: Callable[[Key], int | None]
-) -> dict[Key, Channel]:
-    """Keys (ids in a file, or channels of its parts) to Channels; those that differ only in their count share one.
-
-    Its count is the sum, None where one of them is.
-    """
-    alike: dict[Identity, list[Key]] = {}
-    for key, identity in identities:
-        alike.setdefault(identity, []).append(key)
-    shared: dict[Key, Channel] = {}
-    for identity, keys in alike.items():
-        counts = [count_of(key) for key in keys]
-        known = [count for count in counts if count is not None]
-        channel = Channel(*identity, count=sum(known) if len(known) == len(counts) else None)
-        shared.update(dict.fromkeys(keys, channel))
-    return shared
+def shared_channels(counted: Iterable[tuple[Key, Identity, int]]) -> dict[Key, Channel]:
+    """Keys (ids in a file, or channels of its parts) to Channels; those that differ only in their count share one."""
+    identities, total = dict[Key, Identity](), Counter[Identity]()
+    for key, identity, count in counted:
+        identities[key] = identity
+        total[identity] += count
+    channels = {identity: Channel(*identity, count) for identity, count in total.items()}
+    return {key: channels[identity] for key, identity in identities.items()}
 
 
 def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterator[RawMessage]:
     """Messages of all streams in order of log time; of equal times, those of the earlier stream come first.
 
     Each comes with a time before which it has none, and is not touched earlier: memory holds only what overlaps.
+    Streams are touched in order of these times, of equal ones in the given order.
     """
     heap: list[tuple[int, int, RawMessage | None, Iterator[RawMessage]]] = [
         (start_ns, order, None, stream) for order, (start_ns, stream) in enumerate(streams)
@@ -214,8 +210,13 @@ def merge_by_time(streams: Iterable[tuple[int, Iterator[RawMessage]]]) -> Iterat
         _, order, waiting, stream = heapq.heappop(heap)
         if waiting is not None:
             yield waiting
+        if not heap:
+            yield from stream
+            return
+        # From here on the next stream may have an earlier one.
+        turn_ns = heap[0][0] + (order < heap[0][1])
         for message in stream:
-            if heap and (message.log_time_ns, order) > heap[0][:2]:
+            if message.log_time_ns >= turn_ns:
                 heapq.heappush(heap, (message.log_time_ns, order, message, stream))
                 break
             yield message

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import sqlite3
 import tempfile
 from array import array
@@ -19,13 +18,14 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from copy import copy as copied
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
-from quadlog.errors import NotARecording, NothingReadable, TooLarge, clipped
+from quadlog.errors import NotARecording, NothingReadable, clipped
 from quadlog.recordings.containers.container import (
     JUMP_NS,
     MAX_CHUNK_BYTES,
@@ -44,6 +44,7 @@ from quadlog.recordings.containers.container import (
     spread,
 )
 from quadlog.recordings.formatting import ros2_type_name, several
+from quadlog.storage.byte_source import fill
 
 MAGIC = b"SQLite format 3\0"
 _FAILURES = (sqlite3.Error, OverflowError, MemoryError)
@@ -90,8 +91,6 @@ class SqliteReader(Container):
     no message can be read, TooLarge when a copy is needed and there is no room.
     """
 
-    _is_excerpt = False
-
     def __init__(self, path: Path, place: Path, warnings: Sequence[str] = ()) -> None:
         super().__init__(path, warnings)
         with ExitStack() as on_error:
@@ -106,16 +105,23 @@ class SqliteReader(Container):
         # (N, 3): log time, row id and topic id; -1 for a time or a topic that is not usable.
         keys = np.frombuffer(self._read_keys(), np.int64).reshape(-1, 3)
         counts = Counter(keys[:, 2].tolist())
-        self._channel_of = shared_channels(identities, counts.__getitem__)
+        self._channel_of = shared_channels((n, identity, counts[n]) for n, identity in identities)
         self.channels = tuple(dict.fromkeys(self._channel_of.values()))
         if orphans := sum(count for number, count in counts.items() if number not in self._channel_of):
-            self.report(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
+            self._losses.append(Loss("damaged", f"{several(orphans, 'message')} belong to no topic", count=orphans))
         keys = keys[keys[:, 0] >= 0]
+        known, usable = Counter(keys[:, 2].tolist()), Counter[Channel]()
+        for number, channel in self._channel_of.items():
+            usable[channel] += known[number]
+        for channel, count in usable.items():
+            if missing := channel.count - count:
+                detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
+                self._losses.append(Loss("count", detail, channel.topic, missing))
         t_ns = keys[:, 0]
         self.span_ns = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else None
         if (back_ns := int((np.maximum.accumulate(t_ns) - t_ns).max(initial=0))) > JUMP_NS:
             back_s = back_ns / 1e9
-            self.warnings.append(
+            self._warnings.append(
                 f"log time goes back in the file, by up to {back_s:.3f} s; messages come in order of log time"
             )
         self._keys = keys[np.argsort(t_ns, kind="stable")]
@@ -126,13 +132,13 @@ class SqliteReader(Container):
         page_bytes, missing_bytes = _measure(place)
         self._size = place.stat().st_size
         if missing_bytes and not pending:
-            self.report(Loss("truncated", f"the last {several(missing_bytes, 'byte')} are missing"))
+            self._losses.append(Loss("truncated", f"the last {several(missing_bytes, 'byte')} are missing"))
         where, parameters = str(place.resolve()), "mode=ro&immutable=1"
         if pending or (missing_bytes and self._size % page_bytes):
             where, parameters = self._copied(place, pending), "mode=rw"
             if pending:
                 names = " and ".join(source.name for source in pending.values())
-                self.warnings.append(
+                self._warnings.append(
                     f"{names} holds changes that {place.name} does not have yet; both were copied and read together"
                 )
             else:
@@ -155,12 +161,9 @@ class SqliteReader(Container):
     def _copied(self, place: Path, pending: dict[str, Path]) -> str:
         copy = Path(self.resources.enter_context(tempfile.TemporaryDirectory(prefix="quadlog-"))) / "copy.db3"
         sources = {"": place, **pending}
-        needed, free = sum(source.stat().st_size for source in sources.values()), shutil.disk_usage(copy.parent).free
-        if needed > free:
-            with_pending = "".join(f" with its {suffix}" for suffix in pending)
-            raise TooLarge(f"{self.path}: copying it{with_pending} to {tempfile.gettempdir()}", needed, free)
         for suffix, source in sources.items():
-            shutil.copyfile(source, f"{copy}{suffix}")
+            with source.open("rb") as file:
+                fill(Path(f"{copy}{suffix}"), iter(partial(file.read, 1 << 20), b""), self.path, source.stat().st_size)
         return str(copy)
 
     def _rows(self, query: str) -> list[tuple[Any, ...]]:
@@ -190,7 +193,7 @@ class SqliteReader(Container):
         if unusable:
             first = clipped(repr(unusable[0]))
             detail = f"{several(len(unusable), 'topic')} without a usable name or type, the first has the id {first}"
-            self.report(Loss("damaged", detail))
+            self._losses.append(Loss("damaged", detail))
         return identities
 
     def _require_tables(self) -> None:
@@ -216,7 +219,9 @@ class SqliteReader(Container):
                     values.extend(row)
                 return values
             except _FAILURES as error:
-                self.report(Loss("damaged", f"rows cannot be reached ({error}); those behind them were searched for"))
+                self._losses.append(
+                    Loss("damaged", f"rows cannot be reached ({error}); those behind them were searched for")
+                )
             behind = self._behind_damage(max(start, values[-2] if values else 0))
             if behind is None:
                 return values
@@ -249,7 +254,7 @@ class SqliteReader(Container):
         foreign = [channel for channel in used if channel.message_encoding != "cdr"]
         for channel in foreign:
             detail = f"its messages are serialised as {channel.message_encoding!r}, which quadlog does not read (cdr)"
-            self.report(Loss("serialization", detail, channel.topic, channel.count))
+            self._losses.append(Loss("serialization", detail, channel.topic, channel.count))
         if foreign and len(foreign) == len(used):
             raise NothingReadable(self.path, f"{foreign[0].topic}: {self.losses[-1].detail}")
 
@@ -274,13 +279,10 @@ class SqliteReader(Container):
                 continue
             read[wanted[number]] += 1
             yield RawMessage(wanted[number], t_ns, row[0])
-        is_whole = start_ns is None and end_ns is None
         for channel, count in damaged.items():
-            self.report(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
-        if damaged and not read and topics is None and is_whole:
+            self._losses.append(Loss("damaged", f"{several(count, 'row')} cannot be read", channel.topic, count))
+        if damaged and not read and topics is None and start_ns is None and end_ns is None:
             raise NothingReadable(self.path, f"no message of {several(damaged.total(), 'row')} can be read")
-        if is_whole and not self._is_excerpt:
-            self._compare_counts(dict.fromkeys(wanted.values()), read + damaged)
 
     def _chosen(self, wanted: Collection[int], start_ns: int | None, end_ns: int | None) -> Iterator[list[int]]:
         """Keys of the messages of these topics with start_ns <= log time < end_ns, in order."""
@@ -292,18 +294,10 @@ class SqliteReader(Container):
         for at in range(0, len(keys), _AT_ONCE):
             yield from keys[at : at + _AT_ONCE].tolist()
 
-    def _compare_counts(self, wanted: Collection[Channel], had: Counter[Channel]) -> None:
-        for channel in self.channels:
-            if channel in wanted and (missing := (channel.count or 0) - had[channel]) > 0:
-                detail = f"{channel.count} rows, of which {missing} have no usable time or could not be reached"
-                self.report(Loss("count", detail, channel.topic, missing))
-
     def log_times(self) -> Iterator[LogTimes]:
         """See Container."""
         if self.losses:
             raise Damaged(self.losses[0].detail)
-        if len(self._keys) < sum(channel.count or 0 for channel in self.channels):
-            raise Damaged("not every row has a usable time")
         for number, channel in self._channel_of.items():
             yield LogTimes(channel, self._keys[self._keys[:, 2] == number, 0])
 
@@ -318,5 +312,4 @@ class SqliteReader(Container):
         chosen = [in_file[place : place + rows] for place in spread(messages, budget.places)]
         excerpt = copied(self)
         excerpt._keys = self._keys[np.unique(np.concatenate([np.empty(0, np.int64), *chosen]))]
-        excerpt._is_excerpt = True
         return excerpt

@@ -5,15 +5,13 @@ from __future__ import annotations
 import re
 import struct
 from array import array
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from isal.isal_zlib import crc32
 
-from quadlog.recordings.containers.chunk_file import ROW, Body, Chunk, Rows, name_of, read_at, read_each_at
+from quadlog.recordings.containers.chunk_file import ROW, Chunk, Rows, listed_rows, name_of, read_at, read_each_at
 from quadlog.recordings.containers.chunked import ChunkedReader
 from quadlog.recordings.containers.compression import decompress
 from quadlog.recordings.containers.container import MAX_INDEX_BYTES, MAX_TIME_NS, Damaged, Identity, Loss
@@ -25,6 +23,7 @@ MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA, DATA_END = 0x07, 0
 FRAME = struct.Struct("<BQ")
 # Frame, channel, sequence, log time (signed: what does not fit into 63 bits is negative) and publish time.
 _MESSAGE_HEAD = struct.Struct("<BQHIqQ")
+_INDEX_ENTRY = np.dtype([("t_ns", "<i8"), ("offset", "<i8")])
 _HEAD_BYTES = 128
 _BEHIND_CHUNKS = (CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA, DATA_END)
 _FOOTER_BYTES = FRAME.size + 20
@@ -49,6 +48,9 @@ class _Fields:
     def number(self, size: int) -> int:
         return int.from_bytes(self.take(size), "little")
 
+    def numbers(self, layout: str) -> Sequence[int]:
+        return struct.unpack(layout, self.take(struct.calcsize(layout)))
+
     def time_ns(self) -> int:
         return min(self.number(8), MAX_TIME_NS)
 
@@ -61,18 +63,6 @@ class _Fields:
         if len(pairs) % 10:
             raise Damaged("a map is cut short")
         return Counter(dict(struct.iter_unpack("<HQ", pairs)))
-
-
-class _Statistics(NamedTuple):
-    """How much there is, as the writer counted it."""
-
-    messages: int
-    schemas: int
-    channels: int
-    chunks: int
-    start_ns: int
-    end_ns: int
-    counts: Counter[int]
 
 
 def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
@@ -93,28 +83,25 @@ class McapReader(ChunkedReader):
         self._schemas: dict[int, tuple[str, str, bytes]] = {}
         # Schema, topic and message encoding.
         self._ids: dict[int, tuple[int, str, str]] = {}
-        self._known: dict[int, Chunk] = {}
-        self._offsets: list[int] = []
         self._walked: Chunk | None = None
         self._data_end: tuple[int, int] | None = None
         self._lost_records: dict[tuple[str, str], tuple[int, str]] = {}
-        statistics, complete = self._read_summary()
-        self._walk(len(MAGIC))
-        self._known, self._offsets = {}, []
+        position = len(MAGIC)
+        for chunk in self._read_summary():
+            self._walk(position, chunk.offset)
+            self._chunks.append(chunk)
+            position = chunk.index_end
+        self._walk(position)
         self._report_lost_records()
         if read_at(self._file, 0, len(MAGIC)) != MAGIC:
             detail = "the file's first 8 bytes are not MCAP's magic, the last 8 are"
             self._walk_losses.append(Loss("damaged", detail))
         self._check_loose_messages()
-        if statistics is not None and (complete or statistics.counts):
-            self._declared = statistics.counts
-        if statistics is not None and complete and statistics.messages:
-            self.span_ns = statistics.start_ns, statistics.end_ns
 
-    def _read_summary(self) -> tuple[_Statistics | None, bool]:
-        """The statistics, and whether every message can be found through the summary, which then is known."""
+    def _read_summary(self) -> Sequence[Chunk]:
+        """Take in what the writer counted. Chunks in order, none where not every message can be found through them."""
         indexed: list[Chunk] = []
-        statistics = None
+        counted: Sequence[int] = [0] * 8
         why = "the summary is not complete"
         try:
             section = self._summary_section()
@@ -125,25 +112,32 @@ class McapReader(ChunkedReader):
                 elif opcode == CHUNK_INDEX:
                     indexed.append(_indexed_chunk(content))
                 elif opcode == STATISTICS:
-                    statistics = _statistics(content)
+                    fields = _Fields(content)
+                    counted, self._declared = fields.numbers("<QHIIIIQQ"), fields.counts()
         except Damaged as damage:
-            self._schemas, self._ids = {}, {}
+            self._schemas, self._ids, self._declared = {}, {}, None
             detail = f"{damage.reason}; everything was read from the first byte on instead"
             truncated = damage.cause == "truncated"
-            self._index_losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
-            return None, False
-        known = {chunk.offset: chunk for chunk in indexed}
+            self._losses.append(Loss("truncated", detail) if truncated else Loss("summary", detail))
+            return ()
+        indexed.sort(key=lambda chunk: chunk.offset)
+        ends = [len(MAGIC), *(chunk.index_end for chunk in indexed)]
+        begins = [*(chunk.offset for chunk in indexed), self._file.size]
+        messages, schemas, channels, _, _, chunks, *span_ns = counted
+        declared = Counter(self._declared or {})
         if (
-            statistics is None
-            or statistics[1:4] != (len(self._schemas), len(self._ids), len(indexed))
-            or statistics.messages != statistics.counts.total()
-            or not self._ids.keys() >= statistics.counts.keys()
-            or len(known) != len(indexed)
+            self._declared is None
+            or (schemas, channels, chunks) != (len(self._schemas), len(self._ids), len(indexed))
+            or messages != declared.total()
+            or not self._ids.keys() >= declared.keys()
+            or any(end > begin for end, begin in zip(ends, begins, strict=True))
         ):
-            self.warnings.append(f"{why}; the whole file was read to open it")
-            return statistics, False
-        self._known, self._offsets = known, sorted(known)
-        return statistics, True
+            self._warnings.append(f"{why}; the whole file was read to open it")
+            self._declared = self._declared or None
+            return ()
+        if messages:
+            self.span_ns = min(span_ns[0], MAX_TIME_NS), min(span_ns[1], MAX_TIME_NS)
+        return indexed
 
     def _summary_section(self) -> bytes:
         """Empty where none was written. Raises Damaged."""
@@ -167,40 +161,21 @@ class McapReader(ChunkedReader):
         for number, (schema_id, topic, encoding) in sorted(self._ids.items()):
             schema = self._schemas.get(schema_id)
             if schema is None and schema_id:
-                self.warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
+                self._warnings.append(f"{topic}: its message definition (schema {schema_id}) is not in the file")
             name, schema_encoding, definition = schema or ("", "", b"")
             name = ros2_type_name(name) if schema_encoding in _ROS_SCHEMAS else name
             yield number, (topic, name, encoding, schema_encoding, definition)
 
     def _step(self, position: int) -> int | None:
-        known = self._known.get(position)
-        end = self._take_record(position) if known is None else self._take_indexed(known)
-        if end is not None and (overrun := self._next_known(position)) is not None and end > overrun:
-            raise Damaged("a record overlaps a chunk of the index")
-        return end
-
-    def _resume(self, position: int, damage: Damaged) -> int | None:
-        if (resume := self._next_known(position)) is None:
-            return super()._resume(position, damage)
-        self._lose_stretch(position, resume, damage)
-        return resume
-
-    def _take_indexed(self, chunk: Chunk) -> int:
-        # Chunks never overlap, so no index can make quadlog read a byte twice.
-        if chunk.index_end > (self._next_known(chunk.offset) or self._file.size):
-            raise Damaged("the index gives a chunk more room than there is")
-        self._trusted = chunk.index_end
-        self._chunks.append(chunk)
-        return chunk.index_end
-
-    def _take_record(self, position: int) -> int | None:
-        """As `_step`, of a record that the index does not describe."""
         opcode, length = FRAME.unpack(read_at(self._file, position, FRAME.size))
         begin = position + FRAME.size
         end = begin + length
         if opcode == CHUNK:
             end = self._trusted = self._chunk_end(position, begin, end)
-            self._take_chunk(position, end)
+            fields = _Fields(self._head(begin))
+            # Before the body is tried: a loss says from when to when.
+            self._walked = Chunk(position, end - position, fields.time_ns(), fields.time_ns(), index_end=end)
+            self._take_walked(self._walked)
         elif opcode == 0 or end > self._file.size:
             raise Damaged(_CUT_OFF)
         elif opcode == MESSAGE:
@@ -213,13 +188,11 @@ class McapReader(ChunkedReader):
         elif opcode == MESSAGE_INDEX and self._walked is not None and self._walked.index_end == position:
             self._walked.index_end = end
         elif opcode == DATA_END and length == _DATA_END_BYTES:
-            if self._next_known(position) is not None:
-                raise Damaged("the data section's end mark stands before its last chunk")
             self._data_end = position, _Fields(read_at(self._file, begin, length)).number(4)
             return None
         elif opcode == FOOTER:
             raise Damaged("the data section has no end mark")
-        elif opcode == DATA_END or (not self._known and self._begin_of(position) is not None):
+        elif opcode == DATA_END or self._begin_of(position) is not None:
             raise Damaged("the kind of a record is damaged")
         return end
 
@@ -259,27 +232,12 @@ class McapReader(ChunkedReader):
             return None
         return mark if whole and mark + FRAME.size + length <= self._file.size else None
 
-    def _take_chunk(self, position: int, end: int) -> None:
-        chunk = self._walked = Chunk(position, end - position, 0, 0, index_end=end)
-        try:
-            # Before the body is tried: a loss says from when to when.
-            times = _Fields(read_at(self._file, position + FRAME.size, min(16, end - position - FRAME.size)))
-            chunk.start_ns, chunk.end_ns = times.time_ns(), times.time_ns()
-        except Damaged as damage:
-            self._lose(chunk, damage)
-        else:
-            self._take_walked(chunk)
-
     def _take_message(self, position: int, end: int) -> None:
         _, _, number, _, t_ns, _ = _MESSAGE_HEAD.unpack(read_at(self._file, position, _MESSAGE_HEAD.size))
         if t_ns < 0:
             self._lose_record("damaged", "message", "its log time is beyond 63 bits", position)
         else:
             self._take_loose(position, end, t_ns, number)
-
-    def _next_known(self, position: int) -> int | None:
-        place = bisect_right(self._offsets, position)
-        return self._offsets[place] if place < len(self._offsets) else None
 
     def _define(self, kind: int, content: memoryview) -> None:
         fields = _Fields(content)
@@ -314,9 +272,7 @@ class McapReader(ChunkedReader):
             detail = f"the data section's checksum (CRC) does not match; {any_of}"
             self._walk_losses.append(Loss("crc", detail))
 
-    def _load(self, chunk: Chunk, at_most: int | None = None) -> Body | None:
-        if chunk.loose:
-            return self._loose_body(chunk)
+    def _load(self, chunk: Chunk, at_most: int | None) -> tuple[memoryview, int] | None:
         record = memoryview(read_at(self._file, chunk.offset, chunk.length))
         if len(record) < FRAME.size or record[0] != CHUNK:
             raise Damaged("the index names a chunk where there is no chunk")
@@ -334,7 +290,7 @@ class McapReader(ChunkedReader):
                 raise
             # Of the two lengths one is damaged.
             data = self._checked(scheme, stored, size, crc, chunk)
-        return self._body(data, len(fields.data))
+        return data, len(fields.data)
 
     def _checked(self, scheme: str, stored: memoryview, size: int, crc: int, chunk: Chunk) -> memoryview:
         data = decompress(scheme, stored, size, self._spare_bytes, chunk.offset)
@@ -373,10 +329,8 @@ class McapReader(ChunkedReader):
     def _listed(self, chunks: Sequence[Chunk]) -> list[Rows]:
         spans = [(chunk.end, max(chunk.index_end - chunk.end, 0)) for chunk in chunks]
         indexes = read_each_at(self._file, spans)
-        return [
-            self._loose_body(chunk).rows if chunk.loose else _indexed_rows(index)
-            for chunk, index in zip(chunks, indexes, strict=True)
-        ]
+        loose = ((chunk.loose and self._body(chunk)) or None for chunk in chunks)
+        return [body.rows if body else _indexed_rows(index) for body, index in zip(loose, indexes, strict=True)]
 
 
 def _indexed_chunk(content: memoryview) -> Chunk:
@@ -385,14 +339,6 @@ def _indexed_chunk(content: memoryview) -> Chunk:
     channels, index_bytes, compression = frozenset(fields.counts()), fields.number(8), fields.text()
     end = offset + max(length, 1) + index_bytes
     return Chunk(offset, length, start_ns, end_ns, channels or None, None, compression, end)
-
-
-def _statistics(content: memoryview) -> _Statistics:
-    fields = _Fields(content)
-    messages, schemas, channels = fields.number(8), fields.number(2), fields.number(4)
-    fields.take(8)  # attachments and metadata: nothing quadlog reads
-    chunks, start_ns, end_ns = fields.number(4), fields.time_ns(), fields.time_ns()
-    return _Statistics(messages, schemas, channels, chunks, start_ns, end_ns, fields.counts())
 
 
 def _chunk_length(head: bytes) -> int:
@@ -406,19 +352,15 @@ def _chunk_length(head: bytes) -> int:
 
 def _indexed_rows(index: bytes) -> Rows:
     """The messages of a chunk by the message index records behind it. Raises Damaged."""
-    runs: dict[int, memoryview] = {}
+    runs = list[tuple[int, memoryview]]()
     for opcode, content in _records(index):
         fields = _Fields(content)
         number, size = fields.number(2), fields.number(4)
         if opcode != MESSAGE_INDEX or size % 16:
             raise Damaged("the index names a message index where there is none")
-        if number in runs:
-            raise Damaged("the message index of a chunk names a channel twice")
-        runs[number] = fields.take(size)
-    pairs = np.frombuffer(b"".join(runs.values()), "<i8").reshape(-1, 2)
-    if pairs.min(initial=0) < 0:
+        runs.append((number, fields.take(size)))
+    rows, entries = listed_rows(runs, _INDEX_ENTRY)
+    rows["t_ns"], rows["begin"] = entries["t_ns"], entries["offset"]
+    if min(rows["t_ns"].min(initial=0), rows["begin"].min(initial=0)) < 0:
         raise Damaged("a log time or an offset in a message index does not fit into 63 bits")
-    rows = np.zeros(len(pairs), ROW)
-    rows["t_ns"], rows["begin"] = pairs.T
-    rows["channel"] = np.repeat(np.array(list(runs), np.int64), [len(run) // 16 for run in runs.values()])
     return rows

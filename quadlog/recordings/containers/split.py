@@ -6,15 +6,15 @@ import resource
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from copy import copy
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Annotated
 
-from pydantic import AliasPath, BaseModel, Field, ValidationError
+from pydantic import AliasPath, BaseModel, Field
 
-from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, clipped, some_of
+from quadlog.errors import NothingReadable, QuadlogError, RecordingNotFound, TooLarge, some_of
 from quadlog.recordings.containers.compression import unpack_messages, unpacked_name
 from quadlog.recordings.containers.container import (
-    JUMP_NS,
     MAX_NAME_BYTES,
     NOTHING,
     Budget,
@@ -25,10 +25,11 @@ from quadlog.recordings.containers.container import (
     merge_by_time,
     shared_channels,
     spread,
+    starts_back_ns,
 )
 from quadlog.recordings.file_names import part_number, recording_files, split_sequence, stem
 from quadlog.recordings.formatting import several
-from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
+from quadlog.storage.plain_yaml import NotPlainYaml, read_model
 
 METADATA_NAME = "metadata.yaml"
 _MAX_BYTES = 1 << 20
@@ -74,26 +75,22 @@ def read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     if not path.is_file():
         return None, []
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise NotPlainYaml(f"is larger than {_MAX_BYTES} bytes")
-        document = mapping_of(parse_yaml(path.read_bytes()), "the document")
-        return BagMetadata.model_validate(mapping_of(document.get(_ROOT), _ROOT)), []
-    except ValidationError as error:
-        first = error.errors()[0]
-        reason = f"{'.'.join(map(str, first['loc']))} is {clipped(repr(first['input']), 50)}: {first['msg']}"
+        return read_model(path, BagMetadata, _MAX_BYTES, _ROOT), []
     except (NotPlainYaml, OSError) as error:
-        reason = str(error)
-    return None, [f"{METADATA_NAME} is broken ({reason}); the files beside it were read without it"]
+        return None, [f"{METADATA_NAME} is broken ({error}); the files beside it were read without it"]
 
 
 def is_split(folder: Path) -> bool:
     """Whether a folder is one recording: its files are one `NAME_<n>` sequence, or its metadata names them."""
+    return bool(_files_of(folder)[0])
+
+
+def _files_of(folder: Path) -> tuple[list[Path], BagMetadata | None, list[str]]:
+    """The files of a folder that is one recording, none of another; its metadata, and what is wrong with that."""
     files = recording_files(folder)
-    return bool(split_sequence(files)) or _is_named(files, read_metadata(folder)[0] if files else None)
-
-
-def _is_named(files: list[Path], metadata: BagMetadata | None) -> bool:
-    return metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
+    metadata, warnings = read_metadata(folder) if files else (None, [])
+    named = metadata is not None and not _by_name(files).keys().isdisjoint(metadata.files)
+    return files if named or split_sequence(files) else [], metadata, warnings
 
 
 def _by_name(files: list[Path]) -> dict[str, Path]:
@@ -103,9 +100,8 @@ def _by_name(files: list[Path]) -> dict[str, Path]:
 
 def open_split(folder: Path, open_file: Callable[[Path], Container]) -> SplitReader:
     """Opens a ROS 2 bag folder. Raises RecordingNotFound for any other, or the first file's error when none opens."""
-    present = recording_files(folder)
-    metadata, warnings = read_metadata(folder)
-    if not split_sequence(present) and not _is_named(present, metadata):
+    present, metadata, warnings = _files_of(folder)
+    if not present:
         raise RecordingNotFound(folder, "the folder is not one recording (a ROS 2 bag); name the files in it")
     files, losses = _choose_files(present, metadata, warnings)
     _allow_open_files(folder, len(files))
@@ -185,38 +181,48 @@ class SplitReader(Container):
         self._parts = parts
         self._empty_parts: list[NothingReadable] = []
         self._metadata = metadata
-        self._own_losses, self._own_warnings = losses, warnings
-        own = ((channel, channel.identity) for part in parts for channel in part.channels)
+        self._losses, self._warnings = losses, warnings
         # Each part's channels to the recording's.
-        self._merged = shared_channels(own, lambda channel: channel.count)
+        self._merged = shared_channels((each, each.identity, each.count) for part in parts for each in part.channels)
         self.channels = tuple(dict.fromkeys(self._merged.values()))
-        spans = [part.span_ns for part in parts if part.span_ns is not None]
-        self.span_ns = (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
         self._compare_with_metadata()
-        self._look_for_overlap()
-        self._collect()
+        spans = {part.path.name: part.span_ns for part in parts if part.span_ns is not None}
+        if spans:
+            self.span_ns = min(start for start, _ in spans.values()), max(end for _, end in spans.values())
+        for name, back_ns in zip(spans, starts_back_ns([*spans.values()]), strict=True):
+            if back_ns:
+                warnings.append(
+                    f"{name} starts {back_ns / 1e9:.3f} s before the files ahead of it end; "
+                    "messages come in order of log time"
+                )
+
+    @property
+    def losses(self) -> list[Loss]:
+        """Own and parts' losses."""
+        parts = ((part.path.name, loss) for part in self._parts for loss in part.losses)
+        theirs = [replace(loss, detail=f"{name}: {loss.detail}") for name, loss in parts]
+        return [*super().losses, *theirs]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Own and parts' warnings."""
+        return [*super().warnings, *(f"{part.path.name}: {each}" for part in self._parts for each in part.warnings)]
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[RawMessage]:
         self._empty_parts.clear()
-        try:
-            yield from merge_by_time(
-                (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
-                for part in self._parts
-            )
-        finally:
-            self._collect()
+        yield from merge_by_time(
+            (part.span_ns[0] if part.span_ns else 0, self._read_part(part, topics, start_ns, end_ns))
+            for part in self._parts
+        )
         if len(self._empty_parts) == len(self._parts):
             raise self._empty_parts[0]
 
     def log_times(self) -> Iterator[LogTimes]:
-        try:
-            for part in self._parts:
-                for channel, t_ns in part.log_times():
-                    yield LogTimes(self._merged[channel], t_ns)
-        finally:
-            self._collect()
+        for part in self._parts:
+            for channel, t_ns in part.log_times():
+                yield LogTimes(self._merged[channel], t_ns)
 
     def excerpt(self, budget: Budget) -> SplitReader | None:
         count = min(budget.places, len(self._parts))
@@ -235,14 +241,13 @@ class SplitReader(Container):
         try:
             messages = part.messages(topics, start_ns, end_ns)
             if self._metadata is not None and self._metadata.compressed_messages:
-                messages = unpack_messages(messages, self._own_losses)
+                messages = unpack_messages(messages, self._losses)
             for message in messages:
                 yield RawMessage(self._merged[message.channel], message.log_time_ns, message.payload)
         except NothingReadable as error:
             self._empty_parts.append(error)
             # One part with nothing left in it must not cost the others.
-            if (loss := Loss("missing-split", str(error))) not in self._own_losses:
-                self._own_losses.append(loss)
+            self._losses.append(Loss("missing-split", str(error)))
 
     def _compare_with_metadata(self) -> None:
         if self._metadata is None:
@@ -252,54 +257,20 @@ class SplitReader(Container):
         for channel in self.channels:
             said_encoding = encodings.get(channel.topic) or channel.message_encoding
             if said_encoding != channel.message_encoding:
-                self._own_warnings.append(
+                self._warnings.append(
                     f"{channel.topic}: {METADATA_NAME} says {said_encoding!r}, the file itself says "
                     f"{channel.message_encoding!r}, which is taken"
                 )
-        if any(channel.count is None for channel in self.channels):
-            return
-        said, had = Counter[str](), Counter[str]()
-        for channel in self.channels:
-            had[channel.topic] += channel.count or 0
+        said, had = Counter[str](), Counter[str]()  # by topic, or of all without one
+        for channel in self.channels if topics or self._metadata.messages is not None else ():
+            had[channel.topic if topics else ""] += channel.count
         for topic in topics:
             said[topic.name] += topic.messages
         if not topics and self._metadata.messages is not None:
-            self._compare_one(None, self._metadata.messages, had.total())
-        for name in sorted(said.keys() | had.keys() if topics else ()):
-            self._compare_one(name, said[name], had[name])
-
-    def _compare_one(self, topic: str | None, said: int, had: int) -> None:
-        differing = f"{METADATA_NAME} says {several(said, 'message')}, the files have {had}"
-        if had < said:
-            self._own_losses.append(Loss("count", differing, topic, said - had))
-        elif had > said:
-            differing = f"{topic}: {differing}" if topic else differing
-            self._own_warnings.append(differing)
-
-    def _look_for_overlap(self) -> None:
-        latest_ns = 0
-        for part in self._parts:
-            if part.span_ns is None:
-                continue
-            if part.span_ns[0] < latest_ns - JUMP_NS:
-                back_s = (latest_ns - part.span_ns[0]) / 1e9
-                self._own_warnings.append(
-                    f"{part.path.name} starts {back_s:.3f} s before the files ahead of it end; "
-                    "messages come in order of log time"
-                )
-            latest_ns = max(latest_ns, part.span_ns[1])
-
-    def _collect(self) -> None:
-        """Own and parts' losses and warnings, in place: others hold these lists."""
-        self.losses[:] = [
-            *self._own_losses,
-            *(
-                Loss(loss.cause, f"{part.path.name}: {loss.detail}", loss.topic, loss.count)
-                for part in self._parts
-                for loss in part.losses
-            ),
-        ]
-        self.warnings[:] = [
-            *self._own_warnings,
-            *(f"{part.path.name}: {warning}" for part in self._parts for warning in part.warnings),
-        ]
+            said[""] = self._metadata.messages
+        for name in sorted(said.keys() | had.keys()):
+            differing = f"{METADATA_NAME} says {several(said[name], 'message')}, the files have {had[name]}"
+            if had[name] < said[name]:
+                self._losses.append(Loss("count", differing, name or None, said[name] - had[name]))
+            elif had[name] > said[name]:
+                self._warnings.append(f"{name}: {differing}" if name else differing)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quadlog.errors import some_of
 from quadlog.messages import Float
 
 MOST_ANCHORS = 256
@@ -76,9 +77,7 @@ def place_warnings(places: Mapping[int, AnchorPlace], configured_m: Mapping[int,
     return texts
 
 
-def _worst(distance_m: Mapping[int, float], most: int = 4) -> str:
+def _worst(distance_m: Mapping[int, float]) -> str:
     """The anchors with the largest distances, and how many more there are."""
     ranked = sorted(distance_m, key=lambda anchor: -distance_m[anchor])
-    words = [f"anchor {anchor} by {distance_m[anchor]:.2f} m" for anchor in ranked[:most]]
-    more = [f"and {len(ranked) - most} more"] if len(ranked) > most else []
-    return ", ".join([*words, *more])
+    return some_of([f"anchor {anchor} by {distance_m[anchor]:.2f} m" for anchor in ranked], 4)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -48,11 +47,11 @@ class Columns:
         self.sound, self.why = np.ones(self.n, dtype=np.bool_), ""
 
     def __contains__(self, column: str) -> bool:
-        return column in self._known or column in self._layout.strides
+        return column in self._known or column in self._layout.numbers
 
     def __getitem__(self, column: str) -> Any:
         if column not in self._known:
-            self._known[column] = self._layout.read(column, self._payloads)
+            self._known[column] = self._layout.numbers[column].read(self._payloads)
         return self._known[column]
 
     def __setitem__(self, column: str, values: np.ndarray) -> None:
@@ -93,8 +92,12 @@ class Columns:
 
     def places(self, column: str) -> Int:
         """(T,) the place of each number in its array."""
-        lengths = self.lengths[self.arrays[column][-1]]
-        return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+        return places_in(self.lengths[self.arrays[column][-1]])
+
+
+def places_in(lengths: Int) -> Int:
+    """(T,) the place of each element of arrays, one behind the other, in its own."""
+    return np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
 
 
 class Path(NamedTuple):
@@ -105,55 +108,56 @@ class Path(NamedTuple):
     first: int
     text: bool
 
+    @classmethod
+    def of(cls, path: str, text: bool) -> Path:
+        """As it is written."""
+        trunk, _, parts = path.strip().partition(":")
+        steps = trunk.split(".")
+        arrays = tuple(".".join(steps[: i + 1]) for i, step in enumerate(steps) if step.endswith("[]"))
+        trunk, _, first = trunk.partition("[") if trunk[-2:-1].isdigit() else (trunk, "", "")
+        trunk = trunk + "[]" * bool(first)
+        leaves = tuple(f"{trunk}.{part}" for part in parts) or (trunk,)
+        return cls(leaves, arrays, int(first.removesuffix("]") or 0), text)
+
+
+def leaves_of(types: Types, name: str, prefix: str = "", but: str = "") -> Iterator[tuple[str, str, int]]:
+    """Path, basic type and size of each number and text in messages of a checked type (`needed_types`).
+
+    `[]` in a path: of each element; size: of an array of fixed length, 0 for others. but: a type that is left out.
+    """
+    for field, (kind, detail) in types[name][1]:
+        size = detail[1] if kind == Nodetype.ARRAY else 0
+        path, (kind, detail) = (f"{field}[]", detail[0]) if kind in ARRAYS else (field, (kind, detail))
+        if kind == Nodetype.NAME and detail != but:
+            yield from leaves_of(types, detail, f"{prefix}{path}.", but)
+        elif kind == Nodetype.BASE:
+            yield prefix + path, detail[0], size
+
 
 def resolve(types: Types, type_name: str, wanted: Mapping[str, str]) -> dict[str, Path]:
-    """Column -> its path in a checked definition (`needed_types`). Raises BadDefinition for a field that it lacks."""
-    found = {}
+    """Column -> its path in a checked definition. Raises BadDefinition for a field that it lacks."""
+    leaves, found = {path: (base == "string", size) for path, base, size in leaves_of(types, type_name)}, {}
+
+    def has(path: Path) -> bool:
+        given = [leaves.get(leaf, (None, 0)) for leaf in path.leaves]
+        return all(text == path.text and (size or path.first) >= path.first for text, size in given)
+
     for column, choices in wanted.items():
-        paths = (_at(types, type_name, each.strip(), column in TEXTS) for each in choices.removesuffix("?").split("|"))
-        path = next(filter(None, paths), None)
+        paths = (Path.of(each, column in TEXTS) for each in choices.removesuffix("?").split("|"))
+        path = next(filter(has, paths), None)
         if path is not None:
             found[column] = path
         elif not choices.endswith("?"):
-            names = some_of(_names_near(types, type_name, choices.split(".")))
-            raise BadDefinition(f"its definition has no {'text' if column in TEXTS else 'number'} {choices} ({names})")
+            near = some_of(_names_near(leaves, choices.split(".")))
+            raise BadDefinition(f"its definition has no {'text' if column in TEXTS else 'number'} {choices} ({near})")
     return found
 
 
-def _names_near(types: Types, name: str, steps: Sequence[str]) -> list[str]:
-    """The fields where steps from a type lead no farther, as paths."""
-    near = {}
-    for field, (kind, detail) in types[name][1]:
-        many = kind in ARRAYS
-        kind, inner = detail[0] if many else (kind, detail)
-        near[f"{field}{'[]' * many}"] = inner if kind == Nodetype.NAME else None
-    within = near.get(steps[0]) if len(steps) > 1 else None
-    return [f"{steps[0]}.{each}" for each in _names_near(types, within, steps[1:])] if within else [*near]
-
-
-def _at(types: Types, type_name: str, path: str, text: bool) -> Path | None:
-    trunk, _, parts = path.partition(":")
-    steps = trunk.split(".")
-    arrays = tuple(".".join(steps[: i + 1]) for i, step in enumerate(steps) if step.endswith("[]"))
-    trunk, _, first = trunk.partition("[") if trunk[-2:-1].isdigit() else (trunk, "", "")
-    trunk, size = trunk + "[]" * bool(first), int(first.removesuffix("]") or 0)
-    leaves = tuple(f"{trunk}.{part}" for part in parts) or (trunk,)
-    if not all(_leads(types, type_name, leaf.split("."), size, text) for leaf in leaves):
-        return None
-    return Path(leaves, arrays, size, text)
-
-
-def _leads(types: Types, name: str, steps: Sequence[str], first: int, text: bool) -> bool:
-    """Whether steps lead from a type to numbers, or texts; where they are of an array, to at least `first`."""
-    kind, detail = dict(types[name][1]).get(steps[0].removesuffix("[]"), (None, None))
-    if kind is None or (kind in ARRAYS) != steps[0].endswith("[]"):
-        return False
-    if kind == Nodetype.ARRAY and len(steps) == 1 and detail[1] < first:
-        return False
-    kind, detail = detail[0] if kind in ARRAYS else (kind, detail)
-    if kind == Nodetype.NAME:
-        return len(steps) > 1 and _leads(types, detail, steps[1:], first, text)
-    return len(steps) == 1 and (detail[0] == "string") == text
+def _names_near(leaves: Collection[str], steps: Sequence[str]) -> list[str]:
+    """The fields where steps lead no farther, as paths."""
+    within = ".".join([*steps[:-1], ""])
+    near = dict.fromkeys(within + leaf[len(within) :].split(".")[0] for leaf in leaves if leaf.startswith(within))
+    return [*near] if near or not within else _names_near(leaves, steps[:-1])
 
 
 NOTHING = np.zeros(1)
@@ -231,43 +235,38 @@ class Walk(PayloadReader):
         return count
 
 
-class Strides(NamedTuple):
-    """Where the numbers (T, K) of a leaf lie: runs of rows at even distances."""
+class Numbers:
+    """Where the numbers (T, K) of a path lie in payloads. found: as Walk has it, of each leaf.
 
-    dtype: np.dtype[Any]
-    k: int
-    runs: list[tuple[int, int, int]]
+    Raises ValueError for arrays that are too short.
+    """
 
-    @classmethod
-    def of(cls, found: Sequence[tuple[int, str, int]], first: int) -> Strides:
-        """found: as Walk has it; first: K, 0 for one. Raises ValueError for shorter arrays."""
-        dtype = np.dtype(found[0][1] if found else "f8")
-        if any(count < first for *_, count in found):
-            raise ValueError(f"it has an array of less than {first} numbers")
-        runs: list[tuple[int, int, int]] = [(at, 1 if first else count, dtype.itemsize) for at, _, count in found]
-        apart = {after[0] - before[0] for before, after in pairwise(runs)}
-        if len(apart) == 1 and all(count == 1 for _, count, _ in runs):
-            runs = [(runs[0][0], len(runs), apart.pop())]
-        return cls(dtype, first or 1, runs)
+    def __init__(self, path: Path, found: Sequence[Sequence[tuple[int, str, int]]]) -> None:
+        if any(count < path.first for *_, count in found[0]):
+            raise ValueError(f"it has an array of less than {path.first} numbers")
+        kind, *others = {dtype for leaf in found for _, dtype, _ in leaf} or {"<f8"}
+        self._apart = [Numbers(path, [leaf]) for leaf in found] if others else []
+        size, k = int(kind[-1]), (path.first or 1) * len(found)
+        counts = np.array([path.first or count for *_, count in found[0]], np.int64)
+        begins = np.array([[begin for begin, *_ in leaf] for leaf in found], np.int64)
+        at = (np.repeat(begins, counts, axis=1) + size * places_in(counts)).T.reshape(-1, k)
+        self._dtype, self._wide = np.dtype(kind), "f8" if kind[-2] == "f" else "i8"
+        self._shape = at.shape[not path.arrays : 1 + (k > 1 or path.first > 0)]
+        steps = [int(np.diff(each).sum()) for each in (at[:2, 0], at[0, :2])] if at.size else [0, 0]
+        even = at[:1, :1] + steps[0] * np.arange(len(at))[:, None] + steps[1] * np.arange(k)
+        self._strided = (at.shape, int(at[0, 0]), steps) if at.size and (at == even).all() else None
+        self._bytes = (at[..., None] + np.arange(size)).ravel()
 
-    @classmethod
-    def of_all(cls, strides: list[Strides]) -> list[Strides]:
-        """The strides of leaves as one (T, K) where they lie side by side."""
-        (dtype, _, runs), size = strides[0], strides[0].dtype.itemsize
-        alike = all(
-            each == (dtype, 1, [(at + i * size, count, step) for at, count, step in runs])
-            for i, each in enumerate(strides)
-        )
-        return [cls(dtype, len(strides), runs)] if alike else strides
-
-    def read(self, payloads: np.ndarray, dtype: str) -> np.ndarray:
-        """(N, T, K) numbers of C-contiguous payloads (N, size) uint8."""
-        (n, size), k = payloads.shape, self.k
-        runs = [
-            np.ndarray((n, count, k), self.dtype, payloads, offset, (size, step, self.dtype.itemsize)).astype(dtype)
-            for offset, count, step in self.runs
-        ]
-        return runs[0] if len(runs) == 1 else np.concatenate([np.empty((n, 0, k), dtype), *runs], axis=1)
+    def read(self, payloads: np.ndarray) -> np.ndarray:
+        """(N, ...) numbers of C-contiguous payloads (N, size) uint8; T only of arrays, K only of several."""
+        n, size = payloads.shape
+        if self._apart:
+            return np.stack([each.read(payloads) for each in self._apart], axis=-1)
+        if self._strided is None:
+            return payloads.take(self._bytes, axis=1).view(self._dtype).astype(self._wide).reshape(n, *self._shape)
+        shape, begin, steps = self._strided
+        numbers = np.ndarray((n, *shape), self._dtype, payloads, begin, (size, *steps)).astype(self._wide)
+        return numbers.reshape(n, *self._shape)
 
 
 class Layout:
@@ -285,12 +284,11 @@ class Layout:
         arrays = {array for path in paths.values() for array in path.arrays}
         self.lengths = {array: np.array(walk.lengths.get(array, ()), np.int64) for array in arrays}
         self.arrays = {column: path.arrays for column, path in paths.items()}
-        self.strides: dict[str, tuple[Path, str, list[Strides]]] = {}
-        for column, path in paths.items():
-            if not path.text:
-                strides = Strides.of_all([Strides.of(walk.found.get(leaf, []), path.first) for leaf in path.leaves])
-                dtype = "f8" if any(each.dtype.kind == "f" for each in strides) else "i8"
-                self.strides[column] = path, dtype, strides
+        numbers = {column: path for column, path in paths.items() if not path.text}
+        self.numbers = {
+            column: Numbers(path, [walk.found.get(leaf, []) for leaf in path.leaves])
+            for column, path in numbers.items()
+        }
 
     def _take(self, payload: bytes, channel: Channel) -> None:
         reader, texts = PayloadReader(payload, channel.message_encoding, channel.topic), dict[str, tuple[str, ...]]()
@@ -300,9 +298,11 @@ class Layout:
 
     def of(self, payload: bytes, channel: Channel) -> Layout | None:
         """The layout of a payload of the same size and with the same lengths, None for others. Raises DecodeError."""
-        fixed = np.frombuffer(payload, np.uint8)[self._places[: self._fixed]]
-        if (fixed != self._same[: self._fixed]).any():
+        differs = np.frombuffer(payload, np.uint8)[self._places] != self._same
+        if differs[: self._fixed].any():
             return None
+        if not differs.any():
+            return self
         other = copy(self)
         other._take(payload, channel)
         return other
@@ -311,17 +311,9 @@ class Layout:
         """(N,) which of payloads (N, size) uint8 have this layout."""
         return (payloads[:, self._places] == self._same).all(axis=1)
 
-    def read(self, column: str, payloads: np.ndarray) -> np.ndarray:
-        """A column of numbers of payloads (N, size) that fit."""
-        path, dtype, strides = self.strides[column]
-        each = [one.read(payloads, dtype) for one in strides]
-        values = each[0] if len(each) == 1 else np.concatenate(each, axis=2)
-        values = values if path.arrays else values[:, 0]
-        return values if path.first or len(path.leaves) > 1 else values[..., 0]
-
 
 class Plan(NamedTuple):
-    """A definition with the paths of wanted fields, and the layouts of payloads that were met, by their size."""
+    """A definition with the paths of wanted fields, and layouts of payloads that were met, by their size."""
 
     types: Types
     paths: dict[str, Path]
@@ -333,31 +325,27 @@ class Plan(NamedTuple):
         found = next(filter(None, (each.of(payload, channel) for each in known)), None)
         if found is None:
             found = Layout(payload, channel, self.types, self.paths)
-            keep(self.layouts, found, len(payload))
+            if sum(map(len, self.layouts.values())) >= KEPT_LAYOUTS:
+                self.layouts.clear()
+            self.layouts.setdefault(len(payload), []).append(found)
         return found
-
-
-def keep(layouts: dict[int, list[Layout]], layout: Layout, size: int) -> None:
-    """Keep a layout of payloads of a size; a few at most."""
-    if sum(map(len, layouts.values())) >= KEPT_LAYOUTS:
-        layouts.clear()
-    layouts.setdefault(size, []).append(layout)
 
 
 @lru_cache(maxsize=256)  # by all topics of one type
 def plans_of(
     tables: Callable[[Channel], Iterator[Types]], channel: Channel, wanted: tuple[tuple[str, str], ...]
-) -> tuple[Plan, ...]:
-    """Every definition that a type may have, with the paths of wanted fields. Raises BadDefinition without one."""
+) -> tuple[Plan, ...] | str:
+    """Every definition that a type may have, with the paths of wanted fields, or why there is none."""
     plans, why = list[Plan](), ""
-    for types in tables(channel):
-        try:
-            plans.append(Plan(types, resolve(types, channel.type_name, dict(wanted)), {}))
-        except BadDefinition as error:
-            why = f"not the usual {channel.type_name}: {error}"
-    if not plans:
-        raise BadDefinition(why)
-    return tuple(plans)
+    try:
+        for types in tables(channel):
+            try:
+                plans.append(Plan(types, resolve(types, channel.type_name, dict(wanted)), {}))
+            except BadDefinition as error:
+                why = f"not the usual {channel.type_name}: {error}"
+    except BadDefinition as error:
+        return str(error)
+    return tuple(plans) or why
 
 
 class ColumnReader:
@@ -371,11 +359,10 @@ class ColumnReader:
         self, channel: Channel, wanted: Mapping[str, str], tables: Callable[[Channel], Iterator[Types]]
     ) -> None:
         self._channel, self._memory = channel, dict[str, Any]()
-        self._known: dict[int, list[Layout]] = {}
-        try:
-            self._plans = plans_of(tables, replace(channel, topic="", count=None), tuple(wanted.items()))
-        except BadDefinition as error:
-            raise DecodeError(channel.topic, f"{channel.type_name}: {error}") from error
+        plans = plans_of(tables, replace(channel, topic="", count=0), tuple(wanted.items()))
+        if isinstance(plans, str):
+            raise DecodeError(channel.topic, f"{channel.type_name}: {plans}")
+        self._plans = plans
 
     def one(self, payload: bytes) -> Columns:
         """The columns of one payload. Raises DecodeError."""
@@ -386,28 +373,25 @@ class ColumnReader:
 
     def read(self, payloads: Sequence[bytes]) -> Iterator[tuple[Int, Columns | DecodeError]]:
         """Which payloads (N,), and their columns or why they have none."""
-        sizes = list(map(len, payloads))
-        for size in sorted(set(sizes)):
-            which = np.flatnonzero(np.array(sizes) == size)
+        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        for size in np.unique(sizes).tolist():
+            which = np.flatnonzero(sizes == size)
             alike = payloads if len(which) == len(payloads) else [payloads[i] for i in which.tolist()]
             yield from self._read_alike(which, np.frombuffer(b"".join(alike), np.uint8).reshape(len(which), size))
 
     def _read_alike(self, which: Int, payloads: np.ndarray) -> Iterator[tuple[Int, Columns | DecodeError]]:
-        known = list(self._known.get(payloads.shape[1], ()))
         while len(which):
-            layout = known.pop(0) if known else self._learn(payloads[0].tobytes())
+            layout = self._layout(payloads[0].tobytes())
+            fits = np.arange(len(which)) == 0 if isinstance(layout, DecodeError) else layout.fits(payloads)
             if isinstance(layout, DecodeError):
                 yield which[:1], layout
-                which, payloads = which[1:], payloads[1:]
-                continue
-            fits = layout.fits(payloads)
-            if fits.any():
+            else:
                 alike = payloads if fits.all() else np.ascontiguousarray(payloads[fits])
                 yield which[fits], Columns(alike, self._channel.topic, layout, self._memory)
-                which, payloads = which[~fits], payloads[~fits]
+            which, payloads = which[~fits], payloads[~fits]
 
-    def _learn(self, payload: bytes) -> Layout | DecodeError:
-        """The layout of a payload, kept for others like it, or why it has none."""
+    def _layout(self, payload: bytes) -> Layout | DecodeError:
+        """The layout of a payload, or why it has none."""
         why = f"its payload of {len(payload)} bytes is larger than such a message"
         for plan in self._plans if len(payload) <= LARGEST_BYTES else ():
             try:
@@ -416,6 +400,5 @@ class ColumnReader:
                 why = getattr(error, "reason", str(error))
                 continue
             self._plans = (plan,)
-            keep(self._known, layout, len(payload))
             return layout
         return DecodeError(self._channel.topic, f"not a {self._channel.type_name}: {why}")

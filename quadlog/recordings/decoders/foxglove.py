@@ -4,84 +4,57 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from quadlog.errors import DecodeError
-from quadlog.geometry import FARTHEST_M, apply_transform, transform_from_quat
-from quadlog.messages import NS_PER_S, Float, PointCloud, Pose
+from quadlog.geometry import apply_transform, transform_from_quat
+from quadlog.messages import NS_PER_S, PointCloud, Pose
 from quadlog.recordings.containers.container import Channel
-from quadlog.recordings.decoders.payload import Payload, frame_name
-from quadlog.recordings.decoders.point_cloud import Block, Column, check_block, cloud_from_block
-from quadlog.recordings.decoders.rows import unit_rows
+from quadlog.recordings.decoders.payload import Header, Payload, frame_name
+from quadlog.recordings.decoders.point_cloud import Block, cloud_from_block
 from quadlog.recordings.decoders.type_definitions import LARGEST_DEFINITION_BYTES
+from quadlog.recordings.plugged import parts_of
 
 # foxglove.PackedElementField numeric types, in their order from 1.
 NUMERIC_TYPES = ("u1", "i1", "<u2", "<i2", "<u4", "<i4", "<f4", "<f8")
 NUMERIC_NAMES = ("UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64")
 
 
-def cloud_decoder(channel: Channel, points: bool = True) -> Callable[[Payload], PointCloud]:
-    """Decodes foxglove.PointCloud as protobuf or JSON; its pose, the origin in frame_id, is applied to the points."""
-
-    def cloud(message: Any) -> PointCloud:
-        layout = {}
-        for each in message.fields:
-            kind = NUMERIC_NAMES.index(each.type) + 1 if isinstance(each.type, str) else int(each.type)
-            if 1 <= kind <= len(NUMERIC_TYPES) and each.offset >= 0:
-                layout[each.name] = Column(int(each.offset), np.dtype(NUMERIC_TYPES[kind - 1]))
-        data, stride, frame = message.data, int(message.point_stride), frame_name(message.frame_id)
-        data = base64.b64decode(data, validate=True) if isinstance(data, str) else data
-        if not data:
-            return PointCloud(_stamp_ns(message), frame, np.empty((0, 3), np.float32))
-        if stride <= 0 or len(data) % stride:
-            raise DecodeError(channel.topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
-        block = Block(data, 0, 1, len(data) // stride, len(data), stride)
-        check_block(channel.topic, block, len(data), layout)
-        made = cloud_from_block(channel.topic, block, layout, _stamp_ns(message), frame, points)
-        if not getattr(message, "pose", None):
-            return made
-        position_m, quat_xyzw = _pose(message.pose, channel.topic)
-        if not position_m.any() and abs(quat_xyzw[3]) == 1:
-            return made
-        xyz_m = apply_transform(transform_from_quat(position_m, quat_xyzw), made.xyz_m).astype(np.float32)
-        return replace(made, xyz_m=xyz_m)
-
-    return _decoder(channel, cloud)
+def cloud(message: Any, topic: str) -> Iterator[PointCloud]:
+    """Of a foxglove.PointCloud; its pose, the origin in frame_id, is applied to the points. Raises DecodeError."""
+    layout = {}
+    for each in message.fields:
+        kind = NUMERIC_NAMES.index(each.type) + 1 if isinstance(each.type, str) else int(each.type)
+        if 1 <= kind <= len(NUMERIC_TYPES) and each.offset >= 0:
+            layout[each.name] = int(each.offset), NUMERIC_TYPES[kind - 1]
+    data, stride, frame = message.data, int(message.point_stride), frame_name(message.frame_id)
+    data = base64.b64decode(data, validate=True) if isinstance(data, str) else data
+    if data and (stride <= 0 or len(data) % stride):
+        raise DecodeError(topic, f"{len(data)} bytes of points are no multiple of point_stride {stride}")
+    block = Block(data, 0, len(data), 1, len(data) // stride if data else 0, len(data), stride)
+    made = cloud_from_block(topic, block, layout, Header(_stamp_ns(message), frame))
+    if getattr(message, "pose", None):
+        (placed,) = parts_of(next(pose(message, topic)), Pose, topic)
+        position_m, quat_xyzw = placed.rows["position_m"][0], placed.rows["quat_xyzw"][0]
+        if position_m.any() or abs(quat_xyzw[3]) != 1:
+            xyz_m = apply_transform(transform_from_quat(position_m, quat_xyzw), made.xyz_m)
+            made = replace(made, xyz_m=xyz_m.astype(np.float32))
+    yield made
 
 
-def pose_decoder(channel: Channel) -> Callable[[Payload], Pose]:
-    """Decodes foxglove.PoseInFrame as protobuf or JSON."""
-
-    def pose(message: Any) -> Pose:
-        return Pose(_stamp_ns(message), frame_name(message.frame_id), "", *_pose(message.pose, channel.topic))
-
-    return _decoder(channel, pose)
+def pose(message: Any, _: str) -> Iterator[Pose]:
+    """Of a message with a pose, as foxglove.PoseInFrame."""
+    position_m = np.array([float(getattr(message.pose.position, axis)) for axis in "xyz"])
+    quat_xyzw = np.array([float(getattr(message.pose.orientation, axis)) for axis in "xyzw"])
+    yield Pose(_stamp_ns(message), frame_name(message.frame_id), "", position_m, quat_xyzw)
 
 
-def _decoder(channel: Channel, interpret: Callable[[Any], Any]) -> Callable[[Payload], Any]:
-    """From payloads to what becomes of objects with a message's fields. Raises DecodeError, here or per payload."""
-    if channel.message_encoding == "protobuf":
-        deserialise = protobuf_deserialiser(channel)
-    else:
-        deserialise = partial(json_object, topic=channel.topic, object_of=lambda fields: SimpleNamespace(**fields))
-
-    def decode(payload: Payload) -> Any:
-        message = deserialise(payload)
-        try:
-            return interpret(message)
-        except (AttributeError, TypeError, ValueError, OverflowError, StopIteration) as error:
-            raise DecodeError(channel.topic, f"not a {channel.type_name}: {error!r}") from error
-
-    return decode
-
-
-def json_object(payload: Payload, topic: str, object_of: Callable[[dict[str, Any]], Any] = dict) -> Any:
+def json_object(payload: Payload, topic: str, object_of: Callable[[Mapping[str, Any]], Any] = dict) -> Any:
     """The object that a payload is as JSON. Raises DecodeError."""
     try:
         message = json.loads(bytes(payload), object_hook=object_of)
@@ -99,15 +72,6 @@ def _stamp_ns(message: Any) -> int | None:
     names = (("seconds", "nanos"), ("sec", "nsec"), ("sec", "nanosec"))
     seconds, nanos = next(each for each in names if hasattr(stamp, each[1]))
     return int(getattr(stamp, seconds)) * NS_PER_S + int(getattr(stamp, nanos))
-
-
-def _pose(pose: Any, topic: str) -> tuple[Float, Float]:
-    """Position (3,) and unit quaternion (4,). Raises DecodeError for what is not finite or out of reach."""
-    position_m = np.array([float(getattr(pose.position, axis)) for axis in "xyz"])
-    quat_xyzw, finite = unit_rows(np.array([[float(getattr(pose.orientation, axis)) for axis in "xyzw"]]))
-    if not finite.all() or not (np.abs(position_m) <= FARTHEST_M).all():
-        raise DecodeError(topic, f"its pose is not finite, or beyond {FARTHEST_M:.0e} m")
-    return position_m, quat_xyzw[0]
 
 
 def protobuf_deserialiser(channel: Channel) -> Callable[[Payload], Any]:

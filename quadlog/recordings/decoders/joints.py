@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,46 +68,49 @@ class JointOrder:
         self._joints, self._feet = tuple(joints), tuple(feet)
         self.used: dict[str, Order] = {}
         self.refused: dict[str, str] = {}
-        self._known: dict[tuple[str, ...], Order] = {}
-        self._motors: dict[tuple[int, int], Order] = {}
+        self._known: dict[tuple[str | int, ...], Order] = {}
 
     def of_names(self, names: tuple[str, ...], topic: str) -> Order:
         """The order of a message that names its joints. Raises DecodeError, or UnknownJoints without four legs."""
         if len(names) > MOST_NAMES:
             raise DecodeError(topic, f"names {len(names)} joints; quadlog reads at most {MOST_NAMES}")
-        if names not in self._known:
-            try:
-                order = self._configured(names, topic) if self._joints else _by_name(names, topic)
-            except DecodeError as error:
-                if not isinstance(error, UnknownJoints) or error.remedy:
-                    self.refused[topic] = error.reason
-                raise
-            if self._feet and max(self._feet) >= len(names):
-                raise DecodeError(topic, f"has {len(names)} entries; robot.feet names place {max(self._feet)}")
-            feet = np.array(self._feet) if self._feet else _feet_of(names)
-            used = {*order.place.tolist(), *(() if feet is None else feet.tolist())}
-            if len(self._known) == MOST_ORDERS:
-                self._known.clear()
-            self._known[names] = order._replace(
-                feet=feet, left_out=tuple(name for i, name in enumerate(names) if i not in used)
-            )
-        self.used[topic] = self._known[names]
-        return self._known[names]
+        return self._used(names, topic, self._named)
 
     def of_motors(self, motors: int, feet: int, topic: str) -> Order:
         """The order of a message of Unitree's with so many motors and feet. Raises DecodeError."""
-        if (motors, feet) not in self._motors:
-            # Configured names are for a topic that names its joints; places count here.
-            numbered = self._joints and all(each.removeprefix("-").isdecimal() for each in self._joints)
-            order = Order(np.array(UNITREE_MOTORS), np.ones(12))
-            if numbered:
-                order = self._configured(tuple(map(str, range(motors))), topic)
-            places = np.array(self._feet or UNITREE_FEET)
-            if motors <= order.place.max() or feet <= places.max():
-                raise DecodeError(topic, f"has {motors} motors and {feet} feet; see robot.joints and robot.feet")
-            self._motors[motors, feet] = order._replace(feet=places)
-        self.used[topic] = self._motors[motors, feet]
-        return self._motors[motors, feet]
+        return self._used((motors, feet), topic, self._numbered)
+
+    def _used(self, key: Any, topic: str, order_of: Callable[[Any, str], Order]) -> Order:
+        if key not in self._known:
+            found = order_of(key, topic)
+            if len(self._known) == MOST_ORDERS:
+                self._known.clear()
+            self._known[key] = found
+        self.used[topic] = self._known[key]
+        return self._known[key]
+
+    def _named(self, names: tuple[str, ...], topic: str) -> Order:
+        try:
+            order = self._configured(names, topic) if self._joints else _by_name(names, topic)
+        except DecodeError as error:
+            if not isinstance(error, UnknownJoints) or error.remedy:
+                self.refused[topic] = error.reason
+            raise
+        if self._feet and max(self._feet) >= len(names):
+            raise DecodeError(topic, f"has {len(names)} entries; robot.feet names place {max(self._feet)}")
+        feet = np.array(self._feet) if self._feet else _feet_of(names)
+        used = {*order.place.tolist(), *(() if feet is None else feet.tolist())}
+        return order._replace(feet=feet, left_out=tuple(name for i, name in enumerate(names) if i not in used))
+
+    def _numbered(self, counts: tuple[int, int], topic: str) -> Order:
+        (motors, feet), order = counts, Order(np.array(UNITREE_MOTORS), np.ones(12))
+        # Configured names are for a topic that names its joints; places count here.
+        if self._joints and all(each.removeprefix("-").isdecimal() for each in self._joints):
+            order = self._configured(tuple(map(str, range(motors))), topic)
+        places = np.array(self._feet or UNITREE_FEET)
+        if motors <= order.place.max() or feet <= places.max():
+            raise DecodeError(topic, f"has {motors} motors and {feet} feet; see robot.joints and robot.feet")
+        return order._replace(feet=places)
 
     def _configured(self, names: tuple[str, ...], topic: str) -> Order:
         places = {name: i for i, name in reversed(list(enumerate(names)))}

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 import numpy as np
 
 from quadlog.errors import DecodeError
 from quadlog.messages import Float, PointCloud
-from quadlog.recordings.decoders.fields import Columns
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.fields import ColumnReader, Columns
+from quadlog.recordings.decoders.payload import Payload
+from quadlog.recordings.decoders.ros_messages import Definitions
+from quadlog.recordings.decoders.rows import HEADER, Warn
 
 LIMITS = {"low": "range_min", "high": "range_max", "first": "angle_min", "step": "angle_increment"}
 LIMITS |= {"pause": "time_increment"}
-LASER_SCAN, MULTI_ECHO = LIMITS | {"range": "ranges[]"}, LIMITS | {"range": "ranges[].echoes[]"}
+LASER_SCAN = HEADER | LIMITS | {"range": "ranges[]"}
+MULTI_ECHO = HEADER | LIMITS | {"range": "ranges[].echoes[]"}
+
+
+def scan_decoder(
+    wanted: Mapping[str, str], channel: Channel, definitions: Definitions, _: Warn
+) -> Callable[[Payload, bool], PointCloud]:
+    """As Clouds has it, of the columns that are wanted."""
+    reader = ColumnReader(channel, wanted, definitions.candidates)
+    return lambda payload, points: laser_scan(reader.one(bytes(payload)), points)
 
 
 @np.errstate(all="ignore")
-def laser_scan(columns: Columns, *, points: bool = True) -> PointCloud:
+def laser_scan(columns: Columns, points: bool) -> PointCloud:
     """A point for each ray, its nearest echo within the scanner's limits, NaN where nothing came back.
 
     columns: of one message; points: False for a look at the stamp. Raises DecodeError where the rays have no angles.

@@ -17,9 +17,9 @@ def frame_name(name: str) -> str:
 
 
 class Header(NamedTuple):
-    """A std_msgs/Header: time in nanoseconds and the frame's name."""
+    """A std_msgs/Header: time in nanoseconds, None in other messages without one, and the frame's name."""
 
-    stamp_ns: int
+    stamp_ns: int | None
     frame_id: str
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from quadlog.errors import DecodeError
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.payload import Payload, PayloadReader
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.payload import Header, Payload, PayloadReader
+from quadlog.recordings.decoders.rows import Warn
 
 TIME_NAME = re.compile(r".*(time|stamp).*|d?ts?|(t_?)?offset(_?t)?|(t|offset)_?[mun]?s(ec)?", re.IGNORECASE)
 LARGEST_SHIFT_NS = 1_000_000_000
@@ -22,96 +24,62 @@ LARGEST_SHIFT_NS = 1_000_000_000
 RING_FIELDS = ("ring", "channel", "line", "laser_id", "laserid", "beam", "ring_id", "row")
 
 
-class Column(NamedTuple):
-    """One field of a point: byte offset and scalar type (first element where count > 1)."""
-
-    offset: int
-    dtype: np.dtype
+Fields = Mapping[str, tuple[int, str]]
+"""Name -> byte offset in a point and scalar type (of the first element where there are several)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Points in a payload: rows x columns of them from byte `begin` on, strides in bytes."""
+class Block(NamedTuple):
+    """Points in `size` bytes of a payload from byte `begin` on: rows x columns of them, steps in bytes."""
 
     payload: Payload
     begin: int
+    size: int
     rows: int
     columns: int
     row_step: int
     point_step: int
 
-    def column(self, column: Column) -> NDArray:
-        """(N,) view or copy of one field of all points, row by row."""
-        values = np.ndarray(
-            (self.rows, self.columns),
-            column.dtype,
-            self.payload,  # type: ignore[arg-type]
-            self.begin + column.offset,
-            (self.row_step, self.point_step),
-        )
-        return values.reshape(-1)
+    def wrong(self, fields: Fields) -> str:
+        """Why it cannot be read: points lie outside the data, or fields outside a point; empty for a sound one."""
+        _, _, size, rows, columns, row_step, point_step = self
+        if point_step == 0 or (rows > 1 and row_step < columns * point_step):
+            return f"point_step {point_step} and row_step {row_step} do not fit {columns} columns"
+        needed = (rows - 1) * row_step + columns * point_step
+        if needed > size:
+            return f"{rows} x {columns} points of {point_step} bytes need {needed} bytes, data has {size}"
+        for name, (offset, kind) in fields.items():
+            if offset + np.dtype(kind).itemsize > point_step:
+                return f"field {name} lies outside the point ({point_step} bytes)"
+        missing = ", ".join(name for name in "xyz" if name not in fields)
+        return missing and f"cloud without {missing}"
 
 
-def check_block(topic: str, block: Block, size: int, fields: Mapping[str, Column]) -> None:
-    """Raise DecodeError unless all points lie in `size` bytes of data, and the fields quadlog reads in a point."""
-    if block.rows == 0 or block.columns == 0:
-        return
-    if block.point_step == 0 or (block.rows > 1 and block.row_step < block.columns * block.point_step):
-        raise DecodeError(
-            topic, f"point_step {block.point_step} and row_step {block.row_step} do not fit {block.columns} columns"
-        )
-    needed = (block.rows - 1) * block.row_step + block.columns * block.point_step
-    if needed > size:
-        raise DecodeError(
-            topic,
-            f"{block.rows} x {block.columns} points of {block.point_step} bytes need {needed} bytes, data has {size}",
-        )
-    for name, column in fields.items():
-        read = name in ("x", "y", "z", *RING_FIELDS) or TIME_NAME.fullmatch(name)
-        if read and column.offset + column.dtype.itemsize > block.point_step:
-            raise DecodeError(topic, f"field {name} lies outside the point ({block.point_step} bytes)")
+def cloud_from_block(topic: str, block: Block, fields: Fields, header: Header, points: bool = True) -> PointCloud:
+    """A PointCloud, with coordinates as a view of the payload where they lie side by side in it, and with a ring only
+    where a field gives plausible ones.
 
-
-def cloud_from_block(
-    topic: str, block: Block, fields: Mapping[str, Column], stamp_ns: int | None, frame_id: str, points: bool = True
-) -> PointCloud:
-    """The PointCloud of a checked block; ring only where a field gives plausible ones.
-
-    points: False for a look at the stamp. Raises DecodeError without coordinates.
+    points: False for a look at the stamp. Raises DecodeError for a block that cannot be read.
     """
-    size = block.rows * block.columns
-    missing = [name for name in "xyz" if name not in fields]
-    if size and missing:
-        listed = ", ".join(fields) or "none"
-        raise DecodeError(topic, f"cloud without {', '.join(missing)}; its fields: {listed}")
-    if not size or not points:
-        return PointCloud(stamp_ns, frame_id, np.empty((0, 3), np.float32))
-    ring_name = next((name for name in fields if name in RING_FIELDS), None)
-    return PointCloud(
-        stamp_ns,
-        frame_id,
-        _coordinates(block, fields),
-        _rings(block.column(fields[ring_name])) if ring_name else None,
-        time_fields={name: block.column(fields[name]) for name in fields if TIME_NAME.fullmatch(name)},
-    )
-
-
-Warn = Callable[[str], object]
-
-
-def _coordinates(block: Block, fields: Mapping[str, Column]) -> NDArray[np.float32]:
-    """(N, 3): a view of the payload where the coordinates lie side by side in it, else a copy."""
-    x, y, z = (fields[name] for name in "xyz")
-    native = x.dtype == y.dtype == z.dtype == np.float32
-    in_a_row = block.rows == 1 or block.row_step == block.columns * block.point_step
-    if native and in_a_row and z.offset - y.offset == y.offset - x.offset > 0:
-        shape, strides = (block.rows * block.columns, 3), (block.point_step, y.offset - x.offset)
-        return np.ndarray(shape, np.float32, block.payload, block.begin + x.offset, strides)  # type: ignore[arg-type]
-    xyz_m = np.empty((3, block.rows * block.columns), np.float32)
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no valid point
-        for axis, name in enumerate("xyz"):
-            xyz_m[axis] = block.column(fields[name])
-    return xyz_m.T
+    payload, begin, _, rows, columns, row_step, point_step = block
+    read = {name: fields[name] for name in fields if name in ("x", "y", "z", *RING_FIELDS) or TIME_NAME.fullmatch(name)}
+    if rows * columns and (wrong := block.wrong(read)):
+        listed = f"; its fields: {', '.join(fields) or 'none'}" if wrong.startswith("cloud without") else ""
+        raise DecodeError(topic, wrong + listed)
+    if not rows * columns or not points:
+        return PointCloud(*header, np.empty((0, 3), np.float32))
+    offsets, kinds = zip(*read.values(), strict=True)
+    dtype = np.dtype({"names": [*read], "formats": kinds, "offsets": offsets, "itemsize": point_step})  # type: ignore[call-overload]
+    table = np.ndarray((rows, columns), dtype, payload, begin, (row_step, point_step)).reshape(-1)  # type: ignore[arg-type]
+    x, y, z = (fields[axis][0] for axis in "xyz")
+    in_a_row = rows == 1 or row_step == columns * point_step
+    if in_a_row and z - y == y - x > 0 and all(dtype[axis] == np.float32 for axis in "xyz"):
+        xyz_m = np.ndarray((len(table), 3), np.float32, payload, begin + x, (point_step, y - x))
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 is infinity, which is no valid point
+            xyz_m = np.stack([table[axis].astype(np.float32) for axis in "xyz"]).T
+    ring = next((_rings(table[name]) for name in read if name in RING_FIELDS), None)
+    times = {name: table[name] for name in read if TIME_NAME.fullmatch(name)}
+    return PointCloud(*header, xyz_m, ring, time_fields=times)
 
 
 def _rings(values: NDArray) -> NDArray[np.uint16] | None:
@@ -126,9 +94,9 @@ POINT_BYTES = 19  # offset_time, x, y, z, reflectivity, tag, line
 CDR_STRIDE = 20  # each point starts on a multiple of its first field's four bytes
 
 
-def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = True) -> PointCloud:
+def decode_livox(channel: Channel, payload: Payload, points: bool = True) -> PointCloud:
     """One CustomMsg, whose line becomes ring; its size is checked before anything is allocated."""
-    reader = PayloadReader(payload, encoding, topic)
+    reader, topic = PayloadReader(payload, channel.message_encoding, channel.topic), channel.topic
     header = reader.header()
     timebase_ns = reader.whole("u8")
     reader.whole("u4")  # point_num, which the sequence's own length repeats
@@ -140,18 +108,12 @@ def decode_livox(payload: Payload, topic: str, encoding: str, points: bool = Tru
     if len(payload) - reader.at > 3:
         raise DecodeError(topic, f"{len(payload) - reader.at} bytes more than its {count} points need")
     # The closing padding of the last point is not sent, so the block's own step stops at its last byte.
-    block = Block(payload, begin, count, 1, stride, POINT_BYTES)
-    fields = {
-        "offset_time": Column(0, np.dtype(reader.order + "u4")),
-        "x": Column(4, np.dtype(reader.order + "f4")),
-        "y": Column(8, np.dtype(reader.order + "f4")),
-        "z": Column(12, np.dtype(reader.order + "f4")),
-        "line": Column(18, np.dtype("u1")),
-    }
-    check_block(topic, block, size, fields)
+    block = Block(payload, begin, size, count, 1, stride, POINT_BYTES)
+    fields = {"offset_time": (0, "u4"), "x": (4, "f4"), "y": (8, "f4"), "z": (12, "f4"), "line": (18, "u1")}
+    ordered = {name: (offset, reader.order + kind) for name, (offset, kind) in fields.items()}
+    cloud = cloud_from_block(topic, block, ordered, header, points)
     # Offsets count from timebase, which some drivers set apart from the header's stamp.
-    cloud = cloud_from_block(topic, block, fields, header.stamp_ns, header.frame_id, points)
-    zero_ns = timebase_ns - (cloud.stamp_ns or 0)
+    zero_ns = timebase_ns - (header.stamp_ns or 0)
     if zero_ns == 0 or abs(zero_ns) > LARGEST_SHIFT_NS:
         return cloud
     return replace(cloud, time_fields={name: each + np.int64(zero_ns) for name, each in cloud.time_fields.items()})
@@ -176,11 +138,11 @@ class PointCloud2Decoder:
     warn: gets what was put right, in the same words for each cloud.
     """
 
-    def __init__(self, topic: str, encoding: str, points: bool = True, warn: Warn = lambda _: None) -> None:
-        self.topic, self.encoding, self.points, self.warn = topic, encoding, points, warn
+    def __init__(self, channel: Channel, warn: Warn = lambda _: None) -> None:
+        self.topic, self.encoding, self.warn = channel.topic, channel.message_encoding, warn
         self.known: tuple[int, int, bytes, Layout] | None = None
 
-    def __call__(self, payload: Payload) -> PointCloud:
+    def __call__(self, payload: Payload, points: bool = True) -> PointCloud:
         """One PointCloud2; sizes are checked against the payload before anything is allocated."""
         reader = PayloadReader(payload, self.encoding, self.topic)
         header = reader.header()
@@ -196,12 +158,10 @@ class PointCloud2Decoder:
         if rows > 1 and not fits and size % rows == 0 and size // rows >= columns * point_step:
             self.warn(f"{self.topic}: row_step does not fit the rows of the clouds; the length of their data gives it")
             row_step = size // rows
-        block = Block(payload, begin, rows, columns, row_step, point_step)
-        layout = _columns(fields, order)
-        check_block(self.topic, block, size, layout)
-        cloud = cloud_from_block(self.topic, block, layout, *header, self.points)
+        block = Block(payload, begin, size, rows, columns, row_step, point_step)
+        cloud = cloud_from_block(self.topic, block, _ordered(fields, order), header, points)
         if _absurd_share(cloud.xyz_m) >= LEAST_ABSURD:
-            swapped = cloud_from_block(self.topic, block, _columns(fields, other), *header)
+            swapped = cloud_from_block(self.topic, block, _ordered(fields, other), header)
             if _absurd_share(swapped.xyz_m) <= MOST_ABSURD:
                 self.warn(f"{self.topic}: is_bigendian is wrong; coordinates make sense in the other byte order alone")
                 return swapped
@@ -219,8 +179,8 @@ class PointCloud2Decoder:
         return fields
 
 
-def _columns(fields: Layout, order: str) -> dict[str, Column]:
-    return {name: Column(offset, np.dtype(order + DATATYPES[kind - 1])) for name, (offset, kind) in fields.items()}
+def _ordered(layout: Layout, order: str) -> Fields:
+    return {name: (offset, order + DATATYPES[kind - 1]) for name, (offset, kind) in layout.items()}
 
 
 def _absurd_share(xyz_m: NDArray) -> float:

@@ -6,17 +6,17 @@ PoseWithCovariance, a Transform, or a Point beside a Quaternion, all of geometry
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 
 from quadlog.messages import Pose
 from quadlog.recordings.decoders.poses import pose, pose_at
-from quadlog.recordings.decoders.ros_messages import standard_types
+from quadlog.recordings.decoders.ros_messages import embedded_types, standard_types
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types
 
 HEADER_TYPE = "std_msgs/msg/Header"
 POINT, QUATERNION = "geometry_msgs/msg/Point", "geometry_msgs/msg/Quaternion"
@@ -32,30 +32,15 @@ LOST_IF = {"occluded": True, "tracking_valid": False}
 MOST_NAMED = 3
 
 
-@dataclass(frozen=True, slots=True)
-class PoseField:
-    """Where messages of a type hold a header, a position and an orientation: paths of fields, as in `body.pose`.
+class FoundPose(NamedTuple):
+    """name: the field, or the two fields, in which a user would look for the pose. type: how messages are read."""
 
-    name: the field, or the two fields, in which a user would look for the pose. flag: path of one of LOST_IF, or empty.
-    """
-
-    header: str
-    position: str
-    orientation: str
     name: str
-    flag: str = ""
-
-    def type(self) -> Type:
-        """How messages are read; one that its flag says was not measured is refused."""
-        wanted = pose_at("", self.header) | {"position": f"{self.position}:xyz", "quat": f"{self.orientation}:xyzw"}
-        if not self.flag:
-            return Type((Pose,), wanted, pose)
-        lost_if = LOST_IF[self.flag.rpartition(".")[2]]
-        return Type((Pose,), wanted | {"lost": self.flag}, partial(pose, flag=self.flag, lost_if=lost_if))
+    type: Type
 
 
 @lru_cache(maxsize=1024)
-def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> PoseField | str:
+def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> FoundPose | str:
     """The one pose of a type by its definition, or why it is not taken; empty where it holds none, or is standard."""
     if not (b"Header" in schema or b"Stamped" in schema) or not any(sign in schema for sign in _SIGNS):
         return ""
@@ -63,64 +48,58 @@ def find_pose(type_name: str, message_encoding: str, schema_encoding: str, schem
         return ""  # as a marker, a map or a path, which are known to be no pose of a robot
 
     try:
-        types = parse_definition(schema, type_name, schema_encoding or "ros2msg")
-        return _find(needed_types(types, type_name, partial(standard_types, message_encoding)), type_name)
+        return _find(embedded_types(type_name, message_encoding, schema_encoding, schema), type_name)
     except BadDefinition:
         return ""
 
 
-def _find(types: Types, type_name: str) -> PoseField | str:
+def _find(types: Types, type_name: str) -> FoundPose | str:
     """types: as needed_types gives them."""
-    found = list(_poses(types, type_name))
-    below = [(name, inner) for name, inner in _structures(types, type_name) if inner != HEADER_TYPE]
-    if not found:
-        found = [each for name, inner in below for each in _poses(types, inner, f"{name}.")]
-    headers = [name for name, inner in _structures(types, type_name) if inner == HEADER_TYPE]
+    top = _messages(types, type_name)
+    inner = {name: _messages(types, kind) for name, kind in top.items() if kind != HEADER_TYPE}
+    below = {f"{name}.{field}": kind for name, fields in inner.items() for field, kind in fields.items()}
+    found = _poses(top) or _poses(below)
+    headers = [name for name, kind in top.items() if kind == HEADER_TYPE]
     if not headers and len(found) == 1:
         parent = found[0][2].partition(".")[0]
-        headers = [
-            f"{parent}.{name}" for name, inner in _structures(types, dict(below)[parent]) if inner == HEADER_TYPE
-        ]
+        headers = [f"{parent}.{name}" for name, kind in inner[parent].items() if kind == HEADER_TYPE]
     if not headers:
         return ""
-    if len(found) == 1:
-        return PoseField(headers[0], *found[0], _flag(types, type_name, found[0][2].rpartition(".")[0]))
-    if found:
+    if len(found) > 1:
         names = ", ".join(name for *_, name in found[:MOST_NAMED])
         return f"holds {len(found)} poses ({names}), and it is unknown which is the robot's"
-    arrays = [
-        name
-        for name, inner in _structures(types, type_name, arrays=True)
-        if inner in WHOLE_POSES or any(_poses(types, inner))
-    ]
-    if arrays:
-        return f"holds arrays of poses ({', '.join(arrays[:MOST_NAMED])}); record the pose of one body on its own topic"
-    return ""
+    if not found:
+        arrays = _messages(types, type_name, arrays=True)
+        several = [name for name, kind in arrays.items() if kind in WHOLE_POSES or _poses(_messages(types, kind))]
+        listed, do = ", ".join(several[:MOST_NAMED]), "record the pose of one body on its own topic"
+        return f"holds arrays of poses ({listed}); {do}" if several else ""
+    position, orientation, name = found[0]
+    wanted = pose_at("", headers[0]) | {"position": f"{position}:xyz", "quat": f"{orientation}:xyzw"}
+    # Beside the pose, or at the top.
+    kind, parent = top.get(name.rpartition(".")[0], ""), name.rpartition(".")[0]
+    beside = [f"{parent}.{field}" for field, _ in types[kind][1]] if kind else []
+    flags = [each for each in (*beside, *dict(types[type_name][1])) if each.split(".")[-1] in LOST_IF]
+    if not flags:
+        return FoundPose(name, Type((Pose,), wanted, pose))
+    rows = partial(pose, flag=flags[0], lost_if=LOST_IF[flags[0].rpartition(".")[2]])
+    return FoundPose(name, Type((Pose,), wanted | {"lost": flags[0]}, rows))
 
 
-def _flag(types: Types, type_name: str, parent: str) -> str:
-    """Path of a flag beside the pose, which lies in the field `parent`, or of one at the top; empty for none."""
-    inside = dict(_structures(types, type_name)).get(parent)
-    inner = [] if inside is None else [f"{parent}.{name}" for name, _ in types[inside][1]]
-    flags = [path for path in (*inner, *(name for name, _ in types[type_name][1])) if path.split(".")[-1] in LOST_IF]
-    return flags[0] if flags else ""
-
-
-def _structures(types: Types, type_name: str, arrays: bool = False) -> list[tuple[str, str]]:
+def _messages(types: Types, type_name: str, arrays: bool = False) -> dict[str, str]:
     """Fields that are messages, or arrays of messages, and the types of these."""
     fields = [(name, each) for name, each in types[type_name][1] if (each[0] in ARRAYS) == arrays]
     several = [(name, detail[0] if arrays else (kind, detail)) for name, (kind, detail) in fields]
-    return [(name, detail) for name, (kind, detail) in several if kind == Nodetype.NAME]
+    return {name: detail for name, (kind, detail) in several if kind == Nodetype.NAME}
 
 
-def _poses(types: Types, type_name: str, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Paths of position and orientation, and the name for users, of each pose among the fields of a type."""
-    structures = _structures(types, type_name)
-    for name, inner in structures:
-        if inner in WHOLE_POSES:
-            position, orientation = WHOLE_POSES[inner]
-            yield f"{prefix}{name}.{position}", f"{prefix}{name}.{orientation}", prefix + name
-    points = [prefix + name for name, inner in structures if inner == POINT]
-    turns = [prefix + name for name, inner in structures if inner == QUATERNION]
-    if len(points) == len(turns) == 1:
-        yield points[0], turns[0], f"{points[0]} and {turns[0]}"
+def _poses(messages: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Paths of position and orientation, and the name for users, of each pose among fields that are messages."""
+    found = []
+    for parent in dict.fromkeys(name.rpartition(".")[0] for name in messages):
+        mine = {name: kind for name, kind in messages.items() if name.rpartition(".")[0] == parent}
+        whole = [(name, *WHOLE_POSES[kind]) for name, kind in mine.items() if kind in WHOLE_POSES]
+        found += [(f"{name}.{position}", f"{name}.{orientation}", name) for name, position, orientation in whole]
+        points, turns = ([name for name in mine if mine[name] == kind] for kind in (POINT, QUATERNION))
+        if len(points) == len(turns) == 1:
+            found.append((points[0], turns[0], f"{points[0]} and {turns[0]}"))
+    return found

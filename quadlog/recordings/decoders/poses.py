@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from quadlog.geometry import FARTHEST_M
-from quadlog.messages import UNITS_M, Float, Imu, Odometry, Pose, Transforms
+from quadlog.messages import UNITS_M, Float, Imu, Odometry, Pose, Transforms, Twist
 from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.joints import JointOrder
 from quadlog.recordings.decoders.rows import HEADER, NO_TURN, OWN_HEADER, Part, Type, part, unit_rows
@@ -111,13 +111,22 @@ TWIST = {"child": "child_frame_id", "linear": "twist.twist.linear:xyz", "angular
 
 
 VELOCITY = {each: f"twist.{each}:xyz | twist.twist.{each}:xyz" for each in ("linear", "angular")}
+COMMAND = {each: f"{each}:xyz" for each in ("linear", "angular")}
+
+
+def _twist(columns: Columns) -> dict[str, Any]:
+    columns.refuse(~np.isfinite(np.hstack([columns["linear"], columns["angular"]])), "its velocity is not finite")
+    return {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
+
+
+def command(columns: Columns, _: JointOrder) -> Iterator[Part]:
+    """A velocity that is wanted, in the body."""
+    yield part(Twist, columns.n, **_twist(columns))
 
 
 def velocity(columns: Columns, _: JointOrder) -> Iterator[Part]:
     """A body's twist without a place, which is NaN: the header names the body's frame."""
-    columns.refuse(~np.isfinite(np.hstack([columns["linear"], columns["angular"]])), "its velocity is not finite")
-    twist = {"linear_mps": columns["linear"], "angular_radps": columns["angular"]}
-    made = part(Odometry, columns.n, position_m=np.nan, quat_xyzw=NO_TURN, **twist)
+    made = part(Odometry, columns.n, position_m=np.nan, quat_xyzw=NO_TURN, **_twist(columns))
     yield made._replace(frames=("", columns.frames()[0]))
 
 

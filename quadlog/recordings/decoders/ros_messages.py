@@ -64,8 +64,7 @@ class Definitions:
         """The checked table of every definition the type may have. Raises BadDefinition."""
         name, standard = channel.type_name, partial(standard_types, channel.message_encoding)
         if channel.schema.strip(b"\0 \n"):
-            types = parse_definition(channel.schema, name, channel.schema_encoding or "ros2msg")
-            yield needed_types(types, name, standard)
+            yield embedded_types(*channel.identity[1:])
             return
         found = [(_read_msg(path, name), folder) for folder in self.folders if (path := _msg_file(folder, name))]
         versions = _standard_versions(channel.message_encoding, name)
@@ -74,6 +73,12 @@ class Definitions:
             raise BadDefinition("the recording embeds no definition; give its .msg with --msg-path")
         for types, folder in [*found, *others]:
             yield needed_types(types, name, partial(_from_folder, folder, standard))
+
+
+def embedded_types(type_name: str, message_encoding: str, schema_encoding: str, schema: bytes) -> Types:
+    """The checked types of a definition that a recording embeds. Raises BadDefinition."""
+    types = parse_definition(schema, type_name, schema_encoding or "ros2msg")
+    return needed_types(types, type_name, partial(standard_types, message_encoding))
 
 
 def _bundled(name: str, encoding: str) -> list[tuple[Types, Path | None]]:
@@ -109,13 +114,9 @@ def standard_types(encoding: str, name: str) -> Types:
 
 def _bundled_file(name: str) -> Path | None:
     """The bundled definition of the same package, or else of the one that it is a port of (LinkTrack by any name)."""
-    package, _, last = name.partition("/")[0], "", name.rpartition("/")[2]
-    exact = BUNDLED / package / "msg" / f"{last}.msg"
-    if exact.is_file():
-        return exact
-    original = "nlink_parser" if last.startswith("Linktrack") else PORTS.get(package, "")
-    port = BUNDLED / original / "msg" / f"{last}.msg"
-    return port if original and port.is_file() else None
+    package, last = name.partition("/")[0], name.rpartition("/")[2]
+    original = "nlink_parser" if last.startswith("Linktrack") else PORTS.get(package, package)
+    return _msg_file(BUNDLED, name) or _msg_file(BUNDLED, f"{original}/{last}")
 
 
 def _msg_file(folder: Path, name: str) -> Path | None:

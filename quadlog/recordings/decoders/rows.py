@@ -8,9 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.messages import ROWS, UNPLACED, Float, Int, Message, UwbRanges
+from quadlog.messages import ROWS, UNPLACED, Float, Int, Message, PointCloud, UwbRanges
+from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.fields import Columns
 from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.payload import Payload
+from quadlog.recordings.decoders.ros_messages import Definitions
 
 
 class Part(NamedTuple):
@@ -40,9 +43,21 @@ class Type(NamedTuple):
     unit: str = "m"
 
 
+Warn = Callable[[str], object]
+
+
+class Clouds(NamedTuple):
+    """A type whose clouds are decoded one by one.
+
+    decoder: from a channel, where definitions are looked up, and what gets what is put right, to a function from a
+    payload, and whether points are wanted or only the stamp, to a cloud. Both raise DecodeError.
+    """
+
+    decoder: Callable[[Channel, Definitions, Warn], Callable[[Payload, bool], PointCloud]]
+    gives: type[Message] = PointCloud
+
+
 HEADER = {"sec": "header.stamp.sec ?", "nanosec": "header.stamp.nanosec ?", "frame": "header.frame_id ?"}
-
-
 OWN_HEADER = {column: path.replace(" ?", f" | {path[7:]}") for column, path in HEADER.items()}
 """Of a type that a user describes, whose stamp may lie at its top."""
 

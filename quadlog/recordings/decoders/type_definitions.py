@@ -104,27 +104,20 @@ def _parse_msg(text: str, type_name: str) -> Types:
     return dict(get_types_from_msg(stripped, type_name))
 
 
-def _parse_idl(text: str, type_name: str) -> Types:
-    del type_name
+def _parse_idl(text: str, _: str) -> Types:
     stripped = IDL_ASIDE.sub(lambda match: match["literal"] or " ", text)
     stripped = re.sub(r"\s+", lambda match: "\n" if "\n" in match[0] else " ", stripped)
     _check_length(stripped, sum(map(stripped.count, ";,{[<")), MOST_IDL_SIGNS)
     types: Types = {}
     for part in SEPARATOR.split(stripped):
         body = re.sub(r"\A\s*IDL: [^\n]*\n", "", part)
-        if body.strip():
-            _refuse_expressions(body)
-            types.update(get_types_from_idl(body))
+        # Constant arithmetic, which no message generator writes, could keep the parser busy for ever.
+        if re.search(r"<<|\([^()]*\(|[0-9]{20}", re.sub(IDL_LITERAL, "", body, flags=re.DOTALL)):
+            raise BadDefinition("its IDL has computed constants, which quadlog does not read")
+        types |= get_types_from_idl(body) if body.strip() else {}
     return types
 
 
 def _check_length(stripped: str, declarations: int, most: int) -> None:
     if declarations > most or len(stripped) > LARGEST_STRIPPED_CHARS:
         raise BadDefinition("its definition is longer than any message needs")
-
-
-def _refuse_expressions(text: str) -> None:
-    """Constant arithmetic, which no message generator writes, could keep the parser busy for ever."""
-    bare = re.sub(IDL_LITERAL, "", text, flags=re.DOTALL)
-    if re.search(r"<<|\([^()]*\(|[0-9]{20}", bare):
-        raise BadDefinition("its IDL has computed constants, which quadlog does not read")

@@ -13,7 +13,7 @@ import numpy as np
 from quadlog.errors import set_flag
 from quadlog.messages import Int, Odometry, PointCloud
 from quadlog.recordings.recording import Recording
-from quadlog.recordings.topics.look import Candidate, Look
+from quadlog.recordings.topics.look import Candidate, Roles
 from quadlog.recordings.types import PLANAR_SCANS
 
 SAMPLED_SCANS = 5
@@ -29,7 +29,7 @@ COMPARED_SCANS, COMPARED_POINTS, COMPARED_MESSAGES = 12, 64, 600
 _POOR, _WORLD = 1, 2
 
 
-def judge_clouds(look: Look) -> list[Candidate]:
+def judge_clouds(look: Roles) -> list[Candidate]:
     """Every topic of clouds, by its first scans and their frame.
 
     Where these show no lidar, topics that are silent at first get more time:
@@ -55,7 +55,7 @@ def judge_clouds(look: Look) -> list[Candidate]:
     return [*found.values(), Candidate(several, best, f"{len(several)} scanners that look to different sides")]
 
 
-def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:
+def _judged(look: Roles, topic: str, scans: Sequence[PointCloud]) -> Candidate:
     """Rank 5 a 3-D scan, 4 a flat cloud, 3 a planar scanner's, 1 a radar or a handful of points, 0 nothing to see."""
     if not scans:
         why = look.recording.peek(topic, SAMPLED_SCANS)[1] or "it holds no cloud"
@@ -73,7 +73,7 @@ def _judged(look: Look, topic: str, scans: Sequence[PointCloud]) -> Candidate:
     return Candidate((topic,), 5, f"{described} in 3-D")
 
 
-def _placed(look: Look, candidate: Candidate, scans: Sequence[PointCloud]) -> Candidate:
+def _placed(look: Roles, candidate: Candidate, scans: Sequence[PointCloud]) -> Candidate:
     """A cloud whose frame is not the robot's serves where nothing else does, if the robot has a place in it."""
     base = look.frames.base
     if not candidate.rank or not look.frames.is_world(frame := scans[-1].frame_id, base):
@@ -88,7 +88,7 @@ def _placed(look: Look, candidate: Candidate, scans: Sequence[PointCloud]) -> Ca
     return replace(candidate, rank=0, why=f"{why}; if it is seen from base:  {flag}")
 
 
-def _by_later_scans(look: Look, candidate: Candidate) -> Candidate:
+def _by_later_scans(look: Roles, candidate: Candidate) -> Candidate:
     """A candidate whose first scans show nothing, by more of them."""
     (scans,) = look.first(PointCloud, candidate.topics, LATE_SCANS).values()
     later = [len(points) for points in _points(scans)]

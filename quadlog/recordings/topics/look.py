@@ -5,34 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 from quadlog.config.schema import Topics
-from quadlog.errors import some_of
-from quadlog.messages import Message, Odometry, PointCloud, Transforms
-from quadlog.recordings.decoders.pose_fields import PoseField
+from quadlog.errors import AmbiguousTopic, set_flag, some_of
+from quadlog.messages import Message, Odometry, PointCloud, Pose, Transforms
+from quadlog.recordings.decoders.pose_fields import FoundPose
 from quadlog.recordings.decoding import kinds_of
-from quadlog.recordings.recording import Recording
+from quadlog.recordings.recording import Kind, Recording
 from quadlog.recordings.streams import look_at_frames
-from quadlog.recordings.tf_tree import TransformTree
-from quadlog.recordings.topics.unread import unread
-from quadlog.recordings.types import is_static
-
-Kind = TypeVar("Kind")
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """The topics that play a role, and why they do, in one line."""
-
-    name: str
-    topics: tuple[str, ...]
-    why: str
+from quadlog.recordings.tf_tree import TransformTree, is_static
+from quadlog.recordings.topics.topic_names import is_target_name, names_truth
+from quadlog.recordings.topics.unread import nearest_role, unread
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Topics that could play a role together. rank: 0 unfit, then the higher the better.
+    """Topics that could play a role together, and why, in one line. rank: 0 unfit, then the higher the better.
 
     is_source: the robot's position is made of them, so that neither they nor what is as fit is taken unasked.
     """
@@ -43,29 +31,30 @@ class Candidate:
     is_source: bool = False
 
 
-@dataclass
-class Look:
-    """What judges of topics may look at, and what was settled so far.
+@dataclass(eq=False)
+class Roles:
+    """Which topic plays which role, and why; so far, for judges of topics, which may look at the recording.
 
-    found, ambiguous, unused: as in Roles, with topics of all kinds in unused.
+    wanted: by the configuration. found: role -> its topics. ambiguous: role -> the choices that could play it equally
+    well, each one topic or several that belong together. reasons: topic -> why it plays no role.
     """
 
     recording: Recording
-    topics: Topics
-    found: dict[str, Role] = field(default_factory=dict)
+    wanted: Topics
+    found: dict[str, Candidate] = field(default_factory=dict)
     ambiguous: dict[str, tuple[tuple[str, ...], ...]] = field(default_factory=dict)
-    unused: dict[str, str] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def usable(self) -> dict[str, str]:
-        """Topic -> type, of topics whose messages are of one type and can be decoded; reasons of others in unused."""
+        """Topic -> type, of topics whose messages are of one type and can be decoded; see `reasons` of others."""
         usable: dict[str, str] = {}
         for topic in sorted({channel.topic for channel in self.recording.channels}):
             types = self.recording.types_of(topic)
             if (why := self._why_unusable(topic, types)) is None:
                 usable[topic] = types[0]
             else:
-                self.unused[topic] = why
+                self.reasons[topic] = why
         return usable
 
     def _why_unusable(self, topic: str, types: list[str]) -> str | None:
@@ -101,14 +90,12 @@ class Look:
 
     def first(self, kind: type[Kind], topics: Iterable[str], count: int = 1) -> dict[str, list[Kind]]:
         """What the first few messages of topics hold of a kind."""
-        return {
-            topic: [each for each in self.recording.sample(topic, count) if isinstance(each, kind)] for topic in topics
-        }
+        return {topic: self.recording.sample(topic, count, kind) for topic in topics}
 
     def found_words(self, type_name: str) -> str:
         """The type and the field of a pose that was found by the definition; empty for other types."""
         field = self.recording.found_poses.get(type_name)
-        return f"{type_name}, its pose in {field.name}" if isinstance(field, PoseField) else ""
+        return f"{type_name}, its pose in {field.name}" if isinstance(field, FoundPose) else ""
 
     def frames_of(self, kind: type[Odometry | PointCloud]) -> set[str]:
         """The frames that messages of a kind are of, by the first of each topic; of chosen topics where there are."""
@@ -120,7 +107,7 @@ class Look:
     def frames(self) -> TransformTree:
         """What a look at the robot's transforms shows."""
         frames = look_at_frames(self.recording, self.transforms[0])
-        frames.configured = self.topics.base_frame
+        frames.configured = self.wanted.base_frame
         frames.bodies = self.frames_of(Odometry)
         frames.seen = frames.bodies | self.frames_of(PointCloud)
         return frames
@@ -164,11 +151,94 @@ class Look:
         top = [each for each in candidates if each.rank == best > 0]
         free = [each for each in top if not each.is_source]
         if len(free) == len(top) == 1:
-            self.found[role] = Role(role, free[0].topics, free[0].why)
+            self.found[role] = free[0]
         elif free:
             self.ambiguous[role] = tuple(each.topics for each in free)
         for each in candidates:
             if each not in top:
                 # What is fit, but for another topic.
                 beside = f"; {top[0].topics[0]} is better" if role == "joints" and each.rank else ""
-                self.unused.update(dict.fromkeys(each.topics, each.why + beside))
+                self.reasons.update(dict.fromkeys(each.topics, each.why + beside))
+
+    @cached_property
+    def near(self) -> dict[str, str]:
+        """Topic -> the role that it looks fit for."""
+        channels, mapped = self.recording.channels, self.recording.mapped
+        near = {each.topic: fit for each in channels if (fit := nearest_role(each, mapped))}
+        return near | {each.topic: "reference" for each in channels if each.type_name in self.recording.found_poses}
+
+    @property
+    def unused(self) -> dict[str, str]:
+        """Topic -> why a topic that looks fit plays no role."""
+        return {topic: why for topic, why in self.reasons.items() if topic in self.near}
+
+    @cached_property
+    def targets(self) -> tuple[str, ...]:
+        """Pose topics named as something followed."""
+        return tuple(t for t, name in self.of_kind(Pose).items() if is_target_name(t) and not self.found_words(name))
+
+    def topics(self, role: str) -> tuple[str, ...]:
+        """The topics of a role, none where nobody plays it. Raises AmbiguousTopic where a choice is needed."""
+        if role in self.ambiguous:
+            raise AmbiguousTopic(role, self.ambiguous[role])
+        return self.found[role].topics if role in self.found else ()
+
+    def topic(self, role: str) -> str | None:
+        """The one topic of a role, or None. Raises AmbiguousTopic where a choice is needed."""
+        return next(iter(self.topics(role)), None)
+
+    @cached_property
+    def _said(self) -> dict[str, tuple[str | None, str]]:
+        """What there is to say of each topic, the most important last."""
+        said: dict[str, tuple[str | None, str]] = {topic: (None, why) for topic, why in self.unused.items()}
+        said |= {t: (None, f"could be the target: {set_flag('topics.target', [t])}") for t in self.targets}
+        for name, choices in reversed([*self.ambiguous.items()]):
+            words = f"one of {len(choices)} that could be the {name}"
+            flags = [(topics, set_flag(f"topics.{name}", topics)) for topics in reversed(choices)]
+            said |= {topic: (None, f"{words}: {flag}") for topics, flag in flags for topic in topics}
+        for topic in {topic for role in self.found.values() for topic in role.topics}:
+            mine = {name: role.why for name, role in self.found.items() if topic in role.topics}
+            said[topic] = ", ".join(mine), "; ".join(dict.fromkeys(mine.values()))
+        return said
+
+    def of_topic(self, topic: str) -> tuple[str | None, str]:
+        """The role a topic plays, and why it does or does not."""
+        return self._said.get(topic, (None, ""))
+
+    @property
+    def unused_truths(self) -> dict[str, str]:
+        """Topic -> why it is not the reference, of those named as ground truth, where nothing else is."""
+        if "reference" in self.found:
+            return {}
+        return {t: why for t, why in self.unused.items() if self.near.get(t) == "reference" and names_truth(t)}
+
+    @property
+    def played(self) -> list[str]:
+        """Topics with a role, without static transforms, whose stamps may be of any time."""
+        return [topic for role in self.found.values() for topic in role.topics if not is_static(topic)]
+
+    @property
+    def base_in_map(self) -> tuple[str, str] | None:
+        """The robot's frame and the frame that is the map, by a look at the transforms; None if it does not move."""
+        base = self.frames.base
+        frame = None if base is None else self.frames.fixed_frame(base, self.wanted.map_frame)
+        return None if base is None or frame is None else (base, frame)
+
+    def choices(self, role: str) -> str:
+        """One line with the flags that settle a role several topics could play; empty where nothing is to choose."""
+        choices = self.ambiguous.get(role, ())
+        if role == "target" and role not in self.found:
+            choices = tuple((topic,) for topic in self.targets)
+        return str(AmbiguousTopic(role, choices)) if choices else ""
+
+    def why_unfit(self, role: str) -> str:
+        """The choice for a role, or why topics that look fit for it are not; empty where there is none."""
+        unfit = [f"{topic} {why}" for topic, why in self.unused.items() if self.near.get(topic) == role]
+        return self.choices(role) or some_of(unfit, between="; ")
+
+    def why_none(self, role: str) -> str:
+        """The message for a role that no topic has; empty for one that some topic has."""
+        if role in self.found:
+            return ""
+        words = "" if role in self.ambiguous else f"no topic is fit to be the {role}"
+        return "; ".join(filter(None, [words, self.why_unfit(role)]))

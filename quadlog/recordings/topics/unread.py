@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
-from rosbags.interfaces import Nodetype
-
-from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, UwbRanges
+from quadlog.messages import Imu, JointStates, Message, Odometry, PointCloud, Pose, Transforms, Twist, UwbRanges
 from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.fields import leaves_of
 from quadlog.recordings.decoders.pose_fields import HEADER_TYPE
-from quadlog.recordings.decoders.ros_messages import standard_types
+from quadlog.recordings.decoders.ros_messages import embedded_types, standard_types
 from quadlog.recordings.decoders.rows import Type
-from quadlog.recordings.decoders.type_definitions import ARRAYS, BadDefinition, Types, needed_types, parse_definition
+from quadlog.recordings.decoders.type_definitions import BadDefinition
 from quadlog.recordings.decoding import kinds_of
 from quadlog.recordings.topics.topic_names import name_words
 from quadlog.recordings.types import REFUSED, last_part
@@ -23,6 +22,7 @@ NEAREST_ROLE: dict[type[Message], str] = {
     PointCloud: "lidar",
     UwbRanges: "uwb",
     Odometry: "odometry",
+    Twist: "command",
     Imu: "imu",
     Pose: "reference",
     Transforms: "tf",
@@ -103,7 +103,7 @@ def hint(channel: Channel, mapped: Mapping[str, Type] = {}) -> str:
         return "" if row is None else row.do
     if channel.message_encoding not in ("ros1", "cdr") or standard_types(channel.message_encoding, channel.type_name):
         return ""
-    paths = dict(_numbers(channel))
+    paths = _numbers(channel)
     return _ranges(channel, paths) or _pose(channel, paths) or PLUGIN
 
 
@@ -167,25 +167,10 @@ def _unit(path: str) -> str:
     return unit or '"m"  # or "mm", "cm"'
 
 
-def _numbers(channel: Channel) -> Iterator[tuple[str, str]]:
+def _numbers(channel: Channel) -> dict[str, str]:
     """Path and type of each number in messages of a type by its definition; `[]` in a path: of each element."""
-
-    def standard(name: str) -> Types:
-        return standard_types(channel.message_encoding, name)
-
-    def inside(name: str, path: str) -> Iterator[tuple[str, str]]:
-        for field, (kind, detail) in types[name][1]:
-            many = kind in ARRAYS
-            kind, detail = detail[0] if many else (kind, detail)
-            here = f"{path}{field}{'[]' if many else ''}"
-            if kind == Nodetype.NAME and detail != HEADER_TYPE:
-                yield from inside(detail, f"{here}.")
-            elif kind == Nodetype.BASE and detail[0] not in ("string", "wstring", "bool"):
-                yield here, detail[0]
-
     try:
-        found = parse_definition(channel.schema, channel.type_name, channel.schema_encoding or "ros2msg")
-        types = needed_types(found, channel.type_name, standard)
+        leaves = list(leaves_of(embedded_types(*channel.identity[1:]), channel.type_name, but=HEADER_TYPE))
     except BadDefinition:
-        return
-    yield from inside(channel.type_name, "")
+        return {}
+    return {path: base for path, base, _ in leaves if base not in ("string", "wstring", "bool")}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TypeGuard
 
 import numpy as np
 
+from quadlog.config.controllers import COMMAND
 from quadlog.positioning.unlocated import MOST_UNLOCATED
 from quadlog.results.page.blocks import Sentence
 from quadlog.results.run import Run
@@ -152,7 +153,9 @@ def _simulated(run: Run) -> Iterator[Sentence]:
     control, contacts, clearances = (run.table(name) for name in ("control", "contacts", "clearances"))
     if control is None:
         return
-    where = f"along {run.record.options['course']}" if run.simulated else "on the recorded maps"
+    commanded = run.config.simulation.controller == COMMAND
+    recorded = "by the log's commands" if commanded else "on the recorded maps"
+    where = f"along {run.record.options['course']}" if run.simulated else recorded
     states: list[State] = ["good" if np.ptp(control["seconds"]) >= 1 else ""]  # too short to judge
     fell = control["fallen"].any()
     ends = ("lateral_drift_m", "completion_time_s")
@@ -161,6 +164,8 @@ def _simulated(run: Run) -> Iterator[Sentence]:
     how = f" and fell at {control['seconds'][control['fallen']].min():.1f} s" if fell else how
     states += ["bad"] * bool(fell or short)
     text = f"The simulated robot walked {sig(walked_m(control))} m {where}{how}"
+    if commanded and (apart_m := run.metric("eta_time_m")) is not None:
+        text += f"; it was {sig(apart_m, 2)} m away from the logged robot on average"
     if contacts is not None and (~contacts["collision"] & (contacts["seconds"] <= control["seconds"].min())).any():
         text += "; it starts inside an obstacle of the map"
         states.append("warn")

@@ -13,13 +13,13 @@ import pyarrow as pa
 
 from quadlog.errors import ExitCode, NotARun
 from quadlog.messages import Float
-from quadlog.metrics.catalogue import CATALOGUE
+from quadlog.metrics.catalogue import CATALOGUE, THEMES
 from quadlog.metrics.differences import OverRuns, clear_best, over_runs
 from quadlog.results.tables import METRIC_NAMES, read_parquet, table_schema, write_table
 from quadlog.results.text import print_table, shown, terminal_width
 
 TABLE, PAGE = "sweep.parquet", "report.html"
-SWEEP_METRICS = tuple(name for name in METRIC_NAMES if name != "realtime_factor")
+SWEEP_METRICS = tuple(name for name in METRIC_NAMES if name not in THEMES["Computing"])
 """Without what depends on the machine's load, so that the table is the same whatever --jobs is."""
 _ENDS = table_schema("seed:int run:text exit_code:int reason:text")
 _METRICS = table_schema(" ".join(SWEEP_METRICS))

@@ -4,35 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from quadlog.messages import Float
-
-
-@dataclass(frozen=True, slots=True)
-class DisturbanceSettings:
-    """Pushes of push_n for push_s every push_every_s, to the left or the right by chance; errors of what it measures.
-
-    velocity_bias_mps: of the estimated velocity, in a direction drawn once. pose_noise_m, pose_lag_s: of the pose that
-    the path is followed by; the heading has as much noise as the place half a metre ahead would. mass_error: share by
-    which the MPC's mass is wrong.
-    """
-
-    push_n: float = 0.0
-    push_s: float = 0.1
-    push_every_s: float = 2.0
-    velocity_bias_mps: float = 0.0
-    pose_noise_m: float = 0.0
-    pose_lag_s: float = 0.0
-    mass_error: float = 0.0
-
+from quadlog.simulation.settings import DisturbanceSettings
 
 NONE = DisturbanceSettings()
-DISTURBED = DisturbanceSettings(60.0, 0.1, 2.0, 0.03, 0.03, 0.1, -0.08)
+DISTURBED = DisturbanceSettings(
+    push_n=60.0, velocity_bias_mps=0.03, pose_noise_m=0.03, pose_lag_s=0.1, mass_error=-0.08
+)
 """What `quadlog simulate --disturbed` means."""
 HEADING_ARM_M = 0.5
+"""The heading is as noisy as the place that far ahead would be."""
 
 
 class Disturbances:

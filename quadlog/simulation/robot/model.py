@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from quadlog.control.locomotion.body_reference import fit_plane, slope_angles
 from quadlog.control.locomotion.kinematics import foot_positions, joints_for
-from quadlog.control.locomotion.robot import JOINTS, LEGS, SIDES, Link, Robot
+from quadlog.control.locomotion.robot import JOINTS, LEGS, SIDES, Robot
 from quadlog.messages import GRAVITY_MPS2, Float, Int
 from quadlog.simulation.robot.height_field import FRICTION, HeightField
 
@@ -19,6 +21,11 @@ _GAP_M = 1e-4
 _OTHER_FRICTION = (0.005, 0.0001)
 """Twisting and rolling: MuJoCo's defaults, unused by contacts of three dimensions."""
 _RISE_RADII = np.linspace(0.0, 1.0, 5)
+ARMATURE_KGM2 = 0.01
+AXES = ((1, 0, 0), (0, -1, 0), (0, -1, 0))
+JOINT_NAMES = tuple(f"{leg}_{joint}" for leg in LEGS for joint in JOINTS)
+_LINKS, _RADII_M, _CENTRES = ("abduction", "thigh", "shank"), (0.045, 0.045, 0.012), (0.5, 0.15, 0.5)
+"""Of a leg, a ball and two rods about a share of the way to their ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +34,7 @@ class QuadrupedModel:
 
     Its joints turn as quadlog.control.locomotion.kinematics has them. qpos begins with the trunk's position and
     quaternion wxyz, qvel with its velocity in map and its angular velocity in the body.
-    joint_qpos, joint_qvel, actuators: (12,); foot_sites, foot_geoms: (4,).
+    joint_qpos, joint_qvel: (12,); foot_sites, foot_geoms: (4,). Motors are in the order of joints.
     """
 
     robot: Robot
@@ -35,11 +42,9 @@ class QuadrupedModel:
     model: mujoco.MjModel
     joint_qpos: Int
     joint_qvel: Int
-    actuators: Int
     foot_sites: Int
     foot_geoms: Int
     trunk_body: int
-    ground_geom: int
 
     def standing_at(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Float:
         """(nq,) qpos: the robot stands at a place in map, parallel to the ground under its feet, which just touch."""
@@ -72,7 +77,7 @@ class QuadrupedModel:
         return qpos
 
     def _lift_clear(self, qpos: Float) -> None:
-        """Raise the robot until nothing penetrates: MuJoCo's triangles differ a little from the bilinear surface."""
+        """Raise the robot until nothing penetrates: a ball may rest on an edge between the points that were tried."""
         data = mujoco.MjData(self.model)
         for _ in range(4):
             data.qpos[:] = qpos
@@ -95,71 +100,94 @@ class QuadrupedModel:
 
 def quadruped_model(robot: Robot, ground: HeightField, friction: float = FRICTION) -> QuadrupedModel:
     """The world with one robot of quadlog's own."""
-    spec = mujoco.MjSpec.from_string(mjcf(robot, friction))
+    spec = quadruped_spec(robot, friction)
     add_world(spec, ground, friction, TIMESTEP_S)
-    model = spec.compile()
-    fill_heights(model, ground)
-    return describe(model, robot, ground)
+    return describe(spec.compile(), robot, ground)
+
+
+def quadruped_spec(robot: Robot, friction: float = FRICTION) -> mujoco.MjSpec:
+    """One of quadlog's own robots, without ground: see add_world.
+
+    Its links are even balls and rods, ours, after common robots: the motors of hip and knee sit about the hip.
+    """
+    spec, shapes = mujoco.MjSpec(), mujoco.mjtGeom
+    trunk = spec.worldbody.add_body(name="trunk", pos=[0, 0, robot.standing_height_m])
+    trunk.add_freejoint(name="trunk")
+    size = np.array(robot.trunk_m) / 2
+    trunk.add_geom(name="trunk", type=shapes.mjGEOM_BOX, size=size, mass=robot.trunk_mass_kg, **touching(friction))
+    if robot.trunk_inertia_kgm2 is not None:
+        trunk.explicitinertial, trunk.mass, trunk.ipos = True, robot.trunk_mass_kg, robot.trunk_centre_m
+        trunk.fullinertia = robot.trunk_inertia_kgm2
+    aside_m, thigh_m, shank_m = robot.lengths_m
+    for leg, side, place in zip(LEGS, SIDES.tolist(), robot.hips_m, strict=True):
+        ends = np.array([[0, side * aside_m, 0], [0, 0, -thigh_m], [0, 0, -shank_m]])
+        parent, form = trunk, shapes.mjGEOM_SPHERE
+        for k, (link, end, radius_m, centre) in enumerate(zip(_LINKS, ends, _RADII_M, _CENTRES, strict=True)):
+            parent = parent.add_body(name=f"{leg}_{link}", pos=place)
+            parent.add_joint(name=f"{leg}_{JOINTS[k]}", axis=AXES[k], armature=ARMATURE_KGM2)
+            even = {"type": form, "size": [radius_m, np.linalg.norm(end) / 2, 0], "mass": robot.link_masses_kg[k]}
+            parent.add_geom(pos=centre * end, contype=0, conaffinity=0, **even)
+            place, form = end, shapes.mjGEOM_CYLINDER
+        add_foot(parent, leg, place, robot.foot_radius_m, friction).mass = robot.link_masses_kg[3]
+    add_motors(spec, [robot.torque_limit_nm] * 12)
+    return spec
+
+
+def touching(friction: float) -> dict[str, Any]:
+    """How shapes that meet the ground, and nothing else, do so."""
+    return {"contype": 0, "conaffinity": 1, "condim": 3, "friction": [friction, *_OTHER_FRICTION]}
+
+
+def add_foot(shank: Any, leg: str, place_m: Float, radius_m: float, friction: float) -> Any:
+    """Put a ball without mass and a site at a place (3,) of a body; returns the ball."""
+    shank.add_site(name=f"{leg}_foot", pos=place_m)
+    ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius_m, 0, 0], "mass": 0.0}
+    return shank.add_geom(name=f"{leg}_foot", pos=place_m, **ball, **touching(friction))
+
+
+def add_motors(spec: mujoco.MjSpec, limits_nm: Sequence[float]) -> None:
+    """Give every joint a torque within limits (12,): motor 3 * leg + k."""
+    for name, limit_nm in zip(JOINT_NAMES, limits_nm, strict=True):
+        motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+        motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        motor.ctrlrange = motor.forcerange = [-limit_nm, limit_nm]
 
 
 def describe(model: mujoco.MjModel, robot: Robot, ground: HeightField) -> QuadrupedModel:
-    """Where things are in a model whose names are those of mjcf.
+    """Where things are in a model with the names of quadruped_spec, and its robot with the masses that it has.
 
     Without damping, of joints or servos, explicit steps are the same as implicit ones, and cost less.
     """
     if not (model.dof_damping.any() or model.actuator_biasprm[:, 2].any()):
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-
-    def ids(kind: mujoco.mjtObj, names: list[str]) -> Int:
-        return np.array([mujoco.mj_name2id(model, kind, name) for name in names])
-
-    joint_names, feet = [f"{leg}_{joint}" for leg in LEGS for joint in JOINTS], [f"{leg}_foot" for leg in LEGS]
-    joints, sites = ids(mujoco.mjtObj.mjOBJ_JOINT, joint_names), ids(mujoco.mjtObj.mjOBJ_SITE, feet)
+    joints = [model.joint(name) for name in JOINT_NAMES]
+    joint_qpos = np.array([int(joint.qposadr[0]) for joint in joints])
+    centre_m, inertia_kgm2 = _rigid_body(model, joint_qpos, robot.standing_joints_rad)
     return QuadrupedModel(
-        robot=robot,
+        robot=replace(robot, centre_of_mass_m=centre_m, inertia_kgm2=inertia_kgm2),
         ground=ground,
         model=model,
-        joint_qpos=model.jnt_qposadr[joints].astype(np.int64),
-        joint_qvel=model.jnt_dofadr[joints].astype(np.int64),
-        actuators=ids(mujoco.mjtObj.mjOBJ_ACTUATOR, joint_names),
-        foot_sites=sites,
-        foot_geoms=ids(mujoco.mjtObj.mjOBJ_GEOM, feet),
-        trunk_body=int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "trunk")),
-        ground_geom=int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "ground")),
+        joint_qpos=joint_qpos,
+        joint_qvel=np.array([int(joint.dofadr[0]) for joint in joints]),
+        foot_sites=np.array([model.site(f"{leg}_foot").id for leg in LEGS]),
+        foot_geoms=np.array([model.geom(f"{leg}_foot").id for leg in LEGS]),
+        trunk_body=model.body("trunk").id,
     )
 
 
-def mjcf(robot: Robot, friction: float = FRICTION) -> str:
-    """The robot's text, without ground; see add_world."""
-    legs = "\n".join(_leg(robot, leg, friction) for leg in range(4))
-    limit = f"{-robot.torque_limit_nm!r} {robot.torque_limit_nm!r}"
-    motors = "\n".join(
-        f'    <motor name="{leg}_{joint}" joint="{leg}_{joint}" ctrllimited="true" ctrlrange="{limit}" '
-        f'forcelimited="true" forcerange="{limit}"/>'
-        for leg in LEGS
-        for joint in JOINTS
-    )
-    return f"""<mujoco model="{robot.name}">
-  <compiler angle="radian" autolimits="false"/>
-  <statistic center="0 0 {robot.standing_height_m!r}" extent="2"/>
-  <visual><global offwidth="1280" offheight="720"/></visual>
-  <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.9 0.93 1" rgb2="0.6 0.7 0.85" width="64" height="64"/>
-  </asset>
-  <worldbody>
-    <body name="trunk" pos="0 0 {robot.standing_height_m!r}">
-      <freejoint name="trunk"/>
-      {_inertial(robot.trunk, 1.0)}
-      <geom name="trunk" type="box" size="{_numbers(np.array(robot.trunk_m) / 2)}" rgba="0.25 0.3 0.35 1"
-        friction="{_friction(friction)}" contype="0" conaffinity="1" condim="3"/>
-{legs}
-    </body>
-  </worldbody>
-  <actuator>
-{motors}
-  </actuator>
-</mujoco>
-"""
+def _rigid_body(model: mujoco.MjModel, joint_qpos: Int, joints_rad: Float) -> tuple[Float, Float]:
+    """(3,) centre of mass in the body, and (3, 3) inertia about it, of a robot whose joints are held.
+
+    They are in the trunk's 6 x 6 block of the mass matrix. Rotors, which turn about their own joints only, are not.
+    """
+    data, full = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data.qpos[:7], data.qpos[joint_qpos] = [0, 0, 0, 1, 0, 0, 0], joints_rad
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, full)
+    mass_kg, moment = full[0, 0], full[:3, 3:6]
+    centre_m = np.array([moment[1, 2], moment[2, 0], moment[0, 1]]) / mass_kg
+    return centre_m, full[3:6, 3:6] - mass_kg * (centre_m @ centre_m * np.eye(3) - np.outer(centre_m, centre_m))
 
 
 def add_world(spec: mujoco.MjSpec, ground: HeightField, friction: float, timestep_s: float) -> None:
@@ -168,72 +196,19 @@ def add_world(spec: mujoco.MjSpec, ground: HeightField, friction: float, timeste
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10.0
     spec.option.gravity = [0.0, 0.0, -GRAVITY_MPS2]
     geom = spec.worldbody.add_geom(name="ground", friction=[friction, *_OTHER_FRICTION], contype=1, conaffinity=0)
-    geom.rgba = [0.62, 0.6, 0.55, 1.0]
-    spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
     if ground.is_plane:
-        rise_x, rise_y, level = ground.plane_at(0.0, 0.0)
+        (low, right), (left, _) = ground.height_m.astype(np.float64).tolist()
+        level = float(ground.height_at(np.zeros((1, 2)))[0])
         geom.type, geom.size, geom.pos = mujoco.mjtGeom.mjGEOM_PLANE, [0, 0, 1], [0, 0, level]
         turn = np.empty(4)
-        mujoco.mju_quatZ2Vec(turn, np.array([-rise_x, -rise_y, 1.0]))
+        mujoco.mju_quatZ2Vec(turn, np.array([low - right, low - left, ground.cell_m]))
         geom.quat = turn
         return
     rows, cols = ground.height_m.shape
     half_m = np.array([cols - 1, rows - 1]) * ground.cell_m / 2
-    low, height = _lowest_and_range(ground)
-    spec.add_hfield(name="ground", nrow=rows, ncol=cols, size=[*half_m, height, 1.0], userdata=np.zeros(rows * cols))
+    low, high = float(ground.height_m.min()), float(ground.height_m.max())
+    size = [*half_m, high - low or 1.0, 1.0]
+    # MuJoCo scales heights to 0..1 by itself.
+    spec.add_hfield(name="ground", nrow=rows, ncol=cols, size=size, userdata=ground.height_m.ravel())
     geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, "ground"
     geom.pos = [*(np.array(ground.origin_m) + half_m), low]
-
-
-def fill_heights(model: mujoco.MjModel, ground: HeightField) -> None:
-    """Put a ground's heights into a compiled model, unless it is a plane, which has none."""
-    if not ground.is_plane:
-        low, height = _lowest_and_range(ground)
-        model.hfield_data[:] = ((ground.height_m.astype(np.float64) - low) / height).astype(np.float32).ravel()
-
-
-def _lowest_and_range(ground: HeightField) -> tuple[float, float]:
-    low, high = float(ground.height_m.min()), float(ground.height_m.max())
-    return low, max(high - low, 1e-3)
-
-
-def _leg(robot: Robot, leg: int, friction: float) -> str:
-    name, side = LEGS[leg], float(SIDES[leg])
-    aside_m, thigh_m, shank_m = robot.lengths_m
-    abduction, thigh, shank = (_inertial(link, side) for link in robot.links)
-
-    def joint(kind: str, axis: str) -> str:
-        return f'<joint name="{name}_{kind}" type="hinge" axis="{axis}" armature="{robot.armature_kgm2!r}"/>'
-
-    seen = 'contype="0" conaffinity="0" rgba="0.55 0.57 0.6 1" mass="0"'
-    return f"""      <body name="{name}_abduction" pos="{_numbers(robot.hips_m[leg])}">
-        {joint("abduction", "1 0 0")}
-        {abduction}
-        <geom type="capsule" fromto="0 0 0 0 {side * aside_m!r} 0" size="0.035" {seen}/>
-        <body name="{name}_thigh" pos="0 {side * aside_m!r} 0">
-          {joint("hip", "0 -1 0")}
-          {thigh}
-          <geom type="capsule" fromto="0 0 0 0 0 {-thigh_m!r}" size="0.018" {seen}/>
-          <body name="{name}_shank" pos="0 0 {-thigh_m!r}">
-            {joint("knee", "0 -1 0")}
-            {shank}
-            <geom type="capsule" fromto="0 0 0 0 0 {-shank_m!r}" size="0.011" {seen}/>
-            <geom name="{name}_foot" type="sphere" size="{robot.foot_radius_m!r}" pos="0 0 {-shank_m!r}" mass="0"
-              friction="{_friction(friction)}" contype="0" conaffinity="1" condim="3" rgba="0.1 0.1 0.1 1"/>
-            <site name="{name}_foot" pos="0 0 {-shank_m!r}" size="0.005"/>
-          </body>
-        </body>
-      </body>"""
-
-
-def _inertial(link: Link, side: float) -> str:
-    centre = _numbers(link.centre_m * np.array([1.0, side, 1.0]))
-    return f'<inertial pos="{centre}" mass="{link.mass_kg!r}" diaginertia="{_numbers(link.inertia_kgm2)}"/>'
-
-
-def _friction(friction: float) -> str:
-    return _numbers(np.array([friction, *_OTHER_FRICTION]))
-
-
-def _numbers(values: Float) -> str:
-    return " ".join(repr(float(value)) for value in values)

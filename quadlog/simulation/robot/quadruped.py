@@ -116,7 +116,7 @@ class Quadruped:
 
     def act(self, torques_nm: Float, push_n: Float | None = None) -> None:
         """Hold the joint torques (12,) for one tick, and push the trunk by a force (3,) in map."""
-        self._ctrl[self.model.actuators] = torques_nm
+        self._ctrl[:] = torques_nm
         if push_n is not None or self._is_pushed:
             self._push_n[:], self._is_pushed = 0.0 if push_n is None else push_n, push_n is not None
         mujoco.mj_step2(self.model.model, self.data)
@@ -145,6 +145,8 @@ def _read(  # type: ignore[no-untyped-def]
         to.qvel[i], to.bias[i] = qvel[order[i]], bias[order[i]]
         for j in range(SIZE):
             to.mass_matrix[i, j] = mass[order[i], order[j]]
+    for i in range(BASE, SIZE):
+        to.joints_rad[i - BASE] = qpos[order[i] + 1]  # a quaternion has a number more than its rate
     for axis in range(3):
         to.velocity_mps[axis] = qvel[axis]
         to.qvel[axis] += error[axis]

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from quadlog.messages import Float
-from quadlog.simulation.robot.disturbances import NONE, Disturbances, DisturbanceSettings
+from quadlog.simulation.robot.disturbances import NONE, Disturbances
+from quadlog.simulation.settings import DisturbanceSettings
 
 
 def unicycle_step(
@@ -33,6 +34,7 @@ class UnicycleRobot:
     mass_kg = float("nan")
     fallen = False
     effort = None
+    step_us = float("nan"), float("nan")
 
     def __init__(
         self,
@@ -45,7 +47,7 @@ class UnicycleRobot:
         self.disturbances = Disturbances(disturbances, rng)
         self.start_at(start_pose)
         self.torques_nm: Float = np.full(12, np.nan)
-        self.foot_loads_n: Float = np.full(4, np.nan)
+        self.foot_loads_n = self.wanted_loads_n = np.full(4, np.nan)
 
     def start_at(self, pose: Float) -> None:
         """Stand at a pose (3,); the clock goes on."""

@@ -13,10 +13,11 @@ from quadlog.control.locomotion.walker import Walker, WalkerSettings
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
-from quadlog.simulation.robot.disturbances import NONE, Disturbances, DisturbanceSettings
+from quadlog.simulation.robot.disturbances import NONE, Disturbances
 from quadlog.simulation.robot.model import QuadrupedModel
 from quadlog.simulation.robot.model_files import without_log
 from quadlog.simulation.robot.quadruped import Quadruped
+from quadlog.simulation.settings import DisturbanceSettings
 
 # Lower than this share of its height above its feet, or tilted farther, it has fallen.
 FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD = 0.45, 1.0
@@ -52,9 +53,11 @@ class WalkingRobot:
             self._counted.update(self.walker.counts)
         self.walker: Walker = Walker(self.model.robot, self._settings, self._state)
         self.disturbances.poses.clear()
-        # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet.
+        # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet, and the MPC's.
         self.torques_nm: Float = self.walker.wbc.torques_nm
         self.foot_loads_n: Float = np.zeros(4)
+        self.wanted_loads_n: Float = np.full(4, np.nan)
+        self._steps_s: list[float] = []
 
     @property
     def mass_kg(self) -> float:
@@ -101,6 +104,12 @@ class WalkingRobot:
         return cos * vx + sin * vy, cos * vy - sin * vx, up[0] * omega[0] + up[1] * omega[1] + up[2] * omega[2]
 
     @property
+    def step_us(self) -> tuple[float, float]:
+        """Median and longest time of a controller's step in the last walk; NaN before it."""
+        steps_us = [1e6 * each_s for each_s in sorted(self._steps_s)] or [math.nan]
+        return steps_us[(len(steps_us) - 1) // 2], steps_us[-1]
+
+    @property
     def counts(self) -> dict[str, int]:
         """Of its controllers' QPs, see Walker."""
         return dict(Counter(self._counted) + Counter(self.walker.counts))
@@ -114,22 +123,25 @@ class WalkingRobot:
         return Effort(energy_j, torque_max_nm, cut / (12 * ticks), *rms)
 
     @without_log()
-    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float) -> None:
-        """Walk for a number of ticks towards a speed and a yaw rate; a robot that has fallen does not move."""
+    def walk(self, ticks: int, speed_mps: float, yaw_rate_radps: float, left_mps: float = 0.0) -> None:
+        """Walk for a number of ticks towards a twist; a robot that has fallen does not move."""
+        twist = float(speed_mps), float(left_mps), float(yaw_rate_radps)
+        self._steps_s = []
         for done in range(ticks):
             if self.fallen:
                 self.ticks += ticks - done
                 return
-            self._tick(speed_mps, yaw_rate_radps, weigh=done == ticks - 1)
+            self._tick(twist, weigh=done == ticks - 1)
 
-    def _tick(self, speed_mps: float, yaw_rate_radps: float, weigh: bool) -> None:
+    def _tick(self, twist: tuple[float, float, float], weigh: bool) -> None:
         quadruped, state, walker, tick_s = self._quadruped, self._state, self.walker, self.tick_s
         walked_s = (self.ticks - self._began) * tick_s
-        torques_nm = walker.step(walked_s, tick_s, state, speed_mps, yaw_rate_radps)
+        torques_nm = walker.step(walked_s, tick_s, state, twist)
         _sum_up(self._sums, walker.wbc.record, state.record, walker.reference.record, tick_s)
         quadruped.act(torques_nm, self.disturbances.push_at(self.t_s, state.rpy))
         if weigh:
-            self.foot_loads_n = quadruped.foot_loads_n()
+            self.foot_loads_n, self.wanted_loads_n = quadruped.foot_loads_n(), walker.wanted_loads_n
+        self._steps_s.append(walker.took_s)
         self._walked += 1
         self.ticks += 1
         quadruped.read()

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from quadlog.geometry import quat_from_euler, quat_from_yaw, seconds_since
+from quadlog.geometry import quat_from_euler, seconds_since
 from quadlog.messages import GRAVITY_MPS2, Float, Imu, Int, Odometry
 from quadlog.simulation.sensors.trajectory import Motion, Walk, turned_from_level
 
@@ -94,7 +94,7 @@ def odometry_messages(
     # A step goes along the heading halfway through it.
     middle_rad = yaw_rad - yaw_rate_radps * step_s / 2
     position_m = np.cumsum((speed_mps * step_s)[:, None] * _unit(middle_rad), axis=0)
-    quat_xyzw = quat_from_yaw(yaw_rad)
+    quat_xyzw = quat_from_euler(yaw_rad)
     for index, stamp_ns in enumerate(t_ns):
         yield Odometry(
             stamp_ns=int(stamp_ns),

@@ -83,14 +83,8 @@ class TruePointClass(IntEnum):
     FALSE = 4
 
 
-REFLECTIVITY = {
-    TruePointClass.GROUND: 18.0,
-    TruePointClass.OBSTACLE: 60.0,
-    TruePointClass.PERSON: 35.0,
-    TruePointClass.PASSER_BY: 30.0,
-    TruePointClass.FALSE: 2.0,
-}
-"""Intensity of a return, 0 to 255; a false point is weak."""
+REFLECTIVITY = np.array([18.0, 60.0, 35.0, 30.0, 2.0], np.float32)
+"""Intensity of a return, 0 to 255, by TruePointClass; a false point is weak."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +159,6 @@ def sweep(lidar: Lidar, world: SweepScene, start_ns: int, stamp_ns: int, rng: np
 
     kept = np.isfinite(range_m) & ~lost & (measured_m >= lidar.min_range_m) & (measured_m <= lidar.max_range_m)
     point_class = np.where(false, np.uint8(TruePointClass.FALSE), point_class)[kept]
-    intensity = np.array([REFLECTIVITY[each] for each in TruePointClass], dtype=np.float32)[point_class]
     ring = np.tile(np.arange(lidar.beams, dtype=np.uint16), lidar.azimuth_steps)
     cloud = PointCloud(
         stamp_ns=stamp_ns,
@@ -174,7 +167,7 @@ def sweep(lidar: Lidar, world: SweepScene, start_ns: int, stamp_ns: int, rng: np
         ring=ring[kept],
         offset_ns=np.repeat(offset_ns, lidar.beams)[kept],
     )
-    return SimulatedScan(cloud, intensity, point_class, np.where(false, np.nan, range_m)[kept])
+    return SimulatedScan(cloud, REFLECTIVITY[point_class], point_class, np.where(false, np.nan, range_m)[kept])
 
 
 def _true_returns(lidar: Lidar, world: SweepScene, t_s: Float, directions: Float) -> tuple[Float, NDArray[np.uint8]]:

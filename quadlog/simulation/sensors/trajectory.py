@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from quadlog.geometry import wrap_angle
 from quadlog.messages import Float
-from quadlog.simulation.sensors.scene import Terrain
+from quadlog.simulation.robot.height_field import HeightField
 
 _TABLE_STEP_M = 0.01
 
@@ -104,23 +104,6 @@ class PacingWalk:
         return _level(position_m, yaw_rad, speed_mps, half_m * rate**2 * np.cos(rate * t_s), np.zeros(len(t_s)))
 
 
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """At one place of map all the time, tilted or level."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-
-    def at(self, t_s: Float) -> Motion:
-        """See Walk."""
-        place_m = np.tile([self.x_m, self.y_m], (len(t_s), 1))
-        pose = (self.yaw_rad, 0.0, 0.0, 0.0, 0.0, self.roll_rad, self.pitch_rad)
-        return Motion(place_m, *(np.full(len(t_s), value) for value in pose))
-
-
 def _level(position_m: Float, yaw_rad: Float, speed_mps: Float, acceleration_mps2: Float, yaw_rate: Float) -> Motion:
     zero = np.zeros(len(position_m))
     return Motion(position_m, yaw_rad, speed_mps, acceleration_mps2, yaw_rate, zero, zero, zero)
@@ -138,7 +121,7 @@ class OnTerrain:
     """
 
     walk: Walk
-    terrain: Terrain
+    terrain: HeightField
     feet_m: tuple[float, float] | None = None
 
     def at(self, t_s: Float) -> Motion:

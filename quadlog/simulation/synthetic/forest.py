@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quadlog.messages import Float
+from quadlog.simulation.robot.height_field import Extent, HeightField, undulating
 from quadlog.simulation.sensors.lidar import Lidar
-from quadlog.simulation.sensors.scene import Box, Cylinder, Obstacle, Terrain, undulating
+from quadlog.simulation.sensors.scene import Box, Cylinder, Obstacle
 from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, OnTerrain, PacingWalk, Route, RouteWalk
 from quadlog.simulation.synthetic.recording import Site, SynthesizedRecording
 
@@ -20,7 +21,7 @@ SPEED_MPS = 0.7
 GAP_M = 2.1
 
 _HALF_WIDTH_M = 18.0
-_UNDULATION_M, _CORRELATION_M = 0.08, 2.0
+_BAND_M, _CORRELATION_M, _CELL_M, _FADE_M = 0.16, 2.0, 0.4, 3.0
 _TREES, _THICKETS = 110, 30
 _RADIUS_M = (0.08, 0.35)
 _TRIES = 60
@@ -34,7 +35,7 @@ _LOW_BRANCH_SHARE = 0.4
 class Forest:
     """What a seed grows: trunks stop UWB; crowns, branches and saplings do not."""
 
-    terrain: Terrain
+    terrain: HeightField
     route: Route
     passer_by: PacingWalk
     trunks: tuple[Cylinder, ...]
@@ -43,7 +44,8 @@ class Forest:
 
 def grow(rng: np.random.Generator) -> Forest:
     """A forest about CENTRE_M; no trunk, branch or sapling comes nearer to the walks than a robot needs."""
-    terrain = undulating(rng, CENTRE_M, _HALF_WIDTH_M, _UNDULATION_M, _CORRELATION_M)
+    extent = Extent(*(at_m + by_m for by_m in (-_HALF_WIDTH_M, _HALF_WIDTH_M) for at_m in CENTRE_M))
+    terrain = undulating(_BAND_M, _CORRELATION_M, rng, extent, _CELL_M, _FADE_M)
     route = _winding_way(rng)
     passer_by = _across(rng)
     walked_m = _walked(route, passer_by)

@@ -15,11 +15,10 @@ from quadlog.control.locomotion.robot import ROBOTS, Robot
 from quadlog.errors import QuadlogError
 from quadlog.geometry import wrap_angle
 from quadlog.messages import GRAVITY_MPS2, NS_PER_S, Float, JointStates
-from quadlog.simulation.sensors.scene import FLAT, Terrain
+from quadlog.simulation.robot.height_field import FLAT, HeightField
 from quadlog.simulation.sensors.trajectory import Motion, Walk, turned_from_level
 
 if TYPE_CHECKING:
-    from quadlog.simulation.robot.height_field import HeightField
     from quadlog.simulation.robot.walking_robot import WalkingRobot
 
 TICK_NS = 2_000_000
@@ -29,7 +28,6 @@ IMU_MEAN_S = 0.01
 GAIN_AHEAD_1PS, GAIN_ASIDE_1PM2, GAIN_TURN_1PM = 0.8, 4.0, 3.0
 """Of the tracking law, ours: for .3 to .8 m/s."""
 MOST_MPS, MOST_RADPS = 1.0, 1.5
-_GRID_M, _BEYOND_M = 0.05, 2.0
 _SIGNS = np.tile([1.0, -1.0, -1.0], 4)
 """From quadlog's joints, whose thigh and calf turn about -y, to those of messages."""
 
@@ -54,7 +52,7 @@ class LeggedWalk:
 
     wanted: Walk
     duration_s: float
-    terrain: Terrain = FLAT
+    terrain: HeightField = FLAT
     robot: Robot = field(default_factory=lambda: ROBOTS["tracking"])
 
     def at(self, t_s: Float) -> Motion:
@@ -89,7 +87,7 @@ class LeggedWalk:
         t_s = np.arange(math.ceil(self.duration_s * NS_PER_S / TICK_NS) + 1) * _TICK_S
         wanted = self.wanted.at(t_s)
         start_pose = np.array([*wanted.position_m[0], wanted.yaw_rad[0]])
-        model = quadruped_model(self.robot, _ground(self.terrain, wanted.position_m))
+        model = quadruped_model(self.robot, self.terrain)
         walker = WalkingRobot(model, WalkerSettings(), start_pose, np.random.default_rng(0))
         rows = np.zeros(len(t_s), _ROW)
         _write(rows[0], walker)
@@ -147,16 +145,3 @@ def _command(pose: Float, wanted: Motion, tick: int) -> tuple[float, float]:
     wanted_mps = speed_mps * math.cos(turn_rad) + GAIN_AHEAD_1PS * ahead_m
     wanted_radps = turn_radps + speed_mps * (GAIN_ASIDE_1PM2 * aside_m + GAIN_TURN_1PM * math.sin(turn_rad))
     return min(max(wanted_mps, 0.0), MOST_MPS), min(max(wanted_radps, -MOST_RADPS), MOST_RADPS)
-
-
-def _ground(terrain: Terrain, walked_m: Float) -> HeightField:
-    """The terrain as far as a walk (N, 2) may reach; a level one is a plane, without end."""
-    from quadlog.simulation.robot.height_field import HeightField, flat
-
-    if not terrain.height_m.any():
-        return flat()
-    low_m, high_m = walked_m.min(axis=0) - _BEYOND_M, walked_m.max(axis=0) + _BEYOND_M
-    x_m, y_m = (np.arange(low, high + _GRID_M, _GRID_M) for low, high in zip(low_m, high_m, strict=True))
-    corners_m = np.stack(np.meshgrid(x_m, y_m), axis=-1)
-    height_m = terrain.height_at(corners_m.reshape(-1, 2)).reshape(len(y_m), len(x_m))
-    return HeightField(height_m.astype(np.float32), _GRID_M, (float(x_m[0]), float(y_m[0])))

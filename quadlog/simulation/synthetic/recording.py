@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadlog.geometry import quat_from_euler, quat_from_yaw, seconds_since, transform_from_rpy
+from quadlog.geometry import quat_from_euler, seconds_since, transform_from_rpy
 from quadlog.messages import Float, Int, Message, Pose, Transforms
+from quadlog.simulation.robot.height_field import FLAT, HeightField
 from quadlog.simulation.sensors.imu import ImuErrors, OdometryErrors, imu_messages, odometry_messages
 from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, TruePointClass, sweep
-from quadlog.simulation.sensors.scene import FLAT, Obstacle, RayCaster, Terrain
+from quadlog.simulation.sensors.scene import Obstacle, RayCaster
 from quadlog.simulation.sensors.trajectory import Walk
 from quadlog.simulation.sensors.uwb import CarriedTag, TagRanges, UwbErrors, measure_ranges
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
@@ -59,7 +60,7 @@ class Site:
     person: Walk
     passer_by: Walk
     foliage: tuple[Obstacle, ...] = ()
-    terrain: Terrain = FLAT
+    terrain: HeightField = FLAT
 
 
 class SynthesizedMessage(NamedTuple):
@@ -190,7 +191,7 @@ class SynthesizedRecording:
 
     def _mount(self) -> Transforms:
         place_m = self.transform_lidar_to_base[:3, 3]
-        pose = Pose(START_NS, "base", "lidar", place_m, quat_from_yaw(np.zeros(())))
+        pose = Pose(START_NS, "base", "lidar", place_m, quat_from_euler(np.zeros(())))
         return Transforms(START_NS, (pose,), static=True)
 
 

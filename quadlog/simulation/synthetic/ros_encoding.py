@@ -17,16 +17,6 @@ Fields = dict[str, Any]
 """Field values of a message by name."""
 LINKTRACK = "nlink_parser/msg/LinktrackTagframe0"
 
-TYPE_NAMES: dict[type, str] = {
-    SimulatedScan: "sensor_msgs/msg/PointCloud2",
-    UwbRanges: LINKTRACK,
-    Imu: "sensor_msgs/msg/Imu",
-    Odometry: "nav_msgs/msg/Odometry",
-    Pose: "geometry_msgs/msg/PoseStamped",
-    Transforms: "tf2_msgs/msg/TFMessage",
-    JointStates: "sensor_msgs/msg/JointState",
-}
-
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")])
 """A velodyne driver's point: 22 bytes, time in seconds relative to the header's stamp."""
 
@@ -51,8 +41,8 @@ class RosEncoder:
 
     def encode(self, message: Message | SimulatedScan) -> bytes:
         """The payload of a message."""
-        type_name = TYPE_NAMES[type(message)]
-        return bytes(self._store.serialize_cdr(self._make(type_name, _FIELDS[type(message)](message)), type_name))
+        type_name, fields = ENCODED[type(message)]
+        return bytes(self._store.serialize_cdr(self._make(type_name, fields(message)), type_name))
 
     def _make(self, type_name: str, fields: Fields) -> Any:
         """A message from its fields, nested messages as dictionaries too; arrays that are not given are zeros."""
@@ -183,12 +173,13 @@ def _joint_states(joints: JointStates) -> Fields:
     }
 
 
-_FIELDS: dict[type, Callable[[Any], Fields]] = {
-    SimulatedScan: _scan,
-    UwbRanges: _uwb_ranges,
-    Imu: _imu,
-    Odometry: _odometry,
-    Pose: _pose,
-    Transforms: _transforms,
-    JointStates: _joint_states,
+ENCODED: dict[type, tuple[str, Callable[[Any], Fields]]] = {
+    SimulatedScan: ("sensor_msgs/msg/PointCloud2", _scan),
+    UwbRanges: (LINKTRACK, _uwb_ranges),
+    Imu: ("sensor_msgs/msg/Imu", _imu),
+    Odometry: ("nav_msgs/msg/Odometry", _odometry),
+    Pose: ("geometry_msgs/msg/PoseStamped", _pose),
+    Transforms: ("tf2_msgs/msg/TFMessage", _transforms),
+    JointStates: ("sensor_msgs/msg/JointState", _joint_states),
 }
+"""Of each message its type's name, and its fields' values."""

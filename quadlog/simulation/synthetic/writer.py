@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from quadlog.simulation.synthetic.recording import TF_STATIC_TOPIC, SynthesizedMessage
-from quadlog.simulation.synthetic.ros_encoding import TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import ENCODED, RosEncoder
 
 # rosbag2's own words for: keep the last one, reliable, and for those who come later too.
 LATCHED_QOS = (
@@ -30,7 +30,7 @@ def write_recording(path: Path, messages: Iterable[SynthesizedMessage]) -> dict[
         writer.start(profile="ros2", library="quadlog")
         for topic, log_time_ns, message in messages:
             if topic not in channels:
-                name = TYPE_NAMES[type(message)]
+                name = ENCODED[type(message)][0]
                 if name not in schemas:
                     schemas[name] = writer.register_schema(name, "ros2msg", encoder.definition(name).encode())
                 qos = {"offered_qos_profiles": LATCHED_QOS} if topic == TF_STATIC_TOPIC else {}

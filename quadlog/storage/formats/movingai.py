@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,26 +37,18 @@ _QUERY = [
 _FIELDS = "bucket, map, width, height, start x, start y, goal x, goal y, length"
 
 
-@dataclass(frozen=True, slots=True)
-class ScenQuery:
+class ScenQuery(NamedTuple):
     """One query of a `.scen` file.
 
-    bucket: queries of like length share one; width, height: of the map, in cells.
     start, goal: (col, row), row 0 on top, both inside the map.
     listed_cost: length of the shortest path as the file has it, in cells, with
     straight steps of 1 and diagonal ones of sqrt(2) that cut no corner. Some
     files round it to six significant digits.
-    line: where it stands in the file.
     """
 
-    bucket: int
-    map_name: str
-    width: int
-    height: int
     start: tuple[int, int]
     goal: tuple[int, int]
     listed_cost: float
-    line: int
 
 
 def read_movingai_map(path: Path) -> NDArray[np.bool_]:
@@ -122,48 +112,37 @@ def _read_cells(path: Path, file: BinaryIO, rows: int, cols: int) -> NDArray[np.
     return terrain == _BLOCKED
 
 
-def read_movingai_scen(path: Path) -> list[ScenQuery]:
-    """The queries of a `.scen` file of version 1 (`1.0`), in its order.
+def read_movingai_scen(path: Path, map_shape: tuple[int, int]) -> list[ScenQuery]:
+    """The queries of a `.scen` file of version 1 (`1.0`), in its order, all for one map of map_shape (rows, cols).
 
     Fields stand between tabs, so that a map's name may hold blanks, or between
     blanks; empty lines are skipped. Raises UnreadableFile, naming the line, for
-    anything else, a cell outside the width and height listed beside it included;
-    TooLarge for more than 500 000 queries.
+    anything else, a cell outside the map included; TooLarge for more than
+    500 000 queries. The benchmark would have a map of another size stretched to
+    the one listed; quadlog plans on maps as they are.
     """
     lines = bounded_lines(path, _MAX_LINE, "query", comments=True)
     number, first = next(lines, (1, ""))
     if not re.fullmatch(r"version[ \t]+1(\.0*)?", first.strip()):
         raise UnreadableFile(path, "is no MovingAI scenario: expected 'version 1'", number)
-    queries: list[ScenQuery] = []
+    queries, of_map, size = list[ScenQuery](), "", map_shape[::-1]
     for number, line in lines:
         if len(queries) == _MAX_QUERIES:
             raise TooLarge(f"{path}, line {number}: queries", _MAX_QUERIES + 1, _MAX_QUERIES)
-        queries.append(_query(path, number, line.strip(" \t\n")))
+        stripped = line.strip(" \t\n")
+        match = _QUERY[0].fullmatch(stripped) or _QUERY[1].fullmatch(stripped)
+        if not match or not match[2].isprintable() or not math.isfinite(cost := float(match[9])):
+            raise UnreadableFile(path, f"is no query: {_FIELDS}", number)
+        listed, start, goal = ((int(match[at]), int(match[at + 1])) for at in (3, 5, 7))
+        of_map = of_map or match[2]
+        if listed != size:
+            words = f"is for a map of {listed[0]} x {listed[1]} cells, and the map has {size[0]} x {size[1]}"
+            raise UnreadableFile(path, words, number)
+        if match[2] != of_map:
+            raise UnreadableFile(path, f"is for another map than {clipped(of_map)}", number)
+        if max(start[0], goal[0]) >= size[0] or max(start[1], goal[1]) >= size[1]:
+            raise UnreadableFile(path, f"start or goal lies outside the {size[0]} x {size[1]} cells", number)
+        queries.append(ScenQuery(start, goal, cost))
     if not queries:
         raise UnreadableFile(path, "holds no query", number)
     return queries
-
-
-def _query(path: Path, number: int, line: str) -> ScenQuery:
-    match = _QUERY[0].fullmatch(line) or _QUERY[1].fullmatch(line)
-    if not match or not match[2].isprintable() or not math.isfinite(cost := float(match[9])):
-        raise UnreadableFile(path, f"is no query: {_FIELDS}", number)
-    bucket, width, height, *ends = map(int, match.group(1, *range(3, 9)))
-    if max(ends[0::2]) >= width or max(ends[1::2]) >= height:
-        raise UnreadableFile(path, f"start or goal lies outside the {width} x {height} cells it is listed with", number)
-    return ScenQuery(bucket, match[2], width, height, (ends[0], ends[1]), (ends[2], ends[3]), cost, number)
-
-
-def check_scen(queries: Sequence[ScenQuery], map_shape: tuple[int, int], path: Path) -> None:
-    """Raises UnreadableFile, naming the line of the file `path`, unless all queries are for one map of that shape.
-
-    map_shape: (rows, cols). The benchmark would have a map of another size
-    stretched to the one listed; quadlog plans on maps as they are.
-    """
-    rows, cols = map_shape
-    for query in queries:
-        if (query.height, query.width) != (rows, cols):
-            listed = f"{query.width} x {query.height}"
-            raise UnreadableFile(path, f"is for a map of {listed} cells, and the map has {cols} x {rows}", query.line)
-        if query.map_name != queries[0].map_name:
-            raise UnreadableFile(path, f"is for another map than line {queries[0].line}", query.line)

@@ -9,12 +9,12 @@ from typing import Annotated, Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from quadlog.errors import QuadlogError, TooLarge, UnreadableFile, clipped
+from quadlog.errors import QuadlogError, TooLarge, UnreadableFile
 from quadlog.messages import Float
 from quadlog.storage.atomic_write import write_whole
-from quadlog.storage.plain_yaml import NotPlainYaml, mapping_of, parse_yaml
+from quadlog.storage.plain_yaml import NotPlainYaml, read_model
 
 _MAX_PIXELS = 1 << 26  # 8192 x 8192
 _WHITE = 3 * 255
@@ -129,7 +129,12 @@ def read_rosmap(path: Path) -> RosMap:
     Raises UnreadableFile when either file is missing, damaged or of another
     kind (a rotated origin included), TooLarge for more cells than memory should hold.
     """
-    about = _about(path)
+    try:
+        about = read_model(path, _About, _MAX_YAML_BYTES)
+    except OSError as error:
+        raise UnreadableFile(path, error.strerror or str(error)) from error
+    except NotPlainYaml as error:
+        raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
     sums, opaque = read_picture(path.parent / about.image)
     cells = _occupancy_of_sums(about)[sums]
     if opaque is not None and about.mode != "raw":
@@ -153,32 +158,6 @@ def _occupancy_of_sums(about: _About) -> NDArray[np.int8]:
     table[occupancy < about.free_thresh] = _FREE
     table[occupancy > about.occupied_thresh] = _OCCUPIED
     return table
-
-
-def _about(path: Path) -> _About:
-    try:
-        said = mapping_of(parse_yaml(_content(path)), "the document")
-        return _About.model_validate({key: value for key, value in said.items() if value is not None})
-    except NotPlainYaml as error:
-        raise UnreadableFile(path, f"no map_server file: {error.reason}", error.line) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        given = (
-            f"{key} is {clipped(first['input'], 50)!r}: " if key and first["type"] != "missing" else key and f"{key}: "
-        )
-        raise UnreadableFile(path, f"no map_server file: {given}{first['msg'].removeprefix('Value error, ')}") from None
-
-
-def _content(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MAX_YAML_BYTES + 1)
-    except OSError as error:
-        raise UnreadableFile(path, error.strerror or str(error)) from error
-    if len(content) > _MAX_YAML_BYTES:
-        raise UnreadableFile(path, "is too long for a map_server file")
-    return content
 
 
 # map_server's own: occupied black, free almost white, unknown a grey just outside both thresholds.

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import errno
-import subprocess
-import sys
 import time
 from types import SimpleNamespace
-from unittest.mock import Mock
 
 import pyarrow as pa
 import pytest
 from numba import njit
 
-from quadlog.config.file import load_config
+from quadlog.config.schema import Config
 from quadlog.errors import NotARun
-from quadlog.pipelines.executor import compilation as module
 from quadlog.pipelines.executor import machine as interrupts
-from quadlog.pipelines.executor.compilation import SAID, compilation, compiling_s
+from quadlog.pipelines.executor.compilation import SAID, compilation
 from quadlog.pipelines.executor.machine import is_out_of_memory
-from quadlog.pipelines.executor.progress import StageClock
+from quadlog.pipelines.executor.progress import StageClock, start_up
 
 
 @pytest.mark.parametrize(
@@ -71,36 +67,20 @@ def test_lack_of_memory_is_recognised_in_whatever_form_and_nothing_else(error):
     assert is_out_of_memory(error) == (error in LACKS)
 
 
-CONFIG = load_config(None, ["simulation.controller=fpmw"])
-
-
 def compile_something() -> None:
     njit(lambda x: x + 1)(1)
 
 
-@pytest.mark.parametrize(("cores", "parent", "helps"), [(2, None, True), (1, None, False), (2, "a batch", False)])
-def test_the_first_compilation_is_said_once_shared_on_a_second_core_and_no_time_of_a_stage(
-    monkeypatch, cores, parent, helps
-):
-    said, started, counted = [], [], []
+def test_the_first_compilation_is_said_once_and_is_no_time_of_a_stage():
+    said, counted = [], []
     shown = SimpleNamespace(say=said.append, compiled=counted.append)
-    monkeypatch.setattr(module, "cores", lambda: cores)
-    monkeypatch.setattr(module, "parent_process", lambda: parent)
-    monkeypatch.setattr(module.subprocess, "Popen", lambda command, **_: started.append(command[-1]) or Mock())
-    clock, before_s, began_s = StageClock(), compiling_s(), time.perf_counter()
-    with compilation(("position", "map", "control"), CONFIG, shown) as before, clock.stage("map"):
+    clock, before_s, began_s = StageClock(), start_up.seconds, time.perf_counter()
+    with compilation(Config(), shown) as before, clock.stage("map"):
         before("map")
         compile_something()
         compile_something()
-        before("control")
-    compiled_s, whole_s = compiling_s() - before_s, time.perf_counter() - began_s
+    compiled_s, whole_s = start_up.seconds - before_s, time.perf_counter() - began_s
     assert counted == [1, 2]
-    assert (said, started) == ([SAID], ["fpmw"] if helps else [])
+    assert said == [SAID]
     assert 0.01 < compiled_s < whole_s
     assert clock.seconds["map"] == pytest.approx(whole_s - compiled_s, abs=0.01)
-
-
-def test_the_module_itself_compiles_what_is_shared() -> None:
-    command = [sys.executable, "-P", "-m", module.__name__, "fpmw"]
-    ran = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert ran.returncode == 0, ran.stderr

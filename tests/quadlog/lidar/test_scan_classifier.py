@@ -15,7 +15,7 @@ from quadlog.lidar.paper_method import PaperSettings
 from quadlog.lidar.scan_classifier import RangeImageSettings, ScanClassifier
 from quadlog.messages import PointCloud
 from quadlog.recordings.recording import open_recording
-from quadlog.simulation.synthetic.labelled_scans import labelled_scans
+from tests.lab.labelled_scans import labelled_scans
 
 LEVEL = transform_from_rpy(np.array([0.0, 0.0, 0.5]), 0.0, 0.0, 0.0)
 ALL_ROUND = RangeImageSettings()

@@ -14,7 +14,7 @@ from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import GroundHeight, LogOddsMemory
 from quadlog.mapping.placing import PlacingSettings, place_scan
 from quadlog.messages import PointCloud
-from quadlog.simulation.synthetic.labelled_scans import labelled_scans
+from tests.lab.labelled_scans import labelled_scans
 
 scan = next(labelled_scans("corridor", 7, 1))
 xyz_m, ring, times = scan.xyz_lidar_m, scan.ring, scan.offset_ns

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from quadlog.geometry import quat_from_yaw
+from quadlog.geometry import quat_from_euler
 from quadlog.messages import PoseSeries
 from quadlog.metrics.alignment import find_frame_offset, frame_offset_words, mirror_words
 from quadlog.metrics.positioning import associate, positions_at
@@ -240,7 +240,7 @@ def test_a_yaw_that_is_not_the_robots_is_said_whatever_the_frames_and_the_drift(
     yaw_rad = 0 * course_rad if yaw_deg is None else course_rad + np.radians(yaw_deg)
     drift_rad = 2.0 + t_ns / 240e9
     drifting_m = Rotation.from_rotvec(drift_rad[:, None] * [0, 0, 1]).apply(0.05 * steps_m).cumsum(axis=0)
-    estimate = PoseSeries(t_ns, drifting_m, quat_from_yaw(course_rad + drift_rad))
-    compared = compare_trajectories(PoseSeries(t_ns, place_m, quat_from_yaw(yaw_rad)), estimate)
+    estimate = PoseSeries(t_ns, drifting_m, quat_from_euler(course_rad + drift_rad))
+    compared = compare_trajectories(PoseSeries(t_ns, place_m, quat_from_euler(yaw_rad)), estimate)
     words = " ".join(compared.in_any_frame)
     assert (words == "") if says is None else (says in words and "rpe_rmse_m" in words)

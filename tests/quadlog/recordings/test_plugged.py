@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from quadlog.config.schema import Topics
+from quadlog.config.schema import Config, Topics
 from quadlog.errors import DecodeError, QuadlogError
 from quadlog.messages import Imu, Odometry, PointCloud, Pose, Transforms, UwbRanges
 from quadlog.plugins import DECODERS
@@ -67,8 +67,8 @@ def test_a_unit_that_is_configured_is_that_of_the_plugins_numbers(install, log, 
     """Also of a type whose messages quadlog itself takes for mm."""
     plug_in(install, "gtec_msgs/msg/Ranging", *RANGES)
     add_json(log, "/beacons", "gtec_msgs/msg/Ranging", t=T0, m=[1.5, 2.5])
-    recording = Recording(log.container)
-    recording.range_units = {"/beacons": unit}
+    row = {"topic": "/beacons", "unit": unit}
+    recording = Recording(log.container, Config.model_validate({"uwb": {"range_topics": [row]}}))
     (timed,) = recording.messages("/beacons")
     assert timed.message.range_m == pytest.approx(np.array([1.5, 2.5]) * {"m": 1, "cm": 0.01, "mm": 0.001}[unit])
 
@@ -136,12 +136,12 @@ def test_every_kind_passes_with_its_types():
     cloud = decoded(PointCloud(None, "lidar", [[1, 2, 3]], ring=[4], offset_ns=[5]), PointCloud)
     assert (cloud.xyz_m.dtype, cloud.ring.dtype, cloud.offset_ns.dtype) == (np.float32, np.uint16, np.int64)
     ranges = decoded(UwbRanges(np.int64(7), np.uint8(2), [], []), UwbRanges)
-    assert (type(ranges.stamp_ns), type(ranges.tag), ranges.first_path_gap_db) == (int, int, None)
+    assert (ranges.stamp_ns.tolist(), len(ranges.rows)) == ([7], 0)
     odometry = decoded(Odometry(1, "odom", "base", XYZ, 2 * QUAT, XYZ, XYZ), Odometry)
-    assert odometry.quat_xyzw.tolist() == QUAT.tolist()
-    assert decoded(Imu(1, "imu", None, XYZ, XYZ), Imu).quat_xyzw is None
+    assert odometry.rows["quat_xyzw"].tolist() == [QUAT.tolist()]
+    assert np.isnan(decoded(Imu(1, "imu", None, XYZ, XYZ), Imu).rows["quat_xyzw"]).all()
     transforms = decoded(Transforms(None, (Pose(1, "map", "odom", [1, 2, 3], QUAT),), True), Transforms)
-    assert transforms.transforms[0].position_m.dtype == np.float64
+    assert (transforms.rows["position_m"].tolist(), transforms.frames) == ([[1, 2, 3]], ("map", "odom"))
 
 
 @pytest.mark.parametrize(

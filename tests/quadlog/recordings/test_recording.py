@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from quadlog.config.schema import Config
 from quadlog.errors import ClocksDiffer, UnknownTopic
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.recording import Recording
@@ -31,7 +32,7 @@ def test_a_topic_that_is_not_there_is_refused_at_once(log, topics):
     log.container.add(RANGING, T0 + 1, RANGING_PAYLOAD)
     with pytest.raises(UnknownTopic) as raised:
         Recording(log.container).messages(topics)
-    assert raised.value.choices == ["/gtec", "/odom"]
+    assert str(raised.value).endswith("topics of the recording: /gtec, /odom")
 
 
 def test_zero_stamps_fall_back_to_log_time_with_a_warning(log):
@@ -123,7 +124,9 @@ def test_ends_of_single_ranges_come_from_the_topic(log):
     expected = {"/n_3/n_7": (3, [7]), "/n_7/n_5": (5, [7]), "/mapped": (1, [9]), "/sonar": (None, [-1])}
     for topic in expected:
         log.add(topic, T0, log.ros.range(T0, 2.5))
-    recording = Recording(log.container, range_topics={"/mapped": (1, 9)}, anchor_ids=[7])
+    mapped, anchor = {"topic": "/mapped", "tag": 1, "anchor": 9}, {"id": 7, "x_m": 0, "y_m": 0, "z_m": 0}
+    config = Config.model_validate({"uwb": {"range_topics": [mapped], "anchors": [anchor]}})
+    recording = Recording(log.container, config)
     for topic, ends in expected.items():
         (timed,) = recording.messages([topic])
         assert (timed.message.tag, timed.message.anchor.tolist()) == ends

@@ -195,8 +195,8 @@ def test_many_topics_are_looked_at_once_and_few_are_listed(log, monkeypatch):
     for number in range(300):
         add(log, f"/odom_{number:03}", "odometry")
     roles = detect_roles(recording, Topics())
-    assert all(recording.sample(topic, 1) for topic in [*looks])
+    assert all(recording.peek(topic, 1)[0] for topic in [*looks])
     assert set(looks.values()) == {1}
     with pytest.raises(AmbiguousTopic, match="280 more") as raised:
         roles.topic("odometry")
-    assert len(raised.value.choices) == 300
+    assert str(raised.value).startswith("300 ")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.recordings.decoders.ranges import own_ranges
+from quadlog.config.schema import Config
 from quadlog.recordings.recording import Recording
 from quadlog.recordings.streams import gather
 
@@ -23,8 +23,8 @@ def test_series_of_each_role(log):
         log.add("/uwb/n_0/n_2", T0 + i * S, log.ros.range(T0 + i * S + 5, 1.0 + i))
         log.add("/sonar", T0 + i * S, log.ros.range(T0 + i * S, 1.0))
         log.add("/half", T0 + i * S, log.ros.range(T0 + i * S, 1.0))
-    recording = Recording(log.container)
-    recording.mapped = {"/half": own_ranges(field="range", tag=0)}
+    half = {"topic": "/half", "field": "range", "tag": 0}
+    recording = Recording(log.container, Config.model_validate({"uwb": {"range_topics": [half]}}))
     streams = gather(recording, odometry="/odom", uwb=["/uwb/n_0/n_2", "/sonar", "/half"])
     assert streams.odometry.t_ns.tolist() == [T0 + i * S for i in range(5)]
     assert streams.odometry.position_m[:, 0].tolist() == [0, 1, 2, 3, 4]

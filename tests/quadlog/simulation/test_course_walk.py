@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +8,14 @@ import pytest
 from quadlog.control.following.lookahead import FixedLookahead, FuzzyLookahead
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.settings import PursuitSettings
 from quadlog.simulation.course_walk import COURSES, SPACING_M, Course, walk_course
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import TIMESTEP_S, quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.simulation.settings import DisturbanceSettings
 
 BEND = Course("bend", np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.3]]), 0.5)
 
@@ -23,8 +24,8 @@ def _unicycle(course, disturbances=NONE) -> UnicycleRobot:
     return UnicycleRobot(course.start_pose, TIMESTEP_S, np.random.default_rng(0), disturbances)
 
 
-def _walk(course, robot, lookahead=None, rate_hz=50.0, **options):
-    return walk_course(course, robot, lookahead or FixedLookahead(0.6), 1.5, rate_hz, **options)
+def _walk(course, robot, lookahead=None, **options):
+    return walk_course(course, robot, lookahead or FixedLookahead(0.6), 1.5, **options)
 
 
 def _legged(course, disturbances=NONE) -> WalkingRobot:
@@ -34,7 +35,7 @@ def _legged(course, disturbances=NONE) -> WalkingRobot:
 
 @pytest.fixture(scope="module")
 def walk():
-    return _walk(BEND, _legged(BEND), FuzzyLookahead())
+    return _walk(BEND, _legged(BEND), FuzzyLookahead(PursuitSettings()))
 
 
 def test_ticks_are_evenly_apart_and_the_last_one_arrives(walk):
@@ -86,7 +87,7 @@ def test_a_unicycle_on_a_circle_errs_as_pure_pursuit_does_in_steady_state():
 
 
 def test_a_fall_ends_the_walk_and_is_its_last_tick():
-    walk = _walk(BEND, _legged(BEND, replace(NONE, push_n=2000.0, push_s=0.2, push_every_s=0.3)))
+    walk = _walk(BEND, _legged(BEND, DisturbanceSettings(push_n=2000.0, push_s=0.2, push_every_s=0.3)))
     fallen = walk.control["fallen"]
     assert fallen[-1]
     assert not fallen[:-1].any()

@@ -9,18 +9,22 @@ import pytest
 from quadlog.control.following.lookahead import CORRECTED, FixedLookahead, FuzzyLookahead, infer
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.control.settings import PursuitSettings
 from quadlog.errors import TooLarge
 from quadlog.mapping.grid import window_around
 from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner
 from quadlog.results.tables import TABLES
-from quadlog.simulation.resimulation import MapInstant, PursuitSettings, resimulate
+from quadlog.simulation.contacts import Footprint
+from quadlog.simulation.course_walk import RATE_HZ, Driver
+from quadlog.simulation.resimulation import MapInstant, resimulate
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
 
+BODY = Footprint(0.62, 0.26)
 START_NS = 1_700_000_000_000_000_000
 
 
@@ -39,12 +43,12 @@ def fixed(x, y):
 
 
 def run(
-    maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, lookahead=None, lookahead_m=2.0, **settings
+    maps, target, planner="ia_star", pose=(0.0, 0.0, 0.0), stop_short_m=1.0, lookahead=None, lookahead_m=2.0, **chord
 ):
     replanner = Replanner(make_planner(planner), Growth(), stop_short_m)
-    pursuit = PursuitSettings(**settings)
-    robot = UnicycleRobot(np.array(pose), 1 / pursuit.rate_hz, np.random.default_rng(0))
-    return resimulate(maps, target, robot, lookahead or FixedLookahead(lookahead_m), replanner, pursuit)
+    robot = UnicycleRobot(np.array(pose), 1 / RATE_HZ, np.random.default_rng(0))
+    driver = Driver(robot, lookahead or FixedLookahead(lookahead_m), 0.6, 1.5)
+    return resimulate(maps, target, driver, replanner, BODY, **chord)
 
 
 @pytest.mark.parametrize("planner", ["astar", "ia_star"])
@@ -92,9 +96,9 @@ def test_uneven_and_equal_instants_lose_no_tick():
     maps = list(instants(6))
     times_s = [0.0, 0.013, 0.013, 0.05, 0.051, 0.3]
     maps = [dataclasses.replace(m, t_ns=START_NS + round(t * 1e9)) for m, t in zip(maps, times_s, strict=True)]
-    walk = run(maps, fixed(4.0, 0.0), rate_hz=30.0)
+    walk = run(maps, fixed(4.0, 0.0))
     assert len(walk.plans) == 6
-    np.testing.assert_array_equal(walk.control["t_ns"] - START_NS, np.rint(np.arange(10) * 1e9 / 30))
+    np.testing.assert_array_equal(walk.control["t_ns"] - START_NS, np.arange(16) * 20_000_000)
 
 
 def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
@@ -108,14 +112,14 @@ def test_a_clock_that_jumps_is_refused_before_anything_is_allocated():
 @pytest.mark.parametrize("has_body", [False, True])
 def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body):
     """A part after a gap is, tick by tick, the walk of that part alone; a plan that was held ends with its part."""
-    model, rate_hz, gap_ns = quadruped_model(ROBOTS["tracking"], flat()), 50.0, 2_000_000_000
+    model, gap_ns = quadruped_model(ROBOTS["tracking"], flat()), 2_000_000_000
 
     def walk(maps, pose):
         rng = np.random.default_rng(0)
-        made = UnicycleRobot(pose, 1 / rate_hz, rng)
+        made = UnicycleRobot(pose, 1 / RATE_HZ, rng)
         robot = WalkingRobot(model, WalkerSettings(), pose, rng) if has_body else made
         replanner = Replanner(make_planner("d_star_lite"), Growth(), 1.0)
-        return resimulate(maps, fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings())
+        return resimulate(maps, fixed(4.0, 1.0), Driver(robot, FixedLookahead(0.6), 0.6, 1.5), replanner, BODY)
 
     first, second = list(instants(8)), list(instants(8, wall=True))
     away, again = np.array([0.0, 0.0, 0.5]), np.array([0.5, -1.0, 0.2])
@@ -134,13 +138,11 @@ def test_after_a_gap_the_walk_begins_again_and_nothing_is_walked_in_it(has_body)
 def test_a_robot_with_a_body_walks_as_the_plan_goes():
     """The kinematic robot is the oracle: 14 kg of robot follow the same plans, some centimetres behind and beside."""
     model = quadruped_model(ROBOTS["tracking"], flat())
-    settings = WalkerSettings()
-    robot = WalkingRobot(model, settings, np.array([0.0, 0.0, 0.3]), np.random.default_rng(0))
+    robot = WalkingRobot(model, WalkerSettings(), np.array([0.0, 0.0, 0.3]), np.random.default_rng(0))
     replanner = Replanner(make_planner("astar"), Growth(), 1.0)
-    walk = resimulate(
-        instants(30, wall=True), fixed(4.0, 1.0), robot, FixedLookahead(0.6), replanner, PursuitSettings(speed_mps=0.5)
-    )
-    light = run(instants(30, wall=True), fixed(4.0, 1.0), "astar", (0.0, 0.0, 0.3), lookahead_m=0.6, speed_mps=0.5)
+    driver = Driver(robot, FixedLookahead(0.6), 0.6, 1.5)
+    walk = resimulate(instants(30, wall=True), fixed(4.0, 1.0), driver, replanner, BODY)
+    light = run(instants(30, wall=True), fixed(4.0, 1.0), "astar", (0.0, 0.0, 0.3), lookahead_m=0.6)
     control = walk.control
     assert list(control) == TABLES["control"].names
     assert not control["fallen"].any()
@@ -180,7 +182,7 @@ def test_a_plan_is_the_reference_for_as_long_as_walking_it_takes():
 def test_the_fuzzy_look_ahead_is_set_by_the_error_beside_the_held_plan():
     """Turned by a radian, maps ten times a second: error, rate and look-ahead move, and no other fixed one does so."""
     given = {"target": fixed(4.0, 0.0), "planner": "astar", "pose": (0.0, 0.0, 1.0)}
-    control = run(instants(48), **given, lookahead=FuzzyLookahead()).control
+    control = run(instants(48), **given, lookahead=FuzzyLookahead(PursuitSettings())).control
     error_m, k = control["error_m"], np.column_stack([control["k_v"], control["k_w"]])
     rate_mps = np.diff(error_m, prepend=error_m[0]) * 50.0
     expected = [infer(e, ec, CORRECTED) for e, ec in zip(error_m.tolist(), rate_mps.tolist(), strict=True)]

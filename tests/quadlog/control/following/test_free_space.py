@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from quadlog.control.following.path import (
     LEAST_CHORD_M,
     FreeSpace,
-    lookahead_in_free_space,
-    lookahead_within,
+    lookahead,
     nearest_on_path,
 )
 from quadlog.control.following.pure_pursuit import PathFollower
@@ -29,7 +28,7 @@ def block(x0_m, y0_m, x1_m, y1_m):
 
 def aim(x_m, y_m, lookahead_m, space):
     near = nearest_on_path(CORNER, x_m, y_m)
-    return lookahead_in_free_space(CORNER, x_m, y_m, near, lookahead_m, math.inf, space)
+    return lookahead(CORNER, x_m, y_m, near, lookahead_m, math.inf, space)
 
 
 def test_a_wall_in_the_corner_ends_the_look_ahead_where_the_line_of_sight_touches_it():
@@ -42,7 +41,7 @@ def test_a_wall_in_the_corner_ends_the_look_ahead_where_the_line_of_sight_touche
     # Nearer than that, and once it is round the corner, nothing changes.
     for place in ((0.0, 0.0, 3.0), (3.8, 0.0, 2.0)):
         near = nearest_on_path(CORNER, *place[:2])
-        assert aim(*place, wall) == lookahead_within(CORNER, *place[:2], near, place[2], math.inf)
+        assert aim(*place, wall) == lookahead(CORNER, *place[:2], near, place[2], math.inf)
 
 
 @example(seed=56170396)  # nothing ahead is in sight: the point is the nearest one, but for rounding
@@ -54,8 +53,8 @@ def test_the_chord_is_free_and_no_longer_than_asked(seed):
     path, (x_m, y_m) = rng.uniform(-0.9, 4.9, (5, 2)), rng.uniform(-0.9, 4.9, 2)
     lookahead_m = rng.uniform(0.1, 4.0)
     near = nearest_on_path(path, x_m, y_m)
-    plain = lookahead_within(path, x_m, y_m, near, lookahead_m, 3.0)
-    found = lookahead_in_free_space(path, x_m, y_m, near, lookahead_m, 3.0, space)
+    plain = lookahead(path, x_m, y_m, near, lookahead_m, 3.0)
+    found = lookahead(path, x_m, y_m, near, lookahead_m, 3.0, space)
     assert found[2] <= plain[2]
     if not blocked.any():
         assert found == plain

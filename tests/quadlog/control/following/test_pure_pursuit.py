@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from quadlog.control.following.path import nearest_on_path
-from quadlog.control.following.pure_pursuit import ARRIVED_M, BRAKING_MPS2, Command, pure_pursuit
+from quadlog.control.following.path import lookahead, nearest_on_path
+from quadlog.control.following.pure_pursuit import ARRIVED_M, BRAKING_MPS2, Command, PathFollower
 
 
-def command_at(x_m, y_m, yaw_rad, path, *settings) -> Command:
-    return pure_pursuit(x_m, y_m, yaw_rad, path, nearest_on_path(path, x_m, y_m), *settings)
+def command_at(x_m, y_m, yaw_rad, path, *settings, start_m=0.0) -> Command:
+    follower = PathFollower(path, start_m)
+    return follower.pursue(x_m, y_m, yaw_rad, follower.step(x_m, y_m, yaw_rad), *settings)
 
 
 def circle(radius_m, turns=0.9, left=True):
@@ -48,7 +49,7 @@ def test_a_point_behind_is_turned_to_on_the_spot(bearing_deg):
 
 @pytest.mark.parametrize("path", [[[0.0, 0.0]], [[0.0, 0.0], [0.0, 0.0]], [[-2.0, 0.0], [ARRIVED_M / 2, 0.0]]])
 def test_arrived_robots_stand_still(path):
-    command = command_at(0.0, 0.0, 1.0, np.array(path), 2.0, 0.6, 1.5)
+    command = command_at(0.0, 0.0, 1.0, np.array(path), 2.0, 0.6, 1.5, start_m=2.0)
     assert (command.v_mps, command.yaw_rate_radps) == (0.0, 0.0)
 
 
@@ -56,3 +57,20 @@ def test_brakes_towards_the_end():
     for to_end in (0.06, 0.1, 0.3):
         command = command_at(0.0, 0.0, 0.0, np.array([[-1.0, 0.0], [to_end, 0.0]]), 2.0, 0.6, 1.5)
         assert command.v_mps == pytest.approx(math.sqrt(2 * BRAKING_MPS2 * to_end))
+
+
+CORNER = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("place", "lookahead_m", "ahead"),
+    [
+        ((1.0, 0.5), 2.0, (1.0 + math.sqrt(4 - 0.25), 0.0)),
+        ((1.0, 0.5), 3.5, (4.0, 0.5 + math.sqrt(3.5**2 - 9))),
+        ((1.0, 0.5), 50.0, (4.0, 3.0)),
+        ((1.0, 5.0), 0.5, (4.0, 3.0)),
+        ((1.0, -1.0), 0.5, (1.0, 0.0)),
+    ],
+)
+def test_lookahead_point_is_where_the_circle_meets_the_path_ahead(place, lookahead_m, ahead):
+    assert lookahead(CORNER, *place, nearest_on_path(CORNER, *place), lookahead_m, math.inf)[:2] == pytest.approx(ahead)

@@ -48,15 +48,10 @@ def chain(rows, joints):
 
 
 @pytest.mark.parametrize("joints", JOINTS[:10])
-def test_table_1_is_our_right_leg(joints):
-    foot = np.empty(3)
+def test_table_1_is_our_right_leg_and_eq_2_mended_is_it_with_l1_in_row_0(joints):
+    foot, shifted = np.empty(3), TABLE_1.copy()
     leg_position(joints, -1.0, LENGTHS, foot)
     np.testing.assert_allclose(BODY_FROM_DH @ chain(TABLE_1, joints), foot, atol=1e-15)
-
-
-@pytest.mark.parametrize("joints", JOINTS[:10])
-def test_eq_2_mended_is_table_1_with_l1_in_row_0(joints):
-    shifted = TABLE_1.copy()
     shifted[:2, 0] = L1, 0
     np.testing.assert_allclose(eq_2(joints, mended=True), chain(shifted, joints), atol=1e-15)
     assert np.abs(eq_2(joints, mended=True) - chain(TABLE_1, joints)).max() > 0.01

@@ -4,18 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.integrate import solve_bvp
 from scipy.interpolate import BPoly
 
-from quadlog.control.locomotion.foot_trajectory import (
-    EASED,
-    PARABOLA,
-    FootCycle,
-    lateral_peak_m,
-    swing_state,
-)
+from quadlog.control.locomotion.foot_trajectory import swing_state
 
-T, S, H = 1.0, 0.04, 0.02
 START, END = np.array([0.1, -0.2, 0.03]), np.array([0.3, -0.1, 0.05])
 
 
@@ -33,32 +25,6 @@ def test_along_the_line_the_quintic_is_scipys(phase):
     np.testing.assert_allclose(_state(phase)[:, 0], expected, rtol=1e-9, atol=1e-9)
 
 
-def _printed_swing(t, lam):
-    """Eq. 9 as printed, but for its domains."""
-    u = t / (lam * T)
-    x = S * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
-    half = np.sin(4 * np.pi * u) / (2 * np.pi)
-    return x, np.where(t < lam * T / 2, H * (2 * u - half), H * (2 - 2 * u + half))
-
-
-def _printed_stance(t, lam):
-    """Eq. 10."""
-    return S * ((T - t) / ((1 - lam) * T) + np.sin(2 * np.pi * (t - lam * T) / ((1 - lam) * T)) / (2 * np.pi))
-
-
-@pytest.mark.parametrize("lam", [0.3, 0.5, 0.7])
-def test_the_cycle_is_that_of_eqs_9_and_10_about_the_middle_of_the_step(lam):
-    cycle = FootCycle(T, S, H, swing_share=lam)
-    swing = np.linspace(0, lam * T, 200, endpoint=False)
-    x, z = _printed_swing(swing, lam)
-    position = cycle.at(swing)
-    np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, z]), atol=1e-15)
-    stance = np.linspace(lam * T, T, 200, endpoint=False)
-    position = cycle.at(stance)
-    x = _printed_stance(stance, lam)
-    np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, 0 * x]), atol=1e-15)
-
-
 @given(st.floats(0.02, 0.98), st.floats(0.05, 5.0))
 def test_velocity_and_acceleration_are_the_derivatives(phase, duration_s):
     step = 1e-5
@@ -73,27 +39,3 @@ def test_a_foot_lifts_off_and_touches_down_without_speed_and_acceleration(phase)
     _, velocity, acceleration = _state(phase)
     np.testing.assert_allclose(velocity, 0.0, atol=1e-14)
     np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize(("power", "speed"), [(PARABOLA, 0.08), (EASED, 0.0)])
-def test_the_eased_bulge_begins_and_ends_without_speed(power, speed):
-    """The parabola of 1 cm and half a second begins at 4 x 1 cm / 0.5 s."""
-    cycle = FootCycle(T, S, H, aside_m=0.01, power=power)
-    for ends_s in ([0.0, 1e-6], [0.5 * T - 1e-9, 0.5 * T - 1e-6]):
-        aside_m = cycle.at(np.array(ends_s))[:, 1]
-        assert abs(np.diff(aside_m) / np.diff(ends_s))[0] == pytest.approx(speed, abs=1e-4)
-
-
-def test_the_bulge_solves_eq_11():
-    """2 J1 k y'' = M, y(0) = y(T/2) = 0, solved by scipy."""
-    moment, k, inertia, period_s = -0.7, 120.0, 0.0063, 0.8
-    t_s = np.linspace(0, period_s / 2, 50, endpoint=False)
-    solved = solve_bvp(
-        lambda _, y: np.vstack([y[1], np.full_like(y[0], moment / (2 * inertia * k))]),
-        lambda start, end: np.array([start[0], end[0]]),
-        np.array([0.0, period_s / 2]),
-        np.zeros((2, 2)),
-    )
-    cycle = FootCycle(period_s, S, H, aside_m=lateral_peak_m(moment, k, inertia, period_s))
-    np.testing.assert_allclose(cycle.at(t_s)[:, 1], solved.sol(t_s)[0], atol=1e-12)
-    assert lateral_peak_m(moment, k, inertia, period_s) == pytest.approx(solved.sol(period_s / 4)[0])

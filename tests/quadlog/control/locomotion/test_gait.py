@@ -46,9 +46,3 @@ def test_a_phase_is_within_its_stance_or_swing(gait, t_s):
     whole = np.where(stance, phase * gait.duty, gait.duty + phase * (1 - gait.duty))
     turns = t_s / gait.period_s + np.array(gait.offsets) - whole
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-
-
-@pytest.mark.parametrize(("period_s", "duty", "offset"), [(0, 0.5, 0), (1, 0, 0), (1, 1.1, 0), (1, 0.5, float("nan"))])
-def test_an_impossible_gait_is_refused(period_s, duty, offset):
-    with pytest.raises(ValueError, match="a gait needs"):
-        Gait("odd", period_s, duty, (offset, 0.0, 0.0, 0.0))

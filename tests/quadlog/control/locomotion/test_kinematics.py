@@ -4,19 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from quadlog.control.locomotion.kinematics import (
-    foot_positions,
-    joints_for,
-    leg_inverse,
-    leg_jacobian,
-    leg_position,
-)
+from quadlog.control.locomotion.kinematics import foot_positions, joints_for, leg_inverse, leg_jacobian, leg_position
 from quadlog.control.locomotion.robot import ROBOTS, SIDES
 
 LENGTHS = np.array([0.075, 0.22, 0.22])
 UNEVEN = np.array([0.08, 0.25, 0.2])
 ANGLES = st.tuples(st.floats(-1.4, 1.4), st.floats(-2.0, 1.0), st.floats(0.05, 2.8))
+SIGNS = np.array([1, -1, -1])
 side = st.sampled_from([1.0, -1.0])
 lengths = st.sampled_from([LENGTHS, UNEVEN])
 
@@ -32,20 +28,11 @@ def inverse(foot, side, lengths):
     return joints, leg_inverse(np.asarray(foot, float), side, lengths, joints)
 
 
-def turned(axis, angle):
-    """Rodrigues' rotation."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], float)
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-
-
 @given(ANGLES, side, lengths)
 def test_the_foot_is_at_the_end_of_three_turned_links(joints, side, lengths):
-    abduction, hip, knee = (
-        turned(axis, t) for axis, t in zip([(1, 0, 0), (0, -1, 0), (0, -1, 0)], joints, strict=True)
-    )
+    abduction, hip, knee = (Rotation.from_euler(axis, t) for axis, t in zip("xyy", joints * SIGNS, strict=True))
     thigh, shank = np.array([0, 0, -lengths[1]]), np.array([0, 0, -lengths[2]])
-    expected = abduction @ ([0, side * lengths[0], 0] + hip @ (thigh + knee @ shank))
+    expected = abduction.apply(np.array([0, side * lengths[0], 0]) + hip.apply(thigh + knee.apply(shank)))
     np.testing.assert_allclose(position(joints, side, lengths), expected, atol=1e-15)
 
 

@@ -6,11 +6,11 @@ import daqp
 import numpy as np
 import piqp
 import pytest
-from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.force_qp import Pyramid
-from quadlog.control.locomotion.mpc import LEVEL, Mpc, MpcSettings
+from quadlog.control.locomotion.mpc import LEVEL, Mpc
+from quadlog.control.settings import MpcSettings
 
 MASS_KG = 12.786
 WEIGHT_N = MASS_KG * 9.81
@@ -38,8 +38,7 @@ def _random_problem(seed, scale):
 
 
 def _mpc(mass_kg=MASS_KG, **settings):
-    chosen = MpcSettings(**settings)
-    return Mpc(mass_kg, INERTIA, chosen, chosen.pyramid(mass_kg))
+    return Mpc(mass_kg, INERTIA, Pyramid(MpcSettings(**settings), mass_kg))
 
 
 def _qp(mpc, problem):
@@ -48,16 +47,15 @@ def _qp(mpc, problem):
     H, g = (each.copy() for each in mpc.condense(*problem[:-1], LEVEL))
     rows = np.array([[-1, 0, s.mu], [1, 0, s.mu], [0, -1, s.mu], [0, 1, s.mu], [0, 0, 1], [0, 0, -1]])
     rows, feet = rows @ ground_to_map.T, len(g) // 3
-    return H, g, np.kron(np.eye(feet), rows), np.tile([0, 0, 0, 0, s.f_min_n, -s.f_max_n], feet)
+    return H, g, np.kron(np.eye(feet), rows), np.tile([0, 0, 0, 0, 0, -s.f_max_n], feet)
 
 
-@pytest.mark.parametrize("f_min_n", [0.0, 4.0])
 @pytest.mark.parametrize("scale", [0.2, 1.0, 5.0])
 @pytest.mark.parametrize("ground", [LEVEL, HILL], ids=["level", "hill"])
-def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
+def test_forces_are_those_of_an_independent_solver(scale, ground):
     active = 0
     for seed in range(8):
-        mpc = _mpc(f_min_n=f_min_n)
+        mpc = _mpc()
         problem = *_random_problem(seed, scale), ground
         solution = mpc.solve(*problem)
         assert (mpc.solves, mpc.pyramid.failed) == (1, 0)
@@ -72,12 +70,7 @@ def test_forces_are_those_of_an_independent_solver(scale, f_min_n, ground):
         found = solution[problem[3]].ravel()
         np.testing.assert_allclose(found, solver.result.x, atol=1e-6, rtol=0)
         active += (rows @ found - lower < 1e-6).sum()
-        # KKT: within the pyramid, and the gradient is a sum of active rows with multipliers >= 0.
         assert (rows @ found - lower).min() >= -1e-9
-        held = rows[rows @ found - lower < 1e-7]
-        gradient = H @ found + g
-        miss = nnls(held.T, gradient)[1] if len(held) else np.linalg.norm(gradient)
-        assert miss < 1e-9 * max(1.0, abs(g).max())
     assert active > 0 or scale < 1
 
 
@@ -120,11 +113,5 @@ def test_where_no_solver_has_an_answer_the_feet_share_the_weight_and_it_is_count
 
 
 def test_a_foot_may_bear_more_than_the_weight_unless_it_is_limited():
-    assert MpcSettings().pyramid(50.0).f_max_n == pytest.approx(1.2 * 50 * 9.81)
-    assert MpcSettings(f_max_n=70.0).pyramid(50.0).f_max_n == 70
-
-
-@pytest.mark.parametrize("wrong", [(-0.1, 0, 1), (np.nan, 0, 1), (0.6, -1, 1), (0.6, 2, 1), (0.6, 0, np.inf)])
-def test_a_pyramid_without_forces_is_refused(wrong):
-    with pytest.raises(ValueError, match="pyramid"):
-        Pyramid(*wrong)
+    assert Pyramid(MpcSettings(), 50.0).f_max_n == pytest.approx(1.2 * 50 * 9.81)
+    assert Pyramid(MpcSettings(f_max_n=70.0), 50.0).f_max_n == 70

@@ -26,13 +26,3 @@ def test_it_stands_on_four_feet_as_high_as_it_says(robot):
     np.testing.assert_allclose(feet[:, 2], robot.foot_radius_m - robot.standing_height_m, atol=1e-14)
     np.testing.assert_allclose(feet[:, 0], robot.hips_m[:, 0], atol=1e-14)
     np.testing.assert_allclose(feet[:, 1], SIDES * (robot.hip_y_m + robot.lengths_m[0]), atol=1e-14)
-
-
-@pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
-def test_an_inertia_is_one_of_a_body_and_symmetric_about_the_middle(robot):
-    inertia = robot.inertia_kgm2
-    np.testing.assert_allclose(inertia, inertia.T, atol=1e-16)
-    np.testing.assert_allclose(inertia[1, [0, 2]], 0, atol=1e-16)
-    small, middle, large = np.linalg.eigvalsh(inertia)
-    assert 0 < small < middle < large < small + middle
-    assert abs(robot.centre_of_mass_m[1]) < 1e-15

@@ -79,7 +79,7 @@ def walk(
     rows, cut = [], 0
     for tick in range(round(seconds / dt_s)):
         t_s = tick * dt_s
-        torques_nm = walker.step(t_s, dt_s, state, speed_mps, yaw_rate_radps)
+        torques_nm = walker.step(t_s, dt_s, state, (speed_mps, 0.0, yaw_rate_radps))
         rows.append([*state.position_m, *state.rpy, *state.qvel[:3], walker.reference.position_m[2]])
         cut += int(walker.wbc.saturated.sum())
         pushed = push_n is not None and 0.6 <= t_s < 0.7

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from quadlog.control.locomotion.force_qp import Pyramid
 from quadlog.control.locomotion.wbc import WholeBodyControl, WholeBodyState, WholeBodyTargets, commands
+from quadlog.control.settings import MpcSettings
 
 SEEDS = st.integers(0, 2**32 - 1)
 MASS_KG = 12.8
@@ -128,17 +129,17 @@ def targets_of(rotation, body, feet):
     return targets
 
 
-def controlled(state, targets, stance, mpc_forces_n, pyramid=(0.6, 5.0, 120.0), limits_nm=np.inf):
+def controlled(state, targets, stance, mpc_forces_n, limits_nm=np.inf):
     """Whole-body control after a step."""
     targets.stance[:], targets.forces_n[:] = stance, mpc_forces_n
-    control = WholeBodyControl(Pyramid(*pyramid), limits_nm)
+    control = WholeBodyControl(Pyramid(MpcSettings(f_max_n=120.0), MASS_KG), limits_nm)
     control.step(state, targets)
     return control
 
 
 def command_columns(state, targets, stance):
     """Change of q, velocity, acceleration, before the QP: (3, 18)."""
-    control = WholeBodyControl(Pyramid(0.6, 0.0, 150.0), np.inf)
+    control = WholeBodyControl(Pyramid(MpcSettings(), MASS_KG), np.inf)
     targets.stance[:] = stance
     commands(state.record, targets.record, control.record)
     return control.out.T
@@ -247,7 +248,7 @@ def test_forces_against_the_qp_with_its_equality(robot, seed, far):
     per_foot = np.array([[-1, 0, 0.6], [1, 0, 0.6], [0, -1, 0.6], [0, 1, 0.6], [0, 0, 1], [0, 0, -1]])
     per_foot = per_foot @ targets.rotation_body_to_map.T
     pyramid = np.hstack([np.kron(np.eye(len(feet)), per_foot), np.zeros((6 * len(feet), 6))])
-    at_least = np.tile([0, 0, 0, 0, 5.0, -120.0], len(feet)) - pyramid[:, :n] @ asked
+    at_least = np.tile([0, 0, 0, 0, 0, -120.0], len(feet)) - pyramid[:, :n] @ asked
     solver = piqp.DenseSolver()
     solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-9
     solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 0.0
@@ -297,7 +298,7 @@ def test_a_slope_tilts_the_friction_cone(slope_deg, mu, yaw_deg):
     slope = np.radians(slope_deg)
     ground = Rotation.from_euler("ZY", [yaw_deg, slope_deg], degrees=True).as_matrix()
     # Nothing but nearness to the MPC's forces counts.
-    pyramid = Pyramid(mu, 0.0, 150.0)
+    pyramid = Pyramid(MpcSettings(mu=mu), MASS_KG)
     along_n = ground.T @ [0.0, 0.0, 60.0]
     found_n = ground @ pyramid.solve(np.eye(3), -along_n, along_n[None])
     assert pyramid.limited == (abs(np.tan(slope)) > mu)

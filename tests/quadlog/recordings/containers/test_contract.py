@@ -16,7 +16,7 @@ from rosbags.rosbag1 import Reader
 
 from fuzzing.edits import edited
 from quadlog.errors import NothingReadable, QuadlogError
-from quadlog.recordings.containers import overlap
+from quadlog.recordings.containers import chunked
 from quadlog.recordings.containers.open import open_container
 from quadlog.storage import byte_source
 from tests.lab import recordings
@@ -64,7 +64,7 @@ def test_messages_come_in_order_of_time_ties_in_file_order(tmp_path, form, in_or
 @pytest.mark.parametrize("room", [True, False])
 def test_chunks_that_all_overlap_are_kept_on_disk_as_far_as_there_is_room(tmp_path, monkeypatch, form, room):
     """Each begins with a message of the first instant, which is given at once, the others at their time."""
-    monkeypatch.setattr(overlap, "_HELD_BYTES", 1500)
+    monkeypatch.setattr(chunked, "_HELD_BYTES", 1500)
     if not room:
         monkeypatch.setattr(byte_source.shutil, "disk_usage", lambda _: type("Free", (), {"free": 3000}))
     messages = recordings.some(120)

@@ -15,13 +15,16 @@ from quadlog.errors import DecodeError
 from quadlog.recordings.containers.container import Channel
 from quadlog.recordings.decoders.fields import ColumnReader
 from quadlog.recordings.decoders.joints import JointOrder
+from quadlog.recordings.decoders.laser_scan import LASER_SCAN, MULTI_ECHO
 from quadlog.recordings.decoders.ros_messages import Definitions
-from quadlog.recordings.decoding import ByColumns, reader_of
-from quadlog.recordings.types import PLANAR_SCANS, TYPES
+from quadlog.recordings.decoders.rows import Type
+from quadlog.recordings.decoding import RowReader, reader_of
+from quadlog.recordings.types import TYPES
 from tests.lab.decoded import KINDS, channel_of, decoded, serialised, store_of, together, zeroed
 
 STAMPED_TAGFRAME = "ros2_port/msg/LinktrackTagframe0"
-WANTED = {name: each.wanted for name, each in TYPES.items()} | {name: each[0] for name, each in PLANAR_SCANS.items()}
+WANTED = {name: each.wanted for name, each in TYPES.items() if isinstance(each, Type)}
+WANTED |= {"sensor_msgs/msg/LaserScan": LASER_SCAN, "sensor_msgs/msg/MultiEchoLaserScan": MULTI_ECHO}
 NAMES = {STAMPED_TAGFRAME: WANTED["LinktrackTagframe0"]}
 NAMES |= {
     each: wanted
@@ -115,7 +118,7 @@ def test_random_messages_are_read_as_by_rosbags(name: str, kind: str) -> None:
         payloads = [sound, other, other + bytes(draw.randrange(6)), bytes(flipped), cut, sound]
         assert {0, 1, 5} <= assert_columns_as(store, channel, payloads, NAMES[name])
         reader = reader_of(channel, Definitions(), JointOrder())
-        if isinstance(reader, ByColumns):
+        if isinstance(reader, RowReader):
             several = together(channel.topic, reader, payloads)
             for payload, found in zip(payloads, several, strict=True):
                 (alone,) = together(channel.topic, reader, [payload])

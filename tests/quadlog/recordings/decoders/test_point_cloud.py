@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from quadlog.errors import DecodeError
 from quadlog.lidar.point_times import find_reading, usual_step_ns
 from quadlog.messages import PointCloud
-from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder, decode_livox
+from quadlog.recordings.containers.container import Channel
+from quadlog.recordings.decoders.point_cloud import DATATYPES, PointCloud2Decoder
 from quadlog.recordings.decoding import kinds_of
 from tests.lab.decoded import KINDS, channel_of, decoded, serialised, zeroed
 
@@ -27,7 +28,7 @@ CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 
 def decode_point_cloud2(payload, encoding, topic):
     """One message, by a decoder that has seen none before."""
-    return PointCloud2Decoder(topic, encoding)(payload)
+    return PointCloud2Decoder(Channel(topic, "", encoding, "", b""))(payload)
 
 
 def cloud_message(ros: Any, points: np.ndarray, *, rows: int = 1, padding: int = 0, big: bool = False) -> Any:
@@ -109,7 +110,7 @@ def test_rows_lie_as_the_length_of_the_data_says(ros: Any, row_step: int, paddin
     right, message.row_step = message.row_step, row_step
     if padding and row_step == 3 * 14:
         return  # sound by itself
-    cloud = PointCloud2Decoder("/points", ros.encoding, warn=said.append)(ros.serialise(message))
+    cloud = PointCloud2Decoder(Channel("/points", "", ros.encoding, "", b""), said.append)(ros.serialise(message))
     assert (cloud.xyz_m[:, 0].tolist(), cloud.ring.tolist()) == (list(range(9)), list(range(9)))
     assert ["row_step" in each for each in said] == [True] * (row_step != right)
 
@@ -126,7 +127,7 @@ def test_the_byte_order_is_that_of_sound_coordinates(ros: Any, order: str, flag:
         points[axis] = values
     points["ring"], said = 3, []
     message = cloud_message(ros, points, big=flag)
-    cloud = PointCloud2Decoder("/points", ros.encoding, warn=said.append)(ros.serialise(message))
+    cloud = PointCloud2Decoder(Channel("/points", "", ros.encoding, "", b""), said.append)(ros.serialise(message))
     if kind == "f4" or flag == (order == ">"):
         np.testing.assert_array_equal(cloud.xyz_m, xyz.astype(np.float32))
     assert cloud.ring.tolist() == [3] * 400
@@ -341,7 +342,7 @@ def test_livox_messages_of_any_package(kind: str, package: str, as_bundled: bool
 def test_livox_points_lines_and_offsets(kind: str, count: int, frame: str) -> None:
     """The length of the frame's name decides where CDR aligns the timebase, from which offsets count."""
     payload = serialised(kind, custom_message(kind, count, T_NS + 500, frame))
-    cloud = decode_livox(payload, "/livox/lidar", "ros1" if kind == "ros1" else "cdr")
+    (cloud,) = decoded(channel_of(kind, f"{LIVOX}/msg/CustomMsg"), payload)
     i = np.arange(count)
     np.testing.assert_array_equal(cloud.xyz_m, np.column_stack([i + 0.25, -i, 2 * i]).astype(np.float32))
     assert (cloud.stamp_ns, cloud.frame_id) == (T_NS, frame)
@@ -355,4 +356,4 @@ def test_cut_or_longer_payloads_are_refused(kind: str) -> None:
     payload = serialised(kind, custom_message(kind, 4))
     for damaged in (payload[:-1], payload[:40], b"", payload + bytes(19)):
         with pytest.raises(DecodeError):
-            decode_livox(damaged, "/livox/lidar", "ros1" if kind == "ros1" else "cdr")
+            decoded(channel_of(kind, f"{LIVOX}/msg/CustomMsg"), damaged)

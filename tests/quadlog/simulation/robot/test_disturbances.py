@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from quadlog.simulation.robot.disturbances import DISTURBED, HEADING_ARM_M, NONE, Disturbances
+from quadlog.simulation.settings import DisturbanceSettings
 
 
 def _disturbances(settings=DISTURBED, seed=0):
@@ -36,10 +36,10 @@ def test_pushes_are_lateral_and_periodic():
 
 
 def test_pose_lag_and_noise_are_those_of_the_settings():
-    late = _disturbances(replace(NONE, pose_lag_s=0.1))
+    late = _disturbances(DisturbanceSettings(pose_lag_s=0.1))
     known = [late.measured(k * 0.02, np.array([k * 0.02, 0.0, 0.0]))[0] for k in range(50)]
     np.testing.assert_allclose(known, np.maximum(np.arange(50) * 0.02 - 0.1, 0), atol=1e-9)
-    noisy = _disturbances(replace(NONE, pose_noise_m=0.03))
+    noisy = _disturbances(DisturbanceSettings(pose_noise_m=0.03))
     errors = np.array([noisy.measured(k * 0.02, np.zeros(3)) for k in range(20_000)])
     np.testing.assert_allclose(errors.std(axis=0), [0.03, 0.03, 0.03 / HEADING_ARM_M], rtol=0.03)
 

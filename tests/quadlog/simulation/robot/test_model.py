@@ -13,6 +13,7 @@ from quadlog.simulation.robot.height_field import Extent, HeightField, flat, s_c
 from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
 
 ROBOT = ROBOTS["tracking"]
+LINKS = ("abduction", "thigh", "shank")
 NEAR = Extent(-1.0, -1.0, 2.0, 2.0)
 robots = pytest.mark.parametrize("robot", ROBOTS.values(), ids=list(ROBOTS))
 
@@ -35,28 +36,57 @@ def stand(quadruped: QuadrupedModel, qpos: np.ndarray, seconds: float) -> tuple[
     feet = []
     for _ in range(round(seconds / quadruped.model.opt.timestep)):
         off = qpos[quadruped.joint_qpos] - data.qpos[quadruped.joint_qpos]
-        data.ctrl[quadruped.actuators] = 400 * off - 8 * data.qvel[quadruped.joint_qvel]
+        data.ctrl[:] = 400 * off - 8 * data.qvel[quadruped.joint_qvel]
         mujoco.mj_step(quadruped.model, data)
         feet.append(data.site_xpos[quadruped.foot_sites].copy())
     return data, np.array(feet)
 
 
 @robots
-def test_mass_and_inertia_of_the_model_match_the_robot(robot):
+def test_mass_and_inertia_of_a_robot_are_the_sums_over_its_links(robot):
     quadruped = quadruped_model(robot, flat())
-    data = mujoco.MjData(quadruped.model)
+    model, data, known = quadruped.model, mujoco.MjData(quadruped.model), quadruped.robot
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     data.qpos[quadruped.joint_qpos] = robot.standing_joints_rad
-    mujoco.mj_forward(quadruped.model, data)
-    assert quadruped.model.body_mass.sum() == pytest.approx(robot.mass_kg, abs=1e-12)
-    np.testing.assert_allclose(data.subtree_com[quadruped.trunk_body], robot.centre_of_mass_m, atol=1e-12)
-    # MuJoCo's own inertia of the joints-locked robot: the mass matrix's block of the trunk's rotation, moved from the
-    # body's origin to the centre of mass. Rotors belong to joints and are not in it.
-    mass_matrix = np.zeros((18, 18))
-    mujoco.mj_fullM(quadruped.model, data, mass_matrix)
-    centre = robot.centre_of_mass_m
-    moved = robot.mass_kg * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    np.testing.assert_allclose(mass_matrix[3:6, 3:6] - moved, robot.inertia_kgm2, atol=1e-12)
+    mujoco.mj_forward(model, data)
+    masses, turns = model.body_mass, data.ximat.reshape(-1, 3, 3)
+    assert masses.sum() == pytest.approx(robot.mass_kg, abs=1e-12)
+    np.testing.assert_allclose(known.centre_of_mass_m, masses @ data.xipos / masses.sum(), atol=1e-15)
+    arms = data.xipos - known.centre_of_mass_m
+    apart = (masses * (arms**2).sum(axis=1)).sum() * np.eye(3) - (arms.T * masses) @ arms
+    own = (turns * model.body_inertia[:, None] @ turns.transpose(0, 2, 1)).sum(axis=0)
+    np.testing.assert_allclose(known.inertia_kgm2, own + apart, atol=1e-14)
+    small, middle, large = np.linalg.eigvalsh(known.inertia_kgm2)
+    assert 0 < small < middle < large < small + middle
+
+
+def test_links_are_even_balls_and_rods():
+    """By hand, of [Tracking]'s robot: a ball, a rod that hangs 15 % below the hip, a rod with a ball at its end."""
+    model = quadruped_model(ROBOT, flat()).model
+    trunk, abduction, thigh, shank = (model.body(f"{name}") for name in ("trunk", *(f"right_fore_{k}" for k in LINKS)))
+    np.testing.assert_allclose(trunk.inertia, 6.01 / 12 * np.array([0.050632, 0.084285, 0.108925]), rtol=1e-12)
+    np.testing.assert_allclose(abduction.ipos, [0, -0.0375, 0], atol=1e-15)
+    np.testing.assert_allclose(abduction.inertia, 0.4 * 0.595 * 0.045**2, rtol=1e-12)
+    np.testing.assert_allclose(thigh.ipos, [0, 0, -0.033], atol=1e-15)
+    across = 0.888 * (3 * 0.045**2 + 0.22**2) / 12
+    np.testing.assert_allclose(thigh.inertia, [across, across, 0.888 * 0.045**2 / 2], rtol=1e-12)
+    below = (0.151 * 0.11 + 0.06 * 0.22) / 0.211
+    np.testing.assert_allclose([shank.mass[0], *shank.ipos], [0.211, 0, 0, -below], atol=1e-15)
+    across = 0.151 * (3 * 0.012**2 + 0.22**2) / 12 + 0.4 * 0.06 * 0.02**2
+    across += 0.151 * (0.11 - below) ** 2 + 0.06 * (0.22 - below) ** 2
+    np.testing.assert_allclose(shank.inertia, [across, across, 0.151 * 0.012**2 / 2 + 0.4 * 0.06 * 0.02**2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["go1", "go2", "a1", "b1"])
+def test_trunks_are_as_their_maker_prints_them_where_it_does(name):
+    robot = ROBOTS[name]
+    trunk = quadruped_model(robot, flat()).model.body("trunk")
+    turn = Rotation.from_quat(np.roll(trunk.iquat, -1)).as_matrix()
+    xx, yy, zz, xy, xz, yz = robot.trunk_inertia_kgm2
+    printed = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    np.testing.assert_allclose(turn @ np.diag(trunk.inertia) @ turn.T, printed, atol=1e-12)
+    np.testing.assert_array_equal(trunk.ipos, robot.trunk_centre_m)
+    assert trunk.mass == robot.trunk_mass_kg
 
 
 @robots
@@ -87,7 +117,7 @@ def test_it_stands_still(robot, ground: HeightField):
     assert np.ptp(settled, axis=0).max() < 0.01 * robot.standing_height_m
     assert data.xmat[quadruped.trunk_body][8] > 0.99
     touching = {int(geom) for geom in data.contact.geom.ravel()}
-    assert touching == {quadruped.ground_geom, *quadruped.foot_geoms.tolist()}
+    assert touching == {quadruped.model.geom("ground").id, *quadruped.foot_geoms.tolist()}
 
 
 @pytest.mark.parametrize(

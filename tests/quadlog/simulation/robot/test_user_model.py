@@ -8,11 +8,17 @@ from quadlog.control.locomotion.robot import ROBOTS, SIDES, Robot
 from quadlog.errors import TooLarge, UnreadableFile, UnusableRobot
 from quadlog.simulation.robot import model_files
 from quadlog.simulation.robot.height_field import Extent, flat, undulating
-from quadlog.simulation.robot.model import mjcf, quadruped_model
+from quadlog.simulation.robot.model import quadruped_model, quadruped_spec
 from quadlog.simulation.robot.user_model import load_user_model
 
 ROBOT = ROBOTS["tracking"]
 UNITREE = {"left_fore": "FL", "right_fore": "FR", "left_hind": "RL", "right_hind": "RR"}
+
+
+def mjcf(robot: Robot) -> str:
+    spec = quadruped_spec(robot)
+    spec.compile()
+    return spec.to_xml()
 
 
 def unitree_names(text: str) -> str:
@@ -27,8 +33,11 @@ def unitree_names(text: str) -> str:
 def urdf(robot: Robot, legs: int = 4) -> str:
     """The robot as Unitree writes its URDF: a massless base, fixed feet, meshes that are not there."""
 
-    def link(name: str, mass: float, centre: np.ndarray, inertia: np.ndarray, shape: str = "") -> str:
-        xx, yy, zz = inertia
+    model = quadruped_model(robot, flat()).model
+
+    def link(name: str, ours: str, shape: str = "") -> str:
+        body = model.body(ours)
+        (mass,), centre, (xx, yy, zz) = body.mass.tolist(), body.ipos.tolist(), body.inertia.tolist()
         return (
             f'<link name="{name}"><visual><geometry><mesh filename="package://r/{name}.dae"/></geometry></visual>'
             f'<collision><geometry><mesh filename="/etc/passwd"/></geometry></collision>{shape}'
@@ -45,16 +54,14 @@ def urdf(robot: Robot, legs: int = 4) -> str:
             f'<origin xyz="{at}"/>{limit}</joint>'
         )
 
-    trunk, (abduction, thigh, shank) = robot.trunk, robot.links
     parts = ['<robot name="any"><link name="base"/>', joint("floating_base", "base", "trunk", (0.0, 0.0, 0.0))]
-    parts.append(link("trunk", trunk.mass_kg, trunk.centre_m.tolist(), trunk.inertia_kgm2.tolist()))
+    parts.append(link("trunk", "trunk"))
     ball = f'<collision><geometry><sphere radius="{robot.foot_radius_m}"/></geometry></collision>'
     aside, thigh_m, shank_m = robot.lengths_m
-    for leg, short in enumerate(list(UNITREE.values())[:legs]):
+    for leg, (ours, short) in enumerate(list(UNITREE.items())[:legs]):
         side = float(SIDES[leg])
-        for name, piece in [("hip", abduction), ("thigh", thigh), ("calf", shank)]:
-            centre = (piece.centre_m * [1, side, 1]).tolist()
-            parts.append(link(f"{short}_{name}", piece.mass_kg, centre, piece.inertia_kgm2.tolist()))
+        for name, piece in [("hip", "abduction"), ("thigh", "thigh"), ("calf", "shank")]:
+            parts.append(link(f"{short}_{name}", f"{ours}_{piece}"))
         parts.append(f'<link name="{short}_foot">{ball}</link>')
         parts.append(joint(f"{short}_foot_fixed", f"{short}_calf", f"{short}_foot", (0.0, 0.0, -shank_m)))
         parts.append(joint(f"{short}_calf_joint", f"{short}_thigh", f"{short}_calf", (0.0, 0.0, -thigh_m), "0 1 0"))
@@ -87,9 +94,7 @@ def test_models_with_other_names_and_axes_move_alike(tmp_path: Path, kind: str):
         data = mujoco.MjData(quadruped.model)
         data.qpos[:7], data.qpos[quadruped.joint_qpos] = qpos[:7], qpos[quadruped.joint_qpos]
         for step in range(100):
-            data.ctrl[quadruped.actuators] = 5 * np.sin(0.1 * step + np.arange(12)) + 40 * (np.arange(12) == 5) * (
-                step < 5
-            )
+            data.ctrl[:] = 5 * np.sin(0.1 * step + np.arange(12)) + 40 * (np.arange(12) == 5) * (step < 5)
             mujoco.mj_step(quadruped.model, data)
         ends.append(
             np.concatenate(
@@ -136,7 +141,10 @@ def test_a_body_whose_origin_is_elsewhere_keeps_it(tmp_path: Path):
             unitree_names(mjcf(ROBOT)).replace('name="RR_calf_joint"', 'name="tail"'),
             "found RR_hip_joint, RR_thigh_joint",
         ),
-        (mjcf(ROBOT).replace('type="hinge"', 'type="slide"', 1), "three hinge joints"),
+        (
+            mjcf(ROBOT).replace('<joint name="left_fore_hip"', '<joint type="slide" name="left_fore_hip"'),
+            "three hinge joints",
+        ),
         (mjcf(ROBOT).replace('axis="0 -1 0"', 'axis="1 0 0"', 1), "legs like quadlog's"),
         (urdf(ROBOT).replace('effort="33.5"', 'effort="0"', 1), "a torque limit of FL_calf_joint"),
     ],
@@ -198,7 +206,7 @@ def test_an_included_file_and_a_mesh_beside_it_are_taken(tmp_path: Path):
     corners = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)]
     faces = "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
     write(tmp_path / "parts", "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + faces, "wedge.obj")
-    text = mjcf(ROBOT).replace('<geom name="trunk"', '<geom type="mesh" mesh="wedge"/><geom name="trunk"')
+    text = mjcf(ROBOT).replace('<geom name="trunk"', '<geom type="mesh" mesh="wedge" mass="0"/><geom name="trunk"')
     body = text[text.index("<worldbody>") : text.index("</worldbody>") + len("</worldbody>")]
     write(tmp_path, f"<mujoco>{body}</mujoco>", "body.xml")
     asset = '<compiler angle="radian" meshdir="parts"/><asset><mesh file="wedge.obj"/></asset>'

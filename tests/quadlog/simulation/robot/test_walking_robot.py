@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -9,11 +8,12 @@ import pytest
 
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.control.locomotion.walker import WalkerSettings
+from quadlog.pipelines.simulation.trot import TrotRobot, trot_model
 from quadlog.simulation.robot import height_field as ground
 from quadlog.simulation.robot.disturbances import NONE
 from quadlog.simulation.robot.model import quadruped_model
-from quadlog.simulation.robot.trot import TrotRobot, trot_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.simulation.settings import DisturbanceSettings
 
 ROBOT = ROBOTS["tracking"]
 START = np.array([1.0, 2.0, 0.5])
@@ -82,14 +82,14 @@ def test_the_robot_turns_at_the_commanded_yaw_rate(model):
 
 
 def test_pushes_move_the_robot_and_strong_ones_make_it_fall(model):
-    pushed = _robot(model, replace(NONE, push_n=60.0, push_s=0.1, push_every_s=0.2))
+    pushed = _robot(model, DisturbanceSettings(push_n=60.0, push_s=0.1, push_every_s=0.2))
     calm = _robot(model)
     for robot in (pushed, calm):
         robot.walk(175, 0.0, 0.0)
     sideways = np.array([-math.sin(0.5), math.cos(0.5)])
     assert abs((pushed.pose - calm.pose)[:2] @ sideways) > 0.01
     assert not pushed.fallen
-    felled = _robot(model, replace(NONE, push_n=2000.0, push_s=0.2, push_every_s=0.1))
+    felled = _robot(model, DisturbanceSettings(push_n=2000.0, push_s=0.2, push_every_s=0.1))
     felled.walk(505, 0.0, 0.0)
     assert felled.fallen
     assert felled.t_s == pytest.approx(1.01)

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quadlog.messages import Imu, Odometry, Pose
+from quadlog.simulation.robot.height_field import slope
 from quadlog.simulation.sensors.imu import ImuErrors, imu_messages
-from quadlog.simulation.sensors.scene import slope
 from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Route, RouteWalk
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, ODOMETRY_TOPIC, ROBOT_TRUTH_TOPIC, START_NS

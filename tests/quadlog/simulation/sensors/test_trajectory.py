@@ -3,17 +3,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadlog.simulation.sensors.scene import slope
+from quadlog.simulation.robot.height_field import slope
 from quadlog.simulation.sensors.trajectory import (
     ROBOT_FEET_M,
     OnTerrain,
     PacingWalk,
     Route,
     RouteWalk,
-    Standing,
     turned_into_map,
 )
 from quadlog.simulation.synthetic import follow
+from tests.lab.labelled_scans import Standing
 
 STEP_S = 1e-4
 

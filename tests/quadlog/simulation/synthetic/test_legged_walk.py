@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from quadlog.control.locomotion.robot import ROBOTS
 from quadlog.errors import QuadlogError
 from quadlog.messages import JointStates
-from quadlog.simulation.sensors.scene import slope
+from quadlog.simulation.robot.height_field import slope
 from quadlog.simulation.synthetic import follow
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
 from quadlog.simulation.synthetic.recording import (

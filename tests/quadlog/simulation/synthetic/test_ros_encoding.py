@@ -5,14 +5,14 @@ from mcap_ros2._dynamic import generate_dynamic as ros2_types
 
 from quadlog.messages import JointStates, UwbRanges
 from quadlog.simulation.synthetic.recording import START_NS
-from quadlog.simulation.synthetic.ros_encoding import POINT, TYPE_NAMES, RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import ENCODED, POINT, RosEncoder
 
 ENCODER = RosEncoder()
 
 
 def decode(message):
     """By a decoder that is not rosbags', from the definition that goes into the recording."""
-    type_name = TYPE_NAMES[type(message)]
+    type_name = ENCODED[type(message)][0]
     return ros2_types(type_name, ENCODER.definition(type_name))[type_name](ENCODER.encode(message))
 
 

@@ -75,7 +75,7 @@ def test_a_bad_line_is_named(tmp_path: Path, bad: str) -> None:
     (tmp_path / "t").write_text("# comment\n" + LINE + bad + "\n")
     with pytest.raises(UnreadableFile, match=r"t, line 3: is not 't x y z") as caught:
         read_tum(tmp_path / "t")
-    assert caught.value.line == 3
+    assert ", line 3: " in str(caught.value)
 
 
 @pytest.mark.parametrize(

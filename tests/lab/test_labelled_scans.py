@@ -5,7 +5,7 @@ import pytest
 
 from quadlog.geometry import apply_transform
 from quadlog.lidar.classified_scan import PointClass
-from quadlog.simulation.synthetic.labelled_scans import (
+from tests.lab.labelled_scans import (
     PLACES,
     labelled_scans,
 )

@@ -5,21 +5,23 @@ import math
 import mujoco
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 
 from quadlog.control.locomotion.kinematics import foot_positions
+from quadlog.errors import InvalidConfigValue
 from quadlog.messages import Float
-from quadlog.simulation.robot.trot import (
+from quadlog.pipelines.simulation.trot import (
     HEIGHT_M,
     LIFT_M,
     PAIRS,
     SAMPLES_HZ,
     STEP_M,
-    OutOfReach,
+    FootCycle,
     TrotRobot,
-    TrotWalk,
     gravity_moment_nm,
     hip_inertia_kgm2,
     joint_targets,
+    lateral_peak_m,
     trot_model,
     walk_trot,
 )
@@ -75,15 +77,15 @@ def _feet(joints: Float) -> Float:
     return feet - PLAN.standing_feet_m
 
 
-def _walk(first_pair: int = 0, robot: TrotRobot | None = None) -> TrotWalk:
+def _walk(first_pair: int = 0, robot: TrotRobot | None = None) -> dict[str, Float]:
     robot = robot or TrotRobot()
     # Mirrored, this curve is itself.
-    targets = joint_targets(robot.plan, np.array([-0.01, 0.01, 0.01, -0.01]), 1, first_pair)
+    targets = joint_targets(robot.plan, np.array([-0.01, 0.01, 0.01, -0.01]), first_pair)
     return walk_trot(trot_model(robot), targets, np.zeros(12))
 
 
 @pytest.fixture(scope="module")
-def walk() -> TrotWalk:
+def walk() -> dict[str, Float]:
     return _walk()
 
 
@@ -106,29 +108,79 @@ def test_feet_are_sent_along_the_curve():
 
 
 def test_a_curve_out_of_reach_is_refused():
-    with pytest.raises(OutOfReach, match="500 mm aside"):
+    with pytest.raises(InvalidConfigValue, match="500 mm aside"):
         joint_targets(PLAN, np.full(4, 0.5))
+
+
+def columns(walk, *names):
+    return np.column_stack([walk[name] for name in names])
 
 
 def test_starting_with_the_other_pair_mirrors_the_walk(walk):
     other = _walk(1)
-    mirror = [1, -1, 1]
-    np.testing.assert_allclose(other.position_m, walk.position_m * mirror, atol=1e-9)
-    np.testing.assert_allclose(other.rpy_rad, walk.rpy_rad * [-1, 1, -1], atol=1e-8)
-    assert np.abs(walk.position_m[:, 1]).max() > 0.005
+    for names, mirror, atol in (
+        (("x_m", "y_m", "z_m"), [1, -1, 1], 1e-9),
+        (("roll_rad", "pitch_rad", "yaw_rad"), [-1, 1, -1], 1e-8),
+    ):
+        np.testing.assert_allclose(columns(other, *names), columns(walk, *names) * mirror, atol=atol)
+    assert np.abs(walk["y_m"]).max() > 0.005
 
 
 def test_the_walk_rests_first_and_then_moves_forward(walk):
-    assert len(walk.t_ns) == 32 * SAMPLES_HZ + 1
-    assert walk.t_ns[-1] == 32_000_000_000
-    assert np.ptp(walk.position_m[10:100, 0]) < 1e-3
-    assert walk.position_m[-1, 0] == pytest.approx(2 * STEP_M * 30, rel=0.1)
-    assert not walk.fallen.any()
+    assert len(walk["t_ns"]) == 32 * SAMPLES_HZ + 1
+    assert walk["t_ns"][-1] == 32_000_000_000
+    assert np.ptp(walk["x_m"][10:100]) < 1e-3
+    assert walk["x_m"][-1] == pytest.approx(2 * STEP_M * 30, rel=0.1)
+    assert not walk["fallen"].any()
 
 
 def test_feet_carry_the_robot(walk):
     """Momentum: over whole cycles the mean of the feet's loads is the weight, as the body's height comes back."""
-    loads = walk.loads_n[501:1601].sum(axis=1)
-    assert loads.mean() == pytest.approx(10 * 9.81, rel=0.03)
+    loads = columns(walk, *(f"fz_{leg}_n" for leg in range(4))).sum(axis=1)
+    assert loads[501:1601].mean() == pytest.approx(10 * 9.81, rel=0.03)
     # Standing, the load is the weight at every instant.
-    assert walk.loads_n[90].sum() == pytest.approx(10 * 9.81, rel=1e-3)
+    assert loads[90] == pytest.approx(10 * 9.81, rel=1e-3)
+
+
+T, S, H = 1.0, 0.04, 0.02
+
+
+def _printed_swing(t, lam):
+    """Eq. 9 as printed, but for its domains."""
+    u = t / (lam * T)
+    x = S * (u - np.sin(2 * np.pi * u) / (2 * np.pi))
+    half = np.sin(4 * np.pi * u) / (2 * np.pi)
+    return x, np.where(t < lam * T / 2, H * (2 * u - half), H * (2 - 2 * u + half))
+
+
+def _printed_stance(t, lam):
+    """Eq. 10."""
+    return S * ((T - t) / ((1 - lam) * T) + np.sin(2 * np.pi * (t - lam * T) / ((1 - lam) * T)) / (2 * np.pi))
+
+
+@pytest.mark.parametrize("lam", [0.3, 0.5, 0.7])
+def test_the_cycle_is_that_of_eqs_9_and_10_about_the_middle_of_the_step(lam):
+    cycle = FootCycle(T, S, H, swing_share=lam)
+    swing = np.linspace(0, lam * T, 200, endpoint=False)
+    x, z = _printed_swing(swing, lam)
+    position = cycle.at(swing)
+    np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, z]), atol=1e-15)
+    stance = np.linspace(lam * T, T, 200, endpoint=False)
+    position = cycle.at(stance)
+    x = _printed_stance(stance, lam)
+    np.testing.assert_allclose(position, np.column_stack([x - S / 2, 0 * x, 0 * x]), atol=1e-15)
+
+
+def test_the_bulge_solves_eq_11():
+    """2 J1 k y'' = M, y(0) = y(T/2) = 0, solved by scipy."""
+    moment, k, inertia, period_s = -0.7, 120.0, 0.0063, 0.8
+    t_s = np.linspace(0, period_s / 2, 50, endpoint=False)
+    solved = solve_bvp(
+        lambda _, y: np.vstack([y[1], np.full_like(y[0], moment / (2 * inertia * k))]),
+        lambda start, end: np.array([start[0], end[0]]),
+        np.array([0.0, period_s / 2]),
+        np.zeros((2, 2)),
+    )
+    cycle = FootCycle(period_s, S, H, aside_m=lateral_peak_m(moment, k, inertia, period_s))
+    np.testing.assert_allclose(cycle.at(t_s)[:, 1], solved.sol(t_s)[0], atol=1e-12)
+    assert lateral_peak_m(moment, k, inertia, period_s) == pytest.approx(solved.sol(period_s / 4)[0])

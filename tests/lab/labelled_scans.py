@@ -20,26 +20,50 @@ from quadlog.errors import UnknownName
 from quadlog.geometry import apply_transform, transform_from_rpy
 from quadlog.lidar import classified_scan as points
 from quadlog.messages import Float, Int
+from quadlog.simulation.robot.height_field import FLAT, Extent, HeightField, slope, undulating
 from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, TruePointClass, sweep
-from quadlog.simulation.sensors.scene import FLAT, Box, Cylinder, Obstacle, RayCaster, Terrain, ramp, slope, undulating
-from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Standing, Walk
+from quadlog.simulation.sensors.scene import Box, Cylinder, Obstacle, RayCaster
+from quadlog.simulation.sensors.trajectory import ROBOT_FEET_M, Motion, OnTerrain, Walk
 from quadlog.simulation.synthetic import corridor, forest
 
 _GAIT_TILT_STD_RAD = float(np.deg2rad(2.0))
-_UNDULATION_M, _CORRELATION_M, _UNDULATING_HALF_WIDTH_M = 0.06, 1.0, 25.0
+_BAND_M, _CORRELATION_M, _HALF_WIDTH_M = 0.12, 1.0, 25.0
 _RAMP_RUN_M = 4.0
 # Nothing stands nearer to the robot than it could have walked.
 _NEAREST_M, _FARTHEST_M = 1.2, 18.0
 
 
 @dataclass(frozen=True, slots=True)
+class Standing:
+    """At one place of map all the time, tilted or level."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+
+    def at(self, t_s: Float) -> Motion:
+        """See Walk."""
+        place_m = np.tile([self.x_m, self.y_m], (len(t_s), 1))
+        pose = (self.yaw_rad, 0.0, 0.0, 0.0, 0.0, self.roll_rad, self.pitch_rad)
+        return Motion(place_m, *(np.full(len(t_s), value) for value in pose))
+
+
+@dataclass(frozen=True, slots=True)
 class ScanSite:
     """The ground, what stands on it, who stands there, and the robot: all of them still."""
 
-    terrain: Terrain
+    terrain: HeightField
     obstacles: tuple[Obstacle, ...]
     people: tuple[Walk, ...]
     robot: Walk
+
+
+def ramp(angle_rad: float, start_m: float, run_m: float) -> HeightField:
+    """Flat, then up from x = start_m over run_m of x, then flat again."""
+    heights = np.tile(run_m * np.tan(angle_rad) * np.array([0.0, 0.0, 1.0, 1.0]), (3, 1))
+    return HeightField(heights.astype(np.float32), run_m, (start_m - run_m, -run_m))
 
 
 def _open_ground(rng: np.random.Generator, index: int) -> ScanSite:
@@ -47,7 +71,8 @@ def _open_ground(rng: np.random.Generator, index: int) -> ScanSite:
 
 
 def _undulating(rng: np.random.Generator, index: int) -> ScanSite:
-    terrain = undulating(rng, (0.0, 0.0), _UNDULATING_HALF_WIDTH_M, _UNDULATION_M, _CORRELATION_M)
+    extent = Extent(*(by_m * _HALF_WIDTH_M for by_m in (-1, -1, 1, 1)))
+    terrain = undulating(_BAND_M, _CORRELATION_M, rng, extent, _CORRELATION_M / 5, fade_m=3.0)
     return _scattered(rng, terrain, OnTerrain(_anywhere(rng, index), terrain, ROBOT_FEET_M))
 
 
@@ -127,7 +152,7 @@ def _anywhere(rng: np.random.Generator, index: int) -> Standing:
 
 
 def _scattered(
-    rng: np.random.Generator, terrain: Terrain, robot: Walk, between_rad: tuple[float, float] = (-np.pi, np.pi)
+    rng: np.random.Generator, terrain: HeightField, robot: Walk, between_rad: tuple[float, float] = (-np.pi, np.pi)
 ) -> ScanSite:
     """Boxes, poles and trees round the robot, and a person ahead of it, anywhere between two bearings of map."""
     motion = robot.at(np.zeros(1))
