@@ -114,6 +114,7 @@ def find_plugin(group: str, name: str, *, taken: bool) -> Plugin | None:
     return found[0]
 
 
+LONGEST_NAME = 200
 SAVED = "saved"
 """The context in which the configuration of a run is read, which may have been made with plug-ins that are not here."""
 
@@ -123,7 +124,8 @@ def known_name(name: str, info: Any, *, group: str, own: Iterable[str]) -> str:
 
     info: pydantic's. Raises ValueError, which lists all there are.
     """
-    if info.context != SAVED and name not in own and name not in (others := plugin_names(group)):
+    may_be_gone = info.context == SAVED and len(name) <= LONGEST_NAME and name.isprintable()
+    if not may_be_gone and name not in own and name not in (others := plugin_names(group)):
         names = ", ".join(dict.fromkeys((*own, *others)))
         raise ValueError(f"there is no such {KINDS[group]}; choose one of: {names}")
     return name

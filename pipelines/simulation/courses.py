@@ -15,9 +15,10 @@ from quadlog.messages import Float
 from quadlog.results.arrays import read_arrays
 from quadlog.results.find_runs import run_name
 from quadlog.results.tables import read_table
-from quadlog.simulation.course_walk import COURSES, RATE_HZ, SPEED_MPS, TROT, Course, longest_s
+from quadlog.simulation.course_walk import COURSES, SPEED_MPS, TROT, Course, longest_s
 from quadlog.simulation.robot import height_field as grounds
 from quadlog.simulation.robot.height_field import Extent, HeightField, from_height_map
+from quadlog.simulation.settings import RATE_HZ
 from quadlog.storage.formats.path_file import read_path
 from quadlog.storage.formats.ros_map import read_rosmap
 

@@ -37,7 +37,6 @@ from quadlog.results.run import Run, check_place, create_run, finish_run, new_ru
 from quadlog.results.tables import BODY_COLUMNS, TABLES
 from quadlog.simulation.course_walk import COURSES, TROT, Course
 from quadlog.simulation.robot.disturbances import DISTURBED
-from quadlog.simulation.robot.model import TIMESTEP_S
 from quadlog.simulation.settings import Simulation
 from quadlog.storage.formats.tum import write_tum
 from quadlog.version import __version__
@@ -303,8 +302,7 @@ def walk_metrics(simulated: walking.SimulatedWalk) -> Metrics:
         completion_s = (walk.completed_ns - int(columns["t_ns"][0])) / 1e9
         metrics["completion_time_s"] = Metric(completion_s, 1, "s")
     if walk.effort is not None:
-        ticks = round(simulated.lasted_s / TIMESTEP_S)
-        metrics |= effort_metrics(walk.mass_kg, ticks, walk.effort, control)
+        metrics |= effort_metrics(walk.mass_kg, simulated.ticks, walk.effort, control)
     metrics["realtime_factor"] = Metric(simulated.lasted_s / simulated.seconds, 1, "")
     return metrics
 

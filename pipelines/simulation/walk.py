@@ -18,7 +18,7 @@ from quadlog.errors import UnknownName
 from quadlog.messages import GRAVITY_MPS2, NS_PER_S
 from quadlog.simulation.course_walk import Course, CourseWalk, walk_course
 from quadlog.simulation.robot.height_field import HeightField
-from quadlog.simulation.robot.model import TIMESTEP_S, QuadrupedModel, quadruped_model
+from quadlog.simulation.robot.model import QuadrupedModel, quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.user_model import load_user_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
@@ -29,11 +29,12 @@ MODEL_FILES = (".xml", ".mjcf", ".urdf")
 def robot_model(config: Config, ground: HeightField) -> QuadrupedModel:
     """The robot of [robot] model on its ground. Raises UnknownName, and what loading a user's file raises."""
     name, friction = config.robot.model, config.simulation.friction
-    if name in ROBOTS:
-        return quadruped_model(ROBOTS[name], ground, friction)
-    if Path(name).suffix.lower() not in MODEL_FILES:
+    if name not in ROBOTS and Path(name).suffix.lower() not in MODEL_FILES:
         raise UnknownName("robot", name, [*ROBOTS, f"a file ({', '.join(MODEL_FILES)})"])
-    return load_user_model(Path(name), ground, friction)
+    known = ROBOTS.get(name)
+    robot = quadruped_model(known, ground, friction) if known else load_user_model(Path(name), ground, friction)
+    robot.model.opt.timestep = config.simulation.step_s
+    return robot
 
 
 def walker_settings(config: Config) -> WalkerSettings:
@@ -61,9 +62,10 @@ _DISTURBS = 1
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """counts: see Walker.counts. seconds: spent walking."""
+    """ticks: of the simulation. counts: see Walker.counts. seconds: spent walking."""
 
     walk: CourseWalk
+    ticks: int
     counts: dict[str, int]
     seconds: float
 
@@ -82,13 +84,13 @@ def walk_once(
     disturbances = config.simulation.disturbances
     robot: WalkingRobot | UnicycleRobot
     if not config.simulation.has_body:
-        robot = UnicycleRobot(course.start_pose, TIMESTEP_S, rng, disturbances)
+        robot = UnicycleRobot(course.start_pose, config.simulation.step_s, rng, disturbances)
     else:
         robot = WalkingRobot(robot_model(config, ground), walker_settings(config), course.start_pose, rng, disturbances)
     started = time.perf_counter()
     walk = walk_course(course, robot, lookahead_control(config), config.pursuit.max_yaw_rate_radps, most_s)
     seconds = time.perf_counter() - started
-    return SimulatedWalk(walk, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
+    return SimulatedWalk(walk, robot.ticks, robot.counts if isinstance(robot, WalkingRobot) else {}, seconds)
 
 
 def walk_warnings(counts: Mapping[str, int], mass_kg: float, most_n: float | None) -> list[str]:

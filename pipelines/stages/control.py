@@ -31,13 +31,14 @@ from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
 from quadlog.simulation.commanded import held, walk_commanded
 from quadlog.simulation.contacts import Contact, Footprint
-from quadlog.simulation.course_walk import RATE_HZ, SPEED_MPS, Driver
+from quadlog.simulation.course_walk import SPEED_MPS, Driver
 from quadlog.simulation.resimulation import MAX_TICKS, MapInstant, Resimulation
 from quadlog.simulation.resimulation import resimulate as walk
 from quadlog.simulation.robot.height_field import HeightField, flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.simulation.settings import RATE_HZ
 from quadlog.storage.formats.ros_map import read_rosmap
 
 CONTROLLING = (*planning.PLANNING, "pursuit", "robot", "mpc", "simulation")

@@ -15,6 +15,7 @@ from quadlog.control.following.path import FreeSpace
 from quadlog.control.following.pure_pursuit import Command, FollowState, PathFollower
 from quadlog.messages import NS_PER_S, Float
 from quadlog.metrics.walking import Effort
+from quadlog.simulation.settings import RATE_HZ
 
 if TYPE_CHECKING:
     from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     CourseRobot = UnicycleRobot | WalkingRobot
 
 
-RATE_HZ = 50.0
-"""Ticks of the control: how often a robot is steered, and rows of control.parquet; it divides the simulation's rate."""
 SPACING_M = 0.02
 SPEED_MPS = 0.6
 """Of the line and the circle [Tracking, section 5], and of every path without a speed of its own."""

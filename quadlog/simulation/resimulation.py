@@ -44,12 +44,12 @@ from quadlog.simulation.contacts import (
 from quadlog.simulation.course_walk import (
     COMMAND,
     PLAN_ERROR,
-    RATE_HZ,
     TICK_COLUMNS,
     Driver,
     FollowedPath,
     write_errors,
 )
+from quadlog.simulation.settings import RATE_HZ
 from quadlog.simulation.worlds.world import body_clearance, body_gaps
 
 # A day at 50 Hz; a clock that jumps must not become an allocation.

@@ -11,6 +11,9 @@ from quadlog.config.controllers import CONTROLLER_NAMES, ControllerParts, parts_
 from quadlog.config.section import Section
 from quadlog.plugins import CONTROLLERS, known_name
 
+RATE_HZ = 50.0
+"""Ticks of the control: how often a robot is steered, and rows of control.parquet; it divides the simulation's rate."""
+
 
 class DisturbanceSettings(Section):
     """What a simulated robot has to bear; --disturbed sets 60 N, 3 cm/s, 3 cm, 0.1 s and -8 %."""
@@ -74,6 +77,13 @@ class Simulation(Section):
         "[Tracking, section 5]; course: the s-curve's own, else flat",
     )
     friction: float = Field(0.8, ge=0.01, le=10, description="between feet and ground; ours")
+    tick_s: float | None = Field(
+        None,
+        ge=0.001,
+        le=0.005,
+        description="step of controller and physics, a whole part of 0.02; unset: 0.004 with whole-body control, with "
+        "which courses end as with 0.002, and else 0.002",
+    )
     disturbances: DisturbanceSettings = DisturbanceSettings()
     trot: TrotSettings = TrotSettings()
 
@@ -81,6 +91,19 @@ class Simulation(Section):
     def parts(self) -> ControllerParts | None:
         """What drives the robot; None where nothing does."""
         return parts_of(self.controller)
+
+    @property
+    def step_s(self) -> float:
+        """Step of controller and physics."""
+        by_wbc = self.parts is not None and self.parts.whole_body
+        return self.tick_s or (0.004 if by_wbc else 0.002)
+
+    @field_validator("tick_s")
+    @classmethod
+    def _ticks_fit(cls, tick_s: float | None) -> float | None:
+        if tick_s is not None and abs(1 / (RATE_HZ * tick_s) - round(1 / (RATE_HZ * tick_s))) > 1e-9:
+            raise ValueError("0.02 s must be a whole number of them, as of 0.001, 0.002, 0.004 and 0.005")
+        return tick_s
 
     @property
     def has_body(self) -> bool:

@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,10 @@ from tests.lab.messages import Ros
 
 
 class FakeContainer:
-    """Messages in memory behind the Container protocol. `add` takes a channel, a log time and a payload."""
+    """Messages in memory behind the Container protocol. `add` takes a channel, a log time and a payload.
+
+    The count of a channel is 1, however many messages it has.
+    """
 
     def __init__(self) -> None:
         self.path = Path("fake.mcap")
@@ -30,7 +34,7 @@ class FakeContainer:
         self.asked: list[tuple[int | None, int | None]] = []
 
     def add(self, channel: Channel, t_ns: int, payload: bytes) -> None:
-        channel = self.known.setdefault((channel.topic, channel.type_name), channel)
+        channel = self.known.setdefault((channel.topic, channel.type_name), replace(channel, count=1))
         self.raw.append(RawMessage(channel, t_ns, payload))
 
     @property

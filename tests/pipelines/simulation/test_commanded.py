@@ -84,6 +84,7 @@ def test_the_same_body_by_the_same_commands_is_where_it_was(walked, tmp_path, ca
     printed = " ".join("".join(capsys.readouterr()).split())
     assert "by the log's commands without a fall; it was" in printed
     assert "no topic is fit to be the lidar" in printed
+    assert "counts as 0" not in printed, "the last command was to stop"
 
 
 def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):

@@ -146,6 +146,17 @@ def test_other_controllers_walk_too(path, tmp_path, controller):
     assert ("mpc_solves" in record_of(run.run)["counts"]) == has_body
 
 
+@pytest.mark.parametrize(("tick_s", "apart_m"), [(0.004, 0.0), (0.002, 0.01), (0.001, 0.01)])
+def test_a_walk_with_whole_body_control_is_the_same_by_other_ticks(walked, path, tmp_path, tick_s, apart_m):
+    run = walk(request_of(path, tmp_path, "simulation.terrain=3cm", f"simulation.tick_s={tick_s}"))
+    columns, others = read_table(walked.run, "control"), read_table(run.run, "control")
+    rows = min(len(columns["t_ns"]), len(others["t_ns"]))
+    assert abs(len(columns["t_ns"]) - len(others["t_ns"])) <= 2
+    for name in ("x_m", "y_m", "z_m"):
+        np.testing.assert_allclose(columns[name][:rows], others[name][:rows], rtol=0, atol=apart_m)
+    assert (columns["tau_02_nm"][:rows] == others["tau_02_nm"][:rows]).all() == (apart_m == 0)
+
+
 def test_a_fall_is_a_result(path, tmp_path):
     strong = [f"simulation.disturbances.{name}" for name in ("push_n=2000", "push_every_s=0.5", "push_s=0.3")]
     (run,) = simulate(request_of(path, tmp_path, *strong), 1, progress := Kept())

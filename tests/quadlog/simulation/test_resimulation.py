@@ -17,12 +17,13 @@ from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import Replanner
 from quadlog.results.tables import TABLES
 from quadlog.simulation.contacts import Footprint
-from quadlog.simulation.course_walk import RATE_HZ, Driver
+from quadlog.simulation.course_walk import Driver
 from quadlog.simulation.resimulation import MapInstant, resimulate
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.unicycle_robot import UnicycleRobot
 from quadlog.simulation.robot.walking_robot import WalkingRobot
+from quadlog.simulation.settings import RATE_HZ
 
 BODY = Footprint(0.62, 0.26)
 START_NS = 1_700_000_000_000_000_000
