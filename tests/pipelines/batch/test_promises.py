@@ -18,9 +18,9 @@ from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.info import write_new
 from quadlog.pipelines.replay import replay
 from quadlog.pipelines.request import Existing
+from quadlog.pipelines.simulation import trot
 from quadlog.pipelines.simulation.simulate import SimulateRequest, simulate
 from quadlog.pipelines.simulation.synthesize import make_recording, synthesize
-from quadlog.simulation.robot import trot
 from tests.pipelines.conftest import fixture_request
 
 

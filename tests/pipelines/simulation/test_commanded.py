@@ -15,21 +15,20 @@ from quadlog.simulation.commanded import held
 from quadlog.simulation.robot.height_field import flat
 from quadlog.simulation.robot.model import quadruped_model
 from quadlog.simulation.robot.walking_robot import WalkingRobot
-from tests.lab.strangers import Log, header, instants_s, message, ns, vector, zeros
+from tests.lab.strangers import LEGS, ROS, Log, instants_s, ns
 
 TWIST = (0.4, 0.3, -0.1)
 """Ahead, yaw rate, to the left; from a second on until the fifth."""
-NAMES = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 FEET = [f"{leg}_foot" for leg in ("FL", "FR", "RL", "RR")]
 ROBOT = ("--set", "robot.model=tracking")
 
 
 def command(ahead: float, rate: float, left: float):
-    return message("geometry_msgs/msg/Twist", vector(ahead, left, 0), vector(0, 0, rate))
+    return ROS.make("geometry_msgs/msg/Twist", linear=ROS.vector(ahead, left, 0), angular=ROS.vector(0, 0, rate))
 
 
 def stamped(t_ns: int, twist):
-    return message("geometry_msgs/msg/TwistStamped", header(t_ns, "base"), twist)
+    return ROS.make("geometry_msgs/msg/TwistStamped", header=ROS.header(t_ns, "base"), twist=twist)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +41,9 @@ def walked() -> Log:
         if tick % 2 == 0:
             log.odometry(t_ns, robot.pose.tolist())
         rates = robot.state.qvel[6:]
-        values = [[*robot.joints[model.joint_qpos], *[0.0] * 4], [*rates, *[0.0] * 4]]
-        efforts = [*robot.torques_nm, *robot.foot_loads_n]
-        log.add("/joint_states", t_ns, message("sensor_msgs/msg/JointState", header(t_ns, ""), NAMES + FEET,
-                *map(np.array, (*values, efforts))))  # fmt: skip
+        values = {"position": [*robot.joints[model.joint_qpos], *[0.0] * 4], "velocity": [*rates, *[0.0] * 4]}
+        values["effort"] = [*robot.torques_nm, *robot.foot_loads_n]
+        log.put("/joint_states", t_ns, "sensor_msgs/msg/JointState", "", name=LEGS + FEET, **values)
         robot.walk(5, *(TWIST if 100 <= tick < 500 else (0.0, 0.0, 0.0)))
     return log
 
@@ -159,7 +157,7 @@ def test_what_a_robot_did_by_its_sportmodestate_is_a_command(walked, tmp_path):
     log.messages = [*walked.messages]
     poses = [(t_ns, each.pose.pose) for t_ns, topic, each in walked.messages if topic == "/odom"]
     for t_ns, at in poses:
-        state = zeros("unitree_go/msg/SportModeState")
+        state = ROS.make("unitree_go/msg/SportModeState")
         state.imu_state.quaternion[:] = at.orientation.w, 0, 0, at.orientation.z
         state.position[:] = at.position.x, at.position.y, 0.3
         log.add("/sportmodestate", t_ns, state)
