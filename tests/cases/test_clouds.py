@@ -15,17 +15,7 @@ from quadlog.mapping.grid import window_at
 from quadlog.results.arrays import load_maps
 from quadlog.simulation.synthetic.recording import LIDAR_TOPIC, START_NS
 from quadlog.simulation.worlds.world import occupied_centres
-from tests.lab.clouds import (
-    CLOUD,
-    RECORDING,
-    SCANS,
-    SOURCES,
-    Points,
-    encoded,
-    from_obstacle,
-    rows,
-    sensed,
-)
+from tests.lab.clouds import CLOUD, RECORDING, SCANS, SOURCES, Points, encoded, from_obstacle, rows, sensed
 from tests.lab.recordings import Row, written
 
 BAD = (2, 3, 7, 11)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin
 from scipy.spatial.transform import Rotation
 
 from quadlog.cli.main import run as run_cli
@@ -19,11 +17,8 @@ from quadlog.config.schema import Config
 from quadlog.pipelines.executor.progress import Silent
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages.log import open_log, read_log
-from quadlog.results.tables import read_table
-from tests.cases.conftest import Replayed
-from tests.lab.strangers import Log, Room, add_scans, instants_s, message, ns
-
-LEGS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+from tests.lab.messages import At
+from tests.lab.strangers import LEGS, ROS, Log, Room, add_scans, instants_s, ns
 
 
 def way(log: Log, parent: str = "odom", child: str = "base_footprint") -> None:
@@ -31,9 +26,7 @@ def way(log: Log, parent: str = "odom", child: str = "base_footprint") -> None:
         log.tf(ns(t_s), parent, child, Room(6.0).at(t_s))
 
 
-def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(tmp_path, capsys):
     log = Log()
     way(log)
     log.tf(ns(0.0), "base_footprint", "base_link", (0.0, 0.0, 0.0), 0.1, "/tf_static")
@@ -50,35 +43,30 @@ def test_info_ends_with_chains_of_frames_and_how_far_a_replay_will_go(
     assert lines[-1] == expected
 
 
-def scanners(log: Log) -> None:
+Add = Callable[[Log, float], object]
+"""Adds what a kind of sensor sends at an instant."""
+
+
+def scanners(log: Log, t_s: float) -> None:
     for name in ("front", "rear"):
-        add_scans(log, Room(6.0), 2.0, topic=f"/{name}/scan", frame=f"{name}_laser")
+        log.scan(
+            ns(t_s), Room(6.0).ranges_m(t_s, 90, (0, 0, 0), 2 * np.pi), 2 * np.pi, f"/{name}/scan", f"{name}_laser"
+        )
 
 
-def each(*kinds: Callable[[Log, float], None]) -> Callable[[Log], None]:
-    """Two seconds of what every kind adds at an instant."""
-
-    def make(log: Log) -> None:
-        for t_s in instants_s(2.0, 20):
-            for add in kinds:
-                add(log, t_s)
-
-    return make
-
-
-def odometry(topic: str = "/odom") -> Callable[[Log, float], None]:
+def odometry(topic: str = "/odom") -> Add:
     return lambda log, t_s: log.odometry(ns(t_s), Room(6.0).at(t_s), topic)
 
 
-def pose(topic: str) -> Callable[[Log, float], None]:
+def pose(topic: str) -> Add:
     return lambda log, t_s: log.pose(ns(t_s), Room(6.0).at(t_s), topic)
 
 
-def ranges(topic: str) -> Callable[[Log, float], None]:
+def ranges(topic: str) -> Add:
     return lambda log, t_s: log.range(ns(t_s), topic, 2.0)
 
 
-def joints(*names: str) -> Callable[[Log, float], None]:
+def joints(*names: str) -> Add:
     return lambda log, t_s: log.joints(ns(t_s), list(names))
 
 
@@ -87,162 +75,100 @@ def imu_of_another_clock(log: Log, t_s: float) -> None:
     log.messages[-1][2].header.stamp.sec -= 86400
 
 
-FORETOLD: dict[str, tuple[Callable[[Log], None], str, str, str]] = {
-    "two-lidars": (
-        scanners,
-        "",
-        "nothing",
-        "choose with  --set topics.lidar=/front/scan  or  --set topics.lidar=/rear",
-    ),
-    "two-lidars-and-odometry": (
-        lambda log: (scanners(log), each(odometry())(log))[-1],
-        "",
-        "odometry",
-        "choose with  --set topics.lidar=/front/scan",
-    ),
-    "two-odometries": (each(odometry("/a"), odometry("/b")), "", "nothing", "--set topics.odometry=/b"),
-    "wheels": (each(joints("left", "right")), "", "nothing", "/joint_states names no joint of four legs, but left"),
-    "a-message-a-leg": (
-        each(joints(*LEGS[:3]), joints(*LEGS[3:6])),
-        "",
-        "nothing",
-        "no joint of four legs, but FL_hip",
-    ),
-    "ranges-without-ends": (
-        each(ranges("/range_a"), ranges("/range_b")),
-        "",
-        "nothing",
+class Foretold(NamedTuple):
+    """What two seconds of a log have, what is missing, and what gives the position if there is something to replay."""
+
+    kinds: tuple[Add, ...]
+    missing: str
+    position: str = "nothing"
+    config: str = ""
+
+
+FORETOLD = {
+    "two-lidars": Foretold((scanners,), "choose with  --set topics.lidar=/front/scan  or  --set topics.lidar=/rear"),
+    "two-lidars-and-odometry": Foretold((scanners, odometry()), "--set topics.lidar=/front/scan", "odometry"),
+    "two-odometries": Foretold((odometry("/a"), odometry("/b")), "--set topics.odometry=/b"),
+    "wheels": Foretold((joints("left", "right"),), "/joint_states names no joint of four legs, but left"),
+    "a-message-a-leg": Foretold((joints(*LEGS[:3]), joints(*LEGS[3:6])), "no joint of four legs, but FL_hip"),
+    "ranges-without-ends": Foretold(
+        (ranges("/range_a"), ranges("/range_b")),
         "/range_b is a Range without tag and anchor; if it is UWB, map it in [[uwb.range_topics]]",
     ),
-    "ranges-without-anchors": (
-        each(ranges("/uwb/tag0/anchor1"), pose("/vicon/robot")),
-        "",
-        "fixed",
+    "ranges-without-anchors": Foretold(
+        (ranges("/uwb/tag0/anchor1"), pose("/vicon/robot")),
         "--set topics.position=/vicon/robot; UWB ranges need [[uwb.anchors]], see  quadlog survey",
-    ),
-    "two-poses": (
-        each(pose("/a"), pose("/b")),
-        "",
         "fixed",
-        "what could give it:  --set topics.position=/a  or  --set topics.position=/b",
     ),
-    "another-payload": (
-        each(odometry()),
-        "",
-        "nothing",
-        "/odom cannot be decoded: not a nav_msgs/msg/Odometry",
+    "two-poses": Foretold(
+        (pose("/a"), pose("/b")), "what could give it:  --set topics.position=/a  or  --set topics.position=/b", "fixed"
     ),
-    "another-payload-beside-joints": (
-        each(odometry(), joints(*LEGS)),
-        "",
-        "legs",
-        "not a nav_msgs/msg/Odometry: not a plain CDR",
+    "another-payload": Foretold((odometry(),), "/odom cannot be decoded: not a nav_msgs/msg/Odometry"),
+    "another-payload-beside-joints": Foretold(
+        (odometry(), joints(*LEGS)), "not a nav_msgs/msg/Odometry: not a plain CDR", "legs"
     ),
-    "two-clocks": (each(odometry(), imu_of_another_clock), "", "nothing", "cannot be compared; use  --stamp log"),
-    "a-source-that-is-not-there": (
-        each(odometry()),
-        '[topics]\nposition = "tf"',
-        "nothing",
+    "two-clocks": Foretold((odometry(), imu_of_another_clock), "cannot be compared; use  --stamp log"),
+    "a-source-that-is-not-there": Foretold(
+        (odometry(),),
         "topics.position = 'tf', but no moving transforms lead from 'map' to the robot's frame; what could give it",
+        config='[topics]\nposition = "tf"',
     ),
-    "no-topics": (lambda log: None, "", "nothing", "no message of a type that quadlog uses"),
+    "no-topics": Foretold((), "no message of a type that quadlog uses"),
 }
-"""A log, a configuration, what will give the position or that there is nothing to replay, and what is missing."""
 
 
 @pytest.mark.parametrize("name", FORETOLD)
-def test_info_foretells_what_a_replay_does_and_says(name: str, tmp_path: Path, described: Any, replayed: Any) -> None:
-    make, config, position, missing = FORETOLD[name]
-    log = Log()
-    make(log)
-    path = log.write(tmp_path / "log", StoragePlugin.SQLITE3)
+def test_info_foretells_what_a_replay_does_and_says(name, tmp_path, described, replayed):
+    case, log = FORETOLD[name], Log()
+    for t_s in instants_s(2.0, 20):
+        for add in case.kinds:
+            add(log, t_s)
+    path = log.write(tmp_path / "log.db3")
     if name.startswith("another-payload"):
-        with contextlib.closing(sqlite3.connect(next(path.glob("*.db3")))) as store, store:
+        with contextlib.closing(sqlite3.connect(path)) as store, store:
             odometry_alone = "topic_id = (SELECT id FROM topics WHERE name = '/odom')"
             store.execute(f"UPDATE messages SET data = CAST(x'0007' || substr(data, 3) AS BLOB) WHERE {odometry_alone}")
-    outlook, done = described(path, config)["replay"], replayed(path, config=config)
-    assert missing in "; ".join(outlook["missing"])
-    assert missing in done.err
-    if position == "nothing":
+    outlook, done = described(path, case.config)["replay"], replayed(path, config=case.config)
+    assert case.missing in "; ".join(outlook["missing"])
+    assert case.missing in done.err
+    if case.position == "nothing":
         assert (outlook["until"], done.code) == ("nothing", 1)
     else:
-        assert (outlook["until"], outlook["position"], done.sources()) == ("position", position, {position})
+        found = outlook["until"], outlook["position"], done.sources()
+        assert found == ("position", case.position, {case.position})
 
 
 @pytest.mark.parametrize("kind", ["tf", "joints"])
-def test_transforms_and_joints_alone_have_a_length_and_parts(kind: str, tmp_path: Path) -> None:
+def test_transforms_and_joints_alone_have_a_length_and_parts(kind, tmp_path, replayed):
     log = Log()
-    if kind == "tf":
-        way(log)
-    for t_s in instants_s(8.0, 20) if kind == "joints" else ():
-        log.joints(ns(t_s), LEGS)
-    path, runs = str(log.write(tmp_path / "log")), tmp_path / "runs"
-    assert run_cli(["replay", path, "-o", str(runs), "--no-plots", "--start", "2", "--duration", "3"]) == 0
-    record = json.loads((runs / "log" / "run.json").read_text())
-    assert record["recorded_s"] == pytest.approx(2.95)
-    t_ns = read_table(runs / "log", "poses" if kind == "tf" else "joints")["t_ns"]
+    for t_s in instants_s(8.0, 20):
+        joints(*LEGS)(log, t_s) if kind == "joints" else log.tf(ns(t_s), "odom", "base_footprint", Room(6.0).at(t_s))
+    done = replayed(log.write(tmp_path / "log"), "--start", "2", "--duration", "3")
+    assert (done.code, done.record["recorded_s"]) == (0, pytest.approx(2.95))
+    t_ns = done.table("poses" if kind == "tf" else "joints")["t_ns"]
     assert (t_ns[0], t_ns[-1]) == (ns(2.0), ns(4.95))
 
 
-def on_another_clock(log: Log, *, years: int = 1) -> None:
-    """Stamps of the robot's own clock, which is set wrong."""
-    for _, _, content in log.messages:
-        content.header.stamp.sec -= years * 365 * 86400
-
-
-def test_a_reference_without_stamps_does_not_stop_a_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_reference_without_stamps_does_not_stop_a_replay(tmp_path, replayed):
+    """Beside odometry on a clock that is a year behind."""
     log = Log()
     for t_s in instants_s(8.0, 20):
-        log.odometry(ns(t_s), Room(6.0).at(t_s))
-        log.pose(ns(t_s), Room(6.0).at(t_s), "/mocap/pose")
-    on_another_clock(log)
-    for _, topic, content in log.messages:
-        if topic == "/mocap/pose":
-            content.header.stamp.sec = content.header.stamp.nanosec = 0
-    arguments = ["-o", str(tmp_path / "runs"), "--no-plots", "--start", "1", "--until", "position"]
-    assert run_cli(["replay", str(log.write(tmp_path / "log")), *arguments]) == 0
-    assert "no reference is used: /mocap/pose" in capsys.readouterr().err
-    assert set(read_table(tmp_path / "runs" / "log", "poses")["source"]) == {"odometry"}
+        odometry()(log, t_s)
+        log.messages[-1][2].header.stamp.sec -= 365 * 86400
+        pose("/mocap/pose")(log, t_s)
+        log.messages[-1][2].header.stamp = ROS.stamp(0)
+    done = replayed(log.write(tmp_path / "log"), "--start", "1", "--until", "position")
+    assert (done.code, done.sources()) == (0, {"odometry"})
+    assert "no reference is used: /mocap/pose" in done.err
 
 
-def test_log_times_are_proposed_only_for_topics_that_are_used(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = Log()
-    for t_s in instants_s(2.0, 20):
-        log.odometry(ns(t_s), Room(6.0).at(t_s))
-    on_another_clock(log)
-    log.tf(0, "base_link", "laser", (0.0, 0.0, 0.0), 0.1, "/tf_static")
-    log.add("/chatter", ns(0.5), message("std_msgs/msg/String", "no stamp"))
-    log.messages = [(max(t_ns, ns(0.0)), *rest) for t_ns, *rest in log.messages]
-    assert run_cli(["info", str(log.write(tmp_path / "log"))]) == 0
-    err = capsys.readouterr().err
-    assert "header stamps of 1 topic lie" in err
-    assert "--stamp log" not in err
-
-
-def test_an_intact_log_of_nothing_that_is_used_is_nothing_to_replay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = Log()
-    log.add("/chatter", ns(0.0), message("std_msgs/msg/String", "hello"))
-    assert run_cli(["replay", str(log.write(tmp_path / "log")), "-o", str(tmp_path / "runs")]) == 1
-    err = capsys.readouterr().err
-    assert "nothing to replay" in err
-    assert "nothing readable" not in err
-
-
-def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path: Path) -> None:
+def test_a_run_that_was_not_asked_for_positions_does_not_blame_the_log(tmp_path, replayed):
     log = Log()
     way(log)
-    arguments = ["-o", str(tmp_path / "runs"), "--until", "ingest", "--no-plots"]
-    assert run_cli(["replay", str(log.write(tmp_path / "log")), *arguments]) == 0
-    page = (tmp_path / "runs" / "log" / "report.html").read_text()
+    page = (replayed(log.write(tmp_path / "log"), "--until", "ingest").run / "report.html").read_text()
     assert "Positions were not computed" in page
     assert "does not tell where the robot was" not in page
 
 
-At = tuple[float, float, float]
 LIDAR: At = (0.3, 0.1, np.pi / 2)
 CAMERA: At = (0.05, -0.1, -2.0)
 WALK_S = 4.0
@@ -270,7 +196,7 @@ def true_poses(log: Log, kind: str, frame: str = "odom") -> None:
     for t_s in instants_s(WALK_S, 20):
         at = beyond(beyond(Room(6.0).at(t_s), LIDAR), CAMERA)
         if kind == "Odometry":
-            log.odometry(ns(t_s), at, "/mocap/camera", frame, "camera")
+            log.odometry(ns(t_s), at, "/mocap/camera", frame=frame, child="camera")
         else:
             log.tf(ns(t_s), frame, "camera", at, 0.3, "/mocap/camera")
             *rest, content = log.messages[-1]
@@ -335,7 +261,7 @@ FRAMES = {
     "a tf that is repeated in a namespace": FrameCase((mounted, sent, row(sent, "/dog/tf", 10)), source="tf"),
     "robots of which the second is seen": FrameCase(
         (row(mounted, prefix="dog2/"), row(sent, shift=FAR, prefix="dog1/"), row(sent, prefix="dog2/")),
-        ("tf moves 2 robots: the one of dog2/base_link is taken",),
+        ("tf moves 2 robots: the one of dog2/base_link is taken", "'topics.base_frame=\"dog1/base_link\"'"),
         source="tf", scan=("/scan", "dog2/lidar"), never=("lidar.mount",),
     ),
     "two senders of one transform": FrameCase(
@@ -352,9 +278,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize("name", FRAMES)
-def test_poses_are_those_of_the_robot_whatever_frame_and_tf_give_them(
-    name: str, tmp_path: Path, replayed: Callable[..., Replayed]
-) -> None:
+def test_poses_are_those_of_the_robot_whatever_frame_and_tf_give_them(name, tmp_path, replayed):
     case, log = FRAMES[name], Log()
     for make in case.make:
         make(log)
@@ -379,7 +303,7 @@ def test_the_twist_of_a_sensors_odometry_is_turned_into_that_of_base(tmp_path: P
     """A robot that drives forward at 0.5 m/s and turns at 0.8 rad/s, by an odometry of its lidar, which is tilted."""
     log, turned = Log(), Rotation.from_euler("ZYX", [1.0, 0.4, 0.2])
     log.tf(ns(0.0), "base_link", "lidar", LIDAR, 0.2, "/tf_static")
-    log.messages[0][2].transforms[0].transform.rotation = message("geometry_msgs/msg/Quaternion", *turned.as_quat())
+    log.messages[0][2].transforms[0].transform.rotation = ROS.vector(*turned.as_quat(), name="Quaternion")
     of_base = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.8]])
     of_lidar = turned.inv().apply([of_base[0] + np.cross(of_base[1], [*LIDAR[:2], 0.2]), of_base[1]])
     for t_s in instants_s(1.0, 20):

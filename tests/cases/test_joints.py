@@ -6,6 +6,7 @@ import io
 import os
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,13 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from rosbags.rosbag2 import StoragePlugin
 
 from tests.lab.recordings import mcap
-from tests.lab.strangers import START_NS, STORE, Log, zeros
+from tests.lab.strangers import LEGS as NAMES
+from tests.lab.strangers import ROS, START_NS, Log
 
 STEP_NS, N = 2_000_000, 1500
-NAMES = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 MOTORS = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 
 
@@ -37,24 +37,18 @@ def go2_log(path: Path, feet: tuple[int, ...] = (1, 0, 3, 2), every_ns: int = ST
     every_ns: when a relay hands states on.
     """
     (position_rad, force_n), log = trot(), Log()
+    still = ROS.make("unitree_go/msg/LowState", imu_state__quaternion=[1, 0, 0, 0])
+    motor, force_n = still.motor_state[0], np.ascontiguousarray(force_n[:, feet], np.int16)
     for i in range(N):
-        t_ns, state, way = (
-            START_NS + i * STEP_NS,
-            zeros("unitree_go/msg/LowState"),
-            zeros("unitree_go/msg/SportModeState"),
-        )
-        state.imu_state.quaternion[0] = 1.0
-        for place, joint in enumerate(MOTORS):
-            state.motor_state[place].q = position_rad[i, joint]
-        state.foot_force[:] = force_n[i, list(feet)]
-        way.stamp = STORE.types["unitree_go/msg/TimeSpec"](t_ns // 10**9, t_ns % 10**9)
-        way.position[0] = i * 1e-3
-        state.tick = (2**32 - 1000 + 2 * i) % 2**32
+        t_ns = START_NS + i * STEP_NS
+        motors = [replace(motor, q=position_rad[i, joint]) for joint in MOTORS] + still.motor_state[12:]
+        state = replace(still, motor_state=motors, foot_force=force_n[i], tick=(2**32 - 1000 + 2 * i) % 2**32)
+        stamp = {"stamp__sec": t_ns // 10**9, "stamp__nanosec": t_ns % 10**9}
         log.add("/lowstate", START_NS - (START_NS - t_ns) // every_ns * every_ns, state)
-        log.add("/sportmodestate", t_ns, way)
+        log.put("/sportmodestate", t_ns, "unitree_go/msg/SportModeState", position=[i * 1e-3, 0, 0], **stamp)
         if i % 25 == 0:
             log.add("/lf/lowstate", t_ns, state)
-    return log.write(path, StoragePlugin.SQLITE3)
+    return log.write(path.with_suffix(".db3"))
 
 
 def joint_log(path: Path, names: list[str], odd: Mapping[int, Any] = MappingProxyType({}), count: int = 200) -> Path:

@@ -39,12 +39,7 @@ def test_choices(typed, choices):
 
 
 @pytest.mark.parametrize(
-    ("typed", "words"),
-    [
-        ("info wa", []),
-        ("replay -c wa", []),
-        ("compare-planners f", ["forest:"]),
-    ],
+    ("typed", "words"), [("info wa", []), ("replay -c wa", []), ("compare-planners f", ["forest:"])]
 )
 def test_files_are_left_to_the_shell_beside_words(typed, words):
     *found, (kind, last) = completed(typed)

@@ -11,45 +11,29 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from mcap.writer import Writer
 
 from quadlog.cli.info import info_lines
 from quadlog.cli.progress import show
 from quadlog.config.file import load_config
 from quadlog.recordings.containers.container import EXCERPT
 from tests.cli.conftest import FOLLOW
+from tests.lab.recordings import written
+from tests.lab.strangers import ROS
 
 STRING = b"\0\1\0\0\1\0\0\0\0"
-SCHEMAS = {"std_msgs/msg/String": b"string data", "nav_msgs/msg/Odometry": b"", "gtec_msgs/msg/Ranging": b""}
-SCHEMAS |= {"vicon_receiver/msg/Position": b"string name\nfloat32 x_trans\nfloat32 y_trans\nfloat32 z_trans"}
-SCHEMAS |= {"velodyne_msgs/msg/VelodyneScan": b""}
+VICON = "string name\nfloat32 x_trans\nfloat32 y_trans\nfloat32 z_trans"
 RANGE = b"\0\1\0\0" + b"".join(n.to_bytes(4, "little") for n in (4, 1, 2500, 0)) + bytes(16)
-
-
-def write(path, messages, **options):
-    """A recording of messages: topic, type, time, payload."""
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start()
-        schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in SCHEMAS.items()}
-        channels = {}
-        for topic, kind, t_ns, payload in messages:
-            if topic not in channels:
-                channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
-            writer.add_message(channels[topic], t_ns, payload, t_ns)
-        writer.finish()
-    return path
 
 
 @pytest.fixture
 def recording(tmp_path):
-    messages = [("/chat\x1b[31mter", "std_msgs/msg/String", i * 10**9, STRING) for i in range(3)]
-    return write(tmp_path / "walk.mcap", [*messages, ("/odom", "nav_msgs/msg/Odometry", 10**9, b"\0\1\0\0")])
+    messages = [("/chat\x1b[31mter", i * 10**9, "std_msgs/msg/String", STRING) for i in range(3)]
+    return written(tmp_path / "walk.mcap", [*messages, ("/odom", 10**9, "nav_msgs/msg/Odometry", b"\0\1\0\0")])
 
 
 @pytest.fixture
 def ranging(tmp_path):
-    return write(tmp_path / "walk.mcap", [("/gtec", "gtec_msgs/msg/Ranging", 10**9, RANGE)])
+    return written(tmp_path / "walk.mcap", [("/gtec", 10**9, "gtec_msgs/msg/Ranging", RANGE)])
 
 
 def test_text_or_one_object_on_stdout_losses_on_stderr_and_exit_code(recording, quadlog, refused):
@@ -65,8 +49,8 @@ def test_text_or_one_object_on_stdout_losses_on_stderr_and_exit_code(recording, 
 
 def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path, quadlog):
     topics = ["/my odom; ls", "/odom'\x1b[31m"]
-    messages = [(topic, "nav_msgs/msg/Odometry", 10**9, b"\0\1\0\0") for topic in topics]
-    path = write(tmp_path / "walk.mcap", messages)
+    messages = [(topic, 10**9, "nav_msgs/msg/Odometry", b"\0\1\0\0") for topic in topics]
+    path = written(tmp_path / "walk.mcap", messages)
     _, out, err = quadlog("info", path)
     assert "\x1b" not in out + err
     (line,) = [line for line in out.splitlines() if line.startswith("2 topics could be the odometry")]
@@ -78,8 +62,9 @@ def test_flags_to_paste_settle_what_they_were_offered_for(tmp_path, quadlog):
 
 def test_hints_make_topics_usable_that_are_not_read(tmp_path, quadlog):
     """Keys can be pasted, three topics' at most; JSON has all of them."""
-    messages = [(f"/vicon/{k}", "vicon_receiver/msg/Position", 10**9, bytes(32)) for k in range(4)]
-    path = write(tmp_path / "walk.mcap", [*messages, ("/packets", "velodyne_msgs/msg/VelodyneScan", 10**9, b"")])
+    ROS.register(Position=VICON)
+    messages = [(f"/vicon/{k}", 10**9, "own/msg/Position", bytes(32)) for k in range(4)]
+    path = written(tmp_path / "walk.mcap", [*messages, ("/packets", 10**9, "velodyne_msgs/msg/VelodyneScan", b"")])
     out = quadlog("info", path).out
     hints = out[out.index("to use") : out.index("a replay will")]
     assert max(len(line) for line in out.splitlines() if line.startswith("    ")) <= 80
@@ -94,8 +79,8 @@ def test_hints_make_topics_usable_that_are_not_read(tmp_path, quadlog):
 
 def test_a_sample_is_said_and_full_reads_all(tmp_path, quadlog):
     """Progress goes to stderr only, and not where that is no terminal."""
-    messages = [("/chatter", "std_msgs/msg/String", i * 10**7, STRING) for i in range(EXCERPT.messages + 1)]
-    path = write(tmp_path / "walk.mcap", messages, chunk_size=5000)
+    messages = [("/chatter", i * 10**7, "std_msgs/msg/String", STRING) for i in range(EXCERPT.messages + 1)]
+    path = written(tmp_path / "walk.mcap", messages, chunk_size=5000)
     for full, sampled in ([], True), (["--full"], False):
         code, out, err = quadlog("info", path, *full)
         assert (code, err, "--full reads all" in out) == (0, "", sampled)

@@ -40,10 +40,7 @@ def ended(words, number, place, begun, group=False):
 
 @pytest.mark.parametrize(
     ("name", "number", "words"),
-    [
-        ("synthesize", signal.SIGHUP, "interrupted by SIGHUP"),
-        ("compare-planners", signal.SIGINT, "interrupted"),
-    ],
+    [("synthesize", signal.SIGHUP, "interrupted by SIGHUP"), ("compare-planners", signal.SIGINT, "interrupted")],
 )
 def test_a_stopped_command_says_so_in_a_line_and_leaves_nothing(name, number, words, tmp_path):
     code, lines = ended(ENDLESS[name].split(), number, tmp_path, "*")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -16,31 +15,16 @@ from quadlog.pipelines.simulation.synthesize import write_recording
 from quadlog.simulation.synthetic.recording import START_NS, SynthesizedMessage
 from quadlog.storage.formats.tum import read_tum
 
-# As the authors of the recording publish them: anchors 0 to 7, where tags 0 to 2 sit on the trolley, and how high.
-LIAS_ANCHORS_M = np.array(
-    [[-3.4203, 3.0053], [0.0016, 3.0110], [3.6056, 2.9795], [3.6011, -0.0008],
-     [3.5674, -3.0087], [-0.0072, -2.9652], [-3.4673, -2.9587], [-3.4858, -0.0098]]
-)  # fmt: skip
-LIAS_LEVERS_M = ((-0.0689, -0.1423), (-0.0750, 0.1402), (0.2034, 0.1451))
-LIAS_TAG_HEIGHT_M = 0.97
 TABLE = '[[uwb.tags]]\nid = {}\nrole = "robot"\nx_m = {}\ny_m = {}\n'
 
 
-@pytest.fixture(scope="module")
-def lias() -> Path:
-    folder = Path(os.environ.get("QUADLOG_DATASETS", "/nowhere")) / "uwb_lias"
-    if not folder.exists():
-        pytest.skip("QUADLOG_DATASETS is not set")
-    return folder
-
-
 @pytest.mark.nightly  # walks in a circle hold the same against known places
-def test_the_trolley_finds_its_anchors(lias, tmp_path, quadlog):
+def test_the_trolley_finds_its_anchors(lias_site, tmp_path, quadlog):
     """Motion capture as odometry, three tags. Measured 0.08 m from the places that its authors surveyed."""
-    tags = "".join(TABLE.format(tag, *lever) for tag, lever in enumerate(LIAS_LEVERS_M))
-    (tmp_path / "c.toml").write_text(
-        f'[topics]\nposition = "/mocap/trolley/pose"\n[uwb]\ntag_height_m = {LIAS_TAG_HEIGHT_M}\n{tags}'
-    )
+    lias = lias_site.folder
+    tags = "".join(TABLE.format(i, *at) for i, at in enumerate(lias_site.levers_m[:, :2].tolist()))
+    config = f'[topics]\nposition = "/mocap/trolley/pose"\n[uwb]\ntag_height_m = 0.97\n{tags}'
+    (tmp_path / "c.toml").write_text(config)
     output = tmp_path / "anchors.toml"
     arguments = ["survey", lias / "lias_fast.mcap", "-c", tmp_path / "c.toml", "-o", output, "--json"]
     done = quadlog(*arguments)
@@ -52,7 +36,7 @@ def test_the_trolley_finds_its_anchors(lias, tmp_path, quadlog):
     )
     first = read_tum(lias / "lias_fast_mocap.tum")
     yaw = 2 * np.arctan2(first.quat_xyzw[0, 2], first.quat_xyzw[0, 3])
-    off = (LIAS_ANCHORS_M - first.position_m[0, :2]) @ [1, 1j] * np.exp(-1j * yaw)
+    off = (lias_site.anchors_m[:, :2] - first.position_m[0, :2]) @ [1, 1j] * np.exp(-1j * yaw)
     error_m = place_m - np.column_stack([off.real, off.imag])
     assert np.median(np.hypot(*error_m.T)) <= 0.12
     assert np.mean(np.abs(error_m) <= bound_m) >= 0.85
@@ -60,8 +44,8 @@ def test_the_trolley_finds_its_anchors(lias, tmp_path, quadlog):
     assert "--force" in quadlog(*arguments).err
 
 
-def test_without_ranges_or_odometry_it_says_what_is_missing(lias, refused):
-    datasets = lias.parent
+def test_without_ranges_or_odometry_it_says_what_is_missing(lias_site, refused):
+    lias, datasets = lias_site.folder, lias_site.folder.parent
     assert "no topic is fit to be the uwb" in refused(1, "survey", datasets / "odometry" / "jackal_odom_imu.bag")
     assert "the recording has ranges, but no odometry" in refused(1, "survey", lias / "lias_fast.mcap")
 

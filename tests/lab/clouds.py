@@ -13,7 +13,7 @@ from quadlog.simulation.synthetic.follow import synthesize
 from quadlog.simulation.synthetic.recording import IMU_TOPIC, LIDAR_TOPIC, ROBOT_TRUTH_TOPIC, TF_STATIC_TOPIC
 from quadlog.simulation.synthetic.ros_encoding import ENCODED, POINT, RosEncoder
 from tests.lab.recordings import Row
-from tests.lab.strangers import STORE, header, message
+from tests.lab.strangers import ROS
 
 RECORDING = synthesize(seed=0, duration_s=1.6, azimuth_steps=240)
 SCANS = 16
@@ -36,15 +36,8 @@ def sensed(scan: Any) -> Points:
 
 def encoded(points: Points, stamp_ns: int, frame: str = "lidar", claimed: int | None = None) -> bytes:
     """A PointCloud2 of any fields; claimed: how many points it says it has."""
-    kinds = {"u2": 4, "f4": 7}
-    fields = [
-        message("sensor_msgs/msg/PointField", name, field[1], kinds[field[0].str[1:]], 1)
-        for name, field in points.dtype.fields.items()
-    ]
-    n, step = len(points) if claimed is None else claimed, points.dtype.itemsize
-    data = np.frombuffer(points.tobytes(), np.uint8)
-    cloud = message(CLOUD, header(stamp_ns, frame), 1, n, fields, False, step, n * step, data, True)
-    return bytes(STORE.serialize_cdr(cloud, CLOUD))
+    n = len(points) if claimed is None else claimed
+    return ROS.serialise(ROS.cloud(stamp_ns, points, frame, width=n, row_step=n * points.dtype.itemsize))
 
 
 Change = Callable[[int, int, Any], tuple[int, Any]]

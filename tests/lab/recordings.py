@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import sqlite3
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,8 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from quadlog.simulation.synthetic.ros_encoding import RosEncoder
+from quadlog.simulation.synthetic.ros_encoding import LINKTRACK, RosEncoder
+from tests.lab.messages import store_of
 
 Message = tuple[str, int, bytes]
 BASE_NS = 1_700_000_000 * 10**9
@@ -36,21 +37,26 @@ def some(count: int = 60, start_ns: int = BASE_NS) -> list[Message]:
     ]
 
 
-def mcap(path: Path, messages: Sequence[Message], types: Types = STRINGS, **options: Any) -> Path:
-    """Options are those of the library's Writer."""
-    options = {"chunk_size": 600, "compression": CompressionType.ZSTD} | options
+def mcap(path: Path, messages: Iterable[Message], types: Types = STRINGS, **options: Any) -> Path:
+    """Options are those of `mcap_of`."""
+    return mcap_of(
+        path, ((topic, t_ns, *types.get(topic, _STRING)[:2], payload) for topic, t_ns, payload in messages), **options
+    )
+
+
+def mcap_of(
+    path: Path, rows: Iterable[tuple[str, int, str, str, bytes]], before_end: Any = lambda writer: None, **options: Any
+) -> Path:
+    """Topic, log time, type, definition and payload. Options are those of the library's Writer, given to before_end."""
     with path.open("wb") as file:
-        writer = McapWriter(file, **options)
+        writer = McapWriter(file, **{"chunk_size": 600, "compression": CompressionType.ZSTD} | options)
         writer.start("ros2", "test")
-        schemas: dict[str, int] = {}
-        channels: dict[str, int] = {}
-        for topic, t_ns, payload in messages:
-            if topic not in channels:
-                name, definition, _ = types.get(topic, _STRING)
-                if name not in schemas:
-                    schemas[name] = writer.register_schema(name, "ros2msg", definition.encode())
-                channels[topic] = writer.register_channel(topic, "cdr", schemas[name])
-            writer.add_message(channels[topic], t_ns, payload, t_ns)
+        schema = cache(lambda name, text: writer.register_schema(name, "ros2msg", text.encode()))
+        channel = cache(lambda topic, name, text: writer.register_channel(topic, "cdr", schema(name, text)))
+        for *described, payload in rows:
+            topic, t_ns, name, text = described
+            writer.add_message(channel(topic, name, text), t_ns, payload, t_ns)
+        before_end(writer)
         writer.finish()
     return path
 
@@ -76,6 +82,7 @@ def db3(
     path: Path, messages: Sequence[Message], serialization: str = "cdr", index: bool = True, types: Types = STRINGS
 ) -> Path:
     connection = sqlite3.connect(path)
+    connection.execute("PRAGMA synchronous = OFF")
     fill_db3(connection, messages, serialization, index, types)
     connection.close()
     return path
@@ -111,29 +118,39 @@ Row = tuple[str, int, str, bytes]
 
 
 @cache
-def _store(ros: Stores, type_name: str) -> Any:
+def _definition(name: str) -> str:
+    """LinkTrack's frames carry a header, as the encoder writes them; of an unknown type there is none."""
+    store = store_of("little")
+    if name == LINKTRACK:
+        return RosEncoder().definition(name)
+    return store.generate_msgdef(name, ros_version=2)[0] if name in store.fielddefs else ""
+
+
+@cache
+def _store(ros: Stores, name: str) -> Any:
     store = get_typestore(ros)
-    if type_name not in store.fielddefs:
-        text = RosEncoder().definition(type_name)
-        store.register({type_name: get_types_from_msg(text, type_name)[type_name]})
+    types = get_types_from_msg(_definition(name), name)
+    store.register({each: fields for each, fields in types.items() if each not in store.fielddefs})
     return store
 
 
-def in_ros1(type_name: str, payload: bytes) -> tuple[bytes, str, str]:
+def in_ros1(name: str, payload: bytes) -> tuple[bytes, str, str]:
     """A CDR payload as ROS 1 has it, and the definition and digest that a bag embeds."""
-    converted = _store(Stores.ROS2_HUMBLE, type_name).cdr_to_ros1(payload, type_name)
-    return bytes(converted), *_store(Stores.ROS1_NOETIC, type_name).generate_msgdef(type_name, ros_version=1)
+    converted = _store(Stores.ROS2_HUMBLE, name).cdr_to_ros1(payload, name)
+    return bytes(converted), *_store(Stores.ROS1_NOETIC, name).generate_msgdef(name, ros_version=1)
 
 
-def written(path: Path, rows: Sequence[Row]) -> Path:
-    """A recording of messages of the encoder's types, in the container that its extension names."""
-    encoder, messages, types = RosEncoder(), [], {}
+def written(path: Path, rows: Sequence[Row], defined: Container[str] | None = None, **options: Any) -> Path:
+    """A recording in the container that its extension names, MCAP without one; defined: types with a definition."""
+    if path.suffix not in (".bag", ".db3"):
+        text = {name: _definition(name) if defined is None or name in defined else "" for _, _, name, _ in rows}
+        described = ((topic, t_ns, name, text[name], payload) for topic, t_ns, name, payload in rows)
+        return mcap_of(path, described, **{"chunk_size": 1 << 20} | options)
+    messages, types = [], {}
     for topic, t_ns, name, cdr in rows:
-        payload, *described = in_ros1(name, cdr) if path.suffix == ".bag" else (cdr, encoder.definition(name), "")
+        payload, *described = in_ros1(name, cdr) if path.suffix == ".bag" else (cdr, "", "")
         types[topic] = (name, *described)
         messages.append((topic, t_ns, payload))
-    if path.suffix == ".mcap":
-        return mcap(path, messages, types=types, chunk_size=1 << 20)
     return {".bag": bag, ".db3": db3}[path.suffix](path, messages, types=types)
 
 

@@ -15,10 +15,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quadlog.config.file import load_config
-from quadlog.errors import (
-    ExitCode,
-    MissingInput,
-)
+from quadlog.errors import ExitCode, MissingInput
 from quadlog.mapping.goal_projection import INFLATIONS
 from quadlog.pipelines.comparison.compare import CompareOutcome, ask_everything, compare, scenarios_of
 from quadlog.pipelines.comparison.sources import (

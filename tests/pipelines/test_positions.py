@@ -89,7 +89,7 @@ def test_errors_agree_with_the_metric(located_run: ReplayOutcome):
 @pytest.mark.parametrize("scenario", ["forest", "corridor"])
 def test_a_replay_finds_the_robot_with_ranges_that_fit(tmp_path, scenario):
     path, config_path = tmp_path / "walk.mcap", tmp_path / "walk.toml"
-    synthesize(make_recording(scenario, seed=2, duration_s=30.0, azimuth_steps=24), path, config_output=config_path)
+    synthesize(make_recording(scenario, seed=2, duration_s=20.0, azimuth_steps=16), path, config_output=config_path)
     config = load_config(config_path)
     request = ReplayRequest(path, tmp_path / "run", config, ReplayOptions(until="position"), plots=False)
     outcome = replay(request, Silent())

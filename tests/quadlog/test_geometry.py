@@ -60,35 +60,18 @@ def test_between_poses_is_linear_and_turns_the_short_way_like_slerp():
     np.testing.assert_allclose(wrap_angle(got - slerp), 0, atol=1e-12)
 
 
-def test_both_neighbours_must_be_near_and_ends_are_held_as_long():
-    wanted = seconds(-0.6, -0.4, 0, 0.3, 5, 9.7, 10, 10.4, 10.6)
-    xy, yaw, valid = interpolate_poses(wanted, seconds(0, 10), np.array([[1.0, 2.0], [3.0, 4.0]]), np.zeros(2), 0.5)
-    np.testing.assert_array_equal(valid, [False, True, True, False, False, False, True, True, False])
-    np.testing.assert_array_equal(np.isnan(xy).any(axis=1), ~valid)
-    np.testing.assert_array_equal(np.isnan(yaw), ~valid)
-    np.testing.assert_array_equal(xy[[1, 7]], [[1.0, 2.0], [3.0, 4.0]])
-
-
-def test_no_poses_and_no_wishes():
-    none = np.empty(0, dtype=np.int64)
-    assert not interpolate_poses(seconds(1, 2), none, np.empty((0, 2)), np.empty(0), 1.0)[2].any()
-    assert interpolate_poses(none, seconds(1), np.zeros((1, 2)), np.zeros(1), 1.0)[0].shape == (0, 2)
-
-
-@given(st.lists(st.integers(0, 50), min_size=1, max_size=20, unique=True), st.lists(st.integers(-20, 70), max_size=20))
-def test_validity_against_brute_force(known, wanted):
-    known = sorted(known)
-    got = interpolate_poses(
-        np.array(wanted, dtype=np.int64),
-        np.array(known, dtype=np.int64),
-        np.zeros((len(known), 2)),
-        np.zeros(len(known)),
-        7e-9,
-    )[2]
-    for t, valid in zip(wanted, got, strict=True):
-        before = [k for k in known if k <= t] or known[:1]
-        after = [k for k in known if k >= t] or known[-1:]
-        assert valid == (abs(t - before[-1]) <= 7 and abs(after[0] - t) <= 7)
+@given(st.lists(st.integers(0, 50), max_size=20, unique=True), st.lists(st.integers(-20, 70), max_size=20))
+def test_both_neighbours_must_be_near_and_ends_are_held_as_long(known, wanted):
+    """Of no poses, too."""
+    known_ns, wanted_ns = np.array(sorted(known), np.int64), np.array(wanted, np.int64)
+    places_m = np.column_stack([known_ns, -2.0 * known_ns])
+    xy_m, yaw_rad, valid = interpolate_poses(wanted_ns, known_ns, places_m, np.zeros(len(known)), 7e-9)
+    for t, (x_m, y_m), yaw, is_valid in zip(wanted, xy_m, yaw_rad, valid, strict=True):
+        before = [k for k in sorted(known) if k <= t] or sorted(known)[:1]
+        after = [k for k in sorted(known) if k >= t] or sorted(known)[-1:]
+        assert is_valid == (bool(known) and abs(t - before[-1]) <= 7 and abs(after[0] - t) <= 7)
+        held = min(max(t, min(known)), max(known)) if is_valid else np.nan
+        np.testing.assert_allclose([x_m, y_m, yaw], [held, -2 * held, 0 * held])
 
 
 def test_tag_is_where_a_rigid_transform_puts_it_and_back_again():

@@ -78,9 +78,7 @@ def test_what_is_there_is_refused_kept_or_replaced(small: ReplayRequest, bucket:
     assert names(bucket) == before
 
 
-def test_the_record_goes_first_and_comes_last(
-    small: ReplayRequest, bucket: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_record_goes_first_and_comes_last(small, bucket, monkeypatch):
     replay_anywhere(small, Silent())
     done: list[tuple[str, str]] = []
     upload, unlink = RemotePath.upload_all, RemotePath.unlink
@@ -97,9 +95,7 @@ def test_the_record_goes_first_and_comes_last(
 
 
 @pytest.mark.parametrize("where", ["bucket", "folder"])
-def test_two_machines_do_not_lose_each_other_s_rows(
-    small: ReplayRequest, bucket: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
+def test_two_machines_do_not_lose_each_other_s_rows(small, bucket, tmp_path, monkeypatch, where):
     """The other one finishes a run while this one writes its summary, and had written its own before that."""
     top = to_path(f"s3://{bucket.name}/runs") if where == "bucket" else tmp_path / "runs"
     request = replace(small, run=top / "ours")

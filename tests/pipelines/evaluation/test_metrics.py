@@ -74,15 +74,6 @@ def test_a_run_that_cannot_be_read_does_not_hide_the_others(run):
         measure_runs([run.parent], None, [])
 
 
-def test_conditions_fail_when_they_hold_and_when_nobody_can_tell(lean_run):
-    passed = measure(lean_run, "eta_m>100", "success_rate<0.5")
-    assert (passed.failing, passed.exit_code) == ([], ExitCode.DONE)
-    failed = measure(lean_run, "eta_m>0", "eta_m>100", "forward_m<1")
-    assert failed.exit_code is ExitCode.CHECK_FAILED
-    assert [line.split(": ")[1] for line in failed.failing] == ["eta_m > 0 holds", "forward_m < 1"]
-    assert failed.failing[1].endswith("unknown, the run has no forward_m")
-
-
 def test_runs_of_different_settings_are_not_averaged(run):
     other = shutil.copytree(run, run.with_name("other"))
     record = json.loads((other / "run.json").read_text())

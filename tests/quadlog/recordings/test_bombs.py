@@ -23,28 +23,30 @@ from quadlog.recordings.containers.open import MOST_CHANNELS, open_container
 from tests.lab import recordings
 
 MEBIBYTE = 1 << 20
-Parts = Iterable[tuple[bytes, int]]
 
 READ_ALL = """
 import json, sys
 from quadlog.errors import QuadlogError
 from quadlog.pipelines.executor.progress import peak_memory_mb
 from quadlog.recordings.containers.open import open_container
-messages, causes = 0, []
-try:
-    with open_container(__import__("pathlib").Path(sys.argv[1])) as container:
-        try:
-            for message in container.messages():
-                messages += 1
-        finally:
-            causes = sorted({loss.cause for loss in container.losses})
-except QuadlogError as error:
-    causes = causes or [type(error).__name__]
-print(json.dumps({"messages": messages, "causes": causes, "peak_mb": peak_memory_mb()}))
+found = []
+for path in sys.argv[1:]:
+    messages, causes = 0, []
+    try:
+        with open_container(__import__("pathlib").Path(path)) as container:
+            try:
+                for message in container.messages():
+                    messages += 1
+            finally:
+                causes = sorted({loss.cause for loss in container.losses})
+    except QuadlogError as error:
+        causes = causes or [type(error).__name__]
+    found.append([messages, causes, peak_memory_mb() < 500])
+print(json.dumps(found))
 """
 
 
-def zstd(parts: Parts) -> tuple[bytes, int]:
+def zstd(parts: Iterable[tuple[bytes, int]]) -> tuple[bytes, int]:
     """Compressed and uncompressed size, without the whole in memory."""
     parts = list(parts)
     size = sum(len(each) * count for each, count in parts)
@@ -53,48 +55,47 @@ def zstd(parts: Parts) -> tuple[bytes, int]:
     return b"".join([*packed, packer.flush()]), size
 
 
-def zeros(mebibytes: int) -> tuple[bytes, int]:
-    return bytes(MEBIBYTE), mebibytes
+def large(begin: bytes, mebibytes: int, *after: bytes) -> list[tuple[bytes, int]]:
+    """What begins so, goes on with zeros, and what comes after it."""
+    return [(begin, 1), (bytes(MEBIBYTE), mebibytes), *((each, 1) for each in after)]
 
 
-def bombs() -> dict[str, tuple[list[tuple[bytes, int]], int, int]]:
-    """What the chunks are made of, how often they come, and the messages that are read nevertheless."""
+def large_message(mebibytes: int) -> list[tuple[bytes, int]]:
+    return large(recordings.message(0, more=mebibytes * MEBIBYTE), mebibytes, recordings.message(10**9))
 
-    def large_message(mebibytes: int) -> list[tuple[bytes, int]]:
-        return [(recordings.message(0, more=mebibytes * MEBIBYTE), 1), zeros(mebibytes), (recordings.message(10**9), 1)]
 
-    def schema(number: int, mebibytes: int) -> list[tuple[bytes, int]]:
-        size = mebibytes * MEBIBYTE
-        head = struct.pack("<H", number) + recordings.text(b"a") + recordings.text(b"ros2msg") + struct.pack("<I", size)
-        return [(recordings.record(3, head, size), 1), zeros(mebibytes)]
+def definition(number: int, mebibytes: int) -> list[tuple[bytes, int]]:
+    size = mebibytes * MEBIBYTE
+    head = struct.pack("<H", number) + recordings.text(b"a") + recordings.text(b"ros2msg") + struct.pack("<I", size)
+    return large(recordings.record(3, head, size), mebibytes)
 
+
+BOMBS = {
+    "chunks of 512 MB": (large_message(511), 20, 0),
+    "chunks of 31 MB": (large_message(31), 5, 10),
     # Several such chunks are merged message by message: none is next to the one before it.
-    interleaved = [
-        (recordings.record(0x80, b"", 31 * MEBIBYTE), 1),
-        zeros(31),
-        *((recordings.message(t), 1) for t in range(4000)),
-    ]
-    return {
-        "chunks of 512 MB": (large_message(511), 20, 0),
-        "chunks of 31 MB": (large_message(31), 5, 10),
-        "overlapping chunks of 31 MB": (interleaved, 16, 64_000),
-        "17 M empty messages": ([(recordings.message() * 34_000, 500)], 1, 0),
-        "20 M empty records": ([(recordings.record(0x80, b"") * 40_000, 500)], 1, 0),
-        "definitions of 15 MB": ([part for number in range(1, 7) for part in schema(number, 15)], 1, 0),
-    }
+    "overlapping chunks of 31 MB": (
+        large(recordings.record(0x80, b"", 31 * MEBIBYTE), 31, *map(recordings.message, range(500))),
+        16,
+        8000,
+    ),
+    "17 M empty messages": ([(recordings.message() * 34_000, 500)], 1, 0),
+    "20 M empty records": ([(recordings.record(0x80, b"") * 40_000, 500)], 1, 0),
+    "definitions of 15 MB": ([part for number in range(1, 7) for part in definition(number, 15)], 1, 0),
+}
+"""What the chunks are made of, how often they come, and the messages that are read nevertheless."""
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_memory_of_a_chunk_is_bounded_by_the_size_of_the_file(tmp_path: Path, number: int) -> None:
-    parts, count, messages = list(bombs().values())[number]
-    packed, size = zstd(parts)
-    chunks = [recordings.chunk(size, b"zstd", packed)] * count
-    path = recordings.write_records(tmp_path / "a.mcap", recordings.channel(), *chunks)
-    assert path.stat().st_size < 400_000
-    done = subprocess.run([sys.executable, "-c", READ_ALL, str(path)], capture_output=True, text=True, check=True)
-    got = json.loads(done.stdout)
-    assert got["peak_mb"] < 500
-    assert (got["messages"], got["causes"]) == (messages, ["truncated"] if messages else ["NothingReadable"])
+def test_memory_of_a_chunk_is_bounded_by_the_size_of_the_file(tmp_path: Path) -> None:
+    paths = []
+    for name, (parts, count, _) in BOMBS.items():
+        packed, size = zstd(parts)
+        chunks = [recordings.chunk(size, b"zstd", packed)] * count
+        paths.append(recordings.write_records(tmp_path / f"{name}.mcap", recordings.channel(), *chunks))
+        assert paths[-1].stat().st_size < 400_000
+    done = subprocess.run([sys.executable, "-c", READ_ALL, *map(str, paths)], capture_output=True, check=True)
+    expected = [[messages, ["truncated"] if messages else ["NothingReadable"], True] for *_, messages in BOMBS.values()]
+    assert json.loads(done.stdout) == expected
 
 
 def test_more_topics_than_any_robot_has_are_refused(tmp_path: Path) -> None:
@@ -121,9 +122,7 @@ def test_what_chunks_hold_beyond_their_size_counts_once_for_a_file_and_however_o
 
 @pytest.mark.parametrize("form", ["bag", "mcap"])
 @pytest.mark.parametrize(("noise_bytes", "read"), [(18_000, True), (2_000, False)])
-def test_more_messages_than_bytes_of_the_file_are_refused(
-    tmp_path: Path, form: str, noise_bytes: int, read: bool
-) -> None:
+def test_more_messages_than_bytes_of_the_file_are_refused(tmp_path, form, noise_bytes, read):
     """Chunks of 10 000 empty messages that took less than a byte each."""
     noise = random.Random(0).randbytes(noise_bytes)
     if form == "bag":

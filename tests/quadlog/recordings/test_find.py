@@ -1,7 +1,10 @@
+"""Which recordings folders, patterns and lists name, here and in buckets."""
+
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -123,3 +126,49 @@ def test_what_cannot_be_read_is_named(tree, monkeypatch):
     monkeypatch.setattr(Path, "iterdir", iterdir)
     with pytest.raises(RecordingNotFound, match="deep/er"):
         find_recordings([tree])
+
+
+@pytest.fixture
+def season(bucket: Any) -> str:
+    for name in ("a.mcap", "b.bag", "deep/c.db3", "notes.txt", "../up.mcap", "deep/.hidden.mcap", "bag/bag_0.db3"):
+        bucket.pipe_file(f"{bucket.name}/season/{name}", b"x")
+    bucket.pipe_file(f"{bucket.name}/season/bag/bag_1.db3", b"x")
+    bucket.pipe_file(f"{bucket.name}/season/run/derived.mcap", b"x")
+    bucket.pipe_file(f"{bucket.name}/season/run/run.json", b'{"quadlog_version": "1"}')
+    return f"s3://{bucket.name}/season"
+
+
+def at(*arguments: str | Path) -> list[str]:
+    return [str(path) for path in find_recordings(arguments)]
+
+
+def test_folders_and_patterns_in_a_bucket(season: str) -> None:
+    everything = [f"{season}/a.mcap", f"{season}/b.bag", f"{season}/bag", f"{season}/deep/c.db3"]
+    assert at(season) == at(f"{season}/") == at(f"{season}/", f"{season}/a.mcap") == everything
+    assert at(f"{season}/*.mcap") == [f"{season}/a.mcap"]
+    assert at(f"{season}/[ab].*") == everything[:2]
+    assert at(f"{season}/**/*.db3") == [f"{season}/bag/bag_0.db3", f"{season}/bag/bag_1.db3", f"{season}/deep/c.db3"]
+    assert at(f"{season}/ba*") == [f"{season}/bag"]
+
+
+@pytest.mark.parametrize("argument", ["", "gone.mcap", "*.gone", "gone/"])
+def test_urls_without_recordings_are_refused(bucket: Any, argument: str) -> None:
+    with pytest.raises(RecordingNotFound, match=bucket.name):
+        find_recordings([f"s3://{bucket.name}/{argument}"])
+
+
+def test_lists_may_lie_anywhere_and_name_urls(season: str, bucket: Any, web: Any, tmp_path: Path) -> None:
+    (web.folder / "walk.mcap").touch()
+    lines = f"a.mcap\n{season}/b.bag  # by its whole name\n{web.url}/walk.mcap?sig=SECRET\n\n# nothing\ndeep/*.db3\n"
+    bucket.pipe_file(f"{bucket.name}/season/list.txt", lines.encode("utf-8-sig"))  # as editors of Windows do
+    (tmp_path / "list.txt").write_text(lines.replace("\na.mcap", "").replace("deep/", f"{season}/deep/")[7:])
+    there = [f"{season}/a.mcap", f"{season}/b.bag", f"{season}/deep/c.db3", f"{web.url}/walk.mcap?..."]
+    assert sorted(at(f"@{season}/list.txt")) == sorted(there)
+    assert sorted(at(f"@{tmp_path}/list.txt")) == sorted(there[1:])
+
+
+@pytest.mark.parametrize("line", ["/etc/passwd", "../up.mcap", "deep/../../other/x.mcap", "file:///etc/passwd"])
+def test_a_remote_list_cannot_name_local_files(web: Any, tmp_path: Path, line: str) -> None:
+    (web.folder / "list.txt").write_text(f"{line}\n")
+    with pytest.raises(RecordingNotFound, match="names URLs or what lies beside it"):
+        find_recordings([f"@{web.url}/list.txt"])

@@ -68,9 +68,7 @@ def topic(draw: st.DrawFn) -> Rows:
 
 
 @given(st.lists(topic(), min_size=1, max_size=3), st.floats(-5, 65), st.floats(0.5, 40))
-def test_a_window_has_all_that_is_stamped_within_it(
-    both_ros: SimpleNamespace, topics: list[Rows], start_s: float, duration_s: float
-) -> None:
+def test_a_window_has_all_that_is_stamped_within_it(both_ros, topics, start_s, duration_s):
     logged = Logged(both_ros.cdr, {f"/{number}": rows for number, rows in enumerate(topics)})
     start_ns = T0 + round(start_s * 1e9)
     end_ns = start_ns + round(duration_s * 1e9)
@@ -98,9 +96,7 @@ def test_the_index_is_asked_for_little_more(both_ros: SimpleNamespace, seldom: R
 
 @pytest.mark.parametrize("rate", [0.05, 0.5, 3.0, 5.0])
 @pytest.mark.parametrize("begin", [0.0, 0.1, 0.5, 0.9])
-def test_stamps_of_simulated_time_run_at_a_rate_of_their_own(
-    both_ros: SimpleNamespace, rate: float, begin: float
-) -> None:
+def test_stamps_of_simulated_time_run_at_a_rate_of_their_own(both_ros, rate, begin):
     """Ten minutes of the log, of which a tenth is wanted and a look shows a sixtieth; one topic is 0.2 s late."""
     log_ns = [T0 + index * S for index in range(600)]
     stamps = {"/odom": 0, "/late": S // 5}

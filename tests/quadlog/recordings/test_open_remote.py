@@ -13,15 +13,9 @@ from quadlog.errors import StorageChanged, StorageFailed
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.recording import open_recording
 from quadlog.recordings.survey import indexed_times, rates_hz
-from quadlog.storage import remote_object
 from quadlog.storage.remote_object import BLOCK_BYTES
 from quadlog.storage.remote_path import to_path
 from tests.lab import recordings
-
-
-@pytest.fixture(autouse=True)
-def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote_object, "WAIT_S", 0.0)
 
 
 @pytest.mark.parametrize("name", ["walk.mcap", "walk.bag", "walk.db3", "walk.mcap.zstd", "season.split"])

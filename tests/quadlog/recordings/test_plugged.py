@@ -51,7 +51,8 @@ def test_a_json_type_of_ones_own_becomes_ranges_with_a_role_and_failures_are_a_l
     for fields in ({"t": T0, "m": [1.5, 2.5]}, {"t": T0 + 1, "m": [1.0, 2.0]}, {"t": T0}, {"t": T0, "m": [1.0] * 3}):
         add_json(log, "/beacons", "beacon.Report", **fields)
     recording = Recording(log.container)
-    first, second = (each.message for each in recording.messages(["/beacons"]))
+    for _ in range(2):  # reading again does not count the same losses again
+        first, second = (each.message for each in recording.messages(["/beacons"]))
     assert (first.stamp_ns, second.stamp_ns, first.tag) == (T0, T0 + 1, 3)
     assert (first.anchor.dtype, first.range_m.dtype) == (np.int64, np.float64)
     assert (first.anchor.tolist(), first.range_m.tolist()) == ([5, 7], [1.5, 2.5])
@@ -76,9 +77,8 @@ def test_a_unit_that_is_configured_is_that_of_the_plugins_numbers(install, log, 
 def test_a_ros_type_comes_with_its_fields(install, log):
     """A standard type that quadlog has no use for, with the definition the recording embeds."""
     plug_in(install, "geometry_msgs/msg/PointStamped", *POSE)
-    point = log.ros.type("geometry_msgs/msg/Point")(3.0, -4.0, 9.0)
-    kind = log.ros.type("geometry_msgs/msg/PointStamped")
-    log.add("/mocap/rover", T0, kind(log.ros.header(T0, "site"), point))
+    point = {"header": log.ros.header(T0, "site"), "point": log.ros.vector(3, -4, 9, name="Point")}
+    log.add("/mocap/rover", T0, log.ros.make("geometry_msgs/msg/PointStamped", **point))
     recording = Recording(log.container)
     (timed,) = recording.messages(["/mocap/rover"])
     pose = timed.message
@@ -103,7 +103,7 @@ def test_a_type_of_quadlogs_own_is_the_plugins_with_a_note(install, log, own):
     if own.startswith("foxglove"):
         add_json(log, "/own", own)
     else:
-        log.add("/own", T0, log.ros.odometry(T0, 0.0))
+        log.add("/own", T0, log.ros.odometry(T0))
     recording = Recording(log.container)
     (timed,) = recording.messages(["/own"])
     assert (type(timed.message), timed.message.angular_radps.tolist()) == (Imu, [0, 0, 1])
@@ -120,7 +120,7 @@ def test_a_type_of_quadlogs_own_is_the_plugins_with_a_note(install, log, own):
 )
 def test_an_object_that_is_no_decoder_is_refused_where_its_type_occurs(install, log, source, words):
     plug_in(install, "odd.Type", source=source)
-    log.add("/odom", T0, log.ros.odometry(T0, 0.0))
+    log.add("/odom", T0, log.ros.odometry(T0))
     assert detect_roles(Recording(log.container), Topics()).topic("odometry") == "/odom"
     add_json(log, "/odd", "odd.Type")
     with pytest.raises(QuadlogError, match=words):

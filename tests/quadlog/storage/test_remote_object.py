@@ -15,16 +15,10 @@ import pytest
 from aiohttp import web as http
 
 from quadlog.errors import QuadlogError, StorageChanged, StorageFailed
-from quadlog.storage import remote_object
 from quadlog.storage.remote_object import BLOCK_BYTES, RemoteBytes, info_of
 
 CONTENT = random.Random(3).randbytes(3 * BLOCK_BYTES + 1234)
 EARLIER, LATER = "Mon, 01 Jan 2024 00:00:00 GMT", "Tue, 02 Jan 2024 00:00:00 GMT"
-
-
-@pytest.fixture(autouse=True)
-def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote_object, "WAIT_S", 0.0)
 
 
 @pytest.fixture
@@ -70,9 +64,7 @@ def test_ranges_are_the_file_s_and_are_fetched_once(web: Any, file: str, monkeyp
     ("content", "headers", "size_bytes"),
     [(b"", {}, 0), (CONTENT, {}, len(CONTENT)), (gzip.compress(CONTENT), {"Content-Encoding": "gzip"}, None)],
 )
-def test_a_server_without_ranges_says_so_and_is_read_whole(
-    web: Any, file: str, content: bytes, headers: dict[str, str], size_bytes: int | None
-) -> None:
+def test_a_server_without_ranges_says_so_and_is_read_whole(web, file, content, headers, size_bytes):
     """The length of a compressed response is not that of the file."""
     web.answer = lambda _: http.Response(body=content, headers=headers)
     remote, info = opened(file), info_of(file)

@@ -5,12 +5,13 @@ import struct
 import pytest
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1 import Writer as BagWriter
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 
 from quadlog.errors import NothingReadable
 from quadlog.recordings.containers.open import open_container
 from quadlog.recordings.recording import open_recording
 from tests.lab import recordings
+from tests.lab.messages import Ros
 
 
 def chunk_offsets(path):
@@ -62,11 +63,8 @@ def test_publishers_of_one_topic_are_one_channel_and_two_types_are_two(tmp_path)
 
 def test_an_encrypted_bag_is_refused(tmp_path):
     path = recordings.bag(tmp_path / "a.bag", recordings.some())
-    header = b"".join(
-        struct.pack("<I", len(field)) + field
-        for field in (b"op=\x03", b"index_pos=" + bytes(8), b"encryptor=rosbag/AesCbcEncryptor")
-    )
-    path.write_bytes(b"#ROSBAG V2.0\n" + struct.pack("<I", len(header)) + header + struct.pack("<I", 0))
+    head = recordings.bag_record(b"", op=b"\3", index_pos=bytes(8), encryptor=b"rosbag/AesCbcEncryptor")
+    path.write_bytes(b"#ROSBAG V2.0\n" + head)
     with pytest.raises(NothingReadable, match="encrypted"):
         open_container(path)
 
@@ -83,19 +81,12 @@ def test_real_bags_read_as_rosbags_reads_them(edge_cases, name):
 
 
 def test_transforms_under_both_names_of_ros_1_are_one_topic(tmp_path):
-    store = get_typestore(Stores.ROS1_NOETIC)
-    path, names = tmp_path / "a.bag", ["tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"]
-    for name in names:
-        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", name))
-    types = store.types
-    header = types["std_msgs/msg/Header"](0, types["builtin_interfaces/msg/Time"](1, 0), "odom")
-    turn, shift = types["geometry_msgs/msg/Quaternion"](0, 0, 0, 1), types["geometry_msgs/msg/Vector3"](1, 0, 0)
-    pose = types["geometry_msgs/msg/Transform"](shift, turn)
-    transform = types["geometry_msgs/msg/TransformStamped"](header, "base", pose)
+    ros, path, names = Ros("ros1"), tmp_path / "a.bag", ["tf/msg/tfMessage", "tf2_msgs/msg/TFMessage"]
+    ros.store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms\n", names[0]))
     with BagWriter(path) as bag:
         for number, name in enumerate(names):
-            connection = bag.add_connection("/tf", name, typestore=store)
-            bag.write(connection, 10**9 + number, store.serialize_ros1(types[name]([transform]), name))
+            message = ros.make(name, transforms=[ros.transform(10**9, "odom", "base", (1, 0, 0))])
+            bag.write(bag.add_connection("/tf", name, typestore=ros.store), 10**9 + number, ros.serialise(message))
     with open_recording(path) as recording:
         assert recording.types_of("/tf") == ["tf2_msgs/msg/TFMessage"]
         assert len(list(recording.messages("/tf"))) == 2

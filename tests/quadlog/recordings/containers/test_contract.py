@@ -1,7 +1,9 @@
-"""What holds for recordings of every form, sound or damaged, against what was written."""
+"""What holds for recordings of every form, sound or damaged, against what was written, and what is no recording."""
 
 from __future__ import annotations
 
+import gzip
+import os
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -15,7 +17,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag1 import Reader
 
 from fuzzing.edits import edited
-from quadlog.errors import NothingReadable, QuadlogError
+from quadlog.errors import NotARecording, NothingReadable, QuadlogError, RecordingNotFound
 from quadlog.recordings.containers import chunked
 from quadlog.recordings.containers.open import open_container
 from quadlog.storage import byte_source
@@ -195,3 +197,32 @@ def test_a_recording_without_a_message_left_is_nothing_readable(tmp_path, form, 
     path.write_bytes(damage(path.read_bytes(), chunks_of(path, form)))
     with pytest.raises(NothingReadable, match=words), open_container(path) as container:
         list(container.messages())
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "empty"),
+        (b"hello", "unknown file format"),
+        (gzip.compress(b"x", mtime=0), "gunzip"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"#ROSBAG V1.2\n", "rosbag fix"),
+        (b"SQLite format 3\0", "SQLite"),
+        (b"\x28\xb5\x2f\xfdnonsense", "decompress"),
+    ],
+)
+def test_other_formats_are_refused_in_one_line(tmp_path, content, words):
+    path = tmp_path / "a.bag"
+    path.write_bytes(content)
+    with pytest.raises(NotARecording, match=words) as caught:
+        open_container(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_and_pipes_are_refused(tmp_path):
+    with pytest.raises(RecordingNotFound):
+        open_container(tmp_path / "none.mcap")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(NotARecording, match="regular"):
+        open_container(tmp_path / "pipe.mcap")

@@ -21,7 +21,8 @@ from quadlog.recordings.decoders.ros_messages import Definitions
 from quadlog.recordings.decoders.rows import Type
 from quadlog.recordings.decoding import RowReader, reader_of
 from quadlog.recordings.types import TYPES
-from tests.lab.decoded import KINDS, channel_of, decoded, serialised, store_of, together, zeroed
+from tests.lab.decoded import decoded, together
+from tests.lab.messages import KINDS, channel_of, serialised, store_of
 
 STAMPED_TAGFRAME = "ros2_port/msg/LinktrackTagframe0"
 WANTED = {name: each.wanted for name, each in TYPES.items() if isinstance(each, Type)}
@@ -156,16 +157,3 @@ def test_other_definitions_of_a_standard_type_are_kept_to(text: bytes, kind: str
             decoded(channel, payload)
     else:
         assert assert_columns_as(own, channel, [payload], TYPES[name].wanted) == {0}
-
-
-def test_ids_are_those_of_the_arrays_around_a_range() -> None:
-    """A list of tags with anchors each: every range has the tag above it and the anchor beside it."""
-    kind, name = "little", "nlink_parser/msg/LinktrackNodeframe4"
-    part = "nlink_parser/msg/LinktrackNode4"
-    tags = []
-    for i in (3, 0, 2):
-        anchors = [zeroed(kind, f"{part}Anchor", id=10 * i + j, dis=float(i + j)) for j in range(i)]
-        tags.append(zeroed(kind, f"{part}Tag", id=i, anchors=anchors))
-    found = decoded(channel_of(kind, name), serialised(kind, zeroed(kind, name, tags=tags)))
-    rows = [(each.tag, each.anchor.tolist(), each.range_m.tolist()) for each in found]  # type: ignore[union-attr]
-    assert rows == [(3, [30, 31, 32], [3.0, 4.0, 5.0]), (2, [20, 21], [2.0, 3.0])]

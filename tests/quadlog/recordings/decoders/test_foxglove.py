@@ -3,7 +3,6 @@ from __future__ import annotations
 import base64
 import json
 import struct
-from pathlib import Path
 from typing import Any
 
 import foxglove
@@ -31,38 +30,20 @@ POINTS = np.array([(1, 2, 3, 7), (4, 5, 6, 8)], [("x", "<f4"), ("y", "<f4"), ("z
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Channel, bytes]]:
-    """One PointCloud, turned by 90 degrees, and one PoseInFrame, as Foxglove's own SDK writes them."""
-    path: Path = tmp_path_factory.mktemp("foxglove") / "f.mcap"
-    kinds = PackedElementFieldNumericType
-    fields = [
-        PackedElementField(name=name, offset=offset, type=kind)
-        for name, offset, kind in [("x", 0, kinds.Float32), ("y", 4, kinds.Float32), ("z", 8, kinds.Float32)]
-    ]
-    fields.append(PackedElementField(name="ring", offset=12, type=kinds.Uint16))
+def recorded(tmp_path_factory):
+    """One PointCloud, turned by 90 degrees, and one PoseInFrame, as Foxglove's own SDK writes them: by topic."""
+    path, kinds = tmp_path_factory.mktemp("foxglove") / "f.mcap", PackedElementFieldNumericType
+    types = {"x": kinds.Float32, "y": kinds.Float32, "z": kinds.Float32, "ring": kinds.Uint16}
+    fields = [PackedElementField(name=name, offset=4 * i, type=kind) for i, (name, kind) in enumerate(types.items())]
     turned = Pose(position=Vector3(x=10, y=0, z=0), orientation=Quaternion(x=0, y=0, z=0.5**0.5, w=0.5**0.5))
-    stamp = Timestamp(sec=T_NS // 10**9, nsec=T_NS % 10**9)
+    where = {"timestamp": Timestamp(sec=T_NS // 10**9, nsec=T_NS % 10**9), "pose": turned}
+    points = {"point_stride": POINTS.itemsize, "fields": fields, "data": POINTS.tobytes()}
     with foxglove.open_mcap(path):
-        PointCloudChannel("/points").log(
-            PointCloud(
-                timestamp=stamp,
-                frame_id="lidar",
-                pose=turned,
-                point_stride=POINTS.itemsize,
-                fields=fields,
-                data=POINTS.tobytes(),
-            ),
-            log_time=T_NS,
-        )
-        PoseInFrameChannel("/pose").log(PoseInFrame(timestamp=stamp, frame_id="map", pose=turned), log_time=T_NS)
+        PointCloudChannel("/points").log(PointCloud(frame_id="lidar", **where, **points), log_time=T_NS)
+        PoseInFrameChannel("/pose").log(PoseInFrame(frame_id="map", **where), log_time=T_NS)
     with path.open("rb") as stream:
-        return {
-            channel.topic: (
-                Channel(channel.topic, schema.name, channel.message_encoding, schema.encoding, schema.data),
-                message.data,
-            )
-            for schema, channel, message in make_reader(stream).iter_messages()
-        }
+        read = list(make_reader(stream).iter_messages())
+    return {c.topic: (Channel(c.topic, s.name, c.message_encoding, s.encoding, s.data), m.data) for s, c, m in read}
 
 
 def decoded(channel: Channel, payload: bytes) -> Any:
@@ -70,7 +51,7 @@ def decoded(channel: Channel, payload: bytes) -> Any:
     return message
 
 
-def test_protobuf_with_its_pose_applied(recorded: dict[str, tuple[Channel, bytes]]) -> None:
+def test_protobuf_with_its_pose_applied(recorded):
     cloud = decoded(*recorded["/points"])
     assert (cloud.stamp_ns, cloud.frame_id, cloud.ring.tolist()) == (T_NS, "lidar", [7, 8])
     np.testing.assert_allclose(cloud.xyz_m, [[8, 1, 3], [5, 4, 6]], atol=1e-5)
@@ -83,7 +64,7 @@ def test_protobuf_with_its_pose_applied(recorded: dict[str, tuple[Channel, bytes
         decoded(channel, payload.replace(struct.pack("<d", 10.0), struct.pack("<d", 1e300)))
 
 
-def test_broken_protobuf_is_one_decode_error(recorded: dict[str, tuple[Channel, bytes]]) -> None:
+def test_broken_protobuf_is_one_decode_error(recorded):
     channel, payload = recorded["/points"]
     with pytest.raises(DecodeError, match="/points"):
         decoded(channel, payload[: len(payload) // 2])

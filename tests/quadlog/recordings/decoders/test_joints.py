@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from quadlog.errors import DecodeError, UnknownJoints
 from quadlog.recordings.decoders.joints import JointOrder
 from tests.lab import decoded as lab
+from tests.lab.messages import channel_of, serialised, zeroed
 
 LEGS = ("FL", "FR", "RL", "RR")
 UNITREE = [f"{leg}_{joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
@@ -39,15 +40,15 @@ RANK = {"FR": 1, "FL": 0, "RR": 3, "RL": 2}
 def joint_state(kind: str, names: Any, position: Any = None, velocity: Any = (), effort: Any = ()) -> Any:
     values = np.arange(len(names)) if position is None else position
     arrays = {"position": values, "velocity": velocity, "effort": effort}
-    message = lab.zeroed(kind, "sensor_msgs/msg/JointState", name=list(names), **arrays)
+    message = zeroed(kind, "sensor_msgs/msg/JointState", name=list(names), **arrays)
     message.header.stamp.sec, message.header.stamp.nanosec = 5, 7
     return message
 
 
 def decoded(kind: str, message: Any, order: JointOrder | None = None, *, embedded: bool = True) -> tuple[Any, ...]:
     """What the message gives."""
-    channel = lab.channel_of(kind, message.__msgtype__, embedded=embedded)
-    return lab.decoded(channel, lab.serialised(kind, message), order=order)
+    channel = channel_of(kind, message.__msgtype__, embedded=embedded)
+    return lab.decoded(channel, serialised(kind, message), order=order)
 
 
 @given(style=st.sampled_from(sorted(STYLES)), data=st.data())
@@ -123,7 +124,7 @@ def test_lists_of_different_lengths_are_refused(which: str) -> None:
 
 def filled(kind: str, name: str, **values: Any) -> Any:
     """A message whose numbers are zero, with some fields set."""
-    message = lab.zeroed(kind, name, **values)
+    message = zeroed(kind, name, **values)
     for i, motor in enumerate(getattr(message, "motor_state", getattr(message, "motorState", []))):
         motor.q, motor.dq = float(i), -float(i)
         setattr(motor, "tau_est" if hasattr(motor, "tau_est") else "tauEst", 2.0 * i)

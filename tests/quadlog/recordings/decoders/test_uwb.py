@@ -6,24 +6,20 @@ import math
 
 import numpy as np
 import pytest
-from rosbags.typesys import get_types_from_msg
 
+from quadlog.config.schema import Config
 from quadlog.errors import DecodeError
-from quadlog.recordings.decoders.range_ends import ends_of_topic
 from quadlog.recordings.decoders.ranges import own_ranges
-from tests.lab.decoded import channel_of, decoded, serialised, zeroed
+from quadlog.recordings.recording import Recording
+from tests.lab.decoded import decoded
+from tests.lab.messages import channel_of, serialised, zeroed
 
-STAMP = "builtin_interfaces/msg/Time"
 T_NS = 1_700_000_000_000_000_005
 
 
 def linktrack(kind, name, *, package="nlink_parser", embedded=True, **values):
     message = zeroed(kind, f"{package}/msg/Linktrack{name}", **values)
     return decoded(channel_of(kind, message.__msgtype__, embedded=embedded), serialised(kind, message))
-
-
-def parts(kind, name, *rows):
-    return [zeroed(kind, f"nlink_parser/msg/Linktrack{name}", **row) for row in rows]
 
 
 @pytest.mark.parametrize("kind", ["ros1", "little"])
@@ -33,7 +29,7 @@ def test_tagframe0_leaves_absent_anchors_out(kind, package, embedded):
     """Only zero is absent: whatever else is no distance is counted where ranges are screened."""
     values = {"id": 4, "dis_arr": [1.5, 0, -2.5, np.nan, np.inf, 0, 0, 8.25]}
     if package == "ros2_port":
-        values["header"] = zeroed(kind, "std_msgs/msg/Header", stamp=zeroed(kind, STAMP, sec=5, nanosec=7))
+        values |= {"header__stamp__sec": 5, "header__stamp__nanosec": 7}
     (ranges,) = linktrack(kind, "Tagframe0", package=package, embedded=embedded, **values)
     assert (ranges.tag, ranges.anchor.tolist()) == (4, [0, 2, 3, 4, 7])
     np.testing.assert_array_equal(ranges.range_m, [1.5, -2.5, np.nan, np.inf, 8.25])
@@ -49,6 +45,14 @@ NODES = [
 ]
 
 
+def made(part, fields):
+    return zeroed("little", f"nlink_parser/msg/Linktrack{part}", **fields)
+
+
+def anchors_of(tag):
+    return [made("Node4Anchor", {"id": 10 * tag + j, "dis": float(tag + j)}) for j in range(tag)]
+
+
 @pytest.mark.parametrize(
     ("frame", "part", "fields", "rows"),
     [
@@ -61,13 +65,19 @@ NODES = [
         ("Nodeframe3", "Node2", NODES, [(6, [1, 2], [3.5, 4.5])]),
         ("Nodeframe5", "Node5", NODES, [(6, [1, 2], [3.5, 4.5])]),
         ("Nodeframe3", "Node2", [{"role": 2, "id": 7, "dis": 3.5}, {"role": 2, "id": 8}], [(7, [6], [3.5])]),
+        (
+            "Nodeframe4",
+            "Node4Tag",
+            [{"id": tag, "anchors": anchors_of(tag)} for tag in (3, 0, 2)],
+            [(3, [30, 31, 32], [3.0, 4.0, 5.0]), (2, [20, 21], [2.0, 3.0])],
+        ),
     ],
 )
 def test_frames_list_ranges_of_tags_and_anchors(frame, part, fields, rows):
     """A tag's frame lists its anchors with their signal strengths, an anchor's the tags that it hears."""
-    of_tag = fields is NODES
-    ends = {} if frame.startswith("Anchor") else {"role": 2 if of_tag else 1, "id": 6}
-    found = linktrack("little", frame, nodes=parts("little", part, *fields), embedded=False, **ends)
+    of_tag, nodes = fields is NODES, [made(part, each) for each in fields]
+    ends = {"role": 2 if of_tag else 1, "id": 6} if part in ("Node2", "Node5") else {}
+    found = linktrack("little", frame, **{"tags" if part == "Node4Tag" else "nodes": nodes}, embedded=False, **ends)
     assert [(each.tag, each.anchor.tolist(), each.range_m.tolist()) for each in found] == rows
     if of_tag:
         assert found[0].first_path_gap_db.tolist() == [8.0, 1.0]
@@ -138,45 +148,46 @@ def test_what_a_message_says_was_not_measured_is_no_range(name, why, fields, mea
     assert (ranges.anchor_position_m is not None) == (measured and name.startswith("uwb_driver"))
 
 
-OWN = {  # fields of a message -> the text of its definition, and its values
-    "one": ("std_msgs/Header header\nuint16 peer\nint32 distance_mm\n", lambda ros: (ros.header(T_NS), 7, 2500)),
-    "nodes": (
-        "string note\nuint8 id\nNode[] nodes\n",
-        lambda ros: ("", 4, [ros.type("own/msg/Node")(*each) for each in ((7, 2.5), (9, 3.5))]),
-    ),
-    "lists": (
-        "uint8 id\nuint8[] ids\nfloat32[2] range\nbuiltin_interfaces/Time stamp\n",
-        lambda ros: (4, np.array([7, 9], np.uint8), np.array([2.5, 3.5], np.float32), ros.stamp(T_NS)),
-    ),
-    "short": (
-        "uint8 id\nuint8[1] ids\nfloat32[2] range\n",
-        lambda ros: (4, np.array([7], np.uint8), np.array([2.5, 3.5], np.float32)),
-    ),
+NODE = "uint8 id\nfloat32 dis\n"
+OWN = {
+    "One": "std_msgs/Header header\nuint16 peer\nint32 distance_mm\n",
+    "Nodes": "string note\nuint8 id\nNode[] nodes\n",
+    "Lists": "uint8 id\nuint8[] ids\nfloat32[2] range\nbuiltin_interfaces/Time stamp\n",
+    "Short": "uint8 id\nuint8[1] ids\nfloat32[2] range\n",
 }
+
+
+def own_values(ros, name):
+    return {
+        "One": lambda: {"header": ros.header(T_NS), "peer": 7, "distance_mm": 2500},
+        "Nodes": lambda: {
+            "id": 4,
+            "nodes": [ros.make("own/msg/Node", id=i, dis=dis) for i, dis in ((7, 2.5), (9, 3.5))],
+        },
+        "Lists": lambda: {"id": 4, "ids": np.uint8([7, 9]), "range": [2.5, 3.5], "stamp": ros.stamp(T_NS)},
+        "Short": lambda: {"id": 4, "ids": [7], "range": [2.5, 3.5]},
+    }[name]()
 
 
 @pytest.mark.parametrize(
     ("name", "keys", "expected"),
     [
-        ("one", {"field": "distance_mm", "unit": "mm", "tag": 3, "anchor": "peer"}, (T_NS, 3, [7], [2.5])),
-        ("one", {"field": "distance_mm", "unit": "cm", "tag": "peer", "anchor": 9}, (T_NS, 7, [9], [25.0])),
-        ("one", {"field": "distance_mm"}, (T_NS, None, [-1], [2500.0])),
-        ("nodes", {"field": "nodes[].dis", "tag": "id", "anchor": "nodes[].id"}, (None, 4, [7, 9], [2.5, 3.5])),
-        ("nodes", {"field": "nodes[].dis", "tag": 1}, (None, 1, [0, 1], [2.5, 3.5])),
-        ("lists", {"field": "range[]", "tag": "id", "anchor": "ids[]"}, (T_NS, 4, [7, 9], [2.5, 3.5])),
-        ("lists", {"field": "range", "tag": "id"}, r"has no number range \(id, ids\[\], range\[\], stamp\)"),
-        ("lists", {"field": "stamp", "tag": "id"}, "has no number stamp "),
-        ("nodes", {"field": "note"}, "has no number note "),
-        ("nodes", {"field": "nodes[].far"}, r"has no number nodes\[\]\.far \(nodes\[\]\."),
-        ("short", {"field": "range[]", "anchor": "ids[]"}, "anchor and range differ in length"),
+        ("One", {"field": "distance_mm", "unit": "mm", "tag": 3, "anchor": "peer"}, (T_NS, 3, [7], [2.5])),
+        ("One", {"field": "distance_mm", "unit": "cm", "tag": "peer", "anchor": 9}, (T_NS, 7, [9], [25.0])),
+        ("One", {"field": "distance_mm"}, (T_NS, None, [-1], [2500.0])),
+        ("Nodes", {"field": "nodes[].dis", "tag": "id", "anchor": "nodes[].id"}, (None, 4, [7, 9], [2.5, 3.5])),
+        ("Nodes", {"field": "nodes[].dis", "tag": 1}, (None, 1, [0, 1], [2.5, 3.5])),
+        ("Lists", {"field": "range[]", "tag": "id", "anchor": "ids[]"}, (T_NS, 4, [7, 9], [2.5, 3.5])),
+        ("Lists", {"field": "range", "tag": "id"}, r"has no number range \(id, ids\[\], range\[\], stamp\)"),
+        ("Lists", {"field": "stamp", "tag": "id"}, "has no number stamp "),
+        ("Nodes", {"field": "note"}, "has no number note "),
+        ("Nodes", {"field": "nodes[].far"}, r"has no number nodes\[\]\.far \(nodes\[\]\."),
+        ("Short", {"field": "range[]", "anchor": "ids[]"}, "anchor and range differ in length"),
     ],
 )
 def test_ranges_of_any_message_by_their_fields(ros, name, keys, expected):
-    text, values = OWN[name]
-    if f"own/msg/{name.title()}" not in ros.store.fielddefs:
-        ros.store.register(get_types_from_msg("uint8 id\nfloat32 dis\n", "own/msg/Node"))
-        ros.store.register(get_types_from_msg(text, f"own/msg/{name.title()}"))
-    message = ros.type(f"own/msg/{name.title()}")(*values(ros))
+    ros.register(Node=NODE, **OWN)
+    message = ros.make(f"own/msg/{name}", **own_values(ros, name))
     given = ros.channel("/own", message.__msgtype__), ros.serialise(message)
     mapped = {"/own": own_ranges(**keys)}
     if isinstance(expected, str):
@@ -211,36 +222,32 @@ def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
             (at_s[b] - at_s[a]) * fast / tick_s
             for a, b, fast in ((0, 3, fast_a), (3, 4, fast_a), (2, 5, fast_b), (1, 2, fast_b))
         ]
-    name = f"own/msg/Times{bits}{six}"
-    if name not in ros.store.fielddefs:
-        ros.store.register(get_types_from_msg("".join(f"{kind} {each}\n" for each in names), name))
+    name = f"Times{bits}{six}"
+    ros.register(**{name: "".join(f"{kind} {each}\n" for each in names)})
     mapped = {"/own": own_ranges(times=names, tick_s=tick_s, tag=1, anchor=2)}
-    (ranges,) = decoded(ros.channel("/own", name), ros.serialise(ros.type(name)(*values)), mapped=mapped)
+    message = ros.make(f"own/msg/{name}", **dict(zip(names, values, strict=True)))
+    (ranges,) = decoded(ros.channel("/own", message.__msgtype__), ros.serialise(message), mapped=mapped)
     np.testing.assert_allclose(ranges.range_m, away_m, atol=0.01)
+
+
+ENDS = {
+    "/uwb/tof/n_3/n_7/distance": (3, 7),
+    "/uwb/anchor_4/range": (0, 4),
+    "/uwb/anchor_0/tag_2": (2, 0),
+    "/uwb/tag_0/anchor_2": (0, 2),
+    "/uwb/Anchor0/Tag2/range": (2, 0),
+    "/uwb/anchors/0/n_2": (2, 0),
+    "/uwb/anchor_id_0_tag_id_2": (2, 0),
+    "/uwb/anchor_3/n_7": (7, 3),
+    "/uwb/n_3/tag_7": (7, 3),
+    "/uwb_anchor/n_3/n_7": (3, 7),
+} | dict.fromkeys(("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20))
 
 
 @pytest.mark.parametrize(
     ("topic", "ends", "mapped", "anchors"),
     [
-        *(
-            (topic, ends, {}, [])
-            for topic, ends in {
-                "/uwb/tof/n_3/n_7/distance": (3, 7),
-                "/uwb/anchor_4/range": (0, 4),
-                "/uwb/anchor_0/tag_2": (2, 0),
-                "/uwb/tag_0/anchor_2": (0, 2),
-                "/uwb/Anchor0/Tag2/range": (2, 0),
-                "/uwb/anchors/0/n_2": (2, 0),
-                "/uwb/anchor_id_0_tag_id_2": (2, 0),
-                "/uwb/anchor_3/n_7": (7, 3),
-                "/uwb/n_3/tag_7": (7, 3),
-                "/uwb_anchor/n_3/n_7": (3, 7),
-            }.items()
-        ),
-        *(
-            (each, None, {}, [])
-            for each in ("/uwb/tag_2/range", "/sonar_2", "/range", "/a1/b2/c3", "/uwb/n_" + "9" * 20)
-        ),
+        *((topic, ends, {}, []) for topic, ends in ENDS.items()),
         ("/n_7/n_5", (5, 7), {}, [7]),
         ("/n_7/n_5", (7, 5), {}, [5, 7]),
         ("/n_7/n_5", (1, 2), {"/n_7/n_5": (1, 2)}, [7]),
@@ -248,6 +255,10 @@ def test_ranges_from_the_times_of_two_way_ranging(ros, bits, six):
         ("/uwb/anchor_0/anchor_2", (2, 0), {}, [0]),
     ],
 )
-def test_the_configuration_then_words_then_known_anchors_decide(topic, ends, mapped, anchors):
-    found = ends_of_topic(topic, mapped, anchors)
-    assert (found and found[:2]) == ends
+def test_the_configuration_then_words_then_known_anchors_decide(log, topic, ends, mapped, anchors):
+    log.add(topic, T_NS, log.ros.range(T_NS, 2.5))
+    rows = [{"topic": each, "tag": tag, "anchor": anchor} for each, (tag, anchor) in mapped.items()]
+    places = [{"id": each, "x_m": 0, "y_m": 0, "z_m": 0} for each in anchors]
+    config = Config.model_validate({"uwb": {"range_topics": rows, "anchors": places}})
+    (timed,) = Recording(log.container, config).messages([topic])
+    assert (timed.message.tag, *timed.message.anchor.tolist()) == (ends or (None, -1))

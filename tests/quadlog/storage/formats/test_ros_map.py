@@ -68,15 +68,7 @@ def as_nav2_does(pixel: tuple[int, ...], mode: str, negate: bool, occupied: floa
     negate=st.booleans(),
     thresholds=st.sampled_from([(0.65, 0.196), (0.65, 0.25), (0.9, 0.1)]),
 )
-def test_every_mode_reads_a_picture_as_nav2_does(
-    tmp_path_factory: pytest.TempPathFactory,
-    pixels: np.ndarray,
-    opaque: bool,
-    kind: tuple[str, str],
-    mode: str,
-    negate: bool,
-    thresholds: tuple[float, float],
-) -> None:
+def test_every_mode_reads_a_picture_as_nav2_does(tmp_path_factory, pixels, opaque, kind, mode, negate, thresholds):
     folder, name = tmp_path_factory.mktemp("map"), f"map.{kind[1]}"
     pixels[..., 3] |= 255 * opaque
     Image.fromarray(pixels).convert(kind[0]).save(folder / name)
@@ -129,9 +121,7 @@ CELLS = np.array([[0, 100, -1], [100, 100, 0]], np.int8)  # the first row is the
     x_m=st.floats(-1e4, 1e4),
     cell_m=st.floats(1e-3, 10),
 )
-def test_any_map_comes_back(
-    tmp_path_factory: pytest.TempPathFactory, cells: np.ndarray, x_m: float, cell_m: float
-) -> None:
+def test_any_map_comes_back(tmp_path_factory, cells, x_m, cell_m):
     folder = tmp_path_factory.mktemp("run")
     write_rosmap(folder, cells, np.array([x_m, -x_m]), cell_m)
     back = read_rosmap(folder / "map.yaml")

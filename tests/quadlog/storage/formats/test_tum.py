@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from threading import Thread
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,9 +24,7 @@ LINE = "1.5 1 2 3 0 0 0 1\n"
     x_m=st.floats(-1e6, 1e6),
     yaw_rad=st.floats(-3.14, 3.14),
 )
-def test_any_trajectory_comes_back_to_the_nanosecond(
-    tmp_path_factory: pytest.TempPathFactory, t_ns: Any, x_m: float, yaw_rad: float
-) -> None:
+def test_any_trajectory_comes_back_to_the_nanosecond(tmp_path_factory, t_ns, x_m, yaw_rad):
     path = tmp_path_factory.mktemp("run") / "trajectory.tum"
     t_ns = np.array(sorted(t_ns), np.int64)
     same = np.full(len(t_ns), x_m)
