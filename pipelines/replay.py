@@ -18,6 +18,15 @@ from quadlog.errors import CannotWrite, ExitCode, NotARun, RunExists, RunOfAnoth
 from quadlog.pipelines.executor.progress import Progress, start_up
 from quadlog.pipelines.executor.second_process import second_process
 from quadlog.pipelines.request import GOES_ON, Existing, ReplayOptions, ReplayOutcome, ReplayRequest
+from quadlog.pipelines.stages.all_stages import (
+    FILTER,
+    FILTER_AND_MAP,
+    INGEST,
+    LOCATE,
+    REPLAN,
+    RESIMULATE,
+    WALK_BY_COMMANDS,
+)
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.store import Do, Doing, Keyed, Keys, R, Stage, Store, log_key, not_done, run_key
 from quadlog.results import STAGES, reused_words, stages_until
@@ -28,9 +37,8 @@ from quadlog.storage.atomic_write import is_full, is_part, new_folder
 from quadlog.storage.remote_path import RemotePath
 
 if TYPE_CHECKING:
-    from quadlog.pipelines.stages.control import WalkedBody
     from quadlog.pipelines.stages.log import Facts, Log, LogData
-    from quadlog.pipelines.stages.tracks import Tracks
+    from quadlog.pipelines.stages.tracks import Tracks, WalkedBody
 
 
 RECORD, DONE_BEFORE = "run.json", "{}: already done with the same input, config and version"
@@ -45,37 +53,24 @@ class StageResults(NamedTuple):
 
 
 def steps(do: Do, log: Keyed[Callable[[], LogData]], request: ReplayRequest, last: str) -> StageResults:
-    """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none.
-
-    A stage is imported where it is reached.
-    """
-    from quadlog.pipelines.stages.log import ingest
-    from quadlog.pipelines.stages.positions.position import locate
-
+    """A replay from top to bottom. `do` does the stages up to the last one; or finds their keys, and does none."""
     seed = request.options.seed
-    facts = do(ingest, log)
+    facts = do(INGEST, log)
     data = Keyed(facts.key, lambda: log.get()())
-    tracks = do(locate, data)
+    tracks = do(LOCATE, data)
     undone = StageResults(facts, tracks, Keyed("", partial(not_done, ("control",))))
     if last in ("ingest", "position"):
         return undone
     by_command = request.config.simulation.controller == COMMAND
     if by_command and last == "control":  # which needs no maps
-        from quadlog.pipelines.stages.control import walk_by_commands
-
-        return undone._replace(body=do(walk_by_commands, data, tracks, seed))
-    from quadlog.pipelines.stages.maps import filter_and_map, filter_scans
-
+        return undone._replace(body=do(WALK_BY_COMMANDS, data, tracks, seed))
     # Only the papers' fit of the ground draws numbers.
     drawn = seed if request.config.lidar.method == "paper" else 0
-    maps = do(filter_scans if last == "filter" else filter_and_map, data, tracks, drawn)
+    maps = do(FILTER if last == "filter" else FILTER_AND_MAP, data, tracks, drawn)
     if last in ("filter", "map"):
         return undone
-    from quadlog.pipelines.stages.control import resimulate, walk_by_commands
-    from quadlog.pipelines.stages.plan import replan
-
-    do(replan, maps, tracks)
-    body = do(walk_by_commands, data, tracks, seed) if by_command else do(resimulate, maps, tracks, seed)
+    do(REPLAN, maps, tracks)
+    body = do(WALK_BY_COMMANDS, data, tracks, seed) if by_command else do(RESIMULATE, maps, tracks, seed)
     return undone._replace(body=body)
 
 

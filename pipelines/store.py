@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import importlib
 import json
 import os
 import platform
@@ -19,12 +20,13 @@ from dataclasses import dataclass
 from functools import cache, partial, reduce
 from operator import getitem
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from quadlog.config.schema import Config
 from quadlog.config.section import Section
 from quadlog.config.version import package_versions
 from quadlog.errors import NotARun, QuadlogError, RecordingNotFound
+from quadlog.pipelines.executor.progress import start_up
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.plugins import all_plugins
@@ -48,23 +50,28 @@ _CLONE = 0x40049409  # FICLONE of ioctl_ficlonerange(2): two files share their b
 
 @dataclass(frozen=True)
 class Stage(Generic[R]):
-    """fill(folder, journal, config, *inputs) writes files and returns a state of JSON; load(folder, state) reads both.
-
-    names: as `--until` takes them. reads: the sections and keys of the configuration that `fill` is given; it has no
-    others, so that none can be missing in the key.
+    """Names: as `--until` takes them. reads: the sections and keys of the configuration that `fill` is given; it has no
+    others, so that none can be missing in the key. function, result: `module:name`, imported when they are used.
     """
 
     names: tuple[str, ...]
     reads: tuple[str, ...]
-    fill: Callable[..., Any]
-    load: Callable[[Path, Any], R]
+    function: str
+    result: str = ""
+
+    def fill(self, folder: Path, journal: Journal, config: Config, *inputs: Any) -> Any:
+        """Write files, and return a state of JSON, by the stage's function of these arguments."""
+        return _named(self.function)(folder, journal, config, *inputs)
+
+    def load(self, folder: Path, state: Any) -> R:
+        """The result, as its class reads files and state; the folder where it has none."""
+        return cast(R, _named(self.result).load(folder, state) if self.result else folder)
 
 
-def stage(
-    *names: str, reads: tuple[str, ...], load: Callable[[Path, Any], R]
-) -> Callable[[Callable[..., Any]], Stage[R]]:
-    """Make a stage of the function below."""
-    return lambda fill: Stage(names, reads, fill, load)
+def _named(place: str) -> Any:
+    module, _, name = place.partition(":")
+    with start_up.loading():
+        return getattr(importlib.import_module(module), name)
 
 
 @dataclass(frozen=True)

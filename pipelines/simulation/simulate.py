@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from quadlog.config.controllers import COMMAND, CONTROLLERS, NO_CONTROLLER
+from quadlog.config.controllers import COMMAND, CONTROLLERS, NO_CONTROLLER, controller_plugin
 from quadlog.config.schema import Config
-from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.errors import UsageError
 from quadlog.messages import Float
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics

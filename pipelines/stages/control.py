@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from quadlog.errors import TooLarge
 from quadlog.mapping.grid import crop, window_at
 from quadlog.mapping.memory import OCCUPIED
 from quadlog.messages import NS_PER_S, Float, Int
-from quadlog.metrics.walking import Effort
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.simulation import walk as walks
 from quadlog.pipelines.simulation.courses import walkable_ground
@@ -25,7 +24,6 @@ from quadlog.pipelines.stages import plan as planning
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.tracks import RobotTrack, Tracks
-from quadlog.pipelines.store import stage
 from quadlog.positioning.unlocated import segment_of
 from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, write_table
@@ -41,24 +39,7 @@ from quadlog.simulation.robot.walking_robot import WalkingRobot
 from quadlog.simulation.settings import RATE_HZ
 from quadlog.storage.formats.ros_map import read_rosmap
 
-CONTROLLING = (*planning.PLANNING, "pursuit", "robot", "mpc", "simulation")
 
-
-@dataclass(frozen=True, slots=True)
-class WalkedBody:
-    """Mass and effort of a re-simulated robot's body over a number of ticks of the simulation."""
-
-    mass_kg: float
-    ticks: int
-    effort: Effort
-
-    @classmethod
-    def load(cls, _: Path, state: Any) -> Self | None:
-        """As stage `control` has left it; None where no body walked."""
-        return None if state is None else cls(state["mass_kg"], state["ticks"], Effort(**state["effort"]))
-
-
-@stage("control", reads=CONTROLLING, load=WalkedBody.load)
 def resimulate(
     folder: Path, journal: Journal, config: Config, maps: Path, tracks: Tracks, seed: int
 ) -> dict[str, Any] | None:
@@ -86,7 +67,6 @@ def resimulate(
     return _body_of(robot, journal, config, resim.control)
 
 
-@stage("control", reads=("pursuit", "robot", "mpc", "simulation", "lidar.pose_gap_s"), load=WalkedBody.load)
 def walk_by_commands(
     folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int
 ) -> dict[str, Any] | None:

@@ -21,11 +21,12 @@ from quadlog.messages import PointCloud
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.pipelines.request import ReplayOptions
 from quadlog.pipelines.stages import mount as mounts
+from quadlog.pipelines.stages.all_stages import READING
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.outlook import Outlook, locates_by_uwb
 from quadlog.pipelines.stages.positions.uwb import with_carried_anchors
 from quadlog.pipelines.stages.scanners import Scanners, Sweep
-from quadlog.pipelines.store import only, stage
+from quadlog.pipelines.store import only
 from quadlog.recordings.recording import open_recording
 from quadlog.recordings.streams import Streams, gather
 from quadlog.recordings.topics.roles import detect_roles, position_topics
@@ -35,12 +36,6 @@ from quadlog.results.record import InputRecord, describe_input_aside
 if TYPE_CHECKING:
     from quadlog.pipelines.stages.scans import LidarTracker
     from quadlog.positioning.leg_odometry import LegTrack
-
-READING = (
-    *("topics", "uwb.anchors", "uwb.range_topics", "robot.joints", "robot.feet"),
-    *("lidar.level", "lidar.mount", "lidar.pose_gap_s"),
-)
-"""Of the configuration, what decides which topics are read, and how."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +231,6 @@ class Facts:
         return cls(**state | {"input": InputRecord(**state["input"]), "anchors": anchors})
 
 
-@stage("ingest", reads=READING, load=Facts.load)
 def ingest(_: Path, journal: Journal, __: Config, read: Callable[[], LogData]) -> dict[str, Any]:
     """The first reading of a log."""
     with journal.clock.stage("ingest"):

@@ -22,22 +22,12 @@ from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
 from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
-from quadlog.pipelines.store import stage
 from quadlog.recordings.types import PLANAR_SCANS
 from quadlog.results.arrays import MapsWriter, write_arrays
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.storage.formats.ros_map import write_rosmap
 
-FILTERING = ("lidar", "ground", "results.cloud_samples")
-MAPPING = (
-    *FILTERING,
-    *(f"grid.{key}" for key in ("cell_m", "size_cells", "min_height_m", "max_height_m", "min_points")),
-    *(f"grid.{key}" for key in ("memory", "extent", "clear_s", "target_radius_m")),
-    *("robot.model", "robot.length_m", "robot.width_m", "robot.height_m", "results.ground_cell_m"),
-)
 
-
-@stage("filter", reads=FILTERING, load=lambda folder, _: folder)
 def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stage `filter` alone: scans.parquet and the cloud samples."""
     with journal.clock.stage("filter"):
@@ -45,8 +35,6 @@ def filter_scans(folder: Path, journal: Journal, config: Config, data: LogData, 
             pass
 
 
-# One pass over the clouds for both: classified scans are not saved, so changed settings of maps read the clouds again.
-@stage("filter", "map", reads=MAPPING, load=lambda folder, _: folder)
 def filter_and_map(folder: Path, journal: Journal, config: Config, data: LogData, tracks: Tracks, seed: int) -> None:
     """Stages `filter` and `map`: also maps.npz, map.pgm with map.yaml, and ground.npz."""
     shape = config.grid.size_cells, config.grid.size_cells

@@ -14,7 +14,6 @@ from quadlog.mapping.grid import window_at
 from quadlog.messages import NS_PER_S, Float, Int
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.tracks import TargetTrack, Tracks
-from quadlog.pipelines.store import stage
 from quadlog.planning.query import Growth
 from quadlog.planning.registry import make_planner
 from quadlog.planning.replan import PlannedPath, Replanner, Row
@@ -23,13 +22,7 @@ from quadlog.results.arrays import load_maps
 from quadlog.results.tables import TABLES, TableWriter
 from quadlog.simulation.resimulation import MapInstant
 
-PLANNING = (
-    *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
-    *("robot.model", "robot.length_m", "robot.width_m"),
-)
 
-
-@stage("plan", reads=PLANNING, load=lambda folder, _: folder)
 def replan(folder: Path, journal: Journal, config: Config, maps: Path, tracks: Tracks) -> None:
     """Write plans, paths and astar from the saved maps; nothing without a target, with a warning."""
     if tracks.target is None:

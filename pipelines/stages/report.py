@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from quadlog.config.controllers import controller_plugin
 from quadlog.config.schema import Config
-from quadlog.control.locomotion.plugged import controller_plugin
 from quadlog.metrics.planning import ratio_to_astar
 from quadlog.metrics.reference_offset import FRAME_METRICS, TRAJECTORY_METRICS
 from quadlog.metrics.summary import Metric, Metrics, metrics_of, saved_metrics
@@ -21,7 +21,6 @@ from quadlog.pipelines.request import ReplayRequest
 from quadlog.pipelines.stages.log import Log
 from quadlog.pipelines.stages.positions.uwb import with_anchors
 from quadlog.pipelines.store import Doing, run_key
-from quadlog.planning.registry import planner_plugin, planner_type
 from quadlog.recordings.decoding import decoder_plugin
 from quadlog.results import STAGES, stages_until
 from quadlog.results.figures import drawings_of, write_plots
@@ -100,7 +99,11 @@ def _metrics(run: Path, done: Finished) -> Metrics:
     """What the saved tables give, and what the robot's body took, which they do not hold."""
     plans = read_table(run, "plans", ["t_ns", "planner", "expanded"]) if has_table(run, "plans") else None
     robot = RobotTag.among(list(done.facts.tags), done.config)
-    incremental = plans is not None and len(plans["planner"]) and planner_type(str(plans["planner"][0])).incremental
+    incremental = False
+    if plans is not None and len(plans["planner"]):
+        from quadlog.planning.registry import planner_type
+
+        incremental = planner_type(str(plans["planner"][0])).incremental
     # Of other planners, fallback_share would be a wrong number.
     wanted = SAMPLED - {*TRAJECTORY_METRICS, *([] if plans is None or incremental else ["fallback_share"])}
     samples, errors = read_samples(run, wanted, robot)
@@ -189,6 +192,8 @@ def _plugins(done: Finished) -> list[PluginRecord]:
     types = sorted({each.type_name for each in done.log.recording.channels if each.topic in used})
     found = [decoder_plugin(name) for name in types]
     if "plan" in stages_until(done.request.options.until):
+        from quadlog.planning.registry import planner_plugin  # with compiled code, which has been loaded then
+
         found.append(planner_plugin(done.config.planner.name))
     if done.body is not None:
         found.append(controller_plugin(done.config.simulation.controller))

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadlog.geometry import interpolate_poses
 from quadlog.messages import Float, Int
+from quadlog.metrics.walking import Effort
 from quadlog.results.tables import TABLES, has_table, read_table, write_table
 from quadlog.storage.formats.tum import write_tum
 
@@ -132,3 +133,17 @@ class Tracks:
         """As stage `position` has left them. Raises NotARun."""
         target = TargetTrack.read(folder) if has_table(folder, "target") else None
         return cls(RobotTrack.read(folder, state["frame"]), target, state["reference_frame"])
+
+
+@dataclass(frozen=True, slots=True)
+class WalkedBody:
+    """Mass and effort of a re-simulated robot's body over a number of ticks of the simulation."""
+
+    mass_kg: float
+    ticks: int
+    effort: Effort
+
+    @classmethod
+    def load(cls, _: Path, state: Any) -> Self | None:
+        """As stage `control` has left it; None where no body walked."""
+        return None if state is None else cls(state["mass_kg"], state["ticks"], Effort(**state["effort"]))

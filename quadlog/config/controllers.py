@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from quadlog.plugins import Plugin
 
 
 class ControllerParts(NamedTuple):
@@ -32,6 +35,13 @@ def parts_of(name: str) -> ControllerParts | None:
         return None
     of_plugin = ControllerParts(fuzzy=True, body=True, whole_body=False)
     return CONTROLLERS.get("pmw" if name == COMMAND else name, of_plugin)
+
+
+def controller_plugin(name: str) -> Plugin | None:
+    """The plug-in that controls under a name, None for quadlog's own and none. Raises QuadlogError."""
+    from quadlog import plugins
+
+    return plugins.find_plugin(plugins.CONTROLLERS, name, taken=name in CONTROLLER_NAMES)
 
 
 def with_commands(data: Any) -> Any:

@@ -315,19 +315,15 @@ class Recording(AbstractContextManager["Recording"]):
             offsets_ns[topic].append((stamp_ns - log_ns)[stamp_ns > 0])
         usual_ns = settled_ns(offsets_ns)
         for topic, stream, log_ns, stamp_ns in glimpsed:
-            strange = (stamp_ns > 0) & (
-                np.abs(stamp_ns - log_ns - usual_ns.get(topic, stamp_ns - log_ns)) > FAR_APART_NS
-            )
-            parts[stream if topic in tf else topic].append((log_ns[~strange], stamp_ns[~strange]))
+            offset_ns = stamp_ns - log_ns
+            kept = (stamp_ns <= 0) | (np.abs(offset_ns - usual_ns.get(topic, offset_ns)) <= FAR_APART_NS)
+            parts[stream if topic in tf else topic].append((log_ns[kept], stamp_ns[kept]))
         streams = {name: Offsets.of(each) for name, each in parts.items()}
         self.clock.one = one_clock(streams, self.span_ns, compared, reported, moves=self.stamp == "auto")
         # What was learned before is of stamps as they were.
         shift_ns = self.clock.one.shift_ns
-        moved = {
-            topic: each if (by_ns := shift_ns.get(topic, 0)) is None else each - by_ns
-            for topic, each in usual_ns.items()
-        }
-        self.clock.usual_ns, self.clock.settled = moved, usual_ns.keys()
+        self.clock.usual_ns = {topic: each - (shift_ns.get(topic) or 0) for topic, each in usual_ns.items()}
+        self.clock.settled = usual_ns.keys()
         self._first_lags_ns.clear()
 
     def usual_offset_ns(self, topic: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from quadlog.simulation.robot.walking_robot import WalkingRobot
 
     # A robot that takes a speed and a yaw rate and reports its pose. At run time this would import MuJoCo.
-    CourseRobot = UnicycleRobot | WalkingRobot
+    CourseRobot: TypeAlias = UnicycleRobot | WalkingRobot
 
 
 SPACING_M = 0.02

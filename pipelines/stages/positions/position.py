@@ -23,8 +23,7 @@ from quadlog.pipelines.stages.positions.implausible import tell_implausible
 from quadlog.pipelines.stages.positions.legs import LEGS_FRAME, STEP_S, rows_apart, tell_legs, track_legs, write_joints
 from quadlog.pipelines.stages.positions.uwb import UwbPositions, locate_tags, with_carried_anchors, write_uwb
 from quadlog.pipelines.stages.positions.uwb_tags import lever_of
-from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack, Tracks
-from quadlog.pipelines.store import stage
+from quadlog.pipelines.stages.tracks import RobotTrack, TargetTrack
 from quadlog.positioning.unlocated import MOST_UNLOCATED, located_rows, segment_of, unlocated_ns
 from quadlog.recordings.containers.container import Loss
 from quadlog.recordings.decoding import kinds_of
@@ -42,13 +41,6 @@ LIDAR_FRAME = "lidar_start"
 """The name of map when positions are from the lidar: base, upright, where the first scan was taken."""
 
 
-LOCATING = (
-    *("topics", "uwb", "robot.model", "robot.joints", "robot.feet", "robot.max_speed_mps"),
-    *(f"lidar.{key}" for key in ("deskew", "odometry", "min_range_m", "pose_gap_s")),
-)
-
-
-@stage("position", reads=LOCATING, load=Tracks.load)
 def locate(folder: Path, journal: Journal, config: Config, data: LogData) -> dict[str, str]:
     """Writes poses, target and trajectory.tum, with UWB fixes, ranges and stds too. Returns the names of frames.
 

@@ -14,13 +14,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from quadlog.config.controllers import CONTROLLER_NAMES
+from quadlog.config.controllers import controller_plugin
 from quadlog.control.locomotion.body_reference import BodyReference
 from quadlog.control.locomotion.gait import Gait, Stride
 from quadlog.control.locomotion.robot import Robot
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
-from quadlog.plugins import CONTROLLERS, Plugin, find_plugin
+from quadlog.plugins import Plugin
 
 Bool = NDArray[np.bool_]
 
@@ -148,11 +148,6 @@ def wanted_of(twist: Float, reference: BodyReference, stride: Stride) -> BodyWan
     way = float(body["height_m"]), body["position_m"], body["rpy"], body["velocity_mps"]
     steps = legs["stands"].astype(np.bool_), legs["phase"], feet_m, feet_mps, feet_mps2, legs["landings_m"]
     return BodyWanted(forward_mps, left_mps, yaw_rate_radps, *way, *steps)
-
-
-def controller_plugin(name: str) -> Plugin | None:
-    """The plug-in that controls under a name, None for quadlog's own and none. Raises QuadlogError."""
-    return find_plugin(CONTROLLERS, name, taken=name in CONTROLLER_NAMES)
 
 
 def plugged_controller(name: str) -> Callable[[Robot, Gait], CheckedController] | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import itemgetter
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -126,7 +125,7 @@ class Clock:
         ]
         return [*zeros, *self.one.warnings] + [
             f"{topic}: {len(strays)} header stamps lie more than an hour from its others; those messages are dropped"
-            for topic, (strays, _) in sorted(self.strays.items(), key=itemgetter(0))
+            for topic, (strays, _) in sorted(self.strays.items())
             if len(strays) < AGREEING_STRAYS
         ]
 

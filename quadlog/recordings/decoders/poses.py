@@ -65,9 +65,8 @@ def own_pose(fields: Sequence[str], unit: str = "m") -> Type:
             columns["quat"] = numbers[:, 3:]
         return pose(columns, order)
 
-    return Type(
-        (Pose,), OWN_HEADER | {name: field.removeprefix("-") for name, field in zip(names, fields, strict=True)}, rows
-    )
+    wanted = {name: field.removeprefix("-") for name, field in zip(names, fields, strict=True)}
+    return Type((Pose,), OWN_HEADER | wanted, rows)
 
 
 _AXIS_M, _E2 = 6378137.0, 6.69437999014e-3  # of the ellipsoid of WGS 84

@@ -22,11 +22,7 @@ from quadlog.config.version import package_versions
 from quadlog.pipelines import store as module
 from quadlog.pipelines.replay import planned_keys
 from quadlog.pipelines.request import ReplayOptions, ReplayRequest
-from quadlog.pipelines.stages.control import resimulate
-from quadlog.pipelines.stages.log import ingest
-from quadlog.pipelines.stages.maps import filter_and_map
-from quadlog.pipelines.stages.plan import replan
-from quadlog.pipelines.stages.positions.position import locate
+from quadlog.pipelines.stages.all_stages import FILTER_AND_MAP, INGEST, LOCATE, REPLAN, RESIMULATE
 from quadlog.pipelines.store import FRESH_S, STATE, Store
 from tests.pipelines.conftest import FIXTURES
 
@@ -114,7 +110,7 @@ def test_what_no_run_has_is_removed_but_for_what_was_not_finished_within_a_day(s
     assert not store.folder.exists()
 
 
-STAGES = (ingest, locate, filter_and_map, replan, resimulate)
+STAGES = (INGEST, LOCATE, FILTER_AND_MAP, REPLAN, RESIMULATE)
 
 
 def keys(config: Config | None = None, **options: Any) -> list[str]:
