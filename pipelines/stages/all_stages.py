@@ -32,7 +32,7 @@ MAPPING = (
 )
 PLANNING = (
     *("planner", "smoothing", "grid.dilation_m", "grid.dilation", "lidar.pose_gap_s"),
-    *("robot.model", "robot.length_m", "robot.width_m"),
+    *("robot.model", "robot.length_m", "robot.width_m", "robot.height_m"),
 )
 WALKING = ("pursuit", "robot", "mpc", "simulation")
 
