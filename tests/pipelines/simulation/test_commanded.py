@@ -20,7 +20,7 @@ from tests.lab.strangers import LEGS, ROS, Log, instants_s, ns
 TWIST = (0.4, 0.3, -0.1)
 """Ahead, yaw rate, to the left; from a second on until the fifth."""
 FEET = [f"{leg}_foot" for leg in ("FL", "FR", "RL", "RR")]
-ROBOT = ("--set", "robot.model=tracking")
+ROBOT = ("--set", "robot.model=tracking", "--set", "simulation.tick_s=0.002")
 
 
 def command(ahead: float, rate: float, left: float):
