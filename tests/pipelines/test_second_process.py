@@ -62,7 +62,7 @@ def test_a_run_is_the_same_whether_its_second_process_lives_or_is_killed_and_not
     ("cores", "controller", "parent"),
     [(1, "fpmw", None), (2, "kinematic", None), (2, "command", None), (2, "of_a_plugin", None), (2, "fpmw", "a batch")],
 )
-def test_there_is_none_on_one_core_without_a_body_of_its_own_control_and_in_a_batch(monkeypatch, cores, controller, parent):
+def test_there_is_none_on_one_core_for_what_is_not_its_own_and_in_a_batch(monkeypatch, cores, controller, parent):
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
     request = undrawn(Path("run"))
