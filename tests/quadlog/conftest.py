@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -95,8 +96,10 @@ class FakeContainer:
         self.asked: list[tuple[int | None, int | None]] = []
 
     def add(self, channel: Channel, t_ns: int, payload: bytes) -> None:
-        channel = self.known.setdefault((channel.topic, channel.type_name), channel)
-        self.raw.append(RawMessage(channel, t_ns, payload))
+        key = channel.topic, channel.type_name
+        before = self.known.get(key, replace(channel, count=0))
+        self.known[key] = replace(before, count=max(before.count + 1, channel.count))
+        self.raw.append(RawMessage(before, t_ns, payload))
 
     @property
     def channels(self) -> tuple[Channel, ...]:
