@@ -13,8 +13,9 @@ A distribution names what it adds in its pyproject.toml:
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -61,7 +62,7 @@ class Plugin:
 @contextmanager
 def foreign_code(error_of: Callable[[str], QuadlogError]) -> Iterator[None]:
     """What code of a plug-in raises becomes the error that is made of its description; so does an attempt to end the
-    process. QuadlogErrors and interrupts by the user pass.
+    process. QuadlogErrors and interrupts by the user pass. What it prints goes to stderr: stdout is for results.
     """
     process, leave = os.getpid(), os._exit
 
@@ -72,7 +73,8 @@ def foreign_code(error_of: Callable[[str], QuadlogError]) -> Iterator[None]:
 
     os._exit = refuse
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     except (QuadlogError, KeyboardInterrupt):
         raise
     except BaseException as error:

@@ -21,7 +21,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from quadlog.config.controllers import COMMAND
+from quadlog.config.controllers import CONTROLLERS
 from quadlog.pipelines.executor.machine import cores, ignore_interrupts
 from quadlog.pipelines.executor.progress import Progress, TaskProgress, send_to, start_up
 from quadlog.pipelines.request import ReplayRequest
@@ -34,10 +34,11 @@ def second_process(
 ) -> Iterator[SecondProcess | None]:
     """One that ends with the block, where `control` is among the stages and a robot with a body walks.
 
-    None on one core, and in a batch's workers, which share the cores already.
+    None on one core, in a batch's workers, which share the cores already, by commands, which are read from the log,
+    and for controllers of plug-ins: what they print and raise belongs to this process, once.
     """
     simulation = request.config.simulation
-    shared = "control" in stages and simulation.has_body and simulation.controller != COMMAND  # which reads the log
+    shared = "control" in stages and simulation.has_body and simulation.controller in CONTROLLERS
     if not shared or parent_process() is not None or cores() < 2:
         yield None
         return
@@ -53,11 +54,12 @@ class SecondProcess:
     """The process; it loads what it needs at once, and compiles it at the first start."""
 
     def __init__(self, request: ReplayRequest, scratch: Path, progress: Progress) -> None:
-        """scratch: an empty folder for what it needs of the run."""
-        self._order, self._progress = (request, scratch), progress
+        """scratch: an empty folder for what it needs of the run, which it removes if this process is killed."""
+        self._request, self._progress = request, progress
         self._said: SimpleQueue[bytes] = SimpleQueue()
         self._process = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-P", "-m", __name__, request.config.simulation.controller],  # -P: not the working folder
+            [sys.executable, "-P", "-m", __name__, request.config.simulation.controller, str(scratch)],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},  # the same code as here
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -76,11 +78,11 @@ class SecondProcess:
         if stage == "plan":
             with suppress(OSError):
                 assert self._process.stdin is not None
-                pickle.dump(self._order, self._process.stdin)
+                pickle.dump(self._request, self._process.stdin)
                 self._process.stdin.flush()
         if stage != "control":
             return False
-        if self._order[0].options.until == "report":
+        if self._request.options.until == "report":
             with start_up.loading():
                 import quadlog.pipelines.stages.report
                 import quadlog.results.mpl  # noqa: F401
@@ -104,12 +106,12 @@ class SecondProcess:
                     pipe.close()
 
 
-def main(controller: str) -> None:
+def main(controller: str, scratch: str) -> None:
     """In the second process: load, compile by a tenth of a second's walk, wait for the order, and do it."""
     ignore_interrupts()
     orders = sys.stdin.buffer
-    taken: SimpleQueue[tuple[ReplayRequest, Path]] = SimpleQueue()
-    threading.Thread(target=_leave_with_parent, args=(orders, taken), daemon=True).start()
+    taken: SimpleQueue[ReplayRequest] = SimpleQueue()
+    threading.Thread(target=_leave_with_parent, args=(orders, taken, scratch), daemon=True).start()
     import quadlog.pipelines.stages.maps
     import quadlog.pipelines.stages.plan
     import quadlog.pipelines.stages.positions.position  # noqa: F401
@@ -120,23 +122,19 @@ def main(controller: str) -> None:
     load_compiler()
     warm_up(controller)
     gc.freeze()
-    request, scratch = taken.get()
+    request = taken.get()
     send_to(_tell)
-    control_alone(request, scratch, TaskProgress(0, request.run.name))
+    control_alone(request, Path(scratch), TaskProgress(0, request.run.name))
     os._exit(0)  # the other thread reads on, and taking the interpreter down costs half a second
 
 
-def _leave_with_parent(orders: Any, taken: SimpleQueue[tuple[ReplayRequest, Path]]) -> None:
+def _leave_with_parent(orders: Any, taken: SimpleQueue[ReplayRequest], scratch: str) -> None:
     """Take the order; and do not outlive a parent that is killed, which closes the pipe."""
-    scratch = None
     with suppress(EOFError, OSError):
-        order = pickle.load(orders)  # noqa: S301  from the process that started this one
-        scratch = order[1]
-        taken.put(order)
+        taken.put(pickle.load(orders))  # noqa: S301  from the process that started this one
         orders.read()
     remove_unfinished()
-    if scratch is not None:
-        shutil.rmtree(scratch, ignore_errors=True)
+    shutil.rmtree(scratch, ignore_errors=True)
     os._exit(1)
 
 
@@ -146,4 +144,7 @@ def _tell(message: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    try:
+        main(*sys.argv[1:])
+    finally:
+        os._exit(1)  # the interpreter's own end aborts where a thread reads

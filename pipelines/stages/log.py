@@ -80,7 +80,7 @@ class Log(Outlook):
         return raw.log_time_ns  # of messages that hold nothing, as of tags that hear no anchor
 
     def span_ns(self, streams: Streams) -> tuple[int, int]:
-        """First and last instant of what was read, not of a reference alone.
+        """First and last instant of what was read; of a reference, or commands, where there is nothing else.
 
         Raises QuadlogError when --start and --duration leave nothing, NothingToReplay when there never was anything.
         """
@@ -88,8 +88,9 @@ class Log(Outlook):
         times_ns = [each.t_ns for each in (*series, *streams.estimates.values()) if each is not None]
         tf_ns = np.array(streams.tf.span_ns() or (), np.int64)
         t_ns = np.concatenate([*times_ns, streams.clouds_ns[~streams.repeated_clouds], tf_ns])
-        if not len(t_ns) and streams.reference is not None:
-            t_ns = streams.reference.t_ns
+        for each in (streams.reference, streams.commands):
+            if not len(t_ns) and each is not None:
+                t_ns = each.t_ns
         if len(t_ns):
             return int(t_ns.min()), int(t_ns.max())
         begin_ns = self._first_ns()

@@ -59,9 +59,10 @@ def test_a_run_is_the_same_whether_its_second_process_lives_or_is_killed_and_not
 
 
 @pytest.mark.parametrize(
-    ("cores", "controller", "parent"), [(1, "fpmw", None), (2, "kinematic", None), (2, "fpmw", "a batch")]
+    ("cores", "controller", "parent"),
+    [(1, "fpmw", None), (2, "kinematic", None), (2, "command", None), (2, "of_a_plugin", None), (2, "fpmw", "a batch")],
 )
-def test_there_is_none_on_one_core_without_a_body_and_in_a_batch(monkeypatch, cores, controller, parent):
+def test_there_is_none_on_one_core_for_what_is_not_its_own_and_in_a_batch(monkeypatch, cores, controller, parent):
     monkeypatch.setattr(module, "cores", lambda: cores)
     monkeypatch.setattr(module, "parent_process", lambda: parent)
     request = undrawn(Path("run"))
@@ -69,3 +70,13 @@ def test_there_is_none_on_one_core_without_a_body_and_in_a_batch(monkeypatch, co
     request = replace(request, config=request.config.model_copy(update={"simulation": simulation}))
     with module.second_process(("plan", "control"), request, Progress()) as second:
         assert second is None
+
+
+def test_it_imports_what_this_process_would_and_an_error_of_its_own_ends_it_without_an_abort(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['quadlog.pipelines.stages.maps'] = None\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(module, "cores", lambda: 2)
+    with module.second_process(("plan", "control"), undrawn(Path("run")), Progress()) as second:
+        assert second._process.wait(20) == 1

@@ -57,6 +57,15 @@ def test_an_import_error_is_one_line_with_distribution_and_cause(install, source
     assert raised.value.__cause__ is not None
 
 
+def test_what_it_prints_goes_to_stderr(install, capsys):
+    install("quadlog-loud", "2.5", {PLANNERS: {"prints": "prints:say"}}, {"prints": "print('imported')\nsay = print\n"})
+    plugin = find_plugin(PLANNERS, "prints", taken=False)
+    say = plugin.load()
+    with plugin.doing("plan"):
+        say("planned")
+    assert capsys.readouterr() == ("", "imported\nplanned\n")
+
+
 def test_a_name_of_two_is_refused_and_others_are_not(install):
     install("quadlog-one", "1.0", {PLANNERS: {"same": "one:Same", "other": "one:Other", "astar": "one:AStar"}})
     install("quadlog-two", "2.0", {PLANNERS: {"same": "two:Same"}})

@@ -85,6 +85,13 @@ def test_the_same_body_by_the_same_commands_is_where_it_was(walked, tmp_path, ca
     assert "counts as 0" not in printed, "the last command was to stop"
 
 
+def test_a_log_of_commands_alone_is_walked_as_long_as_it_has_commands(tmp_path):
+    recorded(Log(), tmp_path, "/cmd_vel")
+    control = commanded(tmp_path / "log", tmp_path / "runs").table("control")
+    assert np.ptp(control["t_ns"]) == ns(5.0) - ns(1.0)
+    assert control["x_m"].iloc[-1] > 1.0
+
+
 def test_what_differs_between_simulation_and_log_is_measured(walked, tmp_path):
     """A log whose robot goes a quarter faster and turns half as fast again as it is told, with the walker's ramps."""
     log, path = Log(), tmp_path / "log"
