@@ -34,10 +34,8 @@ class FakeContainer:
         self.asked: list[tuple[int | None, int | None]] = []
 
     def add(self, channel: Channel, t_ns: int, payload: bytes) -> None:
-        key = channel.topic, channel.type_name
-        before = self.known.get(key, replace(channel, count=0))
-        self.known[key] = replace(before, count=max(before.count + 1, channel.count))
-        self.raw.append(RawMessage(before, t_ns, payload))
+        channel = self.known.setdefault((channel.topic, channel.type_name), replace(channel, count=1))
+        self.raw.append(RawMessage(channel, t_ns, payload))
 
     @property
     def channels(self) -> tuple[Channel, ...]:
