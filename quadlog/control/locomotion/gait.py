@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated
 
 from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.body_reference import fit_plane, foothold
 from quadlog.control.locomotion.foot_trajectory import swing_state
-from quadlog.control.locomotion.numba_record import Record
+from quadlog.control.locomotion.numba_record import Bool, Record
 from quadlog.control.locomotion.robot import Robot
 from quadlog.messages import Float
-
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -80,27 +76,6 @@ SEEKING_MPS = 0.8
 # A foot that stands and feels no ground for so long has lost it: pushing on, its leg would only fling the foot away.
 LOST_S = 0.01
 
-_LAYOUT = np.dtype(
-    [
-        ("stands", "u1", 4),
-        ("planned", "u1", 4),
-        ("was_planned", "u1", 4),
-        ("phase", "f8", 4),
-        ("swing", "f8", (3, 4, 3)),
-        ("contacts_m", "f8", (4, 3)),
-        ("landings_m", "f8", (4, 3)),
-        ("lift_offs_m", "f8", (4, 3)),
-        ("airborne_s", "f8", 4),
-        ("plane", "f8", 3),
-        ("standing_feet_m", "f8", (4, 3)),
-        ("offsets", "f8", 4),
-        ("period_s", "f8"),
-        ("duty", "f8"),
-        ("clearance_m", "f8"),
-    ],
-    align=True,
-)
-
 
 class Stride(Record):
     """The legs' state, one tick after the other (`advance`).
@@ -110,19 +85,24 @@ class Stride(Record):
     plane (3,): of the ground under the feet's centres, see fit_plane.
     """
 
-    stands: Bool
-    planned: Bool
-    was_planned: Bool
-    swing: Float
-    contacts_m: Float
-    landings_m: Float
-    lift_offs_m: Float
-    plane: Float
-    standing_feet_m: Float
-    offsets: Float
+    stands: Annotated[Bool, 4]
+    planned: Annotated[Bool, 4]
+    was_planned: Annotated[Bool, 4]
+    phase: Annotated[Float, 4]
+    swing: Annotated[Float, 3, 4, 3]
+    contacts_m: Annotated[Float, 4, 3]
+    landings_m: Annotated[Float, 4, 3]
+    lift_offs_m: Annotated[Float, 4, 3]
+    airborne_s: Annotated[Float, 4]
+    plane: Annotated[Float, 3]
+    standing_feet_m: Annotated[Float, 4, 3]
+    offsets: Annotated[Float, 4]
+    period_s: float
+    duty: float
+    clearance_m: float
 
     def __init__(self, robot: Robot, gait: Gait, clearance_m: float, feet_m: Float) -> None:
-        super().__init__(_LAYOUT)
+        super().__init__()
         self.stands[:] = self.planned[:] = self.was_planned[:] = True
         self.contacts_m[:] = self.landings_m[:] = self.lift_offs_m[:] = feet_m
         self.standing_feet_m[:], self.offsets[:] = robot.standing_feet_m, gait.offsets
