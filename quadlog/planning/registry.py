@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from contextlib import AbstractContextManager
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, cast
 
 import numpy as np
@@ -16,7 +15,7 @@ from quadlog.planning.planners import PLANNER_CLASSES
 from quadlog.planning.protocol import Bool, Cell, Plan, Planner
 from quadlog.planning.rules import USUAL, Rules
 from quadlog.plugins import PLANNERS as GROUP
-from quadlog.plugins import Plugin, find_plugin, foreign_code, plugin_names
+from quadlog.plugins import Plugin, find_plugin, plugin_names
 
 _MEMBERS = ("name", "incremental", "plan", "reset")
 _COUNTS = ("expanded", "generated", "touched", "reused_cells")
@@ -39,7 +38,7 @@ class CheckedPlanner:
     def __init__(self, plugin: Plugin, kind: type[Planner], rules: Rules) -> None:
         self._plugin = plugin
         self.name, self.incremental = kind.name, kind.incremental  # type: ignore[misc]
-        with self._doing("be made"):
+        with plugin.doing("be made"):
             self._planner = kind(rules)
         self.rules: Rules = getattr(self._planner, "rules", None) or rules
         if not isinstance(self.rules, Rules):
@@ -51,7 +50,7 @@ class CheckedPlanner:
 
     def unchecked(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Any:
         """What the plug-in answers, whatever that is: to be timed without the check, which takes some 50 µs."""
-        with self._doing("plan"):
+        with self._plugin.doing("plan"):
             return self._planner.plan(blocked, start, goal, shift)
 
     def checked(self, plan: Any, blocked: Bool, start: Cell, goal: Cell) -> Plan:
@@ -67,11 +66,8 @@ class CheckedPlanner:
 
     def reset(self) -> None:
         """Forget the plan before."""
-        with self._doing("be reset"):
+        with self._plugin.doing("be reset"):
             self._planner.reset()
-
-    def _doing(self, task: str) -> AbstractContextManager[None]:
-        return foreign_code(lambda failure: self._plugin.unusable(f"could not {task}: {failure}"))
 
 
 def _in_our_types(plan: Plan) -> Plan:
@@ -107,16 +103,8 @@ def _fault(plan: Plan, blocked: Bool, start: Cell, goal: Cell, rules: Rules) -> 
     return "" if math.isclose(plan.cost, cost, rel_tol=1e-9) else f"its cost is {plan.cost:g}, its steps cost {cost:g}"
 
 
-def _class_of(place: str) -> type[Planner]:
-    module, name = place.split(":")
-    kind: type[Planner] = getattr(import_module(module), name)
-    return kind
-
-
-PLANNERS: dict[str, type[Planner]] = {name: _class_of(place) for name, place in PLANNER_CLASSES.items()}
+PLANNERS: dict[str, type[Planner]] = {name: resolve_name(place) for name, place in PLANNER_CLASSES.items()}
 """quadlog's own."""
-OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "dijkstra")
-"""Planners whose every path is the cheapest there is, by usual rules."""
 
 
 def planner_names() -> tuple[str, ...]:

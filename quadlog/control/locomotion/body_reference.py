@@ -39,20 +39,10 @@ def foothold(
     arm_y = sin * standing_foot_m[0] + cos * standing_foot_m[1]
     ahead_s = until_landing_s + 0.5 * stance_s
     half_turn = 0.5 * stance_s * wanted_yaw_rate_radps
-    foot_m[0] = (
-        position_m[0]
-        + arm_x
-        - half_turn * arm_y
-        + velocity_mps[0] * ahead_s
-        + CAPTURE_S * (velocity_mps[0] - wanted_mps[0])
-    )
-    foot_m[1] = (
-        position_m[1]
-        + arm_y
-        + half_turn * arm_x
-        + velocity_mps[1] * ahead_s
-        + CAPTURE_S * (velocity_mps[1] - wanted_mps[1])
-    )
+    for axis, arm, across in ((0, arm_x, -arm_y), (1, arm_y, arm_x)):
+        too_fast_mps = velocity_mps[axis] - wanted_mps[axis]
+        foot_m[axis] = position_m[axis] + arm + half_turn * across + velocity_mps[axis] * ahead_s
+        foot_m[axis] += CAPTURE_S * too_fast_mps
     foot_m[2] = plane[0] * foot_m[0] + plane[1] * foot_m[1] + plane[2]
 
 

@@ -129,14 +129,8 @@ def free_torques(state, targets, control):  # type: ignore[no-untyped-def]
     mu, f_max = own.cone
     if not is_allowed(own.stance_n[0, :n], mu, f_max):
         return False
-    _joint_torques(now, to, own)
+    forced_torques(state, targets, control)
     return True
-
-
-@kernel
-def forced_torques(state, targets, control):  # type: ignore[no-untyped-def]
-    """Writes the torques for the stance forces that a solver has found."""
-    _joint_torques(state[0], targets[0], control[0])
 
 
 @kernel
@@ -295,9 +289,12 @@ def _solve(matrix, n, rows, count, factor):  # type: ignore[no-untyped-def]
             rows[c, i] /= factor[i, i]
 
 
-@inner
-def _joint_torques(now, to, own):  # type: ignore[no-untyped-def]
-    """Writes torques by eqs 43 and 44, forces (4, 3), and adds to out's accelerations what the base does beside."""
+@kernel
+def forced_torques(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes torques by eqs 43 and 44 for the stance forces that were found, these as forces (4, 3), and adds to out's
+    accelerations what the base does beside.
+    """
+    now, to, own = state[0], targets[0], control[0]
     out, forces, axes, response = own.out, own.forces_n, to.rotation_body_to_map, own.response
     n = 0
     for leg in range(4):

@@ -9,13 +9,13 @@ from quadlog.planning.registry import make_planner
 from quadlog.simulation.worlds import replanning_walk
 from quadlog.simulation.worlds.replanning_walk import Outcome, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
-from quadlog.simulation.worlds.world import MovingDisc, Rectangle, WaypointTrack, World, rectangles_in, standing
+from quadlog.simulation.worlds.world import WaypointTrack, World, rectangles_in, standing
 
 
 def ground(goal, boxes=(), moving=(), start=(0.05, 0.05), dilation_m=0.3):
     """Six metres about the origin, which nothing leaves, and two metres in view."""
     window = Window(-60, -60, 0.1, (120, 120))
-    occupied = rectangles_in(window, [Rectangle(*box) for box in boxes])
+    occupied = rectangles_in(window, boxes)
     goal = standing(*goal) if isinstance(goal, tuple) else goal
     return World(window, occupied, np.array(start), goal, moving, window_cells=40, dilation_m=dilation_m)
 
@@ -76,7 +76,7 @@ def test_the_robot_waits_until_a_moving_obstacle_has_passed(monkeypatch):
     """A corridor in which somebody stands for 5 s, then walks off: no other way leads through."""
     walls = [(-6.0, 0.6, 6.0, 1.2), (-6.0, -1.1, 6.0, -0.5), (-6.0, -1.1, -0.6, 1.2)]
     away = WaypointTrack(np.array([5, 8]) * 10**9, np.array([[1.0, 0.05], [1.0, 5.0]]))
-    world = ground((4.0, 0.05), walls, (MovingDisc(away, 0.5),))
+    world = ground((4.0, 0.05), walls, ((away, 0.5),))
     monkeypatch.setattr(replanning_walk, "PATIENCE", 100)
     walk = walk_world(world, make_planner("astar"))
     assert walk.outcome is Outcome.ARRIVED
