@@ -9,14 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadlog.control.following.path import (
-    FreeSpace,
-    PathPosition,
-    lookahead,
-    nearest_between,
-)
+from quadlog.control.following.path import FreeSpace, PathPosition, lookahead, nearest_between
 from quadlog.errors import TooLarge
 from quadlog.messages import Float
+from quadlog.planning.path import without_repeats
 
 # Within this of its end the path has been walked.
 ARRIVED_M = 0.05
@@ -94,7 +90,7 @@ def checked_path(points: ArrayLike) -> Float:
     if len(bad):
         x, y = path[bad[0]]
         raise ValueError(f"point {bad[0] + 1} of the path, ({x:g}, {y:g}), is no place in metres")
-    path = path[np.concatenate([[True], (path[1:] != path[:-1]).any(axis=1)])]
+    path = without_repeats(path)
     if len(path) == 1:
         raise ValueError("a path needs two different points; this one stays at ({:g}, {:g})".format(*path[0]))
     steps_m = np.hypot(*np.diff(path, axis=0).T)

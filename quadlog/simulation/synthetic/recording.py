@@ -14,7 +14,7 @@ import numpy as np
 from quadlog.geometry import quat_from_euler, seconds_since, transform_from_rpy
 from quadlog.messages import Float, Int, Message, Pose, Transforms
 from quadlog.simulation.robot.height_field import FLAT, HeightField
-from quadlog.simulation.sensors.imu import ImuErrors, OdometryErrors, imu_messages, odometry_messages
+from quadlog.simulation.sensors.imu import ImuErrors, imu_messages, odometry_messages
 from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, TruePointClass, sweep
 from quadlog.simulation.sensors.scene import Obstacle, RayCaster
 from quadlog.simulation.sensors.trajectory import Walk
@@ -144,11 +144,7 @@ class SynthesizedRecording:
             self.imu_errors, self.site.robot, START_NS, self._instants(_IMU_PERIOD_NS), self._generator("imu")
         )
         odometry = odometry_messages(
-            OdometryErrors(),
-            self.site.robot,
-            START_NS,
-            self._instants(_ODOMETRY_PERIOD_NS),
-            self._generator("odometry"),
+            self.site.robot, START_NS, self._instants(_ODOMETRY_PERIOD_NS), self._generator("odometry")
         )
         streams: list[Iterator[SynthesizedMessage]] = [
             iter([SynthesizedMessage(TF_STATIC_TOPIC, START_NS, self._mount())]),
