@@ -27,6 +27,7 @@ class Gait:
     offsets: tuple[float, float, float, float]
 
 
+# [Following] names these gaits only; periods and duties are ours.
 _GAITS = (
     # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.
     Gait("walk", 0.8, 0.75, (0.75, 0.25, 0.0, 0.5)),
@@ -39,7 +40,6 @@ _GAITS = (
     # Fore pair and hind pair in turn, with flight.
     Gait("bound", 0.36, 0.4, (0.0, 0.0, 0.5, 0.5)),
 )
-# [Following] names these gaits only; periods and duties are ours.
 GAITS = {gait.name: gait for gait in _GAITS}
 
 
@@ -181,18 +181,8 @@ def advance(  # type: ignore[no-untyped-def]
             swing[1, leg, 0], swing[1, leg, 1], swing[1, leg, 2] = 0.0, 0.0, -SEEKING_MPS
             swing[2, leg, 0], swing[2, leg, 1], swing[2, leg, 2] = 0.0, 0.0, 0.0
         else:
-            foothold(
-                position,
-                yaw,
-                velocity,
-                wanted,
-                wanted_yaw_rate,
-                to.standing_feet_m[leg],
-                (1.0 - phase[leg]) * swing_s,
-                stance_s,
-                to.plane,
-                to.landings_m[leg],
-            )
+            times_s, foot = ((1.0 - phase[leg]) * swing_s, stance_s), to.standing_feet_m[leg]
+            foothold(position, yaw, velocity, wanted, wanted_yaw_rate, foot, *times_s, to.plane, to.landings_m[leg])
             ends = to.lift_offs_m[leg], to.landings_m[leg]
             swing_state(phase[leg], swing_s, *ends, to.clearance_m, swing[0, leg], swing[1, leg], swing[2, leg])
         changed |= stands[leg] != stood

@@ -6,19 +6,12 @@ than what is computed with them. A record is one argument, and the shapes of its
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Any, get_args, get_type_hints
+from typing import Any, ClassVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 Bool = NDArray[np.bool_]
-
-
-@cache
-def _layout(kind: type[Record]) -> np.dtype[np.void]:
-    fields = [(name, *(get_args(of) or (of,))) for name, of in get_type_hints(kind, include_extras=True).items()]
-    return np.dtype([(name, "u1" if of == Bool else "f8", tuple(shape)) for name, of, *shape in fields], align=True)
 
 
 class Record:
@@ -30,9 +23,17 @@ class Record:
     no views and are for compiled functions alone.
     """
 
+    _layout: ClassVar[np.dtype[np.void]]
+
+    def __init_subclass__(cls) -> None:
+        hints = get_type_hints(cls, include_extras=True)
+        fields = [(name, *(get_args(hints[name]) or (hints[name],))) for name in cls.__annotations__]
+        types = [(name, "u1" if of == Bool else "f8", tuple(shape)) for name, of, *shape in fields]
+        cls._layout = np.dtype(types, align=True)
+
     def __init__(self) -> None:
-        self.record: NDArray[Any] = np.zeros(1, _layout(type(self)))
-        for name in self.record.dtype.names or ():
+        self.record: NDArray[Any] = np.zeros(1, self._layout)
+        for name in self._layout.names or ():
             field = self.record[name]
             if field.ndim > 1:
                 setattr(self, name, field[0].view(np.bool_) if field.dtype == np.uint8 else field[0])

@@ -47,22 +47,17 @@ def imu_messages(errors: ImuErrors, walk: Walk, start_ns: int, t_ns: Int, rng: n
 
 
 def _inertial(walk: Walk, motion: Motion, t_s: Float) -> tuple[Float, Float]:
-    """See Walk, of a motion that says nothing of accelerations up and down."""
-    true_radps = _body_rates(motion, walk.at(t_s - _TILT_STEP_S), walk.at(t_s + _TILT_STEP_S))
-    sideways_mps2 = motion.speed_mps * motion.yaw_rate_radps
-    force_mps2 = np.column_stack([motion.acceleration_mps2, sideways_mps2, np.full(len(t_s), GRAVITY_MPS2)])
-    return true_radps, turned_from_level(motion, force_mps2)
-
-
-def _body_rates(motion: Motion, before: Motion, after: Motion) -> Float:
-    """(N, 3) turn rates about the body's own axes, tilt rates by central differences."""
-    zero = np.zeros(len(motion.yaw_rad))
+    """See Walk, of a motion that says nothing of accelerations up and down; tilt rates are central differences."""
+    before, after, zero = walk.at(t_s - _TILT_STEP_S), walk.at(t_s + _TILT_STEP_S), np.zeros(len(t_s))
     roll_radps = (after.roll_rad - before.roll_rad) / (2 * _TILT_STEP_S)
     pitch_radps = (after.pitch_rad - before.pitch_rad) / (2 * _TILT_STEP_S)
     about_z = turned_from_level(motion, np.column_stack([zero, zero, motion.yaw_rate_radps]))
     # Pitch turns about the y axis between yaw and roll, roll about the body's own x axis.
     about_y = turned_from_level(motion, np.column_stack([zero, pitch_radps, zero]))
-    return about_z + about_y + np.column_stack([roll_radps, zero, zero])
+    true_radps = about_z + about_y + np.column_stack([roll_radps, zero, zero])
+    sideways_mps2 = motion.speed_mps * motion.yaw_rate_radps
+    force_mps2 = np.column_stack([motion.acceleration_mps2, sideways_mps2, np.full(len(t_s), GRAVITY_MPS2)])
+    return true_radps, turned_from_level(motion, force_mps2)
 
 
 def odometry_messages(walk: Walk, start_ns: int, t_ns: Int, rng: np.random.Generator) -> Iterator[Odometry]:

@@ -132,7 +132,7 @@ def discs_in(window: Window, discs_m: Float) -> Bool:
 def rectangles_in(window: Window, rectangles: Sequence[tuple[float, float, float, float]]) -> Bool:
     """Cells (rows, cols) whose centre lies in a rectangle x0, y0, x1, y1 in map, its sides included."""
     occupied = np.zeros(window.shape, dtype=np.bool_)
-    centres_m = window.centre_of(np.stack(np.indices(window.shape)[::-1], axis=-1))
+    centres_m = window.centre_of(np.moveaxis(np.indices(window.shape)[::-1], 0, -1))
     for x0_m, y0_m, x1_m, y1_m in rectangles:
         occupied |= ((centres_m >= (x0_m, y0_m)) & (centres_m <= (x1_m, y1_m))).all(axis=2)
     return occupied
