@@ -9,7 +9,7 @@ import click
 
 from quadlog.cli import options
 from quadlog.cli.progress import open_progress
-from quadlog.simulation.synthetic.registry import SCENARIOS
+from quadlog.simulation.synthetic import SCENARIOS
 
 SECONDS = click.FloatRange(min=0.1, max=3600)
 STEPS = click.IntRange(min=16, max=4000)

@@ -104,7 +104,7 @@ def poses_in_space(
     return np.column_stack([x_m, y_m, height_m]), quat_from_euler(np.asarray(yaw_rad, float), pitch_rad, roll_rad)
 
 
-def wrap_angle(angle_rad: Float) -> Float:
+def wrap_angle(angle_rad: Float | float) -> Float:
     """The same angle in [-pi, pi)."""
     wrapped: Float = (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
     return wrapped

@@ -14,9 +14,9 @@ from quadlog.errors import CannotWrite, UnknownName, UsageError
 from quadlog.pipelines.executor.progress import Progress
 from quadlog.results.find_runs import refuse_existing
 from quadlog.simulation.sensors.lidar import SimulatedScan
+from quadlog.simulation.synthetic import SCENARIOS
 from quadlog.simulation.synthetic import recording as synthetic
 from quadlog.simulation.synthetic.legged_walk import LeggedWalk
-from quadlog.simulation.synthetic.registry import SCENARIOS
 from quadlog.simulation.synthetic.writer import write_recording
 from quadlog.storage.atomic_write import whole_file, write_whole
 

@@ -16,7 +16,7 @@ from quadlog.pipelines.tables.claims import HELD_OUT_SEED, Claim, Figures, Group
 from quadlog.pipelines.tables.judge import MEDIAN, SHARE, extreme, not_comparable, runs
 from quadlog.planning.registry import make_planner
 from quadlog.planning.rules import Rules
-from quadlog.simulation.worlds.replanning_walk import Outcome, WorldWalk, walk_world
+from quadlog.simulation.worlds.replanning_walk import WorldWalk, walk_world
 from quadlog.simulation.worlds.scenes import forest_world
 from quadlog.simulation.worlds.world import WINDOW_CELLS, World
 
@@ -79,7 +79,7 @@ def cells(world: World, walk: WorldWalk, preset: Preset) -> Figures:
 
     A walk that turns in a ring has no end, and the papers print whole ways.
     """
-    if walk.outcome is not Outcome.ARRIVED:
+    if not walk.arrived:
         return {"arrived": 0.0}
     source = ProblemSource("walk", "walk", lambda: iter([questions_along(world, walk)]), 1)
     names = (preset.baseline, preset.ia_star)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from quadlog.config.section import Section
 
@@ -71,19 +71,11 @@ class RobotConfig(Section):
     def _places_are_names(cls, joints: object) -> object:
         return [str(each) if isinstance(each, int) else each for each in joints] if isinstance(joints, list) else joints
 
-    @field_validator("joints")
+    @field_validator("joints", "feet")
     @classmethod
-    def _twelve_joints(cls, joints: list[str]) -> list[str]:
-        return _each_once(joints, 12, "joints")
-
-    @field_validator("feet")
-    @classmethod
-    def _four_feet(cls, feet: list[int]) -> list[int]:
-        return _each_once(feet, 4, "places")
-
-
-def _each_once(values: list[Any], count: int, what: str) -> list[Any]:
-    different = {each.removeprefix("-") if isinstance(each, str) else each for each in values}
-    if values and not len(values) == len(different) == count:
-        raise ValueError(f"must be {count} different {what}, or none")
-    return values
+    def _each_once(cls, values: list[Any], info: ValidationInfo) -> list[Any]:
+        count, what = (12, "joints") if info.field_name == "joints" else (4, "places")
+        different = {each.removeprefix("-") if isinstance(each, str) else each for each in values}
+        if values and not len(values) == len(different) == count:
+            raise ValueError(f"must be {count} different {what}, or none")
+        return values

@@ -75,11 +75,11 @@ class GridSearch:
         self._prepare(blocked)
         if levels is not None:
             self._levels[1:-1, 1:-1] = levels
-        length, diagonals, expanded, generated, touched = self._run(start, goal)
-        if length == 0:
-            return no_plan(expanded, generated, touched)
-        cost = self._rules.cost_of(length - 1 - diagonals, diagonals)
-        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, True, 0)
+        width, cutting = self._state.shape[1], self._rules.corner_cutting
+        ends = (start[1] + 1) * width + start[0] + 1, (goal[1] + 1) * width + goal[0] + 1
+        if self._has_buckets:
+            return self._plan(_bucket_search(*self._work, width, *ends, cutting), True)
+        return self._plan(_heap_search(*self._work, self._prices, width, *ends, cutting), True)
 
     def extend(self, blocked: Bool, route: Cells, shift: Cell, start: Cell, goal: Cell, from_end: bool) -> Plan | None:
         """What is kept of a route (L, 2), see kept_route, and the cheapest path from there; None when nothing is kept.
@@ -92,19 +92,15 @@ class GridSearch:
         asked = (*shift, *start, *goal, self._rules.corner_cutting, *self._rules.step_units, from_end)
         work = (blocked, route, asked, self._kept, *self._work)
         found = _bucket_extension(*work) if self._has_buckets else _heap_extension(*work, self._prices)
-        length, diagonals, expanded, generated, touched, reused = found
-        if length <= 0:
-            return None if length < 0 else no_plan(expanded, generated, touched, from_scratch=False)
-        cost = self._rules.cost_of(length - 1 - diagonals, diagonals)
-        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, False, reused)
+        return None if found[0] < 0 else self._plan(found[:5], False, found[5])
 
-    def _run(self, start: Cell, goal: Cell) -> tuple[int, int, int, int, int]:
-        """(cells of the path, its diagonal steps, expanded, generated, touched); the path is way's last rows."""
-        width, cutting = self._state.shape[1], self._rules.corner_cutting
-        first, last = (start[1] + 1) * width + start[0] + 1, (goal[1] + 1) * width + goal[0] + 1
-        if self._has_buckets:
-            return _bucket_search(*self._work, width, first, last, cutting)  # type: ignore[no-any-return]
-        return _heap_search(*self._work, self._prices, width, first, last, cutting)  # type: ignore[no-any-return]
+    def _plan(self, found: tuple[int, ...], fresh: bool, reused: int = 0) -> Plan:
+        """Of what a search found: (cells of the path, which are way's last rows, its diagonal steps, three counts)."""
+        length, diagonals, expanded, generated, touched = found
+        if length == 0:
+            return no_plan(expanded, generated, touched, fresh)
+        cost = self._rules.cost_of(length - 1 - diagonals, diagonals)
+        return Plan(True, self._way[-length:].copy(), cost, expanded, generated, touched, fresh, reused)
 
     def _prepare(self, blocked: Bool) -> None:
         shape = (blocked.shape[0] + 2, blocked.shape[1] + 2)
@@ -202,7 +198,7 @@ def _take_list(heads, slot, records, stack):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bucket_search(state, records, heads, stack, way, width, start, goal, cutting):  # type: ignore[no-untyped-def]
-    """See GridSearch._run. start, goal: flat indices in the grid with its border. stack: g << 32 | cell."""
+    """See GridSearch._plan. start, goal: flat indices in the grid with its border. stack: g << 32 | cell."""
     goal_row = goal // width
     goal_col = goal - goal_row * width
     for slot in range(RING):
@@ -317,7 +313,7 @@ def _take(heap, keys, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def _heap_search(state, levels, best_g, heap, keys, way, prices, width, start, goal, cutting):  # type: ignore[no-untyped-def]
-    """See GridSearch._run. start, goal: flat indices in the grid with its border."""
+    """See GridSearch._plan. start, goal: flat indices in the grid with its border."""
     straight, diagonal, along, across, entering, leaving, same_level, tie = prices
     goal_row = goal // width
     goal_col = goal - goal_row * width

@@ -87,19 +87,19 @@ def smooth_path(
     spacing_m: the points of the curve lie at most so far apart.
     blocked (rows, cols): the grid the path was planned on, its lower-left corner at origin_m (2,).
     """
-    path = _without_repeats((points_m - origin_m) / cell_m)
+    path = without_repeats((points_m - origin_m) / cell_m)
     spacing = spacing_m / cell_m
     corners = control_points(path, merge_m / cell_m, blocked)
     before, after = np.concatenate([corners[:1], corners[:-1]]), np.concatenate([corners[1:], corners[-1:]])
     dense = spline_point(before[:, None], corners[:, None], after[:, None], DENSE_SAMPLES)
     sides = zip(dense, (before + corners) / 2, corners, (corners + after) / 2, strict=True)
-    curve = _without_repeats(np.concatenate([_rounded_corner(*each, spacing, blocked) for each in sides]))
+    curve = without_repeats(np.concatenate([_rounded_corner(*each, spacing, blocked) for each in sides]))
     return curve * cell_m + origin_m
 
 
 def straight_path(points_m: Float, spacing_m: float) -> Float:
     """The path (L, 2) itself, its points at most spacing_m apart: what is walked when smoothing is off."""
-    path = _without_repeats(points_m)
+    path = without_repeats(points_m)
     return np.concatenate([path[:1], *(_chord(a, b, spacing_m)[1:] for a, b in pairwise(path))])
 
 
@@ -115,7 +115,7 @@ def inflection_indices(path: Float) -> Int:
     """Indices (M,) of the points of a path (L, 2) where its slope changes, both ends included."""
     steps = np.diff(path, axis=0)
     slopes = steps / np.hypot(steps[:, 0], steps[:, 1])[:, None]
-    turns = np.abs(np.diff(slopes, axis=0)).max(axis=1) > SAME_SLOPE if len(slopes) > 1 else np.zeros(0, dtype=bool)
+    turns = (np.abs(np.diff(slopes, axis=0)) > SAME_SLOPE).any(axis=1)
     return np.concatenate([[0], np.flatnonzero(turns) + 1, [len(path) - 1]]).astype(np.int64)
 
 
@@ -164,6 +164,7 @@ def _chord(start: Float, end: Float, spacing: float) -> Float:
     return np.linspace(start, end, count + 1)
 
 
-def _without_repeats(points: Float) -> Float:
-    moved = np.abs(np.diff(points, axis=0)).max(axis=1) > 0 if len(points) > 1 else np.zeros(0, dtype=bool)
+def without_repeats(points: Float) -> Float:
+    """A polyline (K, 2) without the points that are where the one before is."""
+    moved = (points[1:] != points[:-1]).any(axis=1)
     return points[np.concatenate([[True], moved])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, cast
 
 import numpy as np
@@ -38,7 +38,7 @@ class CheckedPlanner:
     def __init__(self, plugin: Plugin, kind: type[Planner], rules: Rules) -> None:
         self._plugin = plugin
         self.name, self.incremental = kind.name, kind.incremental  # type: ignore[misc]
-        with self._plugin.doing("be made"):
+        with plugin.doing("be made"):
             self._planner = kind(rules)
         self.rules: Rules = getattr(self._planner, "rules", None) or rules
         if not isinstance(self.rules, Rules):
@@ -103,16 +103,8 @@ def _fault(plan: Plan, blocked: Bool, start: Cell, goal: Cell, rules: Rules) -> 
     return "" if math.isclose(plan.cost, cost, rel_tol=1e-9) else f"its cost is {plan.cost:g}, its steps cost {cost:g}"
 
 
-def _class_of(place: str) -> type[Planner]:
-    module, name = place.split(":")
-    kind: type[Planner] = getattr(import_module(module), name)
-    return kind
-
-
-PLANNERS: dict[str, type[Planner]] = {name: _class_of(place) for name, place in PLANNER_CLASSES.items()}
+PLANNERS: dict[str, type[Planner]] = {name: resolve_name(place) for name, place in PLANNER_CLASSES.items()}
 """quadlog's own."""
-OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "dijkstra")
-"""Planners whose every path is the cheapest there is, by usual rules."""
 
 
 def planner_names() -> tuple[str, ...]:

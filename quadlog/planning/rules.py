@@ -33,13 +33,9 @@ class Rules:
     corner_cutting: bool = False
 
     def __post_init__(self) -> None:
-        for kind, name, choices in (
-            ("costs", self.costs, COSTS),
-            ("heuristic", self.heuristic, HEURISTICS),
-            ("ties", self.ties, TIES),
-        ):
-            if name not in choices:
-                raise UnknownName(kind, name, choices)
+        for kind, choices in (("costs", COSTS), ("heuristic", HEURISTICS), ("ties", TIES)):
+            if getattr(self, kind) not in choices:
+                raise UnknownName(kind, getattr(self, kind), choices)
 
     @property
     def step_units(self) -> tuple[int, int]:
@@ -50,9 +46,8 @@ class Rules:
     def heuristic_units(self) -> tuple[int, int]:
         """(a, b) of h = a max(|dx|, |dy|) + b min(|dx|, |dy|)."""
         straight, diagonal = self.step_units
-        return {"octile": (straight, diagonal - straight), "manhattan": (straight, straight), "zero": (0, 0)}[
-            self.heuristic
-        ]
+        units = {"octile": (straight, diagonal - straight), "manhattan": (straight, straight), "zero": (0, 0)}
+        return units[self.heuristic]
 
     def cost_of(self, straights: int, diagonals: int) -> float:
         """What a path of so many steps costs: a whole number, or cells."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,14 +126,6 @@ class FollowedPath:
         return self._truth.step(*pose.tolist()), known
 
 
-class Steered(NamedTuple):
-    """The command, None to stand still; and where the robot truly is on its path, and beside its reference."""
-
-    command: Command | None
-    on_path: FollowState | None
-    on_reference: FollowState | None
-
-
 class Driver:
     """Steers a robot along paths by pure pursuit, once in a fixed number of ticks of its simulation."""
 
@@ -144,8 +136,12 @@ class Driver:
         self._limits = speed_mps, max_yaw_rate_radps
         self.every = max(round(1 / (RATE_HZ * robot.tick_s)), 1)
 
-    def steer(self, row: Float, path: FollowedPath | None, reference: FollowedPath | None) -> Steered:
+    def steer(
+        self, row: Float, path: FollowedPath | None, reference: FollowedPath | None
+    ) -> tuple[Command | None, FollowState | None, FollowState | None]:
         """Writes into a row (len(TICK_COLUMNS),) of NaN how the robot is, and the command until the next call.
+
+        Returns that, None to stand still, and where the robot truly is on its path, and beside its reference.
 
         The robot is steered by its measured pose along the path; None to stand still. How far it looks ahead depends on
         its error beside the reference, which is what is judged. What is written of it is true.
@@ -170,7 +166,7 @@ class Driver:
         if (effort := robot.effort) is not None:
             row[ENERGY] = effort.energy_j
         row[WANTED:LEFT] = *robot.wanted_loads_n.tolist(), *robot.step_us
-        return Steered(command, on_path, on_reference)
+        return command, on_path, on_reference
 
 
 def write_errors(row: Float, place: FollowState, time_error_m: float) -> None:
@@ -219,7 +215,7 @@ def walk_course(
     while True:
         times_ns.append(round(robot.t_s * NS_PER_S))
         row = np.full(len(TICK_COLUMNS), np.nan)
-        place = driver.steer(row, path, path).on_reference
+        _, _, place = driver.steer(row, path, path)
         assert place is not None
         timed_m = path.known.reference_at(robot.t_s * course.speed_mps)
         write_errors(row, place, math.dist(timed_m, row[POSE : POSE + 2]))

@@ -74,21 +74,15 @@ class MapInstant:
 
 
 class HeldPlan(NamedTuple):
-    """A plan taken as the reference from since_ns on, until before until_ns: walking it at speed_mps takes so long."""
+    """A plan taken as the reference from since_ns on, for as long as walking it at speed_mps takes."""
 
     path: FollowedPath
     since_ns: int
-    until_ns: int
     speed_mps: float
 
     def place_at(self, t_ns: int) -> tuple[float, float]:
-        """(x_m, y_m) where a robot without delay would be; its end from until_ns on."""
+        """(x_m, y_m) where a robot without delay would be; its end when that time is over."""
         return self.path.known.reference_at((t_ns - self.since_ns) / NS_PER_S * self.speed_mps)
-
-
-def hold(path: FollowedPath, since_ns: int, speed_mps: float) -> HeldPlan:
-    """The plan, held from an instant on."""
-    return HeldPlan(path, since_ns, since_ns + round(path.known.length_m / speed_mps * NS_PER_S), speed_mps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +201,9 @@ def _replan(walk: _State, replanner: Replanner, instant: MapInstant, target_m: F
             space = FreeSpace(blocked, (origin_x_m, origin_y_m), instant.window.cell_m)
         walk.plan = FollowedPath(replan.path.smooth_xy_m, space)
         walk.planned_at_ns = instant.t_ns
-        if walk.held is None or instant.t_ns >= walk.held.until_ns:
-            walk.held = hold(walk.plan, instant.t_ns, walk.driver.speed_mps)
+        held, speed_mps = walk.held, walk.driver.speed_mps
+        if held is None or instant.t_ns >= held.since_ns + round(held.path.known.length_m / speed_mps * NS_PER_S):
+            walk.held = HeldPlan(walk.plan, instant.t_ns, speed_mps)
             walk.driver.lookahead.reset()
 
 

@@ -17,20 +17,15 @@ SETS = ("NB", "NM", "NS", "ZO", "PS", "PM", "PB")
 LIMIT = 3.0
 
 
-def _rules(k_v: str, k_w: str) -> Int:
-    """Which set each pair of input sets gives: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec], NB = 0."""
-    tables = [
-        [[SETS.index(name) for name in row.split()] for row in table.strip().splitlines()] for table in (k_v, k_w)
-    ]
-    rules = np.array(tables, dtype=np.int64)
-    rules.flags.writeable = False
-    return rules
+def _sets(names: str) -> Int:
+    """The numbers of sets, NB = 0."""
+    return np.array([SETS.index(name) for name in names.split()], dtype=np.int64)
 
 
+# Which set each pair of input sets gives: (2, 7, 7), of delta k_v and delta k_w; [:, e, ec].
 # Tables 1 and 2, rows e and columns ec from NB to PB. Table 1's (NS, PM), PS between ZO and NS,
 # is its only break of monotony. Table 2's centre, NS, shortens the look-ahead by lambda_w v without any error.
-PRINTED = _rules(
-    """
+PRINTED: Int = _sets("""
     PB PB PB PB PM PS ZO
     PB PB PB PB PM ZO ZO
     PM PM PM PM ZO PS NS
@@ -38,8 +33,7 @@ PRINTED = _rules(
     PS PS ZO NS NM NM NM
     PS ZO NS NM NM NM NB
     ZO ZO NM NM NM NB NB
-    """,
-    """
+
     PS PS ZO ZO ZO PB PB
     NS NS NS NS ZO NS PM
     NB NB NM NM NS PS PM
@@ -47,32 +41,14 @@ PRINTED = _rules(
     NB NM NS NS ZO PS PS
     NM NS NS NS ZO PS PS
     NS ZO ZO ZO ZO PB PB
-    """,
-)
+""").reshape(2, 7, 7)
 # Table 1 with (NS, PM) = NS, which leaves no break. Table 2 is the textbook's fuzzy-PID table of delta K_d
 # with rows and columns exchanged, but for five cells: these are the textbook's here, (NS, ZO) = NS, (NS, PS) = ZO,
 # (ZO, PS) = ZO, (ZO, PM) = PS, (PB, NB) = PS, so that the rows NS .. PS rise throughout; and its centre is ZO,
 # so that l_0 is the look-ahead of a robot without error. The exchange stays: nothing says which was tuned.
-CORRECTED = _rules(
-    """
-    PB PB PB PB PM PS ZO
-    PB PB PB PB PM ZO ZO
-    PM PM PM PM ZO NS NS
-    PM PM PS ZO NS NS NM
-    PS PS ZO NS NM NM NM
-    PS ZO NS NM NM NM NB
-    ZO ZO NM NM NM NB NB
-    """,
-    """
-    PS PS ZO ZO ZO PB PB
-    NS NS NS NS ZO NS PM
-    NB NB NM NS ZO PS PM
-    NB NM NM ZO ZO PS PM
-    NB NM NS NS ZO PS PS
-    NM NS NS NS ZO PS PS
-    PS ZO ZO ZO ZO PB PB
-    """,
-)
+CORRECTED = PRINTED.copy()
+CORRECTED[0][_sets("NS"), _sets("PM")] = _sets("NS")
+CORRECTED[1][_sets("NS NS ZO ZO ZO PB"), _sets("ZO PS ZO PS PM NB")] = _sets("NS ZO ZO ZO PS PS")
 TABLES = {"printed": PRINTED, "corrected": CORRECTED}
 
 

@@ -9,14 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from quadlog.control.following.path import (
-    FreeSpace,
-    PathPosition,
-    lookahead,
-    nearest_between,
-)
+from quadlog.control.following.path import FreeSpace, PathPosition, lookahead, nearest_between
 from quadlog.errors import TooLarge
+from quadlog.geometry import wrap_angle
 from quadlog.messages import Float
+from quadlog.planning.path import without_repeats
 
 # Within this of its end the path has been walked.
 ARRIVED_M = 0.05
@@ -49,11 +46,6 @@ MAX_POINTS = 1_000_000
 FARTHEST_M = 1e6
 
 
-def _wrapped(angle_rad: float) -> float:
-    """In [-pi, pi)."""
-    return (angle_rad + math.pi) % (2 * math.pi) - math.pi
-
-
 class FollowState(NamedTuple):
     """Where the robot is on its path.
 
@@ -83,7 +75,7 @@ def checked_path(points: ArrayLike) -> Float:
     FARTHEST_M, a single place, or a gap; and TooLarge.
     """
     try:
-        path = np.array(points, dtype=np.float64, order="C")
+        path: Float = np.array(points, dtype=np.float64, order="C")
     except (TypeError, ValueError):
         raise ValueError("a path is a list of points x, y in metres") from None
     if path.ndim != 2 or path.shape[1] != 2 or len(path) == 0:
@@ -94,7 +86,7 @@ def checked_path(points: ArrayLike) -> Float:
     if len(bad):
         x, y = path[bad[0]]
         raise ValueError(f"point {bad[0] + 1} of the path, ({x:g}, {y:g}), is no place in metres")
-    path = path[np.concatenate([[True], (path[1:] != path[:-1]).any(axis=1)])]
+    path = without_repeats(path)
     if len(path) == 1:
         raise ValueError("a path needs two different points; this one stays at ({:g}, {:g})".format(*path[0]))
     steps_m = np.hypot(*np.diff(path, axis=0).T)
@@ -138,7 +130,7 @@ class PathFollower:
         remaining_m = self.length_m - self._progress_m
         to_end_m = math.hypot(self._end_m[0] - x_m, self._end_m[1] - y_m)
         finished = max(remaining_m, to_end_m) <= FINISHED_M
-        return FollowState(near, self._progress_m, remaining_m, _wrapped(yaw_rad - near.heading_rad), finished)
+        return FollowState(near, self._progress_m, remaining_m, float(wrap_angle(yaw_rad - near.heading_rad)), finished)
 
     def pursue(
         self,
@@ -164,7 +156,7 @@ class PathFollower:
         if to_walk_m <= ARRIVED_M or distance_m == 0:
             return Command(0.0, 0.0, ahead_x, ahead_y)
 
-        bearing = _wrapped(math.atan2(ahead_y - y_m, ahead_x - x_m) - yaw_rad)
+        bearing = float(wrap_angle(math.atan2(ahead_y - y_m, ahead_x - x_m) - yaw_rad))
         # Behind the robot the arc would lead away from the point; it then turns as hard as for one at its side.
         curvature = 2 * math.sin(min(max(bearing, -math.pi / 2), math.pi / 2)) / distance_m
         speed = min(speed_mps, math.sqrt(2 * BRAKING_MPS2 * to_walk_m))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from typing import Annotated
 
 from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.numba_record import Record
@@ -40,20 +39,10 @@ def foothold(
     arm_y = sin * standing_foot_m[0] + cos * standing_foot_m[1]
     ahead_s = until_landing_s + 0.5 * stance_s
     half_turn = 0.5 * stance_s * wanted_yaw_rate_radps
-    foot_m[0] = (
-        position_m[0]
-        + arm_x
-        - half_turn * arm_y
-        + velocity_mps[0] * ahead_s
-        + CAPTURE_S * (velocity_mps[0] - wanted_mps[0])
-    )
-    foot_m[1] = (
-        position_m[1]
-        + arm_y
-        + half_turn * arm_x
-        + velocity_mps[1] * ahead_s
-        + CAPTURE_S * (velocity_mps[1] - wanted_mps[1])
-    )
+    for axis, arm, across in ((0, arm_x, -arm_y), (1, arm_y, arm_x)):
+        too_fast_mps = velocity_mps[axis] - wanted_mps[axis]
+        foot_m[axis] = position_m[axis] + arm + half_turn * across + velocity_mps[axis] * ahead_s
+        foot_m[axis] += CAPTURE_S * too_fast_mps
     foot_m[2] = plane[0] * foot_m[0] + plane[1] * foot_m[1] + plane[2]
 
 
@@ -100,17 +89,6 @@ LEASH_M, LEASH_RAD = 0.06, 0.15
 # How fast attitude and height follow the ground that the feet report.
 SLOPE_TIME_S = 0.15
 
-_LAYOUT = np.dtype(
-    [
-        ("rpy", "f8", 3),
-        ("position_m", "f8", 3),
-        ("velocity_mps", "f8", 3),
-        ("yaw_rate_radps", "f8"),
-        ("left_mps", "f8"),
-        ("height_m", "f8"),
-    ]
-)
-
 
 class BodyReference(Record):
     """Integrates the wanted motion, tick after tick (`follow`), and lies on the plane of the feet.
@@ -118,12 +96,15 @@ class BodyReference(Record):
     rpy (3,), position_m (3,) of the body's origin in map, velocity_mps (3,) and a yaw rate wanted now.
     """
 
-    rpy: Float
-    position_m: Float
-    velocity_mps: Float
+    rpy: Annotated[Float, 3]
+    position_m: Annotated[Float, 3]
+    velocity_mps: Annotated[Float, 3]
+    yaw_rate_radps: float
+    left_mps: float
+    height_m: float
 
     def __init__(self, position_m: Float, yaw_rad: float, height_m: float) -> None:
-        super().__init__(_LAYOUT)
+        super().__init__()
         self.rpy[2], self.position_m[:] = yaw_rad, position_m
         self.record["height_m"] = height_m
 

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated
 
 from quadlog.compiled import inlined, inner, kernel
 from quadlog.control.locomotion.body_reference import fit_plane, foothold
-from quadlog.control.locomotion.foot_trajectory import swing_state
-from quadlog.control.locomotion.numba_record import Record
+from quadlog.control.locomotion.numba_record import Bool, Record
 from quadlog.control.locomotion.robot import Robot
 from quadlog.messages import Float
-
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -32,6 +27,7 @@ class Gait:
     offsets: tuple[float, float, float, float]
 
 
+# [Following] names these gaits only; periods and duties are ours.
 _GAITS = (
     # One foot after the other: left hind, left fore, right hind, right fore; three on the ground.
     Gait("walk", 0.8, 0.75, (0.75, 0.25, 0.0, 0.5)),
@@ -44,7 +40,6 @@ _GAITS = (
     # Fore pair and hind pair in turn, with flight.
     Gait("bound", 0.36, 0.4, (0.0, 0.0, 0.5, 0.5)),
 )
-# [Following] names these gaits only; periods and duties are ours.
 GAITS = {gait.name: gait for gait in _GAITS}
 
 
@@ -73,33 +68,46 @@ def contact_schedule(t_s: float, step_s: float, period_s: float, duty: float, of
             contacts[step, leg] = _phase(t_s + step * step_s, period_s, offsets[leg]) < duty
 
 
+@inner
+def swing_state(
+    phase: float,
+    duration_s: float,
+    start_m: Float,
+    end_m: Float,
+    clearance_m: float,
+    position_m: Float,
+    velocity_mps: Float,
+    acceleration_mps2: Float,
+) -> None:
+    """Writes position, velocity and acceleration (3,) at a phase 0..1 of a swing from start_m to end_m (3,).
+
+    Along the line between them the quintic 10 s^3 - 15 s^4 + 6 s^5, and on top of it clearance_m (4 s (1 - s))^3 of
+    height: velocity and acceleration are 0 at both ends, so that neither lift-off nor landing jerks. Outside of 0..1
+    the foot rests at the end it is nearer to.
+    """
+    s = min(max(phase, 0.0), 1.0)
+    rest = s * (1.0 - s)
+    along = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    along_rate = 30.0 * rest * rest / duration_s
+    along_gain = 60.0 * rest * (1.0 - 2.0 * s) / (duration_s * duration_s)
+    for axis in range(3):
+        way = end_m[axis] - start_m[axis]
+        position_m[axis] = start_m[axis] + way * along
+        velocity_mps[axis] = way * along_rate
+        acceleration_mps2[axis] = way * along_gain
+    slope = 1.0 - 2.0 * s
+    high = 64.0 * clearance_m
+    position_m[2] += high * rest * rest * rest
+    velocity_mps[2] += high * 3.0 * rest * rest * slope / duration_s
+    acceleration_mps2[2] += high * 6.0 * rest * (slope * slope - rest) / (duration_s * duration_s)
+
+
 # From this phase of the swing on, touching is landing; before, it is stumbling, and the foot goes on.
 LANDS_FROM_PHASE = 0.6
 # How fast a foot that is late for the ground is pushed down: a body that waits for it falls at 0.8 m/s after 0.08 s.
 SEEKING_MPS = 0.8
 # A foot that stands and feels no ground for so long has lost it: pushing on, its leg would only fling the foot away.
 LOST_S = 0.01
-
-_LAYOUT = np.dtype(
-    [
-        ("stands", "u1", 4),
-        ("planned", "u1", 4),
-        ("was_planned", "u1", 4),
-        ("phase", "f8", 4),
-        ("swing", "f8", (3, 4, 3)),
-        ("contacts_m", "f8", (4, 3)),
-        ("landings_m", "f8", (4, 3)),
-        ("lift_offs_m", "f8", (4, 3)),
-        ("airborne_s", "f8", 4),
-        ("plane", "f8", 3),
-        ("standing_feet_m", "f8", (4, 3)),
-        ("offsets", "f8", 4),
-        ("period_s", "f8"),
-        ("duty", "f8"),
-        ("clearance_m", "f8"),
-    ],
-    align=True,
-)
 
 
 class Stride(Record):
@@ -110,19 +118,24 @@ class Stride(Record):
     plane (3,): of the ground under the feet's centres, see fit_plane.
     """
 
-    stands: Bool
-    planned: Bool
-    was_planned: Bool
-    swing: Float
-    contacts_m: Float
-    landings_m: Float
-    lift_offs_m: Float
-    plane: Float
-    standing_feet_m: Float
-    offsets: Float
+    stands: Annotated[Bool, 4]
+    planned: Annotated[Bool, 4]
+    was_planned: Annotated[Bool, 4]
+    phase: Annotated[Float, 4]
+    swing: Annotated[Float, 3, 4, 3]
+    contacts_m: Annotated[Float, 4, 3]
+    landings_m: Annotated[Float, 4, 3]
+    lift_offs_m: Annotated[Float, 4, 3]
+    airborne_s: Annotated[Float, 4]
+    plane: Annotated[Float, 3]
+    standing_feet_m: Annotated[Float, 4, 3]
+    offsets: Annotated[Float, 4]
+    period_s: float
+    duty: float
+    clearance_m: float
 
     def __init__(self, robot: Robot, gait: Gait, clearance_m: float, feet_m: Float) -> None:
-        super().__init__(_LAYOUT)
+        super().__init__()
         self.stands[:] = self.planned[:] = self.was_planned[:] = True
         self.contacts_m[:] = self.landings_m[:] = self.lift_offs_m[:] = feet_m
         self.standing_feet_m[:], self.offsets[:] = robot.standing_feet_m, gait.offsets
@@ -168,18 +181,8 @@ def advance(  # type: ignore[no-untyped-def]
             swing[1, leg, 0], swing[1, leg, 1], swing[1, leg, 2] = 0.0, 0.0, -SEEKING_MPS
             swing[2, leg, 0], swing[2, leg, 1], swing[2, leg, 2] = 0.0, 0.0, 0.0
         else:
-            foothold(
-                position,
-                yaw,
-                velocity,
-                wanted,
-                wanted_yaw_rate,
-                to.standing_feet_m[leg],
-                (1.0 - phase[leg]) * swing_s,
-                stance_s,
-                to.plane,
-                to.landings_m[leg],
-            )
+            times_s, foot = ((1.0 - phase[leg]) * swing_s, stance_s), to.standing_feet_m[leg]
+            foothold(position, yaw, velocity, wanted, wanted_yaw_rate, foot, *times_s, to.plane, to.landings_m[leg])
             ends = to.lift_offs_m[leg], to.landings_m[leg]
             swing_state(phase[leg], swing_s, *ends, to.clearance_m, swing[0, leg], swing[1, leg], swing[2, leg])
         changed |= stands[leg] != stood

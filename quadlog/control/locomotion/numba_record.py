@@ -6,22 +6,34 @@ than what is computed with them. A record is one argument, and the shapes of its
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
+Bool = NDArray[np.bool_]
+
 
 class Record:
-    """One record of a layout: `record` (1,) for compiled functions, and a view of each of its arrays as an attribute.
+    """One record of what a class annotates, arrays with their shapes as in `feet_m: Annotated[Float, 4, 3]`.
+
+    record: (1,) for compiled functions; a view of each of its arrays is an attribute.
 
     What is true or false is a byte in it, for numba has no records of bools; its view is of bools. Single numbers have
     no views and are for compiled functions alone.
     """
 
-    def __init__(self, layout: np.dtype[np.void]) -> None:
-        self.record: NDArray[Any] = np.zeros(1, layout)
-        for name in layout.names or ():
+    _layout: ClassVar[np.dtype[np.void]]
+
+    def __init_subclass__(cls) -> None:
+        hints = get_type_hints(cls, include_extras=True)
+        fields = [(name, *(get_args(hints[name]) or (hints[name],))) for name in cls.__annotations__]
+        types = [(name, "u1" if of == Bool else "f8", tuple(shape)) for name, of, *shape in fields]
+        cls._layout = np.dtype(types, align=True)
+
+    def __init__(self) -> None:
+        self.record: NDArray[Any] = np.zeros(1, self._layout)
+        for name in self._layout.names or ():
             field = self.record[name]
             if field.ndim > 1:
                 setattr(self, name, field[0].view(np.bool_) if field.dtype == np.uint8 else field[0])

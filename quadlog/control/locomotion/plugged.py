@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from quadlog.config.controllers import controller_plugin
 from quadlog.control.locomotion.body_reference import BodyReference
 from quadlog.control.locomotion.gait import Gait, Stride
+from quadlog.control.locomotion.numba_record import Bool
 from quadlog.control.locomotion.robot import Robot
 from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
 from quadlog.plugins import Plugin
-
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,9 +101,8 @@ class Walker:
         if self._plugged is not None:
             given = state_of(state), wanted_of(self.wanted, self.reference, self.stride)
             torques_nm, self.took_s = self._plugged.step(t_s, *given)
-            limits_nm = wbc.record["limits_nm"][0]
-            wbc.saturated[:] = abs(torques_nm) > limits_nm
-            wbc.torques_nm[:] = np.clip(torques_nm, -limits_nm, limits_nm)
+            wbc.saturated[:] = abs(torques_nm) > wbc.limits_nm
+            wbc.torques_nm[:] = np.clip(torques_nm, -wbc.limits_nm, wbc.limits_nm)
             return wbc.torques_nm
         began_s = time.perf_counter()
         if changed or t_s >= self._due_s:

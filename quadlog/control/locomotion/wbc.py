@@ -14,16 +14,15 @@ Jacobians go with them. Forces (4, 3) are the ground's on the feet, in map.
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadlog.compiled import inner, kernel
 from quadlog.control.locomotion.force_qp import Pyramid, is_allowed
-from quadlog.control.locomotion.numba_record import Record
+from quadlog.control.locomotion.numba_record import Bool, Record
 from quadlog.messages import Float
 
-Bool = NDArray[np.bool_]
 BASE, JOINTS, SIZE = 6, 12, 18
 
 # Feedback of error and rate, all ours, which walks hardly depend on: of the tasks in 1/s^2 and 1/s; of joints [eq. 44]
@@ -35,51 +34,6 @@ WEIGHT_ACCELERATION, WEIGHT_FORCE = 0.1, 1.0
 WEAKEST = 0.02
 """A leg whose Jacobian may have a singular value below this, bent by less than 15 degrees, is damped."""
 
-_STATE = np.dtype(
-    [
-        ("rotation_body_to_map", "f8", (3, 3)),
-        ("rpy", "f8", 3),
-        ("position_m", "f8", 3),
-        ("velocity_mps", "f8", 3),
-        ("qvel", "f8", SIZE),
-        ("joints_rad", "f8", JOINTS),
-        ("feet_m", "f8", (4, 3)),
-        ("foot_jacobians", "f8", (4, 3, SIZE)),
-        ("foot_jacobian_rates", "f8", (4, 3)),
-        ("mass_matrix", "f8", (SIZE, SIZE)),
-        ("bias", "f8", SIZE),
-        ("touches", "u1", 4),
-    ],
-    align=True,
-)
-_TARGETS = np.dtype(
-    [
-        ("rotation_body_to_map", "f8", (3, 3)),
-        ("body", "f8", (3, 3)),
-        ("feet", "f8", (3, 4, 3)),
-        ("forces_n", "f8", (4, 3)),
-        ("stance", "u1", 4),
-    ],
-    align=True,
-)
-_CONTROL = np.dtype(
-    [
-        ("pyramid", "f8", 2),
-        ("limits_nm", "f8", JOINTS),
-        ("out", "f8", (SIZE, 3)),
-        ("hessian", "f8", (JOINTS, JOINTS)),
-        ("gradient", "f8", JOINTS),
-        ("response", "f8", (JOINTS + 1, BASE)),
-        ("stance_n", "f8", (1, JOINTS)),
-        ("room", "f8", (2, JOINTS, JOINTS)),
-        ("small", "f8", (4, 3, 3)),
-        ("forces_n", "f8", (4, 3)),
-        ("torques_nm", "f8", JOINTS),
-        ("saturated", "u1", JOINTS),
-    ],
-    align=True,
-)
-
 
 class WholeBodyState(Record):
     """Where the robot is, and its dynamics there, as its controller knows them.
@@ -90,21 +44,18 @@ class WholeBodyState(Record):
     gravity; touches (4,): which feet are in contact with anything.
     """
 
-    rotation_body_to_map: Float
-    rpy: Float
-    position_m: Float
-    velocity_mps: Float
-    qvel: Float
-    joints_rad: Float
-    feet_m: Float
-    foot_jacobians: Float
-    foot_jacobian_rates: Float
-    mass_matrix: Float
-    bias: Float
-    touches: Bool
-
-    def __init__(self) -> None:
-        super().__init__(_STATE)
+    rotation_body_to_map: Annotated[Float, 3, 3]
+    rpy: Annotated[Float, 3]
+    position_m: Annotated[Float, 3]
+    velocity_mps: Annotated[Float, 3]
+    qvel: Annotated[Float, SIZE]
+    joints_rad: Annotated[Float, JOINTS]
+    feet_m: Annotated[Float, 4, 3]
+    foot_jacobians: Annotated[Float, 4, 3, SIZE]
+    foot_jacobian_rates: Annotated[Float, 4, 3]
+    mass_matrix: Annotated[Float, SIZE, SIZE]
+    bias: Annotated[Float, SIZE]
+    touches: Annotated[Bool, 4]
 
 
 class WholeBodyTargets(Record):
@@ -115,14 +66,11 @@ class WholeBodyTargets(Record):
     (3, 4, 3): positions, velocities and accelerations of the others; forces_n (4, 3): the MPC's.
     """
 
-    rotation_body_to_map: Float
-    body: Float
-    feet: Float
-    forces_n: Float
-    stance: Bool
-
-    def __init__(self) -> None:
-        super().__init__(_TARGETS)
+    rotation_body_to_map: Annotated[Float, 3, 3]
+    body: Annotated[Float, 3, 3]
+    feet: Annotated[Float, 3, 4, 3]
+    forces_n: Annotated[Float, 4, 3]
+    stance: Annotated[Bool, 4]
 
 
 class WholeBodyControl(Record):
@@ -132,19 +80,23 @@ class WholeBodyControl(Record):
     accelerations (18,) that go with them; saturated (12,): which torques their limits cut.
     """
 
-    out: Float
-    hessian: Float
-    gradient: Float
-    stance_n: Float
-    forces_n: Float
-    torques_nm: Float
-    saturated: Bool
+    cone: Annotated[Float, 2]
+    limits_nm: Annotated[Float, JOINTS]
+    out: Annotated[Float, SIZE, 3]
+    hessian: Annotated[Float, JOINTS, JOINTS]
+    gradient: Annotated[Float, JOINTS]
+    response: Annotated[Float, JOINTS + 1, BASE]
+    stance_n: Annotated[Float, 1, JOINTS]
+    room: Annotated[Float, 2, JOINTS, JOINTS]
+    small: Annotated[Float, 4, 3, 3]
+    forces_n: Annotated[Float, 4, 3]
+    torques_nm: Annotated[Float, JOINTS]
+    saturated: Annotated[Bool, JOINTS]
 
     def __init__(self, pyramid: Pyramid, limits_nm: float | Float) -> None:
-        super().__init__(_CONTROL)
+        super().__init__()
         self.pyramid = pyramid
-        self.record["pyramid"] = pyramid.mu, pyramid.f_max_n
-        self.record["limits_nm"] = limits_nm
+        self.cone[:], self.limits_nm[:] = (pyramid.mu, pyramid.f_max_n), limits_nm
 
     def step(self, state: WholeBodyState, targets: WholeBodyTargets) -> Float:
         """Torques (12,) within their limits; overwritten by the next step."""
@@ -174,17 +126,11 @@ def free_torques(state, targets, control):  # type: ignore[no-untyped-def]
     now, to, own = state[0], targets[0], control[0]
     commands(state, targets, control)
     n = _free_forces(now, to, own)
-    mu, f_max = own.pyramid
+    mu, f_max = own.cone
     if not is_allowed(own.stance_n[0, :n], mu, f_max):
         return False
-    _joint_torques(now, to, own)
+    forced_torques(state, targets, control)
     return True
-
-
-@kernel
-def forced_torques(state, targets, control):  # type: ignore[no-untyped-def]
-    """Writes the torques for the stance forces that a solver has found."""
-    _joint_torques(state[0], targets[0], control[0])
 
 
 @kernel
@@ -343,9 +289,12 @@ def _solve(matrix, n, rows, count, factor):  # type: ignore[no-untyped-def]
             rows[c, i] /= factor[i, i]
 
 
-@inner
-def _joint_torques(now, to, own):  # type: ignore[no-untyped-def]
-    """Writes torques by eqs 43 and 44, forces (4, 3), and adds to out's accelerations what the base does beside."""
+@kernel
+def forced_torques(state, targets, control):  # type: ignore[no-untyped-def]
+    """Writes torques by eqs 43 and 44 for the stance forces that were found, these as forces (4, 3), and adds to out's
+    accelerations what the base does beside.
+    """
+    now, to, own = state[0], targets[0], control[0]
     out, forces, axes, response = own.out, own.forces_n, to.rotation_body_to_map, own.response
     n = 0
     for leg in range(4):

@@ -32,12 +32,9 @@ class IAStar:
     def plan(self, blocked: Bool, start: Cell, goal: Cell, shift: Cell = (0, 0)) -> Plan:
         """The old route up to its waypoint and the best way from there to the goal."""
         route, self._route = self._route, None
-        # At the goal no old route is worth a step.
-        plan = (
-            None
-            if route is None or start == goal
-            else self._search.extend(blocked, route, shift, start, goal, self._from_end)
-        )
+        plan = None
+        if route is not None and start != goal:  # at the goal no old route is worth a step
+            plan = self._search.extend(blocked, route, shift, start, goal, self._from_end)
         if plan is None:
             plan = self._search.search(blocked, start, goal)
         if plan.found:

@@ -124,7 +124,8 @@ def _find(spec: mujoco.MjSpec, path: Path) -> tuple[list[Any], list[Foot], Any]:
         chain = _ancestors(along[-1].parent) if along else []
         if len(hinges) != 3 or len(along) != 3 or len({body.name for body in chain if body.joints}) < 3:
             found = ", ".join(joint.name for joint in hinges) or "none"
-            needed.append(f"three hinge joints one below the other named {_hint(leg)}_... (found {found})")
+            hint = f"{leg} or {PREFIXES[leg][-2].upper()}"
+            needed.append(f"three hinge joints one below the other named {hint}_... (found {found})")
             continue
         joints += along
         roots.add(chain[-1].name)
@@ -141,10 +142,6 @@ def _find(spec: mujoco.MjSpec, path: Path) -> tuple[list[Any], list[Foot], Any]:
     if needed:
         raise UnusableRobot(path, "; ".join(needed))
     return joints, feet, _ancestors(joints[0].parent)[-1]
-
-
-def _hint(leg: str) -> str:
-    return f"{leg} or {PREFIXES[leg][-2].upper()}"
 
 
 def _ancestors(body: Any) -> list[Any]:
@@ -178,27 +175,19 @@ def _foot(leg: str, shank: Any) -> Foot | None:
 
 def _clear(spec: mujoco.MjSpec, root: Any) -> None:
     """Remove motors and surroundings, disable all collisions, and add a free joint where there is none."""
-    for actuator in list(spec.actuators):
-        spec.delete(actuator)
-    for body in list(spec.worldbody.bodies):
-        if body.name != root.name:
-            spec.delete(body)
-    for geom in list(spec.worldbody.geoms):
-        spec.delete(geom)
-    for kind in (spec.geoms, spec.sites):
-        for number, each in enumerate(kind):
-            each.name = f"user_{number}"
+    others = [body for body in spec.worldbody.bodies if body.name != root.name]
+    for each in (*list(spec.actuators), *others, *list(spec.worldbody.geoms)):
+        spec.delete(each)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
-    free = [joint for joint in root.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
-    if not free:
+    if not any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in root.joints):
         root.add_freejoint()
     root.pos, root.quat = [0, 0, 0], [1, 0, 0, 0]
 
 
 def _name(spec: mujoco.MjSpec, joints: list[Any], root: Any) -> None:
     """Name the joints and the trunk as quadlog does; the joints' positions begin at 0, and rotors weigh something."""
-    for kind in (spec.bodies[1:], spec.joints):
+    for kind in (spec.geoms, spec.sites, spec.bodies[1:], spec.joints):
         # First make all names unique: a new name may be in use for another joint.
         for number, each in enumerate(kind):
             each.name = f"user_{number}"
@@ -223,9 +212,8 @@ def _touch(joints: list[Any], root: Any, touching: dict[str, Any]) -> None:
     """Let the trunk's shapes touch the ground; without one, a box that reaches to the hips."""
     shapes = [geom for geom in root.geoms if geom.type != mujoco.mjtGeom.mjGEOM_MESH]
     for geom in shapes:
-        geom.conaffinity, geom.condim, geom.friction = (
-            touching[name] for name in ("conaffinity", "condim", "friction")
-        )
+        for name in ("conaffinity", "condim", "friction"):
+            setattr(geom, name, touching[name])
     if not shapes:
         hip_m = np.abs([joint.parent.pos for joint in joints[::3]]).max(axis=0)
         size = np.maximum([0.1, 0.05, 0.05], hip_m * [1, 1, 0])

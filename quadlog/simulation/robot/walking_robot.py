@@ -10,7 +10,6 @@ import numpy as np
 
 from quadlog.compiled import kernel
 from quadlog.control.locomotion.walker import Walker, WalkerSettings
-from quadlog.control.locomotion.wbc import WholeBodyState
 from quadlog.messages import Float
 from quadlog.metrics.walking import Effort
 from quadlog.simulation.robot.disturbances import NONE, Disturbances
@@ -24,7 +23,11 @@ FALLEN_HEIGHT_SHARE, FALLEN_TILT_RAD = 0.45, 1.0
 
 
 class WalkingRobot:
-    """One robot on its ground from a start pose (3,) x_m, y_m, yaw_rad on; rng draws what disturbs it."""
+    """One robot on its ground from a start pose (3,) x_m, y_m, yaw_rad on; rng draws what disturbs it.
+
+    mass_kg: its true total mass. state: where the body is, as its controller knows it, and its true velocity;
+    overwritten by the next tick.
+    """
 
     def __init__(
         self,
@@ -34,7 +37,7 @@ class WalkingRobot:
         rng: np.random.Generator,
         disturbances: DisturbanceSettings = NONE,
     ) -> None:
-        self.model = model
+        self.model, self.mass_kg = model, model.robot.mass_kg
         self.tick_s = float(model.model.opt.timestep)
         self.ticks, self._walked, self._counted = 0, 0, Counter[str]()
         self._sums: Float = np.zeros(5)
@@ -48,10 +51,10 @@ class WalkingRobot:
         self.fallen, self._began = False, self.ticks
         x_m, y_m, yaw_rad = pose.tolist()
         self._quadruped = Quadruped(self.model, x_m, y_m, yaw_rad, self.disturbances.velocity_bias_mps)
-        self._state = self._quadruped.read()
+        self.state = self._quadruped.read()
         if self._walked:
             self._counted.update(self.walker.counts)
-        self.walker: Walker = Walker(self.model.robot, self._settings, self._state)
+        self.walker: Walker = Walker(self.model.robot, self._settings, self.state)
         self.disturbances.poses.clear()
         # Of the tick before, overwritten by the next; loads (4,) are the normal forces on the feet, and the MPC's.
         self.torques_nm: Float = self.walker.wbc.torques_nm
@@ -60,19 +63,9 @@ class WalkingRobot:
         self._steps_s: list[float] = []
 
     @property
-    def mass_kg(self) -> float:
-        """True total mass."""
-        return self.model.robot.mass_kg
-
-    @property
     def joints(self) -> Float:
         """(nq,) MuJoCo's coordinates now, a copy: what a picture of the robot is drawn from."""
         return self._quadruped.data.qpos.copy()
-
-    @property
-    def state(self) -> WholeBodyState:
-        """Where the body is, as its controller knows it, and its true velocity; overwritten by the next tick."""
-        return self._state
 
     @property
     def t_s(self) -> float:
@@ -82,24 +75,24 @@ class WalkingRobot:
     @property
     def position_m(self) -> Float:
         """(3,) of the body's origin in map."""
-        return self._state.position_m.copy()
+        return self.state.position_m.copy()
 
     @property
     def pose(self) -> Float:
         """(3,) x_m, y_m, yaw_rad, as they truly are."""
-        return np.array([self._state.position_m[0], self._state.position_m[1], self._state.rpy[2]])
+        return np.array([self.state.position_m[0], self.state.position_m[1], self.state.rpy[2]])
 
     @property
     def rpy(self) -> tuple[float, float, float]:
         """Roll, pitch and yaw, as they truly are."""
-        roll, pitch, yaw = self._state.rpy.tolist()
+        roll, pitch, yaw = self.state.rpy.tolist()
         return roll, pitch, yaw
 
     @property
     def velocity(self) -> tuple[float, float, float]:
         """Forward and left in the body's heading, m/s, and yaw rate, rad/s."""
-        vx, vy, _ = self._state.velocity_mps.tolist()
-        yaw, up, omega = self.rpy[2], self._state.rotation_body_to_map[2].tolist(), self._state.qvel[3:6].tolist()
+        vx, vy, _ = self.state.velocity_mps.tolist()
+        yaw, up, omega = self.rpy[2], self.state.rotation_body_to_map[2].tolist(), self.state.qvel[3:6].tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
         return cos * vx + sin * vy, cos * vy - sin * vx, up[0] * omega[0] + up[1] * omega[1] + up[2] * omega[2]
 
@@ -134,7 +127,7 @@ class WalkingRobot:
             self._tick(twist, weigh=done == ticks - 1)
 
     def _tick(self, twist: tuple[float, float, float], weigh: bool) -> None:
-        quadruped, state, walker, tick_s = self._quadruped, self._state, self.walker, self.tick_s
+        quadruped, state, walker, tick_s = self._quadruped, self.state, self.walker, self.tick_s
         walked_s = (self.ticks - self._began) * tick_s
         torques_nm = walker.step(walked_s, tick_s, state, twist)
         _sum_up(self._sums, walker.wbc.record, state.record, walker.reference.record, tick_s)

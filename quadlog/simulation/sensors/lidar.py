@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadlog.geometry import seconds_since
-from quadlog.messages import Float, Int, PointCloud
+from quadlog.messages import Float, PointCloud
 from quadlog.simulation.sensors.scene import GROUND, NOTHING, RayCaster
 from quadlog.simulation.sensors.trajectory import Motion, Walk, position_in_map, turned_into_map
 
@@ -115,10 +115,6 @@ class Lidar:
         flat = np.cos(elevation_rad)
         return np.column_stack([flat * np.cos(azimuth_rad), flat * np.sin(azimuth_rad), np.sin(elevation_rad)])
 
-    def step_offsets_ns(self) -> Int:
-        """(steps,) firing times relative to the sweep's start."""
-        return np.arange(self.azimuth_steps, dtype=np.int64) * self.sweep_ns // self.azimuth_steps
-
 
 @dataclass(frozen=True, slots=True)
 class SimulatedScan:
@@ -146,7 +142,7 @@ class SweepScene:
 
 def sweep(lidar: Lidar, world: SweepScene, start_ns: int, stamp_ns: int, rng: np.random.Generator) -> SimulatedScan:
     """The sweep that starts at stamp_ns, in a world whose walks start at start_ns."""
-    offset_ns = lidar.step_offsets_ns()
+    offset_ns = np.arange(lidar.azimuth_steps, dtype=np.int64) * lidar.sweep_ns // lidar.azimuth_steps
     t_s = seconds_since(stamp_ns + offset_ns, start_ns)
     directions = lidar.directions()
     range_m, point_class = _true_returns(lidar, world, t_s, directions)

@@ -83,7 +83,14 @@ class RayCaster:
 
 def _mesh(obstacle: Obstacle, terrain: HeightField) -> tuple[Float, Int]:
     """Vertices (V, 3) in map and triangles (T, 3): the outline drawn up, a lid, and a lid below where it hangs."""
-    outline_m = _box_outline(obstacle) if isinstance(obstacle, Box) else _cylinder_outline(obstacle)
+    if isinstance(obstacle, Box):
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [obstacle.length_m / 2, obstacle.width_m / 2]
+        cos, sin = np.cos(obstacle.yaw_rad), np.sin(obstacle.yaw_rad)
+        outline_m = corners @ np.array([[cos, sin], [-sin, cos]]) + [obstacle.x_m, obstacle.y_m]
+    else:
+        angle_rad = 2 * np.pi * np.arange(_CYLINDER_SIDES) / _CYLINDER_SIDES
+        circle = np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
+        outline_m = circle * obstacle.radius_m + [obstacle.x_m, obstacle.y_m]
     sides = len(outline_m)
     floor_m = float(terrain.height_at(np.array([[obstacle.x_m, obstacle.y_m]]))[0])
     hangs = obstacle.bottom_m > 0
@@ -101,15 +108,3 @@ def _mesh(obstacle: Obstacle, terrain: HeightField) -> tuple[Float, Int]:
     below = np.column_stack([np.zeros(sides - 2, dtype=np.int64), here[1:-1], here[2:]])
     lids = [below + sides, below] if hangs else [below + sides]
     return np.concatenate([low, high]), np.concatenate([*walls, *lids])
-
-
-def _box_outline(box: Box) -> Float:
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [box.length_m / 2, box.width_m / 2]
-    cos, sin = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
-    return corners @ np.array([[cos, sin], [-sin, cos]]) + [box.x_m, box.y_m]
-
-
-def _cylinder_outline(cylinder: Cylinder) -> Float:
-    angle_rad = 2 * np.pi * np.arange(_CYLINDER_SIDES) / _CYLINDER_SIDES
-    circle = np.column_stack([np.cos(angle_rad), np.sin(angle_rad)])
-    return circle * cylinder.radius_m + [cylinder.x_m, cylinder.y_m]

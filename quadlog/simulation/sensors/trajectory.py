@@ -33,7 +33,11 @@ class Motion(NamedTuple):
 
 
 class Walk(Protocol):
-    """Anything whose motion is known at every instant."""
+    """Anything whose motion is known at every instant.
+
+    One that knows what an ideal IMU measures has a method inertial, from t_s (N,) to angular rates (N, 3) and specific
+    force (N, 3) along base's axes.
+    """
 
     def at(self, t_s: Float) -> Motion:
         """The motion at t_s (N,), seconds since the recording's start."""

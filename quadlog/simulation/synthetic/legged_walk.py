@@ -62,7 +62,7 @@ class LeggedWalk:
         return Motion(place_m, wrap_angle(yaw), ahead_mps, ahead_mps2, turn_radps, z_m, roll, pitch)
 
     def inertial(self, t_s: Float) -> tuple[Float, Float]:
-        """See InertialWalk: of an IMU in the trunk's centre that takes its acceleration's mean over IMU_MEAN_S."""
+        """See Walk: of an IMU in the trunk's centre that takes its acceleration's mean over IMU_MEAN_S."""
         omega_radps = self._at(self._rates[3:], t_s).T
         after, before = (self._at(self._rates[:3], t_s + each_s) for each_s in (IMU_MEAN_S / 2, -IMU_MEAN_S / 2))
         x, y, z = (after - before) / IMU_MEAN_S

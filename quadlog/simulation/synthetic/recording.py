@@ -14,7 +14,7 @@ import numpy as np
 from quadlog.geometry import quat_from_euler, seconds_since, transform_from_rpy
 from quadlog.messages import Float, Int, Message, Pose, Transforms
 from quadlog.simulation.robot.height_field import FLAT, HeightField
-from quadlog.simulation.sensors.imu import ImuErrors, OdometryErrors, imu_messages, odometry_messages
+from quadlog.simulation.sensors.imu import ImuErrors, imu_messages, odometry_messages
 from quadlog.simulation.sensors.lidar import Lidar, SimulatedScan, SweepScene, TruePointClass, sweep
 from quadlog.simulation.sensors.scene import Obstacle, RayCaster
 from quadlog.simulation.sensors.trajectory import Walk
@@ -139,19 +139,18 @@ class SynthesizedRecording:
 
     def messages(self) -> Iterator[SynthesizedMessage]:
         """Every message in order of log time, one at a time; memory does not grow with scans."""
+        place_m = self.transform_lidar_to_base[:3, 3]
+        pose = Pose(START_NS, "base", "lidar", place_m, quat_from_euler(np.zeros(())))
+        mount = Transforms(START_NS, (pose,), static=True)
         robot, person = self.ranges
         imu = imu_messages(
             self.imu_errors, self.site.robot, START_NS, self._instants(_IMU_PERIOD_NS), self._generator("imu")
         )
         odometry = odometry_messages(
-            OdometryErrors(),
-            self.site.robot,
-            START_NS,
-            self._instants(_ODOMETRY_PERIOD_NS),
-            self._generator("odometry"),
+            self.site.robot, START_NS, self._instants(_ODOMETRY_PERIOD_NS), self._generator("odometry")
         )
         streams: list[Iterator[SynthesizedMessage]] = [
-            iter([SynthesizedMessage(TF_STATIC_TOPIC, START_NS, self._mount())]),
+            iter([SynthesizedMessage(TF_STATIC_TOPIC, START_NS, mount)]),
             _logged(UWB_TOPIC, robot.messages(), 0),
             _logged(UWB_TOPIC, person.messages(), 0),
             _logged(ROBOT_TRUTH_TOPIC, self._true_poses(self.site.robot), 0),
@@ -188,11 +187,6 @@ class SynthesizedRecording:
         position_m = np.column_stack([motion.position_m, motion.height_m])
         for index, stamp_ns in enumerate(t_ns):
             yield Pose(int(stamp_ns), "map", "", position_m[index], quat_xyzw[index])
-
-    def _mount(self) -> Transforms:
-        place_m = self.transform_lidar_to_base[:3, 3]
-        pose = Pose(START_NS, "base", "lidar", place_m, quat_from_euler(np.zeros(())))
-        return Transforms(START_NS, (pose,), static=True)
 
 
 def _logged(topic: str, messages: Iterable[Message | SimulatedScan], latency_ns: int) -> Iterator[SynthesizedMessage]:

@@ -14,8 +14,6 @@ from quadlog.simulation.worlds.world import (
     CELL_M,
     GROWTH_M,
     WINDOW_CELLS,
-    MovingDisc,
-    Rectangle,
     WaypointTrack,
     World,
     discs_in,
@@ -90,9 +88,9 @@ FOLLOWING_CELLS = 200
 
 def single_obstacle() -> World:
     """A square of 1.6 m, as printed, in the middle of the straight way; the way of 6 m is ours. [Planning] Fig. 19."""
-    window, start_m, goal = _ground(8.0, 6.0), (1.05, 3.05), standing(7.05, 3.05)
-    occupied = rectangles_in(window, [Rectangle(3.2, 2.2, 4.8, 3.8)])
-    return _planning(window, occupied, start_m, goal)
+    window, start_m, goal = _ground(8.0, 6.0), np.array([1.05, 3.05]), standing(7.05, 3.05)
+    occupied = rectangles_in(window, [(3.2, 2.2, 4.8, 3.8)])
+    return World(window, occupied, start_m, goal)
 
 
 def passage() -> World:
@@ -100,26 +98,26 @@ def passage() -> World:
 
     [Planning] Fig. 20. Three cells of growth leave 9 of its 15 cells open.
     """
-    window, start_m, goal = _ground(10.0, 10.0), (1.55, 5.05), standing(8.55, 5.05)
-    walls = [Rectangle(4.5, 0.0, 5.5, 5.3), Rectangle(4.5, 6.8, 5.5, 10.0)]
-    return _planning(window, rectangles_in(window, walls), start_m, goal)
+    window, start_m, goal = _ground(10.0, 10.0), np.array([1.55, 5.05]), standing(8.55, 5.05)
+    walls = [(4.5, 0.0, 5.5, 5.3), (4.5, 6.8, 5.5, 10.0)]
+    return World(window, rectangles_in(window, walls), start_m, goal)
 
 
 def complex_environment() -> World:
     """Boxes, walls and trunks with ways of 0.8 m and wider between them, all ours. [Planning] Fig. 21."""
-    window, start_m, goal = _ground(14.0, 8.0), (1.05, 4.05), standing(13.05, 4.05)
+    window, start_m, goal = _ground(14.0, 8.0), np.array([1.05, 4.05]), standing(13.05, 4.05)
     boxes = [
-        Rectangle(2.4, 3.2, 3.6, 4.6),
-        Rectangle(4.6, 0.0, 5.0, 3.4),
-        Rectangle(4.8, 5.0, 6.2, 6.0),
-        Rectangle(6.4, 2.6, 7.8, 4.2),
-        Rectangle(8.4, 4.8, 8.8, 8.0),
-        Rectangle(9.4, 1.0, 10.6, 2.2),
-        Rectangle(10.2, 3.4, 11.2, 4.8),
+        (2.4, 3.2, 3.6, 4.6),
+        (4.6, 0.0, 5.0, 3.4),
+        (4.8, 5.0, 6.2, 6.0),
+        (6.4, 2.6, 7.8, 4.2),
+        (8.4, 4.8, 8.8, 8.0),
+        (9.4, 1.0, 10.6, 2.2),
+        (10.2, 3.4, 11.2, 4.8),
     ]
     trunks = [(3.0, 1.8, 0.2), (3.4, 6.4, 0.25), (7.2, 5.6, 0.2), (8.9, 3.2, 0.15), (6.6, 1.0, 0.25), (11.9, 2.4, 0.2)]
     occupied = rectangles_in(window, boxes) | discs_in(window, np.array(trunks))
-    return _planning(window, occupied, start_m, goal)
+    return World(window, occupied, start_m, goal)
 
 
 def path_coherence() -> World:
@@ -129,9 +127,9 @@ def path_coherence() -> World:
     that extends it keeps to its side, while A* plans a totally different path as soon as the other side is shorter.
     The goal lies aslant, because IA* keeps only steps that do not lead away from it, in columns and rows.
     """
-    window, start_m = _ground(8.0, 8.0), (1.05, 1.05)
-    occupied = rectangles_in(window, [Rectangle(1.9, 1.9, 2.5, 2.5)])
-    return _planning(window, occupied, start_m, _walked(((4.05, 5.25), (5.25, 4.05)), 1.2))
+    window, start_m = _ground(8.0, 8.0), np.array([1.05, 1.05])
+    occupied = rectangles_in(window, [(1.9, 1.9, 2.5, 2.5)])
+    return World(window, occupied, start_m, _walked(((4.05, 5.25), (5.25, 4.05)), 1.2))
 
 
 def static_obstacles() -> World:
@@ -140,7 +138,7 @@ def static_obstacles() -> World:
     The site is printed, and that one obstacle was put into it; a second one and both places are ours.
     """
     window = _ground(5.0, 5.0)
-    boxes = [Rectangle(1.4, 1.5, 2.2, 3.1), Rectangle(3.2, 0.9, 3.8, 1.9)]
+    boxes = [(1.4, 1.5, 2.2, 3.1), (3.2, 0.9, 3.8, 1.9)]
     return _following(window, rectangles_in(window, boxes), ())
 
 
@@ -151,8 +149,7 @@ def dynamic_obstacle() -> World:
     """
     window = _ground(5.0, 5.0)
     crossing = _walked(((2.85, 4.45), (2.85, 0.65)), 0.5)
-    moving = (MovingDisc(crossing, radius_m=0.25),)
-    return _following(window, rectangles_in(window, []), moving)
+    return _following(window, rectangles_in(window, []), ((crossing, 0.25),))
 
 
 SCENES: dict[str, Callable[[], World]] = {
@@ -178,9 +175,5 @@ def _walked(corners_m: Sequence[tuple[float, float]], speed_mps: float) -> Waypo
     return WaypointTrack(np.rint(1e9 * np.concatenate([[0.0], np.cumsum(legs_s)])).astype(np.int64), xy_m)
 
 
-def _planning(window: Window, occupied: Bool, start_m: tuple[float, float], goal: WaypointTrack) -> World:
-    return World(window, occupied, np.array(start_m), goal)
-
-
-def _following(window: Window, occupied: Bool, moving: tuple[MovingDisc, ...]) -> World:
+def _following(window: Window, occupied: Bool, moving: tuple[tuple[WaypointTrack, float], ...]) -> World:
     return World(window, occupied, np.array([0.55, 2.25]), standing(4.55, 2.25), moving, FOLLOWING_CELLS)

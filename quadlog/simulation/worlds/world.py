@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -62,15 +61,6 @@ SPEED_MPS = 0.285
 """Table 1 of [Planning]: the ten lengths of A* over the ten times."""
 
 
-class Rectangle(NamedTuple):
-    """A box with its sides along the axes of map, between two corners."""
-
-    x0_m: float
-    y0_m: float
-    x1_m: float
-    y1_m: float
-
-
 @dataclass(frozen=True, slots=True)
 class WaypointTrack:
     """A point that goes straight and evenly between instants t_ns (K,), K >= 1, at xy_m (K, 2); else it stands."""
@@ -88,13 +78,6 @@ def standing(x_m: float, y_m: float) -> WaypointTrack:
     return WaypointTrack(np.zeros(1, dtype=np.int64), np.array([[x_m, y_m]]))
 
 
-class MovingDisc(NamedTuple):
-    """Somebody walking, seen from above."""
-
-    track: WaypointTrack
-    radius_m: float
-
-
 @dataclass(frozen=True, slots=True)
 class World:
     """Occupied cells (rows, cols) of a window of the lattice, undilated, and who walks there.
@@ -102,14 +85,14 @@ class World:
     start_xy_m: (2,) in map, where the robot is at t_ns = 0; goal: where it is to go.
     window_cells: the robot sees a square of so many cells about it, in which
     obstacles grow by dilation_m in a shape of `goal_projection.INFLATIONS`.
-    moving: obstacles that are somewhere else at every instant.
+    moving: tracks and radii in metres of discs, who are somewhere else at every instant.
     """
 
     window: Window
     occupied: Bool
     start_xy_m: Float
     goal: WaypointTrack
-    moving: tuple[MovingDisc, ...] = ()
+    moving: tuple[tuple[WaypointTrack, float], ...] = ()
     window_cells: int = WINDOW_CELLS
     dilation_m: float = GROWTH_M
     dilation: str = "euclidean"
@@ -119,7 +102,7 @@ class World:
         """Occupied cells (rows, cols) of a window of its lattice at an instant; what lies outside is free."""
         occupied = crop(self.occupied, self.window, window)
         if self.moving:
-            discs_m = np.array([[*each.track.at(t_ns), each.radius_m] for each in self.moving])
+            discs_m = np.array([[*track.at(t_ns), radius_m] for track, radius_m in self.moving])
             occupied |= discs_in(window, discs_m)
         return occupied
 
@@ -146,12 +129,10 @@ def discs_in(window: Window, discs_m: Float) -> Bool:
     return occupied
 
 
-def rectangles_in(window: Window, rectangles: Sequence[Rectangle]) -> Bool:
-    """Cells (rows, cols) whose centre lies in a rectangle, its sides included."""
+def rectangles_in(window: Window, rectangles: Sequence[tuple[float, float, float, float]]) -> Bool:
+    """Cells (rows, cols) whose centre lies in a rectangle x0, y0, x1, y1 in map, its sides included."""
     occupied = np.zeros(window.shape, dtype=np.bool_)
-    rows, cols = window.shape
-    x_m = window.centre_of(np.stack([np.arange(cols), np.zeros(cols, dtype=np.int64)], axis=1))[:, 0]
-    y_m = window.centre_of(np.stack([np.zeros(rows, dtype=np.int64), np.arange(rows)], axis=1))[:, 1]
+    centres_m = window.centre_of(np.moveaxis(np.indices(window.shape)[::-1], 0, -1))
     for x0_m, y0_m, x1_m, y1_m in rectangles:
-        occupied |= ((y_m >= y0_m) & (y_m <= y1_m))[:, None] & ((x_m >= x0_m) & (x_m <= x1_m))
+        occupied |= ((centres_m >= (x0_m, y0_m)) & (centres_m <= (x1_m, y1_m))).all(axis=2)
     return occupied

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from quadlog.planning.planners.astar import AStar, AStarPaper
 from quadlog.planning.planners.ia_star import MAX_EXCESS
-from quadlog.planning.registry import OPTIMAL, PLANNERS, make_planner
+from quadlog.planning.registry import PLANNERS, make_planner
 from quadlog.planning.rules import COSTS, HEURISTICS, TIES, Rules
 
 RULES = [
@@ -23,6 +23,10 @@ MOVES = st.lists(
 )
 SEEDS, DENSITIES = st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4])
 each_planner = pytest.mark.parametrize("name", PLANNERS)
+
+
+OPTIMAL = ("astar", "d_star_lite", "mt_d_star_lite", "lpa_star", "dijkstra")
+"""Planners whose every path is the cheapest there is, by usual rules."""
 
 
 def excess_of(name, rules):

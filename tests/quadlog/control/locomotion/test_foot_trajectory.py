@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import BPoly
 
-from quadlog.control.locomotion.foot_trajectory import swing_state
+from quadlog.control.locomotion.gait import swing_state
 
 START, END = np.array([0.1, -0.2, 0.03]), np.array([0.3, -0.1, 0.05])
 

@@ -2,7 +2,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadlog.control.locomotion.foot_trajectory import swing_state
 from quadlog.control.locomotion.gait import (
     GAITS,
     LANDS_FROM_PHASE,
@@ -12,6 +11,7 @@ from quadlog.control.locomotion.gait import (
     Stride,
     advance,
     contact_state,
+    swing_state,
 )
 from quadlog.control.locomotion.robot import ROBOTS
 

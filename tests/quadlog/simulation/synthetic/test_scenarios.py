@@ -7,7 +7,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from quadlog.simulation.synthetic.registry import SCENARIOS
+from quadlog.simulation.synthetic import SCENARIOS
 
 # A whole way round in each.
 LAP_S = np.arange(0.0, 100.0, 0.1)

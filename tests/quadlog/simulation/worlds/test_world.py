@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from quadlog.mapping.grid import Window
 from quadlog.simulation.worlds.world import (
-    Rectangle,
     World,
     body_clearance,
     body_gaps,
@@ -52,7 +51,7 @@ def test_rectangles_cover_the_centres_in_them(corners):
     def covers(x, y):
         return any(x0 <= x <= x1 and y0 <= y <= y1 for x0, y0, x1, y1 in corners)
 
-    found = rectangles_in(window, [Rectangle(*each) for each in corners])
+    found = rectangles_in(window, corners)
     np.testing.assert_array_equal(found, brute_force(window, covers))
 
 
