@@ -90,7 +90,8 @@ class Scanner:
         span_ns = sweep_span(cloud.times, len(cloud.xyz_m))
         ends_ns = t_ns + np.array((0, 0) if isinstance(span_ns, Skewed) else span_ns, np.int64)
         rotations, not_levelled = _upright(ends_ns, self._up)
-        transforms = np.tile(self._mounts[scanner], (2, 1, 1))
+        transforms = np.empty((2, 4, 4))
+        transforms[:] = self._mounts[scanner]
         transforms[:, :3] = rotations @ transforms[:, :3]
         found = self._classifiers[scanner].classify(cloud, transforms)
         skewed = (span_ns if isinstance(span_ns, Skewed) else Skewed.NO_TIMES) if len(found.slot_ns) == 1 else None
