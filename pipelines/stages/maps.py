@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby, islice
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,9 +20,10 @@ from quadlog.mapping.grid import GrowingLattice, SlidingLattice, window_around
 from quadlog.mapping.memory import AccumulatedMap, GroundHeight, LogOddsMemory
 from quadlog.mapping.placing import NO_TOP, PlacingSettings, place_scan, reach_of
 from quadlog.messages import Float
+from quadlog.pipelines.executor.machine import cores
 from quadlog.pipelines.stages.journal import Journal
 from quadlog.pipelines.stages.log import LogData
-from quadlog.pipelines.stages.scans import ROUTE_WORDS, Scanner, TimedScan, even_sample
+from quadlog.pipelines.stages.scans import MOST_AHEAD, ROUTE_WORDS, Scanner, TimedScan, even_sample
 from quadlog.pipelines.stages.tracks import Tracks
 from quadlog.pipelines.store import stage
 from quadlog.recordings.types import PLANAR_SCANS
@@ -79,12 +81,13 @@ class ScanPlace(NamedTuple):
 
 ROUNDING_NS = 1_000_000
 """Of a scan's middle, which is found from its times in two ways."""
-SCANS_AT_ONCE = 8
-"""So many scans are placed together: poses of a single one take as long to find."""
 
 
 def places_of(scans: Sequence[TimedScan], tracks: Tracks, max_gap_s: float) -> Iterator[ScanPlace]:
-    """The places of scans, by their stamps and the middles of their time slots (K,) each."""
+    """The places of scans, by their stamps and the middles of their time slots (K,) each.
+
+    Poses of one scan take as long to find as those of several.
+    """
     robot, target = tracks.robot, tracks.target
     for _, alike in groupby(scans, lambda scan: len(scan.slot_ns)):
         at_ns = np.array([(scan.t_ns, *scan.slot_ns.tolist()) for scan in alike], np.int64)
@@ -142,8 +145,9 @@ def _filtered(
 
 
 def _placed(scanner: Scanner, data: LogData, tracks: Tracks, gap_s: float) -> Iterator[tuple[TimedScan, ScanPlace]]:
-    scans = (scanner.classified(*turn) for turn in data.turns())
-    while block := list(islice(scans, SCANS_AT_ONCE)):
+    # The workers of a batch share the cores already.
+    scans = scanner.all(data.turns(), cores() if parent_process() is None else 1)
+    while block := list(islice(scans, MOST_AHEAD)):
         yield from zip(block, places_of(block, tracks, gap_s), strict=True)
 
 
