@@ -74,7 +74,7 @@ def slot_poses(t_ns: Int, pose_base_in_map: Float) -> tuple[Float, list[Skewed |
     turn_rad = np.abs((step[..., 2] + np.pi) % (2 * np.pi) - np.pi)
     too_fast = np.hypot(step[..., 0], step[..., 1]) > MAX_SPEED_MPS * step_s
     jumps = (too_fast | (turn_rad > MAX_TURN_RADPS * step_s)).any(axis=1)
-    known: NDArray[np.bool_] = np.isfinite(pose_base_in_map).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(pose_base_in_map).all(axis=(1, 2)))
     has_slots = t_ns.shape[1] > 2
     good = known & ~jumps & has_slots
     bad = [Skewed.JUMP if each else Skewed.NO_POSE for each in known.tolist()]
